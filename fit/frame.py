@@ -1,0 +1,162 @@
+"""The direct frame solver: orientation, spin and acceleration, by QR.
+
+The equations are those of Bachchan, Hobbs & Lindegren (2016, A&A 589, A71, sect. 4), after
+Lindegren et al. (2012, A&A 538, A78, eqs. 108 and 110):
+
+    µ_α* =  q·ω + p·ã      Δα* =  q·ε
+    µ_δ  = −p·ω + q·ã      Δδ  = −p·ε
+
+This file knows neither the harmonics nor the normal equations. It is there to disagree
+when they are wrong.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular, svdvals
+
+from vsh.errors import DegeneracyError, FrameError
+from vsh.vector import Vector
+
+_AXES = "xyz"
+_ROWS = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSolution:
+    """Orientation, spin and acceleration with their joint covariance.
+
+    Attributes
+    ----------
+    names : tuple of str
+        epsilon_x … (with offsets only), omega_x …, a_x …
+    values : (p,) array
+        In the order of `names`; p is 9, or 6 without offsets. [µas, then µas/yr]
+    covariance : (p, p) array
+    chi2 : float
+    n_data : int
+    frame : str
+    """
+
+    names: tuple
+    values: np.ndarray
+    covariance: np.ndarray
+    chi2: float
+    n_data: int
+    frame: str
+
+    @property
+    def sigma(self):
+        """Standard error of each parameter, (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self):
+        """Correlation matrix, (p, p), rows and columns as in `names`."""
+        return self.covariance / np.outer(self.sigma, self.sigma)
+
+    @property
+    def dof(self):
+        return self.n_data - len(self.names)
+
+    @property
+    def orientation(self):
+        """ε, a Vector in µas, or None where no offsets were given."""
+        return self._vector("epsilon", "µas") if "epsilon_x" in self.names else None
+
+    @property
+    def spin(self):
+        """ω, a Vector in µas/yr."""
+        return self._vector("omega")
+
+    @property
+    def acceleration(self):
+        """ã, a Vector in µas/yr."""
+        return self._vector("a")
+
+    def _vector(self, name, unit="µas/yr"):
+        start = self.names.index(f"{name}_x")
+        part = slice(start, start + 3)
+        return Vector(self.values[part], self.covariance[part, part], self.frame, unit)
+
+
+def solve_frame(motions, offsets=None):
+    """Solve for the spin and the acceleration, and for the orientation where offsets are given.
+
+    Parameters
+    ----------
+    motions : Field
+        Proper motions. [µas/yr]
+    offsets : Field, optional
+        Position differences (this frame minus the reference), of other sources or the
+        same: `motion` and `sigma` hold Δα*, Δδ and their errors. [µas]
+
+    Returns
+    -------
+    FrameSolution
+
+    Raises
+    ------
+    DegeneracyError
+        If the sources cannot tell the parameters apart.
+    FrameError
+        If the two fields stand in different frames.
+
+    Examples
+    --------
+    >>> from vsh import Coefficients, Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 100), np.arcsin(rng.uniform(-1, 1, 100))
+    >>> motion = Coefficients.from_vectors(rotation=(1, 2, 3), glide=(4, 5, 6)).at(lon, lat)
+    >>> found = solve_frame(Field(lon, lat, motion, np.ones((2, 100))))
+    >>> found.spin.value.round(9), found.acceleration.value.round(9)
+    (array([1., 2., 3.]), array([4., 5., 6.]))
+    """
+    if offsets is not None and offsets.frame != motions.frame:
+        raise FrameError(f"motions are in {motions.frame}, offsets in {offsets.frame}: take both to one frame")
+    groups = [("omega", "a")] if offsets is None else [("epsilon",), ("omega", "a")]
+    names = tuple(f"{name}_{axis}" for group in groups for name in group for axis in _AXES)
+    parts = [motions] if offsets is None else [offsets, motions]
+
+    triangle = np.zeros((0, len(names) + 1))
+    column = 0
+    for part, group in zip(parts, groups):
+        width = 3 * len(group)
+        for start in range(0, len(part), _ROWS):
+            rows = _equations(part[start : start + _ROWS], acceleration="a" in group)
+            wide = np.zeros((len(rows), len(names) + 1))
+            wide[:, column : column + width] = rows[:, :-1]
+            wide[:, -1] = rows[:, -1]
+            triangle = np.linalg.qr(np.concatenate([triangle, wide]), mode="r")
+        column += width
+    n_data = 2 * sum(map(len, parts))
+    return _back_substitute(triangle, names, n_data, motions.frame)
+
+
+def _equations(field, acceleration):
+    """Rows [coefficients | right-hand side] of both components, decorrelated, of unit weight."""
+    sin_a, cos_a, sin_d, cos_d = np.sin(field.lon), np.cos(field.lon), np.sin(field.lat), np.cos(field.lat)
+    p = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)], axis=1)
+    q = np.stack([-sin_d * cos_a, -sin_d * sin_a, cos_d], axis=1)
+    y = field.motion[:, :, None]
+    east, north = [q, y[0]], [-p, y[1]]
+    if acceleration:
+        east.insert(1, p)
+        north.insert(1, q)
+    east, north = np.concatenate(east, axis=1), np.concatenate(north, axis=1)
+    # What of the northern error the eastern one does not foretell, and its size.
+    (s1, s2), rho = field.sigma[:, :, None], field.rho[:, None]
+    north = (north - rho * s2 / s1 * east) / (s2 * np.sqrt(1 - rho**2))
+    return np.concatenate([east / s1, north])
+
+
+def _back_substitute(triangle, names, n_data, frame):
+    p = len(names)
+    r, rhs = triangle[:p, :p], triangle[:p, p]
+    lengths = np.linalg.norm(r, axis=0) if len(r) == p else np.zeros(p)
+    singular = svdvals(r / lengths) if (lengths > 0).all() else np.zeros(p)
+    if not singular[-1] > 1e-5 * singular[0]:
+        raise DegeneracyError(f"{n_data // 2} sources cannot separate {', '.join(names)}: widen the sky coverage")
+    inverse = solve_triangular(r, np.eye(p))
+    chi2 = float(triangle[p, p] ** 2) if len(triangle) > p else 0.0
+    return FrameSolution(names, inverse @ rhs, inverse @ inverse.T, chi2, n_data, frame)

@@ -1,0 +1,140 @@
+"""What a fit found, and all that can be read off it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtrc
+
+from vsh.coefficients import FIRST_DEGREE, Coefficients
+from vsh.errors import FrameError
+from vsh.vector import Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Coefficients with their covariance.
+
+    Attributes
+    ----------
+    coefficients : Coefficients
+        The best fit. [µas/yr]
+    covariance : (p, p) array
+        N⁻¹, from the catalogue's errors alone; no χ² has been folded in. [(µas/yr)²]
+    chi2 : float
+        Of the residuals.
+    n_data : int
+        How many numbers were fitted: two a source.
+    frame : str
+        Of the axes.
+    notes : tuple of str
+        What the reader should know of the data.
+    """
+
+    coefficients: Coefficients
+    covariance: np.ndarray
+    chi2: float
+    n_data: int
+    frame: str = "icrs"
+    notes: tuple = ()
+
+    @property
+    def modes(self):
+        return self.coefficients.modes
+
+    @property
+    def dof(self):
+        """Degrees of freedom: numbers fitted less parameters."""
+        return self.n_data - len(self.modes)
+
+    @property
+    def reduced_chi2(self):
+        """χ² per degree of freedom; nan where there is none."""
+        return self.chi2 / self.dof if self.dof > 0 else float("nan")
+
+    @cached_property
+    def sigma(self):
+        """Standard error of each coefficient, (p,). [µas/yr]"""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def correlation(self):
+        """Correlation matrix of the coefficients, (p, p)."""
+        return self.covariance / np.outer(self.sigma, self.sigma)
+
+    @property
+    def spin(self):
+        """The spin ω of the frame, a Vector. [µas/yr]"""
+        return self._vector("T")
+
+    @property
+    def acceleration(self):
+        """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
+        return self._vector("S")
+
+    def power(self, kind, l, debiased=True):
+        """Power of one kind and degree, ∫ |V_l|² dΩ. [(µas/yr)²]
+
+        Noise adds Σ σ² (with the weights of the power) on average; it is taken away
+        unless `debiased` is false, so that a small power may come out negative.
+        """
+        power = self.coefficients.power(kind, l)
+        return power - self.noise_power(kind, l) if debiased else power
+
+    def noise_power(self, kind, l):
+        """The power that noise alone gives on average. [(µas/yr)²]"""
+        return float(np.trace(self._weighted_covariance(kind, l)))
+
+    def power_error(self, kind, l):
+        """Standard error of the power. [(µas/yr)²]
+
+        For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
+        2 of the power; µᵀ W C W µ is estimated without bias, and not below zero.
+        """
+        degree = self.modes.degree(kind, l)
+        wc = self._weighted_covariance(kind, l)
+        wcwc = np.trace(wc @ wc)
+        wc_c = self._power_weights(l) * self.coefficients.values[degree]
+        signal = max(0.0, wc_c @ self.covariance[degree, degree] @ wc_c - wcwc)
+        return float(np.sqrt(4 * signal + 2 * wcwc))
+
+    def significance(self, kind, l):
+        """Probability that noise alone gives this degree as much signal or more.
+
+        W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
+        when the true ones are zero, however uneven the sky coverage.
+        """
+        return float(chdtrc(2 * l + 1, self.chi2_of_degree(kind, l)))
+
+    def chi2_of_degree(self, kind, l):
+        """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree."""
+        degree = self.modes.degree(kind, l)
+        c = self.coefficients.values[degree]
+        return float(c @ np.linalg.solve(self.covariance[degree, degree], c))
+
+    def residuals(self, field):
+        """The field less the fit: a Field, whose `chi2` is that of each source.
+
+        Raises
+        ------
+        FrameError
+            If the field stands in another frame.
+        """
+        if field.frame != self.frame:
+            raise FrameError(f'the fit is in {self.frame}, the field in {field.frame}: use .to_frame("{self.frame}")')
+        return field.minus(self.coefficients.at(field.lon, field.lat))
+
+    def _vector(self, kind):
+        # The rows of FIRST_DEGREE are orthogonal, but not of one length: the inverse, then.
+        inverse = np.linalg.inv(FIRST_DEGREE)
+        degree = self.modes.degree(kind, 1)
+        covariance = inverse @ self.covariance[degree, degree] @ inverse.T
+        return Vector(inverse @ self.coefficients.values[degree], covariance, self.frame)
+
+    def _weighted_covariance(self, kind, l):
+        degree = self.modes.degree(kind, l)
+        return self._power_weights(l)[:, None] * self.covariance[degree, degree]
+
+    @staticmethod
+    def _power_weights(l):
+        return np.array([1.0] + 2 * l * [2.0])

@@ -1,0 +1,103 @@
+"""The solution of normal equations."""
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.linalg.lapack import dpocon
+
+from fit.normal import normal_equations
+from fit.solution import Solution
+from vsh import Coefficients, Modes
+from vsh.errors import DegeneracyError
+
+#: Beyond this condition number of the scaled matrix, fewer than six digits are left.
+MAX_CONDITION = 1e10
+
+
+def solve(normal, prior=None, max_condition=MAX_CONDITION):
+    """Solve normal equations for the coefficients and their covariance.
+
+    Parameters
+    ----------
+    normal : NormalEquations
+    prior : NormalEquations, optional — added to them, `fit.gaussian_prior(…)` say
+    max_condition : float — of N scaled to a unit diagonal, in the 1-norm
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    DegeneracyError
+        If the condition number exceeds `max_condition`: the sources leave some
+        combination of modes unseen.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 100), np.arcsin(rng.uniform(-1, 1, 100))
+    >>> spin = Coefficients.from_vectors(rotation=(1, 2, 3)).at(lon, lat)
+    >>> field = Field(lon, lat, spin, np.ones((2, 100)))
+    >>> solve(normal_equations(field, Modes(1))).spin.value.round(9)
+    array([1., 2., 3.])
+    """
+    if prior is not None:
+        normal = normal + prior
+    factor, scale = _factor(normal, max_condition)
+    covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
+    values = scale * cho_solve(factor, scale * normal.rhs)
+    return Solution(
+        Coefficients(normal.modes, values),
+        (covariance + covariance.T) / 2,
+        chi2=float(normal.chi2_zero - values @ normal.rhs),
+        n_data=normal.n_data,
+        frame=normal.frame or "icrs",
+        notes=normal.notes,
+    )
+
+
+def fit_field(field, lmax):
+    """Fit all modes to degree `lmax` to a field: normal equations, solved.
+
+    Raises
+    ------
+    DegeneracyError
+        If the sources cannot tell the modes apart.
+    """
+    return solve(normal_equations(field, Modes(lmax)))
+
+
+def _factor(normal, max_condition):
+    """The Cholesky factor of N scaled to a unit diagonal, and the scale."""
+    diagonal = np.diag(normal.matrix)
+    if normal.n_data == 0 or not (diagonal > 0).all():
+        _raise_degenerate(normal, np.inf, max_condition, "")
+    scale = 1 / np.sqrt(diagonal)
+    scaled = normal.matrix * np.outer(scale, scale)
+    try:
+        factor = cho_factor(scaled, lower=True)
+        reciprocal, _ = dpocon(factor[0], np.abs(scaled).sum(0).max(), uplo="L")
+    except np.linalg.LinAlgError:
+        reciprocal = 0.0
+    if not reciprocal * max_condition > 1:
+        _raise_degenerate(
+            normal, 1 / reciprocal if reciprocal else np.inf, max_condition, _weakest(scaled, normal.modes)
+        )
+    return factor, scale
+
+
+def _raise_degenerate(normal, condition, max_condition, weakest):
+    raise DegeneracyError(
+        f"{normal.n_data // 2} sources cannot separate {len(normal.modes)} modes (condition "
+        f"{condition:.1e} > {max_condition:.0e}{weakest}): lower lmax from {normal.modes.lmax}, widen the "
+        "sky coverage, or add fit.gaussian_prior to the normal equations"
+    )
+
+
+def _weakest(scaled, modes, most=4):
+    """The modes that make up the combination the data see least."""
+    vector = eigh(scaled, subset_by_index=[0, 0])[1][:, 0]
+    order = np.argsort(-np.abs(vector))[:most]
+    names = [str(mode) for mode in modes]
+    return ", worst in " + ", ".join(names[i] for i in order)

@@ -1,0 +1,28 @@
+"""Gaia-like errors by magnitude."""
+
+import numpy as np
+
+#: For each release: the factor t on the parallax error, and σ_µα* and σ_µδ in parallax errors a year.
+RELEASES = {"DR3": (1.0, 1.03, 0.89), "DR4": (0.749, 0.58, 0.50), "DR5": (0.527, 0.29, 0.25)}
+
+
+def parallax_error(magnitude, release="DR3"):
+    """Sky-mean standard error of the parallax, (n,). [µas]
+
+    Gaia's published error model: √(40 + 800 z + 30 z²) · t with z = 10^{0.4 (max(G, 13) − 15)}.
+    """
+    if release not in RELEASES:
+        raise ValueError(f"unknown release {release!r}: choose one of {', '.join(RELEASES)}")
+    z = 10 ** (0.4 * (np.maximum(magnitude, 13.0) - 15.0))
+    return np.sqrt(40 + 800 * z + 30 * z**2) * RELEASES[release][0]
+
+
+def gaia_errors(magnitude, release="DR3"):
+    """Sky-mean standard errors of µ_α* and µ_δ, (2, n). [µas/yr]
+
+    >>> gaia_errors(np.array([20.0]), "DR5").round().ravel()
+    array([94., 81.])
+    """
+    error = parallax_error(magnitude, release)
+    _, east, north = RELEASES[release]
+    return np.stack([east * error, north * error])

@@ -1,0 +1,99 @@
+r"""The toroidal and spheroidal harmonics themselves, exactly, at any degree.
+
+Mignard & Klioner (2012, A&A 547, A59), with Q = P̄ / cos δ so that
+nothing is divided by cos δ and the poles are ordinary points:
+
+    T_lm = (-1)^m / √(l(l+1)) · e^{imα} (B e_α - i A e_δ),   A = m Q_lm
+    S_lm = (-1)^m / √(l(l+1)) · e^{imα} (i A e_α + B e_δ),   B = dP̄_lm/dδ
+
+P̄_lm is the normalised Legendre function without the phase (-1)^m. The upward recurrence
+in l runs for all m at once; to degree 1000 its sectoral start underflows only where the
+function itself is below 1e-100.
+"""
+
+import numpy as np
+
+
+def harmonics(lon, lat, modes):
+    """The field of each mode at each source: the design matrix.
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays — positions [rad]
+    modes : Modes — which modes, in which order; p of them
+
+    Returns
+    -------
+    (p, 2, n) array
+        East and north component of every mode at every source, for a coefficient of one.
+
+    Examples
+    --------
+    >>> from vsh import Modes
+    >>> harmonics(np.zeros(5), np.zeros(5), Modes(3)).shape
+    (30, 2, 5)
+    """
+    toroidal = toroidal_harmonics(lon, lat, modes.lmax)
+    return np.concatenate([toroidal, spheroidal_twin(toroidal)])
+
+
+def spheroidal_twin(toroidal):
+    """S is T turned by +90° about the line of sight: (e, n) → (-n, e), axis 1."""
+    return np.stack([-toroidal[:, 1], toroidal[:, 0]], axis=1)
+
+
+def toroidal_harmonics(lon, lat, lmax):
+    """The toroidal half of `harmonics`: (lmax (lmax + 2), 2, n)."""
+    lon, lat = np.asarray(lon, float), np.asarray(lat, float)
+    sin, cos = np.sin(lat), np.cos(lat)
+    turn_re, turn_im = _turns(lon, lmax)
+    out = np.empty((lmax * (lmax + 2), 2, lon.size))
+    row = 0
+    for l, q, q_below in _legendre_over_cos(sin, cos, lmax):
+        m = np.arange(1, l + 1)[:, None]
+        # A real field needs m ≥ 0 alone, counted twice: 2 (t^R Re T - t^I Im T).
+        norm = 2 * (-1.0) ** m / np.sqrt(l * (l + 1))
+        a = (norm * m) * q
+        b = (norm * -l) * (sin * q)
+        if l > 1:
+            b[:-1] += (norm[:-1] * np.sqrt((2 * l + 1) / (2 * l - 1) * (l * l - m[:-1] ** 2))) * q_below
+        block = out[row : row + 2 * l + 1]
+        np.multiply(cos, q[0], out=block[0, 0])  # dP̄_l0/dδ = √(l(l+1)) P̄_l1
+        block[0, 1] = 0.0
+        np.multiply(b, turn_re[:l], out=block[1::2, 0])
+        np.multiply(a, turn_im[:l], out=block[1::2, 1])
+        np.multiply(b, -turn_im[:l], out=block[2::2, 0])
+        np.multiply(a, turn_re[:l], out=block[2::2, 1])
+        row += 2 * l + 1
+    return out
+
+
+def _turns(lon, lmax):
+    """cos mα and sin mα for m = 1 … lmax, two (lmax, n) arrays."""
+    if lmax > 8:
+        angle = np.arange(1, lmax + 1)[:, None] * lon
+        return np.cos(angle), np.sin(angle)
+    # The addition theorem costs two products where the cosine costs twenty.
+    re, im = np.empty((lmax, lon.size)), np.empty((lmax, lon.size))
+    re[0], im[0] = np.cos(lon), np.sin(lon)
+    for m in range(1, lmax):
+        re[m] = re[m - 1] * re[0] - im[m - 1] * im[0]
+        im[m] = re[m - 1] * im[0] + im[m - 1] * re[0]
+    return re, im
+
+
+def _legendre_over_cos(sin, cos, lmax):
+    """P̄_lm(sin δ) / cos δ degree by degree: yields l, its (l, n) array for m = 1 … l, and that of l - 1."""
+    below, q = np.empty((0, sin.size)), np.full((1, sin.size), np.sqrt(3 / (8 * np.pi)))
+    for l in range(1, lmax + 1):
+        yield l, q, below
+        if l == lmax:
+            return
+        n, m = l + 1, np.arange(1, l + 1)[:, None]
+        above = np.empty((n, sin.size))
+        np.multiply(sin, q, out=above[:-1])
+        above[: l - 1] -= np.sqrt((l * l - m[:-1] ** 2) / (4 * l * l - 1)) * below
+        above[:-1] *= np.sqrt((4 * n * n - 1) / (n * n - m * m))
+        # (m, m) from (m - 1, m - 1), and it alone brings a factor cos δ.
+        above[-1] = np.sqrt((2 * l + 3) / (2 * l + 2)) * cos * q[-1]
+        below, q = q, above

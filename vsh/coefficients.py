@@ -1,0 +1,120 @@
+"""The coefficients of a vector field, and the physics read off their first degree."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsh.basis import harmonics
+from vsh.blocks import map_blocks
+from vsh.errors import ModesError
+from vsh.modes import Modes
+
+#: Degree 1 is a rigid rotation (T) or a glide (S): rows (1,0), (1,1,re), (1,1,im) of its
+#: coefficients from x, y, z of the vector (docs/conventions.md).
+FIRST_DEGREE = np.sqrt(4 * np.pi / 3) * np.array([[0, 0, np.sqrt(2)], [-1, 0, 0], [0, 1, 0]])
+FIRST_DEGREE.flags.writeable = False
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """A band-limited vector field on the sphere.
+
+    Attributes
+    ----------
+    modes : Modes
+        What each entry of `values` multiplies.
+    values : (p,) array, read-only
+        The coefficients. [µas/yr]
+
+    Raises
+    ------
+    ModesError
+        If there are not as many values as modes.
+
+    Examples
+    --------
+    >>> spin = Coefficients.from_vectors(rotation=(1, 2, 3))
+    >>> np.round(spin.rotation, 12)
+    array([1., 2., 3.])
+    >>> (spin + spin).power("T", 1) / spin.power("T", 1)
+    4.0
+    >>> spin.at(lon=np.zeros(5), lat=np.zeros(5)).shape
+    (2, 5)
+    """
+
+    modes: Modes
+    values: np.ndarray
+
+    def __post_init__(self):
+        values = np.array(self.values, float)
+        if values.shape != (len(self.modes),):
+            raise ModesError(
+                f"degree {self.modes.lmax} has {len(self.modes)} coefficients; an array of shape {values.shape} was given"
+            )
+        values.flags.writeable = False
+        object.__setattr__(self, "values", values)
+
+    @classmethod
+    def from_vectors(cls, rotation=(0, 0, 0), glide=(0, 0, 0), lmax=1):
+        """The rotation ω × r plus the glide g - (g·r) r, vectors in µas/yr."""
+        modes = Modes(lmax)
+        values = np.zeros(len(modes))
+        values[modes.degree("T", 1)] = FIRST_DEGREE @ np.asarray(rotation, float)
+        values[modes.degree("S", 1)] = FIRST_DEGREE @ np.asarray(glide, float)
+        return cls(modes, values)
+
+    @property
+    def rotation(self):
+        """The spin vector ω along the axes of the frame, (3,). [µas/yr]"""
+        return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.degree("T", 1)])
+
+    @property
+    def glide(self):
+        """The glide vector g along the axes of the frame, (3,). [µas/yr]"""
+        return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.degree("S", 1)])
+
+    def power(self, kind, l):
+        """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]"""
+        c = self.values[self.modes.degree(kind, l)]
+        return float(c[0] ** 2 + 2 * np.sum(c[1:] ** 2))
+
+    def at(self, lon, lat):
+        """The field at each position: east and north component, (2, n). [µas/yr]
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays — positions [rad]
+        """
+        lon, lat = np.broadcast_arrays(np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float))
+        out = np.empty((2, lon.size))
+        block = max(1, min(8192, 2**24 // len(self.modes)))  # at most 256 MiB of basis
+
+        def fill(part):
+            basis = harmonics(lon[part], lat[part], self.modes)
+            out[:, part] = np.tensordot(self.values, basis, axes=1)
+
+        for _ in map_blocks(fill, lon.size, block):
+            pass
+        return out
+
+    def to_degree(self, lmax):
+        """The same field with modes to another degree: new ones are zero, those above are cut off."""
+        modes = Modes(lmax)
+        values = np.zeros(len(modes))
+        for kind in "TS":
+            for l in range(1, min(lmax, self.modes.lmax) + 1):
+                values[modes.degree(kind, l)] = self.values[self.modes.degree(kind, l)]
+        return Coefficients(modes, values)
+
+    def __add__(self, other):
+        """The sum of two fields; the lower degree is padded."""
+        if not isinstance(other, Coefficients):
+            return NotImplemented
+        lmax = max(self.modes.lmax, other.modes.lmax)
+        return Coefficients(Modes(lmax), self.to_degree(lmax).values + other.to_degree(lmax).values)
+
+    def __mul__(self, factor):
+        """The field times a number."""
+        return Coefficients(self.modes, self.values * float(factor))
+
+    __rmul__ = __mul__

@@ -1,0 +1,33 @@
+"""What can go wrong, each with the remedy in its message."""
+
+
+class VshError(Exception):
+    """Base of every error this project raises on purpose."""
+
+
+class ModesError(VshError, ValueError):
+    """A degree, an order or a number of coefficients that no expansion has."""
+
+
+class FieldError(VshError, ValueError):
+    """A field's arrays disagree in shape, or hold something no sky can hold."""
+
+
+class FrameError(VshError, ValueError):
+    """A reference frame nobody knows, or two that do not match."""
+
+
+class TableError(VshError, ValueError):
+    """A table cannot be read, or lacks what a field needs."""
+
+
+class DegeneracyError(VshError, ValueError):
+    """The data cannot tell some of the parameters apart."""
+
+
+class ConvergenceError(VshError):
+    """A loop that should have settled has not."""
+
+
+class VshWarning(UserWarning):
+    """Base of every warning: the answer stands, but read it with care."""

@@ -1,0 +1,222 @@
+"""A field of proper motions: the one noun that simulations make and fits consume."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from vsh.errors import FieldError
+from vsh.frames import check_frame, rotation_matrix
+from vsh.gate import as_floats, check_shapes, faults, refuse
+from vsh.sphere import angles, triad
+from vsh.units import DEGREE, MAS
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Proper motions of n sources, with their errors.
+
+    A field is checked once, here. Its arrays are read-only.
+
+    Attributes
+    ----------
+    lon, lat : (n,) arrays
+        Positions in the frame of the analysis. [rad]
+    motion : (2, n) array
+        µ_α* (east, cos δ included) and µ_δ (north). [µas/yr]
+    sigma : (2, n) array
+        Standard errors of the two components. [µas/yr]
+    rho : (n,) array
+        Correlation of the two components; zero unless given.
+    redshift, magnitude : (n,) arrays or None
+        nan where unknown.
+    name : (n,) array or None
+        64-bit integers or text.
+    frame : str
+        "icrs", "galactic" or "ecliptic".
+    notes : tuple of str
+        What a reader of any result from this field should know: units that were assumed,
+        rows that were left out.
+
+    Raises
+    ------
+    FieldError
+        If shapes disagree or any source cannot be used: something missing or not finite,
+        σ ≤ 0, ρ² ≥ 1 - 1e-6, |lat| > 90°.
+    """
+
+    lon: np.ndarray
+    lat: np.ndarray
+    motion: np.ndarray
+    sigma: np.ndarray
+    rho: np.ndarray = None
+    redshift: np.ndarray = None
+    magnitude: np.ndarray = None
+    name: np.ndarray = None
+    frame: str = "icrs"
+    notes: tuple = ()
+
+    def __post_init__(self):
+        check_frame(self.frame)
+        lon = as_floats("lon", self.lon)[0]
+        arrays = {"lon": lon, "rho": np.zeros(lon.shape)}
+        for column in ("lat", "motion", "sigma", "rho", "redshift", "magnitude"):
+            if getattr(self, column) is not None:
+                arrays[column], missing = as_floats(column, getattr(self, column))
+                arrays[column] = np.where(missing, np.nan, arrays[column]) if missing.any() else arrays[column]
+        if self.name is not None:
+            arrays["name"] = np.asarray(self.name)
+        shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
+        check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
+        refuse(faults(**{c: arrays[c] for c in ("lon", "lat", "motion", "sigma", "rho")}), lon.size)
+        for column, array in arrays.items():
+            self._set(column, array)
+        self._set("notes", tuple(self.notes))
+
+    @classmethod
+    def from_columns(
+        cls,
+        ra,
+        dec,
+        pmra,
+        pmdec,
+        pmra_error,
+        pmdec_error,
+        pmra_pmdec_corr=None,
+        redshift=None,
+        magnitude=None,
+        name=None,
+        frame="icrs",
+        on_bad="raise",
+        notes=(),
+    ):
+        """A field from columns as catalogues have them.
+
+        Parameters
+        ----------
+        ra, dec : (n,) arrays — positions [deg, or Quantities of any angle]
+        pmra, pmdec, pmra_error, pmdec_error : (n,) arrays — µ_α* and µ_δ and their
+            standard errors [mas/yr, or Quantities of any angle per time]
+        pmra_pmdec_corr : (n,) array, optional — their correlation; zero unless given
+        redshift, magnitude, name : (n,) arrays, optional
+        frame : str — of the positions and motions alike
+        on_bad : {"raise", "drop"} — what to do about sources that cannot be used
+
+        Raises
+        ------
+        FieldError
+            If a column is no array of n numbers, or, with "raise", if any source cannot
+            be used; the message counts them by reason and names the first.
+
+        Examples
+        --------
+        >>> field = Field.from_columns([10.0], [-20.0], [0.1], [0.2], [0.05], [0.05])
+        >>> field.motion.ravel()
+        array([100., 200.])
+        """
+        if on_bad not in ("raise", "drop"):
+            raise FieldError(f"on_bad is 'raise' or 'drop', not {on_bad!r}")
+        given = {"ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec}
+        given |= {"pmra_error": pmra_error, "pmdec_error": pmdec_error, "pmra_pmdec_corr": pmra_pmdec_corr}
+        given |= {"redshift": redshift, "magnitude": magnitude}
+        units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(
+            ("pmra", "pmdec", "pmra_error", "pmdec_error"), "mas / yr"
+        )
+        pairs = {c: as_floats(c, v, units.get(c, "")) for c, v in given.items() if v is not None}
+        columns, missing = ({c: pair[i] for c, pair in pairs.items()} for i in (0, 1))
+        columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))
+        n = columns["ra"].size
+        if name is not None:
+            columns["name"] = np.asarray(name)
+        check_shapes(columns, lambda column: (n,))
+
+        lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
+        motion = MAS * np.stack([columns["pmra"], columns["pmdec"]])
+        sigma = MAS * np.stack([columns["pmra_error"], columns["pmdec_error"]])
+        rho = columns["pmra_pmdec_corr"]
+        for column in ("redshift", "magnitude"):
+            if column in columns:
+                columns[column] = np.where(missing[column], np.nan, columns[column])
+        found = faults(lon, lat, motion, sigma, rho, missing)
+        keep, said = refuse(found, n, on_bad)
+        extras = {c: columns[c][keep] for c in ("redshift", "magnitude", "name") if c in columns}
+        return cls(
+            lon[keep], lat[keep], motion[:, keep], sigma[:, keep], rho[keep],
+            frame=frame, notes=(*notes, *said), **extras,
+        )  # fmt: skip
+
+    def __len__(self):
+        return self.lon.size
+
+    def __getitem__(self, keep):
+        """The sources picked by a mask, a slice or indices."""
+        if isinstance(keep, (int, np.integer)):
+            keep = [keep]
+        picked = {
+            f.name: getattr(self, f.name)[..., keep]
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray)
+        }
+        return self._with(**picked)
+
+    def minus(self, model):
+        """What is left when a model's motions, (2, n) [µas/yr], are taken away."""
+        return self._with(motion=self.motion - model)
+
+    def add_note(self, note):
+        """The same field with one more thing its reader should know."""
+        return self._with(notes=(*self.notes, note))
+
+    @property
+    def weights(self):
+        """The inverse covariance [[a, c], [c, b]] of each source, (3, n): a, b, c. [(yr/µas)²]"""
+        a, b = 1 / self.sigma**2
+        c = -self.rho / (self.sigma[0] * self.sigma[1])
+        return np.stack([a, b, c]) / (1 - self.rho**2)
+
+    @property
+    def chi2(self):
+        """µᵀ C⁻¹ µ of each source: the χ² of its motion against none, (n,)."""
+        east, north = self.motion
+        a, b, c = self.weights
+        return a * east**2 + b * north**2 + 2 * c * east * north
+
+    def to_frame(self, name):
+        """The same sources in another frame; motions and covariances turn with the axes."""
+        if check_frame(name) == self.frame:
+            return self
+        matrix = rotation_matrix(self.frame, name)
+        p, q, r = triad(self.lon, self.lat)
+        lon, lat = angles(matrix @ r)
+        # The old east and north along the new east: cosine and sine of the turn.
+        east = triad(lon, lat)[0]
+        cos, sin = np.sum(east * (matrix @ p), 0), np.sum(east * (matrix @ q), 0)
+        mu, (s1, s2) = self.motion, self.sigma
+        v1, v2, v12 = s1**2, s2**2, self.rho * s1 * s2
+        new_sigma = np.sqrt(
+            [
+                cos**2 * v1 + sin**2 * v2 + 2 * cos * sin * v12,
+                sin**2 * v1 + cos**2 * v2 - 2 * cos * sin * v12,
+            ]
+        )
+        covariance = cos * sin * (v2 - v1) + (cos**2 - sin**2) * v12
+        return self._with(
+            lon=lon,
+            lat=lat,
+            motion=np.stack([cos * mu[0] + sin * mu[1], cos * mu[1] - sin * mu[0]]),
+            sigma=new_sigma,
+            rho=covariance / (new_sigma[0] * new_sigma[1]),
+            frame=name,
+        )
+
+    def _set(self, column, value):
+        if isinstance(value, np.ndarray):
+            value = value.view()
+            value.flags.writeable = False  # of this view; the caller's array stays as it is
+        object.__setattr__(self, column, value)
+
+    def _with(self, **changes):
+        """A field derived from this one, which has passed the gate already."""
+        new = object.__new__(Field)
+        for f in fields(self):
+            new._set(f.name, changes.get(f.name, getattr(self, f.name)))
+        return new

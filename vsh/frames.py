@@ -1,0 +1,46 @@
+"""The frames a field may stand in, and the rotations between them (from astropy)."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from vsh.errors import FrameError
+
+#: Our names and astropy's. "ecliptic" is the mean ecliptic and equinox of J2000, barycentric.
+FRAMES = {"icrs": "icrs", "galactic": "galactic", "ecliptic": "barycentricmeanecliptic"}
+
+
+def check_frame(name):
+    """Return `name` if it is a known frame; raise FrameError otherwise."""
+    if name not in FRAMES:
+        raise FrameError(f"unknown frame {name!r}: choose one of {', '.join(FRAMES)}")
+    return name
+
+
+@lru_cache
+def rotation_matrix(frame, to):
+    """The matrix A of r' = A r, from the axes of `frame` to those of `to`.
+
+    Returns
+    -------
+    (3, 3) array, read-only
+
+    Raises
+    ------
+    FrameError
+        If either name is unknown.
+
+    Examples
+    --------
+    The Galactic centre in ICRS, as a unit vector:
+
+    >>> rotation_matrix("galactic", "icrs")[:, 0].round(4)
+    array([-0.0549, -0.8734, -0.4838])
+    """
+    # A heavy friend, met only by those who change frames.
+    from astropy.coordinates import CartesianRepresentation, SkyCoord
+
+    axes = SkyCoord(CartesianRepresentation(np.eye(3)), frame=FRAMES[check_frame(frame)])
+    matrix = axes.transform_to(FRAMES[check_frame(to)]).cartesian.xyz.value
+    matrix.flags.writeable = False
+    return matrix

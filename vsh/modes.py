@@ -1,0 +1,94 @@
+"""The order in which the parameters of a vector field are stored, said once.
+
+A real field of degree 1 … lmax has ``2 lmax (lmax + 2)`` parameters, kept as
+
+    [
+        (kind, l, m, part)
+        for kind in "TS"
+        for l in range(1, lmax + 1)
+        for m in range(l + 1)
+        for part in ("re", "im")[: 1 + (m > 0)]
+    ]
+"""
+
+from dataclasses import dataclass
+from operator import index
+from typing import NamedTuple
+
+from vsh.errors import ModesError
+
+
+class Mode(NamedTuple):
+    """One real parameter: toroidal ("T") or spheroidal ("S"), degree, order, part."""
+
+    kind: str
+    l: int
+    m: int
+    part: str = "re"
+
+    def __str__(self):
+        order = f"{self.m}" if self.m == 0 else f"{self.m},{self.part}"
+        return f"{self.kind.lower()}({self.l},{order})"
+
+
+@dataclass(frozen=True)
+class Modes:
+    """All modes up to degree `lmax`, in storage order.
+
+    Parameters
+    ----------
+    lmax : int
+        The highest degree, at least 1.
+
+    Raises
+    ------
+    ModesError
+        If `lmax` is not a whole number of at least 1.
+
+    Examples
+    --------
+    >>> modes = Modes(2)
+    >>> len(modes)
+    16
+    >>> [str(mode) for mode in modes][:4]
+    ['t(1,0)', 't(1,1,re)', 't(1,1,im)', 't(2,0)']
+    >>> modes.index(Mode("S", 1, 0))
+    8
+    """
+
+    lmax: int
+
+    def __post_init__(self):
+        try:
+            lmax = index(self.lmax)
+        except TypeError:
+            lmax = 0
+        if lmax < 1:
+            raise ModesError(f"lmax must be a whole number of at least 1, not {self.lmax!r}")
+        object.__setattr__(self, "lmax", lmax)
+
+    def __len__(self):
+        return 2 * self.lmax * (self.lmax + 2)
+
+    def __iter__(self):
+        for kind in "TS":
+            for l in range(1, self.lmax + 1):
+                yield Mode(kind, l, 0)
+                for m in range(1, l + 1):
+                    yield Mode(kind, l, m, "re")
+                    yield Mode(kind, l, m, "im")
+
+    def index(self, mode):
+        """Where `mode` is stored; degrees below l fill the first l² - 1 places of its kind."""
+        kind, l, m, part = mode
+        if kind not in ("T", "S") or not 1 <= l <= self.lmax or not 0 <= m <= l or part not in ("re", "im"):
+            raise ModesError(f"{tuple(mode)} is no mode of degree 1 … {self.lmax}")
+        if m == 0 and part == "im":
+            raise ModesError(f"order 0 has no imaginary part: {tuple(mode)}")
+        within = 2 * m - (m > 0) + (part == "im")
+        return (kind == "S") * len(self) // 2 + l * l - 1 + within
+
+    def degree(self, kind, l):
+        """The slice that holds every order of one degree of one kind."""
+        start = self.index(Mode(kind, l, 0))
+        return slice(start, start + 2 * l + 1)
