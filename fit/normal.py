@@ -93,6 +93,7 @@ def normal_equations(field, modes, threads=None):
     --------
     The whole is the sum of its parts:
 
+    >>> from vsh import Field
     >>> rng = np.random.default_rng(1)
     >>> field = Field(*rng.uniform(0, 1, (2, 100)), rng.normal(size=(2, 100)), np.ones((2, 100)))
     >>> whole, *parts = (normal_equations(f, Modes(2)) for f in (field, field[:30], field[30:]))

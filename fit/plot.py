@@ -18,18 +18,18 @@ def plot_spectrum(solution):
     """
     figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
     rows = spectrum(solution)
-    for kind, shift in (("T", -0.08), ("S", 0.08)):
+    for kind, side in (("T", -1), ("S", 1)):
         degrees = [row for row in rows if row.kind == kind]
         l = np.array([row.l for row in degrees])
         power, error = (np.array([getattr(row, x) for row in degrees]) for x in ("power", "error"))
         # On a logarithmic axis an error as large as the power has no lower end.
         below = np.minimum(error, power * 0.9)
         axes.errorbar(
-            l + shift, power, [below, error], fmt="o" if kind == "T" else "s", color=_COLOURS[kind],
+            l + side * 0.08, power, [below, error], fmt="o" if kind == "T" else "s", color=_COLOURS[kind],
             capsize=3, label=_NAMES[kind],
         )  # fmt: skip
         noise = [row.noise for row in degrees]
-        axes.hlines(noise, l - 0.3, l + 0.3, color=_COLOURS[kind], linestyle=":", label=f"noise alone, {_NAMES[kind]}")
+        axes.hlines(noise, l, l + side * 0.3, color=_COLOURS[kind], linestyle=":", label=f"noise alone, {_NAMES[kind]}")
     axes.set_yscale("log")
     axes.set_xticks(np.unique([row.l for row in rows]) if len(rows) <= 40 else None)
     axes.set_xlabel("degree", fontsize=13)

@@ -1,0 +1,64 @@
+"""
+A real catalogue
+================
+
+Spin and acceleration from a file of proper motions::
+
+    python examples/real_catalogue.py vlba.ecsv
+
+Where to find one:
+
+*VLBA*: 713 radio sources with proper motions (Truebenbach & Darling 2017, ApJS 233, 3), from
+VizieR with astroquery (``pip install astroquery``)::
+
+    from astroquery.vizier import Vizier
+    table = Vizier(columns=["**"], row_limit=-1).get_catalogs("J/ApJS/233/3")["J/ApJS/233/3/table6"]
+    table.write("vlba.ecsv")
+
+and name its columns in `Columns` below. *Gaia*: the 1.6 million quasars that made its
+celestial frame, from its archive::
+
+    from astroquery.gaia import Gaia
+    job = Gaia.launch_job_async('''
+        SELECT source_id, ra, dec, pmra, pmdec, pmra_error, pmdec_error, pmra_pmdec_corr,
+               phot_g_mean_mag, redshift_qsoc
+        FROM gaiadr3.gaia_source JOIN gaiadr3.qso_candidates USING (source_id)
+        WHERE gaia_crf_source = 'true' ''')
+    job.get_results().write("gaia_crf.fits")
+
+whose names are the default.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+import fit
+from vsh import Modes
+from vsh.catalogue import Columns, read_field
+from vsh.plot import plot_field
+
+if len(sys.argv) != 2:
+    sys.exit("usage: python examples/real_catalogue.py PATH")
+
+# %%
+# Another survey is another value of `Columns`; units come from the table. Rows that cannot
+# be used are counted and said.
+field = read_field(sys.argv[1], columns=Columns(), on_bad="drop")
+
+# %%
+# Proper motions of real sources have heavy tails: leave out what lies farther from the fit
+# than three times the median.
+clipped = fit.robust.clip(field, Modes(1), kappa=3)
+kept = field[clipped.kept]
+print(fit.report(clipped.solution, fit.cross_check(kept), source=Path(sys.argv[1]).name))
+
+acceleration = clipped.solution.acceleration
+lon, lat = acceleration.to_frame("galactic").direction
+print(
+    f"acceleration {acceleration.amplitude:.2f} ± {acceleration.amplitude_error:.2f} µas/yr toward l = {lon:.1f}°, b = {lat:.1f}°"
+)
+
+plot_field(kept, clipped.solution.coefficients, Path(sys.argv[1]).name)
+plt.savefig("real_catalogue.png", dpi=150)

@@ -1,0 +1,37 @@
+"""vsh-tools 1.0.0: coefficients, covariance and χ² of the same catalogue."""
+
+import numpy as np
+import pytest
+import vsh_tools
+from conftest import random_field
+
+import fit
+from vsh import Modes
+
+
+@pytest.mark.parametrize("lmax", range(1, 7))
+def test_fit(lmax):
+    field = random_field(2000, seed=lmax, rho=0.95)
+    theirs = vsh_tools.fit_vsh(
+        field.lon,
+        field.lat,
+        *field.motion,
+        lmax,
+        sigma_ra=field.sigma[0],
+        sigma_dec=field.sigma[1],
+        rho=field.rho,
+        method="chunked",
+    )
+    ours = fit.fit_field(field, lmax)
+    order = [theirs.coefficient_names.index(their_name(mode)) for mode in Modes(lmax)]
+    sigma = np.sqrt(np.diag(theirs.covariance))[order]
+    np.testing.assert_allclose(ours.coefficients.values / sigma, theirs.coefficients[order] / sigma, atol=1e-9)
+    np.testing.assert_allclose(ours.sigma, sigma, rtol=1e-9)
+    correlation = theirs.covariance[np.ix_(order, order)] / np.outer(sigma, sigma)
+    np.testing.assert_allclose(ours.correlation, correlation, atol=1e-9)
+    assert ours.chi2 == pytest.approx(theirs.chi2, rel=1e-9)
+
+
+def their_name(mode):
+    part = {"re": "r", "im": "i"}[mode.part] if mode.m else ""
+    return f"{mode.kind.lower()}{mode.l}{mode.m}{part}"

@@ -1,0 +1,54 @@
+"""Arrows run one way: vsh knows nobody, sim and fit know vsh, and neither knows the other."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+MAY_IMPORT = {"vsh": {"vsh"}, "sim": {"sim", "vsh"}, "fit": {"fit", "vsh"}}
+FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
+IMPORT = re.compile(r"^\s*(?:>>> )?(?:from|import) ([\w.]+)", re.MULTILINE)  # doctests included
+#: Heavy friends, and the rooms where they are met.
+HEAVY = {
+    "healpy": {"vsh/pixels.py"},
+    "ducc0": {"vsh/transform.py"},
+    "emcee": {"fit/posterior.py"},
+    "matplotlib": {"vsh/plot.py", "fit/plot.py", "fit/export.py", "fit/cli.py"},
+    "astropy.table": {"vsh/tables.py"},
+    "astropy": {"vsh/tables.py", "vsh/catalogue.py", "vsh/frames.py", "fit/cli.py"},
+}
+
+
+def name(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+def imports(path):
+    return set(IMPORT.findall(path.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_arrows(path):
+    package = path.relative_to(ROOT).parts[0]
+    imported = {module.split(".")[0] for module in imports(path)} & set(MAY_IMPORT)
+    assert imported <= MAY_IMPORT[package]
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_heavy_friends_are_met_at_their_own_door(path):
+    for friend, rooms in HEAVY.items():
+        if any(module == friend or module.startswith(friend + ".") for module in imports(path)):
+            assert name(path) in rooms
+
+
+def test_import_is_light():
+    heavy = "{'matplotlib', 'healpy', 'emcee', 'astropy', 'ducc0', 'pandas'}"
+    code = f"import sys, vsh, sim, fit; sys.exit(bool({heavy} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_small_rooms(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 300

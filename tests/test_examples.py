@@ -1,0 +1,36 @@
+"""The examples are tutorials and tests: each runs, prints what it should and draws its figure."""
+
+import os
+import subprocess
+import sys
+
+from conftest import ROOT, real_catalogue
+
+
+def run(name, *arguments, folder):
+    environment = os.environ | {"MPLBACKEND": "agg", "PYTHONIOENCODING": "utf-8"}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", ROOT / "examples" / name, *arguments],
+        cwd=folder, env=environment, capture_output=True, text=True, encoding="utf-8", check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_first_fit(tmp_path):
+    text = run("first_fit.py", folder=tmp_path)
+    pulls = [float(x) for line in text.splitlines() if "found − true" in line for x in line.split("[")[1][:-1].split()]
+    assert len(pulls) == 6
+    assert max(map(abs, pulls)) < 3
+    assert (tmp_path / "first_fit.png").stat().st_size > 10_000
+
+
+def test_real_catalogue_on_the_demo(tmp_path):
+    text = run("real_catalogue.py", ROOT / "fit" / "demo.fits", folder=tmp_path)
+    assert "acceleration 5." in text or "acceleration 4." in text
+    assert (tmp_path / "real_catalogue.png").stat().st_size > 10_000
+
+
+def test_real_catalogue(tmp_path):
+    text = run("real_catalogue.py", real_catalogue("td2017_vlba_proper_motions.ecsv"), folder=tmp_path)
+    assert "clipped 68 of 713" in text

@@ -1,0 +1,79 @@
+"""The direct frame solver."""
+
+import numpy as np
+import pytest
+from conftest import random_field, triad
+
+import fit
+import sim
+from vsh.errors import DegeneracyError, FrameError
+
+TRUTH = np.array([30.0, -20.0, 10.0, 1.0, -2.0, 3.0, 0.0, 4.0, -2.0])
+
+
+def simulated(seed, n=300):
+    population = sim.Population(*sim.plane_avoiding_sky(n, rng=1), None)
+    motions = sim.observe(population, sim.spin(TRUTH[3:6]) + sim.acceleration(TRUTH[6:]), seed, sigma=20.0, rho=0.7)
+    few = sim.Population(population.lon[:50], population.lat[:50], None)
+    offsets = sim.observe(few, sim.spin(TRUTH[:3]), [seed, 1], sigma=[[100.0], [60.0]], rho=-0.5)
+    return motions, offsets
+
+
+def test_nine_parameters_are_weighted_least_squares():
+    """All rows at once with their full covariance, by the pseudo-inverse."""
+    motions, offsets = simulated(1)
+    found = fit.frame.solve_frame(motions, offsets)
+    normal, rhs = np.zeros((9, 9)), np.zeros(9)
+    for field, columns in ((offsets, slice(0, 3)), (motions, slice(3, 9))):
+        for k in range(len(field)):
+            p, q, _ = triad(field.lon[k], field.lat[k])
+            rows = np.zeros((2, 9))
+            rows[:, columns] = [q, -p] if field is offsets else [[*q, *p], [*-p, *q]]
+            (s1, s2), rho = field.sigma[:, k], field.rho[k]
+            weight = np.linalg.inv([[s1 * s1, rho * s1 * s2], [rho * s1 * s2, s2 * s2]])
+            normal += rows.T @ weight @ rows
+            rhs += rows.T @ weight @ field.motion[:, k]
+    np.testing.assert_allclose(found.values, np.linalg.solve(normal, rhs), rtol=1e-9)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(normal), atol=1e-12)
+    assert found.names[:4] == ("epsilon_x", "epsilon_y", "epsilon_z", "omega_x")
+    assert found.orientation.unit == "µas"
+    np.testing.assert_allclose(found.correlation[:3, 3:], 0, atol=1e-15)
+
+
+def test_pulls_are_standard_normal():
+    found = [fit.frame.solve_frame(*simulated(seed)) for seed in range(300)]
+    pulls = np.array([(f.values - TRUTH) / f.sigma for f in found])
+    assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(300)
+    assert np.abs(pulls.std(0) - 1).max() < 4 / np.sqrt(600)
+    chi2 = np.array([f.chi2 for f in found])
+    assert abs(chi2.mean() - found[0].dof) < 4 * np.sqrt(2 * found[0].dof / 300)
+
+
+def test_agrees_with_the_harmonics_to_rounding():
+    check = fit.cross_check(random_field(5000, seed=2, rho=0.99))
+    assert check.largest < 1e-9
+    np.testing.assert_allclose(check.direct.spin.covariance, check.harmonics.spin.covariance, rtol=1e-9)
+    assert check.direct.chi2 == pytest.approx(check.harmonics.chi2)
+
+
+def test_many_blocks_are_one_solution(monkeypatch):
+    motions, offsets = simulated(3)
+    whole = fit.frame.solve_frame(motions, offsets)
+    monkeypatch.setattr(fit.frame, "_ROWS", 7)
+    np.testing.assert_allclose(fit.frame.solve_frame(motions, offsets).values, whole.values, rtol=1e-10)
+
+
+def test_without_offsets_there_is_no_orientation():
+    found = fit.frame.solve_frame(simulated(1)[0])
+    assert found.orientation is None
+    assert len(found.names) == 6
+
+
+def test_what_cannot_be_told_apart_is_an_error():
+    motions, offsets = simulated(1)
+    with pytest.raises(DegeneracyError, match="2 sources cannot separate omega_x"):
+        fit.frame.solve_frame(motions[:2])
+    with pytest.raises(DegeneracyError, match="widen the sky"):
+        fit.frame.solve_frame(motions[[0] * 50])
+    with pytest.raises(FrameError, match="motions are in icrs, offsets in galactic"):
+        fit.frame.solve_frame(motions, offsets.to_frame("galactic"))

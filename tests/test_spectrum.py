@@ -1,0 +1,55 @@
+"""Power and its significance."""
+
+import numpy as np
+from scipy import stats
+
+import fit
+import sim
+from vsh import Coefficients, Modes
+
+TRUTH = Coefficients.from_vectors(glide=(8, -3, 1), lmax=3)
+SKY = sim.Population(*sim.plane_avoiding_sky(400, rng=5, latitude=30), None)
+
+
+def skies(n, truth):
+    for seed in range(n):
+        yield fit.fit_field(sim.observe(SKY, truth, rng=seed, sigma=50.0, rho=0.3), 3)
+
+
+def test_p_values_of_noise_are_uniform():
+    """On a cut sky, where the coefficients are correlated."""
+    null = Coefficients(Modes(3), np.zeros(30))
+    p = np.array([[s.significance(kind, l) for kind in "TS" for l in (1, 2, 3)] for s in skies(400, null)])
+    for column in p.T:
+        assert stats.kstest(column, "uniform").pvalue > 1e-3
+
+
+def test_power_is_debiased_and_its_error_is_its_scatter():
+    found = list(skies(400, TRUTH))
+    for kind, l in (("S", 1), ("T", 2)):
+        power = np.array([s.power(kind, l) for s in found])
+        error = power.std() / np.sqrt(len(power))
+        assert abs(power.mean() - TRUTH.power(kind, l)) < 4 * error
+        raw = np.mean([s.power(kind, l, debiased=False) for s in found])
+        assert raw - TRUTH.power(kind, l) > 4 * error
+        assert np.allclose(raw, np.mean([s.coefficients.power(kind, l) for s in found]))
+    # The mean square of the stated error is the variance: 400 skies know it to 7 % (and its own scatter).
+    error = np.sqrt(np.mean([s.power_error("S", 1) ** 2 for s in found]))
+    assert abs(error / np.std([s.power("S", 1) for s in found]) - 1) < 0.2
+
+
+def test_deviates_of_a_strong_signal_do_not_overflow():
+    solution = next(skies(1, TRUTH * 1000))
+    rows = fit.spectrum.spectrum(solution)
+    assert [(row.kind, row.l) for row in rows] == [(kind, l) for kind in "TS" for l in (1, 2, 3)]
+    assert rows[3].p == 0
+    assert np.isposinf(rows[3].z)
+    assert rows[3].mk_z > 100
+    assert "<1e-300" in fit.report(solution)
+
+
+def test_mignard_and_klioners_w_is_power_over_the_zonal_variance():
+    solution = next(skies(1, TRUTH))
+    row = fit.spectrum.spectrum(solution)[4]
+    zonal = solution.modes.degree("S", 2).start
+    assert row.mk_w == solution.coefficients.power("S", 2) / solution.sigma[zonal] ** 2

@@ -1,0 +1,48 @@
+"""Amplitude, direction, and their errors."""
+
+import numpy as np
+import pytest
+
+from vsh import Vector
+from vsh.errors import FrameError
+
+COVARIANCE = np.array([[0.04, 0.01, 0], [0.01, 0.09, -0.02], [0, -0.02, 0.16]])
+
+
+def test_errors_are_the_scatter_of_many_draws():
+    vector = Vector([3, -4, 2], COVARIANCE / 100)
+    draws = np.random.default_rng(1).multivariate_normal(vector.value, vector.covariance, 200_000)
+    each = [Vector(draw, np.zeros((3, 3))) for draw in draws[:20_000]]
+    # 20 000 draws give a standard deviation to 0.5 %; first order in errors of 1/50 is better than that.
+    assert np.std([v.amplitude for v in each]) == pytest.approx(vector.amplitude_error, rel=0.02)
+    lon, lat = np.transpose([v.direction for v in each])
+    assert (np.std(lon), np.std(lat)) == pytest.approx(vector.direction_error, rel=0.02)
+
+
+def test_debiased_amplitude():
+    """Of a null vector the noise alone is as long as √tr C; less that, nothing is left on average."""
+    draws = np.random.default_rng(1).multivariate_normal([0.3, 0, 0], COVARIANCE, 20_000)
+    square = np.mean(np.sum(draws**2, 1)) - np.trace(COVARIANCE)
+    assert square == pytest.approx(0.09, abs=0.01)
+    assert Vector([0.1, 0.1, 0.1], COVARIANCE).debiased_amplitude == 0.0
+
+
+def test_another_frame_keeps_the_vector():
+    vector = Vector([3, -4, 2], COVARIANCE)
+    turned = vector.to_frame("galactic")
+    assert turned.amplitude == pytest.approx(vector.amplitude)
+    assert turned.amplitude_error == pytest.approx(vector.amplitude_error)
+    back = turned.to_frame("icrs")
+    np.testing.assert_allclose(back.value, vector.value, atol=1e-12)
+    np.testing.assert_allclose(back.covariance, COVARIANCE, atol=1e-12)
+
+
+def test_a_null_vector_has_no_direction_but_no_crash():
+    null = Vector([0, 0, 0], COVARIANCE)
+    assert null.amplitude == 0
+    assert np.isnan(null.amplitude_error)
+
+
+def test_unknown_frames_are_named():
+    with pytest.raises(FrameError, match="unknown frame 'b1950': choose one of icrs, galactic, ecliptic"):
+        Vector([1, 2, 3], COVARIANCE, "b1950")
