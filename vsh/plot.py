@@ -102,9 +102,12 @@ def plot_field(field, coefficients, title=None):
     arrows = draw_vectors(axes, lon, lat, motion, color="#0b5394")
     round_number = _round(largest)
     axes.quiverkey(arrows, 0.08, 0.04, round_number, f"{round_number:g} µas/yr", labelpos="E", coordinates="axes")
-    lon, lat = angles(coefficients.glide)
-    axes.scatter(on_map(lon), lat, marker="*", s=220, color="#f1c232", edgecolor="k", zorder=4, label="acceleration")
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.08), frameon=False, fontsize=10, handletextpad=0.2)
+    if coefficients.glide.any():
+        lon, lat = angles(coefficients.glide)
+        axes.scatter(
+            on_map(lon), lat, marker="*", s=220, color="#f1c232", edgecolor="k", zorder=4, label="acceleration"
+        )
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.08), frameon=False, fontsize=10, handletextpad=0.2)
     axes.set_title(title or f"{len(field)} sources and the field fitted to degree {coefficients.modes.lmax}", pad=16)
     return axes.figure
 
