@@ -4,15 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsh.basis import toroidal_harmonics
-from vsh.blocks import map_blocks
-from vsh.errors import FrameError, ModesError
-from vsh.modes import Modes
-
-
-def block_size(p):
-    """Sources worked on at a time: enough to keep NumPy busy, 64 MiB of whitened basis at most."""
-    return max(256, min(2**16, 2**22 // p))
+from fit.compress import compressed_sums
+from fit.dipole import dipole_sums
+from fit.direct import direct_sums
+from vsh import Field, Modes
+from vsh.errors import FieldError, FrameError, ModesError
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +74,31 @@ class NormalEquations:
         )
 
 
-def normal_equations(field, modes, threads=None):
-    """Sum a field into normal equations.
+def normal_equations(field, modes, method="auto", threads=None):
+    """Sum a field, or a stream of fields, into normal equations.
 
     Parameters
     ----------
-    field : Field
+    field : Field or iterable of Fields
     modes : Modes
+    method : {"auto", "direct", "compressed"}
+        "direct" sums the design matrix, exact to rounding; "compressed" sums the moments of
+        the weights and is as good to 1e-12, in a time that hardly grows with the degree.
+        "auto" takes what was measured to be faster (docs/performance.md).
     threads : int, optional
         How many; one a core unless given. The sum is taken in the order of the sources,
         so the number of threads does not change a bit of it.
+
+    Returns
+    -------
+    NormalEquations
+
+    Raises
+    ------
+    FieldError
+        If a stream of fields holds none.
+    FrameError
+        If the fields of a stream stand in different frames.
 
     Examples
     --------
@@ -96,18 +107,33 @@ def normal_equations(field, modes, threads=None):
     >>> from vsh import Field
     >>> rng = np.random.default_rng(1)
     >>> field = Field(*rng.uniform(0, 1, (2, 100)), rng.normal(size=(2, 100)), np.ones((2, 100)))
-    >>> whole, *parts = (normal_equations(f, Modes(2)) for f in (field, field[:30], field[30:]))
-    >>> np.allclose(whole.matrix, sum(parts).matrix)
+    >>> whole = normal_equations(field, Modes(2))
+    >>> np.allclose(whole.matrix, normal_equations([field[:30], field[30:]], Modes(2)).matrix)
     True
     """
-    p = len(modes)
-    matrix, rhs, chi2_zero = np.zeros((p, p)), np.zeros(p), 0.0
-    sums = map_blocks(lambda part: _block(field[part], modes.lmax), len(field), block_size(p), threads)
-    for n, b, chi2 in sums:
-        matrix += n
-        rhs += b
-        chi2_zero += chi2
-    return NormalEquations(modes, matrix, rhs, chi2_zero, 2 * len(field), field.frame, field.notes)
+    if method not in ("auto", "direct", "compressed"):
+        raise ValueError(f"unknown method {method!r}: choose one of auto, direct, compressed")
+    if not isinstance(field, Field):
+        total = sum(normal_equations(each, modes, method, threads) for each in field)
+        if total == 0:
+            raise FieldError("the stream of fields is empty: there are no sources to use")
+        return total
+    if method == "auto" and modes.lmax == 1:
+        sums = dipole_sums(field)
+    elif method == "compressed" or (method == "auto" and len(field) > direct_up_to(modes)):
+        sums = compressed_sums(field, modes, threads)
+    else:
+        sums = direct_sums(field, modes, threads)
+    return NormalEquations(modes, *sums, 2 * len(field), field.frame, field.notes)
+
+
+def direct_up_to(modes):
+    """The number of sources up to which the direct sum is the faster one.
+
+    As measured (docs/performance.md): below it the fixed cost of the rings tells, above it
+    the design matrix.
+    """
+    return max(1000, 2**18 // modes.lmax**2)
 
 
 def gaussian_prior(modes, sigma, mean=0.0, frame=None):
@@ -132,27 +158,3 @@ def gaussian_prior(modes, sigma, mean=0.0, frame=None):
     return NormalEquations(
         modes, np.diag(weight), weight * mean, float(weight @ mean**2), int(np.isfinite(sigma).sum()), frame
     )
-
-
-def _block(field, lmax):
-    """N, b and Σ yᵀ C⁻¹ y of a few sources, from the basis in units of each source's error."""
-    s1, s2 = field.sigma
-    root = np.sqrt(1 - field.rho**2)
-    # L⁻¹ with L Lᵀ = C: rows (east, 0) and (mix, north).
-    east, north, mix = 1 / s1, 1 / (s2 * root), -field.rho / (s1 * root)
-
-    toroidal = toroidal_harmonics(field.lon, field.lat, lmax)
-    t_east, t_north = toroidal[:, 0], toroidal[:, 1]
-    half, n = t_east.shape
-    a = np.empty((2 * half, 2, n))
-    np.multiply(t_east, east, out=a[:half, 0])
-    np.multiply(t_north, north, out=a[:half, 1])
-    a[:half, 1] += t_east * mix
-    # S is T turned by +90°: (e, n) -> (-n, e).
-    np.multiply(t_north, -east, out=a[half:, 0])
-    np.multiply(t_east, north, out=a[half:, 1])
-    a[half:, 1] -= t_north * mix
-
-    a = a.reshape(2 * half, 2 * n)
-    y = np.concatenate([field.motion[0] * east, field.motion[0] * mix + field.motion[1] * north])
-    return a @ a.T, a @ y, float(y @ y)

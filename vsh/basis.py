@@ -13,6 +13,8 @@ function itself is below 1e-100.
 
 import numpy as np
 
+from vsh.sphere import multiples, sin_cos
+
 
 def harmonics(lon, lat, modes):
     """The field of each mode at each source: the design matrix.
@@ -45,8 +47,8 @@ def spheroidal_twin(toroidal):
 def toroidal_harmonics(lon, lat, lmax):
     """The toroidal half of `harmonics`: (lmax (lmax + 2), 2, n)."""
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
-    sin, cos = np.sin(lat), np.cos(lat)
-    turn_re, turn_im = _turns(lon, lmax)
+    sin, cos = sin_cos(lat)
+    turn_re, turn_im = multiples(lon, lmax)
     out = np.empty((lmax * (lmax + 2), 2, lon.size))
     row = 0
     for l, q, q_below in _legendre_over_cos(sin, cos, lmax):
@@ -66,20 +68,6 @@ def toroidal_harmonics(lon, lat, lmax):
         np.multiply(a, turn_re[:l], out=block[2::2, 1])
         row += 2 * l + 1
     return out
-
-
-def _turns(lon, lmax):
-    """cos mα and sin mα for m = 1 … lmax, two (lmax, n) arrays."""
-    if lmax > 8:
-        angle = np.arange(1, lmax + 1)[:, None] * lon
-        return np.cos(angle), np.sin(angle)
-    # The addition theorem costs two products where the cosine costs twenty.
-    re, im = np.empty((lmax, lon.size)), np.empty((lmax, lon.size))
-    re[0], im[0] = np.cos(lon), np.sin(lon)
-    for m in range(1, lmax):
-        re[m] = re[m - 1] * re[0] - im[m - 1] * im[0]
-        im[m] = re[m - 1] * im[0] + im[m - 1] * re[0]
-    return re, im
 
 
 def _legendre_over_cos(sin, cos, lmax):

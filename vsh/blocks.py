@@ -3,8 +3,9 @@
 import os
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 from tqdm import tqdm
 
 
@@ -14,6 +15,11 @@ def cores(threads=None):
         return threads
     affinity = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
     return len(affinity(0)) if affinity else os.cpu_count()
+
+
+@lru_cache
+def _libraries():
+    return ThreadpoolController()  # looks through all that is loaded, once
 
 
 def map_blocks(function, n, size, threads=None, progress=None):
@@ -37,7 +43,7 @@ def map_blocks(function, n, size, threads=None, progress=None):
     slices = [slice(start, min(start + size, n)) for start in range(0, n, size)]
     threads = min(cores(threads), len(slices))
     bar = tqdm(total=n, desc=progress, delay=2, disable=progress is None, unit=" sources")
-    with bar, threadpool_limits(limits=1, user_api="blas"):
+    with bar, _libraries().limit(limits=1, user_api="blas"):
         if threads <= 1:
             for each in slices:
                 yield function(each)

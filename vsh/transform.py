@@ -1,0 +1,130 @@
+"""The harmonics without a matrix, at any positions: the one file that knows ducc0.
+
+Sizes, angles and types are checked or set here, before ducc0 sees them: it would read a
+short array out of bounds, and go on over the pole in silence.
+"""
+
+import ducc0
+import numpy as np
+
+from vsh.blocks import cores
+from vsh.conventions import from_healpy, to_healpy
+from vsh.errors import FieldError
+from vsh.modes import Modes
+
+#: Relative accuracy asked of ducc0; it reaches 2e-13 at best in double precision.
+EPSILON = 5e-13
+
+
+def synthesis(coefficients, lon, lat, threads=None):
+    """The field at each position, as `Coefficients.at` gives it, to 1e-12 of its size.
+
+    Takes time ∝ n + lmax³ where the exact sum takes n · lmax².
+
+    Parameters
+    ----------
+    coefficients : Coefficients
+    lon, lat : (n,) arrays — positions [rad]
+    threads : int, optional — one a core unless given
+
+    Returns
+    -------
+    (2, n) array
+        East and north component. [µas/yr]
+
+    Raises
+    ------
+    FieldError
+        If positions are not finite, differ in number, or lie beyond a pole.
+    """
+    loc = _locations(lon, lat)
+    south, east = ducc0.sht.synthesis_general(
+        alm=to_healpy(coefficients),
+        spin=1,
+        lmax=coefficients.modes.lmax,
+        loc=loc,
+        epsilon=EPSILON,
+        nthreads=cores(threads),
+    )
+    return np.stack([east, -south])
+
+
+def adjoint(modes, lon, lat, motion, threads=None):
+    """Σ over the sources of motion · V_i for every mode i: Aᵀ y for the design matrix A.
+
+    Parameters
+    ----------
+    modes : Modes — p of them
+    lon, lat : (n,) arrays — positions [rad]
+    motion : (2, n) array — east and north component
+
+    Returns
+    -------
+    (p,) array
+
+    Raises
+    ------
+    FieldError
+        As in `synthesis`, and if motion is not (2, n).
+
+    Examples
+    --------
+    >>> adjoint(Modes(1), [0.0], [0.0], [[0.0], [1.0]]).round(6) + 0.0
+    array([0.      , 0.      , 0.488603, 0.345494, 0.      , 0.      ])
+    """
+    loc = _locations(lon, lat)
+    motion = np.asarray(motion, float)
+    if motion.shape != (2, len(loc)):
+        raise FieldError(f"motion has shape {motion.shape}, expected {(2, len(loc))}")
+    alm = ducc0.sht.adjoint_synthesis_general(
+        map=np.stack([-motion[1], motion[0]]),
+        spin=1,
+        lmax=modes.lmax,
+        loc=loc,
+        epsilon=EPSILON,
+        nthreads=cores(threads),
+    )
+    # An order m > 0 stands for ±m in the sum.
+    twice = np.array([1.0 if mode.m == 0 else 2.0 for mode in Modes(modes.lmax)])
+    return twice * from_healpy(alm).values
+
+
+def fourier_moments(lon, lat, values, most, threads=1):
+    """Σ over the sources of values · e^{−i(Mα + nδ)}, a non-uniform Fourier transform.
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays — positions [rad]; already checked, of a Field
+    values : (k, n) complex array
+    most : int — the highest |M| and |n|
+
+    Returns
+    -------
+    (k, 2 most + 1, 2 most + 1) complex array
+        Indexed by M + most and n + most.
+    """
+    out = np.empty((len(values), 2 * most + 1, 2 * most + 1), complex)
+    ducc0.nufft.nu2u(
+        points=np.ascontiguousarray(values, complex),
+        coord=np.stack([lon, lat], axis=1),
+        forward=True,
+        epsilon=EPSILON,
+        nthreads=threads,
+        out=out,
+        periodicity=2 * np.pi,
+    )
+    return out
+
+
+def _locations(lon, lat):
+    """Colatitude and longitude within the ranges that ducc0 knows, (n, 2)."""
+    lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
+    if lon.ndim != 1 or lon.shape != lat.shape:
+        raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}: one of each for a source")
+    if not (np.isfinite(lon).all() and np.isfinite(lat).all()):
+        raise FieldError(f"{np.sum(~(np.isfinite(lon) & np.isfinite(lat)))} positions are not finite")
+    if (np.abs(lat) > np.pi / 2 * (1 + 1e-14)).any():
+        raise FieldError(f"{np.sum(np.abs(lat) > np.pi / 2)} latitudes lie beyond a pole: are they in radians?")
+    phi = lon % (2 * np.pi)
+    phi[phi >= 2 * np.pi] = 0.0  # a tiny negative angle rounds up
+    return np.stack([np.clip(np.pi / 2 - lat, 0, np.pi), phi], axis=1)
