@@ -5,6 +5,7 @@ from importlib import import_module
 from fit import frame, robust, spectrum
 from fit.check import CrossCheck, cross_check
 from fit.frame import FrameSolution, solve_frame
+from fit.matrix_free import MatrixFreeSolution, solve_matrix_free
 from fit.normal import NormalEquations, gaussian_prior, normal_equations
 from fit.report import report
 from fit.robust import Clipped, clip
@@ -15,6 +16,7 @@ __all__ = [
     "Clipped",
     "CrossCheck",
     "FrameSolution",
+    "MatrixFreeSolution",
     "NormalEquations",
     "Solution",
     "clip",
@@ -27,6 +29,7 @@ __all__ = [
     "robust",
     "solve",
     "solve_frame",
+    "solve_matrix_free",
     "spectrum",
 ]
 

@@ -40,11 +40,28 @@ def compressed_sums(field, modes, threads=None):
     rhs : (p,) array
     chi2_zero : float
     """
-    lmax = modes.lmax
+    weights, motions, chi2_zero = fourier_sums(field, modes.lmax, threads)
+    rings = Rings(modes.lmax)
+    return rings.matrix(weights), rings.rhs(motions), chi2_zero
+
+
+def fourier_sums(field, lmax, threads=None):
+    """All that a fit to degree L needs of the sources: sums over them, which add.
+
+    Returns
+    -------
+    weights : (3, 2L + 1, 4L + 1) complex array
+        Fourier moments of a, b, c for M = 0 … 2L and n = −2L … 2L.
+    motions : (2, L + 1, 2L + 1) complex array
+        Those of the weighted motions for M = 0 … L and n = −L … L.
+    chi2_zero : float
+        Σ yᵀ C⁻¹ y.
+    """
     parts = map_blocks(lambda part: _moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
-    weights, motions, chi2_zero = (sum(each) for each in zip(*parts, strict=True))
-    rings = _Rings(lmax)
-    return rings.matrix(weights), rings.rhs(motions), float(chi2_zero)
+    weights, motions, chi2_zero = 0, 0, 0.0
+    for w, z, chi2 in parts:
+        weights, motions, chi2_zero = weights + w, motions + z, chi2_zero + float(chi2)
+    return weights, motions, chi2_zero
 
 
 def _weighted(field):
@@ -72,7 +89,7 @@ def _moments(field, lmax):
     return weights, motions, chi2
 
 
-class _Rings:
+class Rings:
     """The 2L + 1 rings of latitude on which the moments are put back."""
 
     def __init__(self, lmax):
@@ -101,6 +118,14 @@ class _Rings:
         far = (-1.0) ** n * np.conj(near)
         sign = (-1.0) ** np.arange(moments.shape[1]) * (-1 if turns_over else 1)
         return moments @ near + sign[:, None] * (moments @ far)
+
+    def on_grid(self, weights):
+        """a, b, c on a grid of 2L + 1 rings by 4L + 2 longitudes from α = 0, (3, 2L + 1, 4L + 2).
+
+        The grid with these weights, some of them negative, has the normal matrix of the catalogue.
+        """
+        spectra = np.swapaxes(self.spectra(weights, turns_over=False), 1, 2)
+        return np.fft.irfft(spectra, 4 * self.lmax + 2)
 
     def matrix(self, weights):
         """N from the moments of a, b, c."""

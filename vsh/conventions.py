@@ -3,6 +3,8 @@
 Signs and factors are those of docs/conventions.md; a test pins each.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from vsh.coefficients import Coefficients
@@ -86,11 +88,13 @@ def to_healpy(coefficients):
         In healpy's order, for ``healpy.alm2map_spin(alm, nside, 1, lmax)`` and for
         ducc0's spin 1.
     """
-    lmax, values = coefficients.modes.lmax, coefficients.values
+    lmax = coefficients.modes.lmax
     alm = np.zeros((2, (lmax + 1) * (lmax + 2) // 2), complex)
-    place, is_im, spheroidal = _healpy_order(lmax)
-    signed = np.where(spheroidal, values, -values) * np.where(is_im, 1j, 1)
-    np.add.at(alm, (np.where(spheroidal, 0, 1), place), signed)
+    t, s = np.split(coefficients.values, 2)
+    for row, values in ((alm[0], s), (alm[1], -t)):
+        place, is_im = _healpy_order(lmax)
+        row.real[place[~is_im]] = values[~is_im]
+        row.imag[place[is_im]] = values[is_im]
     return alm
 
 
@@ -106,15 +110,15 @@ def from_healpy(alm):
     lmax = int(np.sqrt(2 * alm.shape[-1])) - 1
     if alm.ndim != 2 or alm.shape[0] != 2 or (lmax + 1) * (lmax + 2) // 2 != alm.shape[1]:
         raise ModesError(f"alm of shape {alm.shape} are not E and B to some degree, (2, (lmax + 1)(lmax + 2)/2)")
-    modes = Modes(lmax)
-    place, is_im, spheroidal = _healpy_order(lmax)
-    c = np.where(spheroidal, alm[0, place], -alm[1, place])
-    return Coefficients(modes, np.where(is_im, c.imag, c.real))
+    place, is_im = _healpy_order(lmax)
+    e, b = (np.where(is_im, row[place].imag, row[place].real) for row in alm)
+    return Coefficients(Modes(lmax), np.concatenate([-b, e]))
 
 
+@lru_cache(maxsize=8)
 def _healpy_order(lmax):
-    """For each of our modes: its place in an alm array, whether it is an imaginary part, whether spheroidal."""
-    l, m, is_im = np.array([(mode.l, mode.m, mode.part == "im") for mode in Modes(lmax) if mode.kind == "T"]).T
-    place = m * (2 * lmax + 1 - m) // 2 + l
-    half = len(place)
-    return np.tile(place, 2), np.tile(is_im.astype(bool), 2), np.arange(2 * half) >= half
+    """For each mode of one kind: its place in an alm array, and whether it is an imaginary part."""
+    l = np.repeat(np.arange(1, lmax + 1), 2 * np.arange(1, lmax + 1) + 1)
+    within = np.arange(len(l)) - (l * l - 1)
+    m = (within + 1) // 2
+    return m * (2 * lmax + 1 - m) // 2 + l, (within > 0) & (within % 2 == 0)

@@ -25,6 +25,10 @@ class DegeneracyError(VshError, ValueError):
     """The data cannot tell some of the parameters apart."""
 
 
+class CovarianceError(VshError, AttributeError):
+    """A solution was asked for a covariance that it does not have."""
+
+
 class ConvergenceError(VshError):
     """A loop that should have settled has not."""
 

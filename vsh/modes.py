@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from operator import index
 from typing import NamedTuple
 
+import numpy as np
+
 from vsh.errors import ModesError
 
 
@@ -77,6 +79,23 @@ class Modes:
                 for m in range(1, l + 1):
                     yield Mode(kind, l, m, "re")
                     yield Mode(kind, l, m, "im")
+
+    @property
+    def degrees(self):
+        """The degree l of each mode, a (p,) array."""
+        l = np.arange(1, self.lmax + 1)
+        return np.tile(np.repeat(l, 2 * l + 1), 2)
+
+    @property
+    def multiplicity(self):
+        """∫ |V_i|² dΩ of each mode, a (p,) array: 1, and 2 where the mode stands for ±m."""
+        degrees = self.degrees
+        zonal = np.flatnonzero(np.diff(degrees, prepend=-1))
+        # Degree lmax of T may meet degree 1 of S, or be it.
+        zonal = np.union1d(zonal, [0, len(self) // 2])
+        out = np.full(len(self), 2.0)
+        out[zonal] = 1.0
+        return out
 
     def index(self, mode):
         """Where `mode` is stored; degrees below l fill the first l² - 1 places of its kind."""

@@ -10,7 +10,6 @@ import numpy as np
 from vsh.blocks import cores
 from vsh.conventions import from_healpy, to_healpy
 from vsh.errors import FieldError
-from vsh.modes import Modes
 
 #: Relative accuracy asked of ducc0; it reaches 2e-13 at best in double precision.
 EPSILON = 5e-13
@@ -69,8 +68,11 @@ def adjoint(modes, lon, lat, motion, threads=None):
 
     Examples
     --------
-    >>> adjoint(Modes(1), [0.0], [0.0], [[0.0], [1.0]]).round(6) + 0.0
-    array([0.      , 0.      , 0.488603, 0.345494, 0.      , 0.      ])
+    A motion northwards at the origin, in the modes of a glide: all of it along z.
+
+    >>> g = adjoint(Modes(1), [0.0], [0.0], [[0.0], [1.0]])[3:]
+    >>> bool(g[0] > 0.3), bool(abs(g[1:]).max() < 1e-12)
+    (True, True)
     """
     loc = _locations(lon, lat)
     motion = np.asarray(motion, float)
@@ -84,9 +86,7 @@ def adjoint(modes, lon, lat, motion, threads=None):
         epsilon=EPSILON,
         nthreads=cores(threads),
     )
-    # An order m > 0 stands for ±m in the sum.
-    twice = np.array([1.0 if mode.m == 0 else 2.0 for mode in Modes(modes.lmax)])
-    return twice * from_healpy(alm).values
+    return modes.multiplicity * from_healpy(alm).values
 
 
 def fourier_moments(lon, lat, values, most, threads=1):
@@ -114,6 +114,44 @@ def fourier_moments(lon, lat, values, most, threads=1):
         periodicity=2 * np.pi,
     )
     return out
+
+
+def synthesis_on_rings(coefficients, shape, threads=None):
+    """The field on rings of latitude, (2, rings, points): east and north.
+
+    Parameters
+    ----------
+    coefficients : Coefficients
+    shape : (rings, points) — latitudes −π/2 + (j + ½) π/rings, longitudes 2πk/points
+    """
+    south, east = ducc0.sht.synthesis_2d(
+        alm=to_healpy(coefficients),
+        spin=1,
+        lmax=coefficients.modes.lmax,
+        geometry="F1",
+        ntheta=shape[0],
+        nphi=shape[1],
+        nthreads=cores(threads),
+    )
+    return np.stack([east[::-1], -south[::-1]])
+
+
+def adjoint_on_rings(modes, motion, threads=None):
+    """Σ over the points of rings of motion · V_i, the adjoint of `synthesis_on_rings`.
+
+    Parameters
+    ----------
+    modes : Modes — p of them
+    motion : (2, rings, points) array — east and north
+    """
+    alm = ducc0.sht.adjoint_synthesis_2d(
+        map=np.ascontiguousarray(np.stack([-motion[1, ::-1], motion[0, ::-1]])),
+        spin=1,
+        lmax=modes.lmax,
+        geometry="F1",
+        nthreads=cores(threads),
+    )
+    return modes.multiplicity * from_healpy(alm).values
 
 
 def _locations(lon, lat):

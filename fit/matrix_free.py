@@ -1,0 +1,228 @@
+"""Very high degrees: the normal equations solved without ever writing them down.
+
+The sources are read once, into the Fourier moments of `fit.compress`; put back on a grid
+of (2L + 1) × (4L + 2) points, they make N c a synthesis on the grid, a 2 × 2 product at
+each point and an adjoint synthesis. A step of the conjugate gradients takes as long for
+ten million sources as for ten thousand.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, eigvalsh_tridiagonal
+from tqdm import tqdm
+
+from fit.compress import Rings, fourier_sums
+from fit.solution import Solution
+from vsh import Coefficients, Field, Modes
+from vsh.errors import ConvergenceError, CovarianceError, FieldError
+
+#: Degrees whose block of N is inverted exactly to precondition the rest.
+LOW = 12
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixFreeSolution(Solution):
+    """A Solution without a full covariance; what needs one raises CovarianceError.
+
+    Attributes
+    ----------
+    errors : dict of Mode to float
+        Standard errors of the coefficients that were asked for. [µas/yr]
+    iterations : int
+        Of the conjugate gradients.
+    residual : float
+        |b − N c| / |b|, both in units of the preconditioner.
+    condition : float
+        Condition number of the preconditioned N, as the iterations saw it.
+    """
+
+    covariance: None = field(default=None, init=False, repr=False)
+    chi2: float = 0.0
+    n_data: int = 0
+    errors: dict = field(default_factory=dict)
+    iterations: int = 0
+    residual: float = 0.0
+    condition: float = 1.0
+
+    def __getattribute__(self, name):
+        if name == "covariance":
+            raise CovarianceError(
+                f"a matrix-free fit to degree {self.coefficients.modes.lmax} has no covariance matrix: ask for the "
+                "errors of some coefficients with errors_of=[Mode(…), …], or use fit.solve at a lower degree"
+            )
+        return super().__getattribute__(name)
+
+
+def solve_matrix_free(
+    fields, modes, prior_power=None, errors_of=(), tolerance=1e-8, max_iterations=500, threads=None, progress=True
+):
+    """Fit to a degree at which the normal matrix is too large to write down.
+
+    Parameters
+    ----------
+    fields : Field or iterable of Fields
+    modes : Modes
+    prior_power : float, (lmax,) array or function of l, optional
+        Expected power of one kind and degree under a Gaussian prior of mean zero, the same
+        for T and S; inf says nothing. Needed where the sky leaves modes undetermined.
+        [(µas/yr)²]
+    errors_of : iterable of Mode
+        Coefficients whose standard errors to compute, at the cost of one more solution each.
+    tolerance : float
+        Relative residual at which to stop.
+    max_iterations : int
+    threads : int, optional
+    progress : bool
+        Show a progress bar, after two seconds.
+
+    Returns
+    -------
+    MatrixFreeSolution
+
+    Raises
+    ------
+    ConvergenceError
+        If it has not converged; the message says how ill-conditioned the problem is, which
+        degrees still move, how much of the sky is empty, and what to do.
+    """
+    system = _System(fields, modes, prior_power, threads)
+    values, iterations, residual, condition = _conjugate_gradients(
+        system, system.rhs, tolerance, max_iterations, progress and f"degree {modes.lmax}"
+    )
+    errors = {}
+    for mode in errors_of:
+        unit = np.zeros(len(modes))
+        unit[modes.index(mode)] = 1
+        column = _conjugate_gradients(system, unit, tolerance, max_iterations, progress and f"error of {mode}")[0]
+        errors[mode] = float(np.sqrt(column[modes.index(mode)]))
+    said = f"matrix-free: {iterations} iterations, residual {residual:.1e}, condition {condition:.3g}"
+    return MatrixFreeSolution(
+        Coefficients(modes, values),
+        chi2=float(system.chi2_zero - 2 * values @ system.rhs + values @ system.apply_data(values)),
+        n_data=system.n_data,
+        frame=system.frame,
+        notes=(*system.notes, said),
+        errors=errors,
+        iterations=iterations,
+        residual=residual,
+        condition=condition,
+    )
+
+
+def prior_precision(modes, power):
+    """Inverse prior variance of each coefficient for a power per degree, (p,).
+
+    An isotropic field of power P_l has var(c_l0) = P_l/(2l + 1), and half of that for each
+    real and imaginary part.
+    """
+    if power is None:
+        return np.zeros(len(modes))
+    l = np.arange(1, modes.lmax + 1)
+    power = np.array([power(each) for each in l] if callable(power) else power, float)
+    power = np.broadcast_to(power, l.shape)
+    if not (power > 0).all():
+        raise ValueError("the prior power must be positive at every degree")
+    return ((2 * l + 1) / power)[modes.degrees - 1] * modes.multiplicity
+
+
+class _System:
+    """(N + prior) c = b, with N as an operator, and an approximate inverse."""
+
+    def __init__(self, fields, modes, prior_power, threads):
+        self.modes, self.threads = modes, threads
+        self.prior = prior_precision(modes, prior_power)
+        weights, motions, self.chi2_zero, self.n_data = 0, 0, 0.0, 0
+        notes, frames = {}, {}
+        for each in [fields] if isinstance(fields, Field) else fields:
+            w, z, chi2 = fourier_sums(each, modes.lmax, threads)
+            weights, motions, self.chi2_zero = weights + w, motions + z, self.chi2_zero + chi2
+            self.n_data += 2 * len(each)
+            notes |= dict.fromkeys(each.notes)
+            frames[each.frame] = True
+        if len(frames) != 1:
+            raise FieldError(f"fields of one frame are needed, not of {', '.join(frames) or 'none'}")
+        self.notes, (self.frame,) = tuple(notes), frames
+        rings = Rings(modes.lmax)
+        self.rhs = rings.rhs(motions)
+        self.grid = rings.on_grid(weights)
+        self._precondition(weights)
+
+    def apply_data(self, values):
+        """N c of the data alone."""
+        from vsh.transform import adjoint_on_rings, synthesis_on_rings
+
+        a, b, c = self.grid
+        east, north = synthesis_on_rings(Coefficients(self.modes, values), a.shape, self.threads)
+        return adjoint_on_rings(self.modes, np.stack([a * east + c * north, c * east + b * north]), self.threads)
+
+    def apply(self, values):
+        return self.apply_data(values) + self.prior * values
+
+    def _precondition(self, weights):
+        low = Modes(min(LOW, self.modes.lmax))
+        half = weights.shape[-1] // 2
+        few = weights[:, : 2 * low.lmax + 1, half - 2 * low.lmax : half + 2 * low.lmax + 1]
+        self.low = self.modes.degrees <= low.lmax
+        # The mean weight over the sky is the diagonal of a uniform one; an empty catalogue has none.
+        mean = float((weights[0, 0, half] + weights[1, 0, half]).real) / (8 * np.pi)
+        self.diagonal = mean * self.modes.multiplicity + self.prior
+        block = Rings(low.lmax).matrix(few) + np.diag(self.prior[self.low])
+        # A little of the mean keeps the block definite where the sky does not.
+        self.block = cho_factor(block + 1e-6 * np.diag(self.diagonal[self.low]))
+
+    def precondition(self, residual):
+        out = residual / self.diagonal
+        out[self.low] = cho_solve(self.block, residual[self.low])
+        return out
+
+    def empty_sky(self):
+        """The share of the sky without weight, seen at the resolution of the fit."""
+        density = self.grid[0] + self.grid[1]
+        area = np.broadcast_to(np.cos(Rings(self.modes.lmax).lat)[:, None], density.shape)
+        # The grid holds integrals over cells, which shrink towards the poles.
+        empty = density < 0.05 * area * (density.sum() / area.sum())
+        return float(area[empty].sum() / area.sum())
+
+
+def _conjugate_gradients(system, rhs, tolerance, max_iterations, words):
+    """Solve system c = rhs; returns c, iterations, relative residual, condition."""
+    x, r = np.zeros_like(rhs), rhs.copy()
+    z = system.precondition(r)
+    p, rz = z.copy(), r @ z
+    start, alphas, betas = rz, [], []
+    bar = tqdm(total=max_iterations, desc=words or None, delay=2, disable=not words, unit=" steps")
+    with bar:
+        for iteration in range(1, max_iterations + 1):
+            if rz <= tolerance**2 * start:
+                return x, iteration - 1, float(np.sqrt(rz / start)) if start else 0.0, _condition(alphas, betas)
+            q = system.apply(p)
+            alpha = rz / (p @ q)
+            x += alpha * p
+            r -= alpha * q
+            z = system.precondition(r)
+            rz, old = r @ z, rz
+            alphas.append(alpha)
+            betas.append(rz / old)
+            p = z + betas[-1] * p
+            bar.update()
+            bar.set_postfix_str(f"residual {np.sqrt(rz / start):.1e} → {tolerance:.0e}", refresh=False)
+    moving = np.bincount(system.modes.degrees, weights=p**2 * system.diagonal)
+    worst = ", ".join(str(l) for l in sorted(np.argsort(-moving)[:5]))
+    raise ConvergenceError(
+        f"no convergence to {tolerance:.0e} in {max_iterations} iterations (residual {np.sqrt(rz / start):.1e}, condition "
+        f"at least {_condition(alphas, betas):.1e}). Undetermined are combinations of degrees {worst}, among others; "
+        f"{100 * system.empty_sky():.0f} % of the sky is empty at this resolution. Give a prior_power, lower lmax "
+        f"from {system.modes.lmax}, or allow more iterations"
+    )
+
+
+def _condition(alphas, betas):
+    """From the coefficients of the iteration, by the Lanczos matrix they make up."""
+    if not alphas:
+        return 1.0
+    alphas, betas = np.array(alphas), np.array(betas)
+    diagonal = 1 / alphas
+    diagonal[1:] += betas[:-1] / alphas[:-1]
+    values = eigvalsh_tridiagonal(diagonal, np.sqrt(betas[:-1]) / alphas[:-1])
+    return float(values[-1] / max(values[0], 1e-300))
