@@ -5,9 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.normal import normal_equations
+from fit.reweight import ExtraNoise, Reweighted, extra_noise, permissive, student_t
 from fit.solution import Solution
 from fit.solve import solve
 from vsh.errors import ConvergenceError
+
+__all__ = ["Clipped", "ExtraNoise", "Reweighted", "clip", "extra_noise", "permissive", "student_t"]
 
 
 @dataclass(frozen=True, eq=False)

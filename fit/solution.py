@@ -115,6 +115,8 @@ class Solution:
     def residuals(self, field):
         """The field less the fit: a Field, whose `chi2` is that of each source.
 
+        `.normalised` of it are the residuals decorrelated and in units of their errors.
+
         Raises
         ------
         FrameError
@@ -122,7 +124,14 @@ class Solution:
         """
         if field.frame != self.frame:
             raise FrameError(f'the fit is in {self.frame}, the field in {field.frame}: use .to_frame("{self.frame}")')
-        return field.minus(self.coefficients.at(field.lon, field.lat))
+        return field.minus(self._model(field))
+
+    def _model(self, field):
+        if len(field) < 10_000:
+            return self.coefficients.at(field.lon, field.lat)
+        from vsh.transform import synthesis  # ducc0, for many sources only
+
+        return synthesis(self.coefficients, field.lon, field.lat)
 
     def _vector(self, kind):
         # The rows of FIRST_DEGREE are orthogonal, but not of one length: the inverse, then.

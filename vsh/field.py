@@ -162,6 +162,13 @@ class Field:
         """What is left when a model's motions, (2, n) [µas/yr], are taken away."""
         return self._with(motion=self.motion - model)
 
+    def with_errors(self, sigma, rho=None):
+        """The same motions with other standard errors, (2, n) [µas/yr], and perhaps correlations, (n,)."""
+        rho = self.rho if rho is None else np.asarray(rho, float)
+        check_shapes({"sigma": np.asarray(sigma), "rho": rho}, {"sigma": (2, len(self)), "rho": (len(self),)}.get)
+        refuse(faults(self.lon, self.lat, self.motion, sigma, rho), len(self))
+        return self._with(sigma=np.asarray(sigma, float), rho=rho)
+
     def add_note(self, note):
         """The same field with one more thing its reader should know."""
         return self._with(notes=(*self.notes, note))
@@ -172,6 +179,12 @@ class Field:
         a, b = 1 / self.sigma**2
         c = -self.rho / (self.sigma[0] * self.sigma[1])
         return np.stack([a, b, c]) / (1 - self.rho**2)
+
+    @property
+    def normalised(self):
+        """The motions decorrelated and in units of their errors, L⁻¹ µ with L Lᵀ = C, (2, n)."""
+        (s1, s2), rho, (east, north) = self.sigma, self.rho, self.motion
+        return np.stack([east / s1, (north / s2 - rho * east / s1) / np.sqrt(1 - rho**2)])
 
     @property
     def chi2(self):

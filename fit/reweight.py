@@ -1,0 +1,259 @@
+"""Fits whose likelihood expects that some errors are wrong.
+
+Each is the chain, called again and again on a field whose errors grow where the last fit
+left large residuals, X² = Δᵀ C⁻¹ Δ of both components together.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize, minimize_scalar
+from scipy.special import gamma, gammainc, gammaln
+
+from fit.normal import normal_equations
+from fit.solution import Solution
+from fit.solve import solve
+from vsh.errors import ConvergenceError
+
+
+@dataclass(frozen=True, eq=False)
+class Reweighted:
+    """A fit that trusts each source as far as the source deserves.
+
+    Attributes
+    ----------
+    solution : Solution
+        Its covariance holds for the scatter that was found, not for the catalogue's errors.
+    weights : (n,) array
+        By how much each source's inverse covariance was multiplied, up to a common factor.
+    rounds : int
+        How many fits it took.
+    inflation : float
+        Standard errors over those of plain least squares with the catalogue's errors.
+    dof : float or None
+        Of the Student-t distribution.
+    """
+
+    solution: Solution
+    weights: np.ndarray
+    rounds: int
+    inflation: float
+    dof: float = None
+
+    @property
+    def effective(self):
+        """The number of equally weighted sources with the same weight, (Σu)²/Σu²."""
+        return float(self.weights.sum() ** 2 / (self.weights**2).sum())
+
+    def most_downweighted(self, count=10):
+        """Indices of the sources with the least weight, least first."""
+        return np.argsort(self.weights, kind="stable")[:count]
+
+
+def student_t(field, modes, dof=None, **options):
+    """Fit with a bivariate Student-t likelihood of each source's residual.
+
+    Parameters
+    ----------
+    field : Field
+    modes : Modes
+    dof : float, optional
+        Degrees of freedom of the distribution; estimated by maximum likelihood, between
+        0.5 and 200, unless given.
+
+    Returns
+    -------
+    Reweighted
+
+    Raises
+    ------
+    ConvergenceError
+        If the weights have not settled.
+
+    Notes
+    -----
+    Weights u = (ν + 2)/(ν + X²): Lange, Little & Taylor (1989, JASA 84, 881).
+    """
+    if dof is not None and not dof > 0:
+        raise ValueError(f"dof must be positive, not {dof}")
+    state = {"dof": dof or 4.0}
+
+    def weight(x2):
+        if dof is None:
+            state["dof"] = _likeliest_dof(x2)
+        nu = state["dof"]
+        u = (nu + 2) / (nu + x2)
+        return u, -u / (nu + x2)
+
+    found = _reweighted(field, modes, weight, "Student-t", **options)
+    return replace(found, dof=float(state["dof"]))
+
+
+def permissive(field, modes, **options):
+    """Fit taking every error for a lower bound, after Sivia.
+
+    The true errors are s ≥ 1 times the stated ones, with probability density 1/s². For two
+    components with a common s the likelihood is ∫₀¹ t² exp(−X² t²/2) dt.
+
+    Returns
+    -------
+    Reweighted
+
+    Notes
+    -----
+    Sivia & Skilling (2006, Data Analysis, sect. 8.3.1), there for one component.
+    """
+
+    def weight(x2):
+        q = np.maximum(x2 / 2, 1e-8)
+        i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (1.5, 2.5, 3.5))
+        return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
+
+    return _reweighted(field, modes, weight, "Sivia's permissive likelihood", **options)
+
+
+def _reweighted(field, modes, weight, name, tolerance=1e-4, max_rounds=200):
+    """Iterate the weighted fit until no coefficient moves by `tolerance` of its error."""
+    plain = solve(normal_equations(field, modes))
+    solution, values = plain, plain.coefficients.values
+    for rounds in range(1, max_rounds + 1):
+        u, slope = weight(solution.residuals(field).chi2)
+        solution = solve(normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes))
+        moved = np.max(np.abs(solution.coefficients.values - values) / plain.sigma)
+        values = solution.coefficients.values
+        if moved < tolerance:
+            break
+    else:
+        raise ConvergenceError(
+            f"the weights have not settled after {max_rounds} rounds: coefficients move by {moved:.1e} σ"
+        )
+    x2 = solution.residuals(field).chi2
+    u, slope = weight(x2)
+    # Huber's sandwich, for residuals whose distribution does not depend on the place in the sky: the
+    # score has the variance mean(u² X²)/2 and the slope mean(u + u' X²), in units of the plain N.
+    inflation = float(np.sqrt(np.mean(u * u * x2) / 2) / np.mean(u + slope * x2))
+    covariance = plain.covariance * inflation**2
+    least = np.argsort(u, kind="stable")[:5]
+    label = field.name if field.name is not None else np.arange(len(field))
+    effective = u.sum() ** 2 / (u * u).sum()
+    said = (
+        f"{name}: {rounds} rounds, weight of {effective:.1f} equal sources of {len(field)}; errors are {inflation:.2f} times "
+        f"those of the catalogue; most downweighted: {', '.join(f'{label[i]} ({u[i] / u.max():.2g})' for i in least)}"
+    )
+    solution = replace(solution, covariance=covariance, chi2=float(x2.sum()), notes=(*plain.notes, said))
+    return Reweighted(solution, u, rounds, inflation)
+
+
+def _likeliest_dof(x2):
+    """ν of the bivariate t distribution, p(X²) ∝ (1 + X²/ν)^{−(ν+2)/2}, that makes the X² likeliest."""
+
+    def loss(log_nu):
+        nu = np.exp(log_nu)
+        constant = gammaln((nu + 2) / 2) - gammaln(nu / 2) - np.log(nu)
+        return -(constant - (nu + 2) / 2 * np.mean(np.log1p(x2 / nu)))
+
+    return float(np.exp(minimize_scalar(loss, bounds=np.log([0.5, 200]), method="bounded").x))
+
+
+@dataclass(frozen=True, eq=False)
+class ExtraNoise:
+    """A fit with a variance added to every source.
+
+    Attributes
+    ----------
+    solution : Solution
+        Its covariance holds the enlarged errors.
+    extra, extra_error : float
+        Standard deviation added in quadrature to both components, and its error. [µas/yr]
+    scale, scale_error : float
+        Factor on the catalogue's errors; 1 and 0 unless it was asked for.
+    rounds : int
+    """
+
+    solution: Solution
+    extra: float
+    extra_error: float
+    scale: float
+    scale_error: float
+    rounds: int
+
+
+def extra_noise(field, modes, scale=False, tolerance=1e-4, max_rounds=100):
+    """Fit with C + s² I for every source's covariance, s by maximum likelihood.
+
+    Parameters
+    ----------
+    field : Field
+    modes : Modes
+    scale : bool
+        Estimate a factor f on the catalogue's errors as well: f² C + s² I.
+
+    Returns
+    -------
+    ExtraNoise
+
+    Raises
+    ------
+    ConvergenceError
+        If s and the coefficients have not settled together.
+    """
+    (s1, s2), rho = field.sigma, field.rho
+    c = rho * s1 * s2
+    unit = float(np.sqrt(np.median(field.sigma**2)))
+    residual = field
+
+    def loss(parameters):
+        """−ln L a source, of s² (in units of the median variance) and f²."""
+        extra, factor = parameters[0] * unit**2, parameters[1] if scale else 1.0
+        v1, v2, v12 = factor * s1**2 + extra, factor * s2**2 + extra, factor * c
+        det = v1 * v2 - v12**2
+        e, n = residual.motion
+        return float(np.mean(np.log(det) + (v2 * e * e + v1 * n * n - 2 * v12 * e * n) / det) / 2)
+
+    def enlarged(parameters):
+        extra, factor = parameters[0] * unit**2, parameters[1] if scale else 1.0
+        sigma = np.sqrt(factor * field.sigma**2 + extra)
+        return field.with_errors(sigma, factor * c / (sigma[0] * sigma[1]))
+
+    parameters = np.array([0.0, 1.0] if scale else [0.0])
+    bounds = [(0.0, None), (1e-6, None)][: len(parameters)]
+    solution = solve(normal_equations(field, modes))
+    for rounds in range(1, max_rounds + 1):
+        residual = solution.residuals(field)
+        start = np.maximum(parameters, [1e-3, 1e-3][: len(parameters)])
+        found = minimize(loss, start, bounds=bounds, method="L-BFGS-B", options={"ftol": 1e-14, "gtol": 1e-9}).x
+        if loss(found) > loss(np.r_[0.0, found[1:]]):
+            found[0] = 0.0
+        before, parameters = parameters, found
+        enlarged_field = enlarged(parameters)
+        old, solution = solution, solve(normal_equations(enlarged_field, modes))
+        moved = np.max(np.abs(solution.coefficients.values - old.coefficients.values) / solution.sigma)
+        if moved < tolerance and np.allclose(parameters, before, rtol=1e-4, atol=1e-7):
+            break
+    else:
+        raise ConvergenceError(f"extra noise and coefficients have not settled after {max_rounds} rounds")
+    errors = np.sqrt(np.diag(np.linalg.pinv(_curvature(loss, parameters) * len(field))))
+    extra = unit * np.sqrt(parameters[0])
+    # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
+    extra_error = unit**2 * errors[0] / (2 * extra) if extra > 0 else unit * np.sqrt(errors[0])
+    factor = float(np.sqrt(parameters[1])) if scale else 1.0
+    factor_error = float(errors[1] / (2 * factor)) if scale else 0.0
+    said = f"extra noise: {extra:.4g} ± {extra_error:.2g} µas/yr added in quadrature to every component"
+    if scale:
+        said += f", after scaling the errors by {factor:.3f} ± {factor_error:.3f}"
+    solution = replace(solution, notes=(*solution.notes, said))
+    return ExtraNoise(solution, float(extra), float(extra_error), factor, factor_error, rounds)
+
+
+def _curvature(function, x, step=1e-3):
+    """Second derivatives by central differences; one-sided from a boundary at zero."""
+    x = np.maximum(x, step)
+    n = len(x)
+    h = step * np.maximum(x, 0.1) if n else x
+    out = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            e, f = np.eye(n)[i] * h[i], np.eye(n)[j] * h[j]
+            values = function(x + e + f) - function(x + e - f) - function(x - e + f) + function(x - e - f)
+            out[i, j] = values / (4 * h[i] * h[j])
+    return out

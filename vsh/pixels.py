@@ -1,0 +1,59 @@
+"""HEALPix: which part of the sky a source is in (the only healpy)."""
+
+import healpy
+import numpy as np
+
+from vsh.errors import FieldError
+
+
+def pixels_of(lon, lat, nside):
+    """The HEALPix pixel (ring order) of each position, (n,).
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays — positions [rad]
+    nside : int — a power of two
+
+    Raises
+    ------
+    FieldError
+        If nside is no power of two, or a position is not on the sky.
+    """
+    check_nside(nside)
+    lon, lat = np.asarray(lon, float), np.asarray(lat, float)
+    if not (np.isfinite(lon).all() and (np.abs(lat) <= np.pi / 2 * (1 + 1e-14)).all()):
+        raise FieldError("positions are not finite, or beyond a pole")
+    return healpy.ang2pix(nside, np.clip(np.pi / 2 - lat, 0, np.pi), lon)
+
+
+def check_nside(nside):
+    """Return nside; raise FieldError unless it is a power of two from 1 to 8192."""
+    if not (isinstance(nside, (int, np.integer)) and 1 <= nside <= 8192 and nside & (nside - 1) == 0):
+        raise FieldError(f"nside must be a power of two from 1 to 8192, not {nside!r}")
+    return nside
+
+
+def centres(nside):
+    """Longitude and latitude of every pixel's centre, two (12 nside²,) arrays. [rad]"""
+    theta, phi = healpy.pix2ang(check_nside(nside), np.arange(12 * nside**2))
+    return phi, np.pi / 2 - theta
+
+
+def mean_map(lon, lat, values, nside):
+    """The mean of the sources' values in each pixel, nan in empty ones.
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays — positions [rad]
+    values : (n,) or (k, n) array
+
+    Returns
+    -------
+    (12 nside²,) or (k, 12 nside²) array
+    """
+    pixel = pixels_of(lon, lat, nside)
+    count = np.bincount(pixel, minlength=12 * nside**2)
+    values = np.asarray(values, float)
+    sums = [np.bincount(pixel, weights=row, minlength=12 * nside**2) for row in np.atleast_2d(values)]
+    with np.errstate(invalid="ignore"):
+        return (np.array(sums) / np.where(count, count, np.nan)).reshape(*values.shape[:-1], -1)

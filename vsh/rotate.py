@@ -1,0 +1,95 @@
+"""Coefficients, with their covariance, into another frame.
+
+T and S rotate apart, each like scalar harmonics. The rotation about n by φ acts on degree l
+as exp(iφ n·J), with J the matrices of angular momentum; the exponential is taken by the
+eigenvectors of n·J, so no Euler angles and no recurrence come in.
+"""
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.spatial.transform import Rotation
+
+from vsh.coefficients import Coefficients
+from vsh.errors import FrameError
+from vsh.frames import rotation_matrix
+
+
+def rotate(coefficients, to, covariance=None, frame="icrs"):
+    """The same field along the axes of another frame.
+
+    Parameters
+    ----------
+    coefficients : Coefficients
+    to : str or (3, 3) array
+        "icrs", "galactic", "ecliptic", or the matrix A of r' = A r.
+    covariance : (p, p) array, optional
+        Of the coefficients.
+    frame : str
+        Where they stand now; not used with a matrix.
+
+    Returns
+    -------
+    Coefficients, or (Coefficients, (p, p) array) where a covariance was given
+
+    Raises
+    ------
+    FrameError
+        If a frame is unknown or the matrix is no rotation.
+
+    Examples
+    --------
+    >>> acceleration = rotate(Coefficients.from_vectors(glide=(4.3, 0, 0)), "icrs", frame="galactic")
+    >>> acceleration.glide.round(3)
+    array([-0.236, -3.756, -2.08 ])
+    """
+    matrix = rotation_matrix(frame, to) if isinstance(to, str) else _checked(to)
+    vector = Rotation.from_matrix(matrix).as_rotvec()
+    modes = coefficients.modes
+    values = coefficients.values.copy()
+    turned = None if covariance is None else np.array(covariance, float)
+    if turned is not None and turned.shape != (len(modes), len(modes)):
+        raise ValueError(f"the covariance has shape {turned.shape}, expected {(len(modes), len(modes))}")
+    for l in range(1, modes.lmax + 1):
+        block = degree_matrix(l, vector)
+        for kind in "TS":
+            degree = modes.degree(kind, l)
+            values[degree] = block @ values[degree]
+            if turned is not None:
+                turned[degree] = block @ turned[degree]
+                turned[:, degree] = turned[:, degree] @ block.T
+    rotated = Coefficients(modes, values)
+    return rotated if turned is None else (rotated, turned)
+
+
+def degree_matrix(l, vector):
+    """How one degree's real coefficients (c_0, c_1^R, c_1^I, …) turn, (2l + 1, 2l + 1).
+
+    Parameters
+    ----------
+    vector : (3,) array — axis times angle of the rotation r' = A r [rad]
+    """
+    m = np.arange(-l, l + 1)
+    raising = np.diag(np.sqrt(l * (l + 1) - m[:-1] * (m[:-1] + 1)), -1)  # J₊ |m⟩ = √… |m + 1⟩
+    x, y, z = vector
+    generator = (x * (raising + raising.T) - 1j * y * (raising - raising.T)) / 2 + np.diag(z * m)
+    angles, vectors = eigh(generator)
+    complex_matrix = (vectors * np.exp(-1j * angles)) @ vectors.conj().T
+    # Real coefficients from those of m = −l … l, where c_{−m} = (−1)^m c_m*.
+    to_complex = np.zeros((2 * l + 1, 2 * l + 1), complex)
+    to_complex[l, 0] = 1
+    for order in range(1, l + 1):
+        sign = (-1) ** order
+        to_complex[l + order, 2 * order - 1 : 2 * order + 1] = 1, 1j
+        to_complex[l - order, 2 * order - 1 : 2 * order + 1] = sign, -1j * sign
+    mixed = complex_matrix @ to_complex
+    out = np.empty((2 * l + 1, 2 * l + 1))
+    out[0] = mixed[l].real
+    out[1::2], out[2::2] = mixed[l + 1 :].real, mixed[l + 1 :].imag
+    return out
+
+
+def _checked(matrix):
+    matrix = np.asarray(matrix, float)
+    if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-10) or np.linalg.det(matrix) < 0:
+        raise FrameError("to is neither the name of a frame nor a 3 × 3 rotation matrix")
+    return matrix
