@@ -24,7 +24,8 @@ style: $(VENV)/installed-test  ## put the code in its form
 	$(BIN)/ruff format
 
 bench: $(VENV)/installed-test  ## time this project beside others
-	$(BIN)/python benchmarks/low_degrees.py
+	$(BIN)/python benchmarks/fits.py
+	$(BIN)/python benchmarks/scaling.py
 
 clean:  ## take away what was made here
 	rm -rf $(VENV) demo build *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -42,12 +42,7 @@ def _run(options):
 
     table = tables.read(path)
     field = catalogue.read_field(table, options.columns, options.units, options.on_bad).to_frame(options.frame)
-    modes = vsh.Modes(options.lmax)
-    if options.clip is None:
-        solution, kept = fit.fit_field(field, options.lmax), field
-    else:
-        clipped = fit.robust.clip(field, modes, options.clip)
-        solution, kept = clipped.solution, field[clipped.kept]
+    solution, kept = _fit(field, vsh.Modes(options.lmax), options)
     name = "the simulated catalogue of the demo" if options.demo else str(path)
     text = fit.report(solution, fit.cross_check(kept), catalogue.truth_of(table), name)
     print(text)
@@ -63,6 +58,27 @@ def _run(options):
         matplotlib.use("agg")  # files, no windows
         fit.export.write_figures(solution, kept, folder)
         print(f"written to {folder}: {', '.join(sorted(x.name for x in folder.iterdir() if x.is_file()))}")
+
+
+def _fit(field, modes, options):
+    """The solution that was asked for, and the sources that went into it."""
+    solution = None
+    if options.clip is not None or options.threshold is not None:
+        clipped = fit.robust.clip(field, modes, options.clip, options.threshold)
+        solution, field = clipped.solution, field[clipped.kept].add_note(clipped.solution.notes[-1])
+    if options.extra_noise:
+        solution = fit.robust.extra_noise(field, modes, scale=options.extra_noise == "scale").solution
+    elif options.robust:
+        solution = {"student": fit.robust.student_t, "permissive": fit.robust.permissive}[options.robust](
+            field, modes
+        ).solution
+    elif options.bootstrap:
+        solution = fit.resample.bootstrap(field, modes, options.bootstrap, options.seed).resampled_solution
+    elif options.jackknife:
+        solution = fit.resample.jackknife(field, modes, options.jackknife).resampled_solution
+    elif solution is None:
+        solution = fit.fit_field(field, modes.lmax)
+    return solution, field
 
 
 def _provenance(path, options, rows, used):
@@ -97,9 +113,25 @@ def _parser():
     parser.add_argument("catalogue", nargs="?", help="FITS, VOTable, ECSV, CSV or Parquet file")
     parser.add_argument("--demo", action="store_true", help="run on a simulated catalogue that comes with the package")
     parser.add_argument("--lmax", type=_degree, default=3, help="highest degree (default: 3)")
-    parser.add_argument(
+    clips = parser.add_mutually_exclusive_group()
+    clips.add_argument(
         "--clip", type=_positive, metavar="KAPPA", help="leave out sources farther from the fit than KAPPA medians"
     )
+    clips.add_argument("--threshold", type=_positive, metavar="X", help="leave out sources farther than X, in errors")
+    errors = parser.add_mutually_exclusive_group()
+    errors.add_argument(
+        "--robust", choices=["student", "permissive"], help="a likelihood that expects some errors to be wrong"
+    )
+    errors.add_argument(
+        "--extra-noise",
+        nargs="?",
+        const="add",
+        choices=["add", "scale"],
+        help="add a variance to every source, by maximum likelihood; with 'scale', a factor on its errors too",
+    )
+    errors.add_argument("--bootstrap", type=_number, metavar="N", help="errors from N draws of the sources")
+    errors.add_argument("--jackknife", type=_nside, metavar="NSIDE", help="errors from leaving out HEALPix blocks")
+    parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
     parser.add_argument("--frame", choices=list(FRAMES), default="icrs", help="axes of the result (default: icrs)")
     parser.add_argument(
         "--columns", type=_pairs, metavar="ROLE=NAME,…", help="where the table keeps what: pmra=mu_ra,pmdec=mu_dec"
@@ -118,6 +150,18 @@ def _degree(text):
         return vsh.Modes(int(text)).lmax
     except ValueError:
         raise argparse.ArgumentTypeError(f"a whole number of at least 1 is wanted, not {text!r}") from None
+
+
+def _number(text):
+    if not text.isdecimal() or int(text) < 2:
+        raise argparse.ArgumentTypeError(f"a whole number of at least 2 is wanted, not {text!r}")
+    return int(text)
+
+
+def _nside(text):
+    if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
+        raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is wanted, not {text!r}")
+    return int(text)
 
 
 def _positive(text):

@@ -32,7 +32,8 @@ def write_solution(solution, path, meta=None):
         "chi2": float(solution.chi2),
         "n_data": int(solution.n_data),
         "dof": int(solution.dof),
-        "notes": list(solution.notes),
+        "notes": [str(note) for note in solution.notes],
+        "errors_from": solution.errors_from,
     }
     tables.write(path, columns, own | (meta or {}), dict.fromkeys(("value", "sigma"), "uas / yr"))
 
@@ -45,10 +46,10 @@ def write_correlation(solution, path, meta=None):
 
 
 def write_figures(solution, field, folder):
-    """Draw the sky, the spectrum and the correlations as PNG; returns their paths."""
+    """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths."""
     import matplotlib.pyplot as plt
 
-    from fit.plot import plot_correlation, plot_spectrum
+    from fit.plot import plot_correlation, plot_residuals, plot_spectrum
     from vsh.plot import plot_field
 
     folder = Path(folder)
@@ -56,6 +57,7 @@ def write_figures(solution, field, folder):
         "sky.png": plot_field(field, solution.coefficients),
         "spectrum.png": plot_spectrum(solution),
         "correlation.png": plot_correlation(solution),
+        "residuals.png": plot_residuals(solution, field),
     }
     for name, figure in figures.items():
         figure.savefig(folder / name, dpi=150)

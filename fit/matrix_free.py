@@ -16,6 +16,7 @@ from fit.compress import Rings, fourier_sums
 from fit.solution import Solution
 from vsh import Coefficients, Field, Modes
 from vsh.errors import ConvergenceError, CovarianceError, FieldError
+from vsh.gate import merge_notes, sum_refusals
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.
 LOW = 12
@@ -133,16 +134,16 @@ class _System:
         self.modes, self.threads = modes, threads
         self.prior = prior_precision(modes, prior_power)
         weights, motions, self.chi2_zero, self.n_data = 0, 0, 0.0, 0
-        notes, frames = {}, {}
+        notes, frames = (), {}
         for each in [fields] if isinstance(fields, Field) else fields:
             w, z, chi2 = fourier_sums(each, modes.lmax, threads)
             weights, motions, self.chi2_zero = weights + w, motions + z, self.chi2_zero + chi2
             self.n_data += 2 * len(each)
-            notes |= dict.fromkeys(each.notes)
+            notes = merge_notes(notes, each.notes)
             frames[each.frame] = True
         if len(frames) != 1:
             raise FieldError(f"fields of one frame are needed, not of {', '.join(frames) or 'none'}")
-        self.notes, (self.frame,) = tuple(notes), frames
+        self.notes, (self.frame,) = sum_refusals(notes), frames
         rings = Rings(modes.lmax)
         self.rhs = rings.rhs(motions)
         self.grid = rings.on_grid(weights)

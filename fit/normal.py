@@ -9,6 +9,7 @@ from fit.dipole import dipole_sums
 from fit.direct import direct_sums
 from vsh import Field, Modes
 from vsh.errors import FieldError, FrameError, ModesError
+from vsh.gate import merge_notes
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class NormalEquations:
             self.chi2_zero + sign * other.chi2_zero,
             self.n_data + sign * other.n_data,
             self.frame or other.frame,
-            tuple(dict.fromkeys(self.notes + other.notes)),
+            merge_notes(self.notes, other.notes),
         )
 
 

@@ -4,6 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fit.spectrum import spectrum
+from vsh.pixels import mean_map
+from vsh.plot import draw_map, sky_axes
 
 _COLOURS = {"T": "#c55a11", "S": "#0b5394"}
 _NAMES = {"T": "toroidal", "S": "spheroidal"}
@@ -62,3 +64,31 @@ def plot_correlation(solution):
     axes.axvline(half, color="0.4", linewidth=0.8)
     axes.set_title(f"{_NAMES['T']} first, then {_NAMES['S']}; {solution.frame}", fontsize=12)
     return figure
+
+
+def plot_residuals(solution, field, nside=None):
+    """Mean normalised residual χ²/2 in each HEALPix pixel: 1 where the errors are right.
+
+    Parameters
+    ----------
+    solution : Solution
+    field : Field — in the solution's frame
+    nside : int, optional — of the pixels; at least ten sources in each on average unless given
+
+    Returns
+    -------
+    matplotlib figure
+    """
+    nside = nside or 2 ** int(np.clip(np.log2(max(1, len(field) / 120)) / 2, 0, 6))
+    residual = solution.residuals(field)
+    ratio = mean_map(field.lon, field.lat, residual.chi2 / 2, nside)
+    with np.errstate(divide="ignore"):
+        decades = np.log10(ratio)
+    reach = max(0.3, float(np.nanpercentile(np.abs(decades[np.isfinite(decades)]), 98)))
+    axes = sky_axes(field.frame)
+    axes.set_facecolor("0.8")  # no sources is no value
+    image = draw_map(axes, decades, cmap="RdBu_r", vmin=-reach, vmax=reach)
+    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
+    bar.set_label("log₁₀ of the mean χ²/2 of a source (0: errors are right)", fontsize=12)
+    axes.set_title(f"residuals of {len(field)} sources, pixels of {58.6 / nside:.1f}°", pad=16)
+    return axes.figure

@@ -41,9 +41,12 @@ def _heading(solution, source):
         f"degree         1 to {modes.lmax}: {len(modes)} coefficients",
         f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}",
     ]
-    if solution.reduced_chi2 > 1.5:
+    if solution.errors_from != "the catalogue":
+        lines.append(f"errors from    {solution.errors_from}")
+    elif solution.reduced_chi2 > 1.5:
+        factor = np.sqrt(solution.reduced_chi2)
         lines.append(
-            f"               errors below are the catalogue's; its residuals ask for {np.sqrt(solution.reduced_chi2):.2f} times as much"
+            f"               errors below are the catalogue's; its residuals ask for {factor:.2f} times as much"
         )
     return "\n".join(lines)
 

@@ -53,8 +53,8 @@ class Resampled:
     @property
     def resampled_solution(self):
         """The solution with this covariance in place of N⁻¹: its `spin` and `acceleration` carry these errors."""
-        said = f"{self.method}: errors from {len(self.replicates)} replicates, not from the catalogue"
-        return replace(self.solution, covariance=self.covariance, notes=(*self.solution.notes, said))
+        source = f"the {self.method}, {len(self.replicates)} replicates"
+        return replace(self.solution, covariance=self.covariance, errors_from=source)
 
     @property
     def spin(self):

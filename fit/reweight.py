@@ -140,7 +140,13 @@ def _reweighted(field, modes, weight, name, tolerance=1e-4, max_rounds=200):
         f"{name}: {rounds} rounds, weight of {effective:.1f} equal sources of {len(field)}; errors are {inflation:.2f} times "
         f"those of the catalogue; most downweighted: {', '.join(f'{label[i]} ({u[i] / u.max():.2g})' for i in least)}"
     )
-    solution = replace(solution, covariance=covariance, chi2=float(x2.sum()), notes=(*plain.notes, said))
+    solution = replace(
+        solution,
+        covariance=covariance,
+        chi2=float(x2.sum()),
+        notes=(*plain.notes, said),
+        errors_from="the scatter that the robust fit found",
+    )
     return Reweighted(solution, u, rounds, inflation)
 
 
@@ -241,7 +247,7 @@ def extra_noise(field, modes, scale=False, tolerance=1e-4, max_rounds=100):
     said = f"extra noise: {extra:.4g} ± {extra_error:.2g} µas/yr added in quadrature to every component"
     if scale:
         said += f", after scaling the errors by {factor:.3f} ± {factor_error:.3f}"
-    solution = replace(solution, notes=(*solution.notes, said))
+    solution = replace(solution, notes=(*solution.notes, said), errors_from="the catalogue, with extra noise")
     return ExtraNoise(solution, float(extra), float(extra_error), factor, factor_error, rounds)
 
 

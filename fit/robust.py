@@ -83,7 +83,7 @@ def clip(field, modes, kappa=3.0, threshold=None, max_rounds=100):
         if (key := kept.tobytes()) in seen:
             raise ConvergenceError(
                 f"the clip goes round in circles after {rounds} rounds: {swing} sources come and go at "
-                f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g}"
+                f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g} (--threshold)"
             )
         seen[key] = rounds
     raise ConvergenceError(f"the clip has not settled after {max_rounds} rounds: {swing} sources still change")

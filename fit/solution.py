@@ -20,7 +20,7 @@ class Solution:
     coefficients : Coefficients
         The best fit. [µas/yr]
     covariance : (p, p) array
-        N⁻¹, from the catalogue's errors alone; no χ² has been folded in. [(µas/yr)²]
+        N⁻¹, from the catalogue's errors alone, unless `errors_from` says otherwise. [(µas/yr)²]
     chi2 : float
         Of the residuals.
     n_data : int
@@ -29,6 +29,8 @@ class Solution:
         Of the axes.
     notes : tuple of str
         What the reader should know of the data.
+    errors_from : str
+        Where the covariance comes from, where not from the catalogue's errors alone.
     """
 
     coefficients: Coefficients
@@ -37,6 +39,7 @@ class Solution:
     n_data: int
     frame: str = "icrs"
     notes: tuple = ()
+    errors_from: str = "the catalogue"
 
     @property
     def modes(self):

@@ -8,6 +8,7 @@ from fit.normal import normal_equations
 from fit.solution import Solution
 from vsh import Coefficients, Modes
 from vsh.errors import DegeneracyError
+from vsh.gate import sum_refusals
 
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
 MAX_CONDITION = 1e10
@@ -53,7 +54,7 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
         chi2=float(normal.chi2_zero - values @ normal.rhs),
         n_data=normal.n_data,
         frame=normal.frame or "icrs",
-        notes=normal.notes,
+        notes=sum_refusals(normal.notes),
     )
 
 

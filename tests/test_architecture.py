@@ -16,8 +16,9 @@ HEAVY = {
     "ducc0": {"vsh/transform.py"},
     "emcee": {"fit/posterior.py"},
     "matplotlib": {"vsh/plot.py", "fit/plot.py", "fit/export.py", "fit/cli.py"},
-    "astropy.table": {"vsh/tables.py"},
-    "astropy": {"vsh/tables.py", "vsh/catalogue.py", "vsh/frames.py", "fit/cli.py"},
+    "astropy.table": {"vsh/tables.py", "vsh/streams.py"},
+    "pyarrow": {"vsh/streams.py"},
+    "astropy": {"vsh/tables.py", "vsh/streams.py", "vsh/catalogue.py", "vsh/frames.py", "fit/cli.py"},
 }
 
 

@@ -102,6 +102,32 @@ def read_field(source, columns=None, units=None, on_bad="raise", frame="icrs"):
     return field
 
 
+def iter_fields(path, rows=1_000_000, columns=None, units=None, on_bad="raise", frame="icrs"):
+    """Read a catalogue larger than memory, a field of at most `rows` sources at a time.
+
+    Parameters
+    ----------
+    path : str or Path — a FITS file, a Parquet file, or a folder of Parquet files
+    rows : int
+    columns, units, on_bad, frame
+        As for `read_field`.
+
+    Yields
+    ------
+    Field
+        ``fit.normal_equations(iter_fields(path), modes)`` fits them all in one pass.
+
+    Raises
+    ------
+    TableError, FieldError
+        As `read_field` does.
+    """
+    from vsh.streams import iter_tables
+
+    for table in iter_tables(path, rows):
+        yield read_field(table, columns, units, on_bad, frame)
+
+
 def truth_of(source):
     """The spin and acceleration that a simulated table says it was made with, or None.
 

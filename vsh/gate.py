@@ -85,6 +85,39 @@ def faults(lon, lat, motion, sigma, rho, missing=None):
     return found
 
 
+class Refusals(str):
+    """A note that says how many rows were left out and why; those of several tables can be added up."""
+
+    __slots__ = ("counts", "total")
+
+    def __new__(cls, counts, total):
+        reasons = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
+        note = super().__new__(cls, f"left out {sum(counts.values())} of {total} rows: {reasons}")
+        note.counts, note.total = counts, total
+        return note
+
+
+def merge_notes(*groups):
+    """One tuple of notes: repeated words once, the rows left out of different tables apart."""
+    notes = {}
+    for note in (note for group in groups for note in group):
+        notes[id(note) if isinstance(note, Refusals) else note] = note
+    return tuple(notes.values())
+
+
+def sum_refusals(notes):
+    """The notes with all rows that were left out in one line."""
+    refusals = [note for note in notes if isinstance(note, Refusals)]
+    if len(refusals) < 2:
+        return tuple(notes)
+    counts = {}
+    for note in refusals:
+        for reason, count in note.counts.items():
+            counts[reason] = counts.get(reason, 0) + count
+    others = tuple(note for note in notes if not isinstance(note, Refusals))
+    return (*others, Refusals(counts, sum(note.total for note in refusals)))
+
+
 def refuse(found, n, on_bad="raise"):
     """The sources to keep, and a note about the others.
 
@@ -107,8 +140,7 @@ def refuse(found, n, on_bad="raise"):
         raise FieldError(f"{said}. No row is left")
     if on_bad == "raise":
         raise FieldError(f'{said}. Mend them, or leave them out with on_bad="drop" (--on-bad drop)')
-    left_out = "; ".join(f"{reason}: {mask.sum()}" for reason, mask in found.items())
-    return ~bad, (f"left out {count} of {n} rows: {left_out}",)
+    return ~bad, (Refusals({reason: int(mask.sum()) for reason, mask in found.items()}, n),)
 
 
 def _rows(mask, most=5):

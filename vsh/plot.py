@@ -112,6 +112,17 @@ def plot_field(field, coefficients, title=None):
     return axes.figure
 
 
+def draw_map(axes, values, cmap="viridis", **style):
+    """A HEALPix map (ring order) on sky axes; empty pixels (nan) stay blank."""
+    from vsh.pixels import pixels_of  # healpy
+
+    nside = int(np.sqrt(len(values) / 12))
+    x, y = np.linspace(-np.pi, np.pi, 721), np.linspace(-np.pi / 2, np.pi / 2, 361)
+    lon, lat = np.meshgrid(-(x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2)
+    picture = np.asarray(values)[pixels_of(lon.ravel(), lat.ravel(), nside)].reshape(lon.shape)
+    return axes.pcolormesh(x, y, picture, cmap=cmap, rasterized=True, zorder=0.5, **style)
+
+
 def even_grid(step=12.0):
     """Positions about `step` degrees apart all over the sky: lon, lat. [rad]"""
     lon, lat = [], []

@@ -70,6 +70,7 @@ def adjoint(modes, lon, lat, motion, threads=None):
     --------
     A motion northwards at the origin, in the modes of a glide: all of it along z.
 
+    >>> from vsh import Modes
     >>> g = adjoint(Modes(1), [0.0], [0.0], [[0.0], [1.0]])[3:]
     >>> bool(g[0] > 0.3), bool(abs(g[1:]).max() < 1e-12)
     (True, True)

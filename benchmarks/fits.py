@@ -1,0 +1,135 @@
+"""One catalogue through four codes, in one run: times, ratios, peak memory.
+
+    python benchmarks/fits.py [SOURCES]
+
+1.2 million sources with full correlations on 80 % of the sky, through this project,
+vsh-tools 1.0.0 (its chunked method; degree 20 at a fifth of the sources, scaled linearly),
+a plain NumPy design matrix in blocks, and the three raw ducc0 adjoint transforms that the
+weights and the motions would need on the sphere, without anything made of them. Each runs in
+a process of its own, which says its peak memory; the runs alternate, so that a machine
+that changes its pace does so for all.
+"""
+
+import json
+import resource
+import subprocess
+import sys
+import time
+
+import numpy as np
+from catalogue import synthetic
+
+DEGREES = (1, 3, 10, 20, 30)
+
+
+def this_project(field, lmax):
+    """The whole fit: normal equations, solution, covariance and χ²."""
+    import fit
+
+    return fit.fit_field(field, lmax).chi2
+
+
+def vsh_tools_1_0_0(field, lmax):
+    """The same by vsh-tools, in blocks, without keeping residuals."""
+    import vsh_tools
+
+    s1, s2 = field.sigma
+    return vsh_tools.fit_vsh(
+        field.lon, field.lat, *field.motion, lmax, method="chunked", sigma_ra=s1, sigma_dec=s2, rho=field.rho,
+        store_residuals=False,
+    ).chi2  # fmt: skip
+
+
+def plain_numpy(field, lmax, block=10_000):
+    """A whitened design matrix in blocks, and NumPy's solver."""
+    from vsh import Modes
+    from vsh.basis import harmonics
+
+    modes = Modes(lmax)
+    matrix, rhs, chi2 = 0, 0, 0
+    for start in range(0, len(field), block):
+        part = field[start : start + block]
+        design = harmonics(part.lon, part.lat, modes)
+        (s1, s2), root = part.sigma, np.sqrt(1 - part.rho**2)
+        east = design[:, 0] / s1
+        north = (design[:, 1] / s2 - part.rho * east) / root
+        a, y = np.concatenate([east, north], axis=1), part.normalised.ravel()
+        matrix, rhs, chi2 = matrix + a @ a.T, rhs + a @ y, chi2 + y @ y
+    values = np.linalg.solve(matrix, rhs)
+    np.linalg.inv(matrix)
+    return chi2 - values @ rhs
+
+
+def raw_transforms(field, lmax):
+    """Spin 0 and spin 2 adjoints to 2L and a spin 1 adjoint to L, by ducc0."""
+    import ducc0
+
+    from vsh.blocks import cores
+
+    a, b, c = field.weights
+    loc = np.stack([np.pi / 2 - field.lat, field.lon], axis=1)
+    maps = {0: np.array([(a + b) / 2]), 2: np.stack([(b - a) / 2, -c]), 1: np.array(field.motion)}
+    start = time.perf_counter()
+    for spin, values in maps.items():
+        ducc0.sht.adjoint_synthesis_general(
+            map=values, spin=spin, lmax=lmax if spin == 1 else 2 * lmax, loc=loc, epsilon=5e-13, nthreads=cores()
+        )
+    return time.perf_counter() - start
+
+
+CODES = {code.__name__: code for code in (this_project, vsh_tools_1_0_0, plain_numpy, raw_transforms)}
+
+
+def child(code, lmax, sources, runs):
+    """Time one code in this process; the first run is not counted where it is short."""
+    field = synthetic(sources)
+    before = peak()
+    times = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        result = CODES[code](field, lmax)
+        times.append(result if code == "raw_transforms" else time.perf_counter() - start)
+    # The first run of several opens libraries and fills caches.
+    print(json.dumps({"seconds": times[runs > 1 :], "peak": peak(), "before": before, "result": result}))
+
+
+def peak():
+    """Peak memory so far, MiB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def measure(code, lmax, sources, rounds=3):
+    """Median time over processes, scaled to all sources; peak memory beyond the catalogue."""
+    share, runs, rounds = 1, 4, rounds
+    if code in ("vsh_tools_1_0_0", "plain_numpy") and lmax > 3:
+        share, runs, rounds = (1 if lmax <= 10 else 5), 1, 1
+    if code == "vsh_tools_1_0_0" and lmax == 30 or code == "plain_numpy" and lmax == 30:
+        share = 20
+    times, memory = [], 0
+    for _ in range(rounds):
+        arguments = [sys.executable, __file__, code, str(lmax), str(sources // share), str(runs)]
+        said = json.loads(subprocess.run(arguments, capture_output=True, text=True, check=True).stdout)
+        times += said["seconds"]
+        memory = max(memory, said["peak"] - said["before"])
+    return float(np.median(times)) * share, memory, share
+
+
+def main(sources=1_200_000, degrees=DEGREES):
+    print(f"{sources} sources, full correlations, 80 % of the sky; seconds (median), ratio to this project, memory")
+    print(f"{'degree':>6}", *(f"{code:>26}" for code in CODES))
+    for lmax in degrees:
+        cells, own = [], None
+        for code in CODES:
+            seconds, memory, share = measure(code, lmax, sources)
+            own = own or seconds
+            scaled = "*" if share > 1 else " "
+            cells.append(f"{seconds:9.3f}{scaled}{seconds / own:8.2f}{memory:6.0f} M")
+        print(f"{lmax:6d}", *cells, flush=True)
+    print("* at a part of the sources, scaled linearly")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 5:
+        child(sys.argv[1], *map(int, sys.argv[2:]))
+    else:
+        main(*map(int, sys.argv[1:2]))

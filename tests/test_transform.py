@@ -1,0 +1,87 @@
+"""ducc0's transform against the exact basis, and against itself."""
+
+import numpy as np
+import pytest
+from conftest import random_field
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import sim
+from vsh import Coefficients, Modes
+from vsh.basis import harmonics
+from vsh.errors import FieldError
+from vsh.transform import adjoint, adjoint_on_rings, fourier_moments, synthesis, synthesis_on_rings
+
+
+def random_coefficients(lmax, seed):
+    return Coefficients(Modes(lmax), np.random.default_rng(seed).normal(size=len(Modes(lmax))))
+
+
+@pytest.mark.parametrize("lmax", [1, 2, 10, 60])
+def test_synthesis_is_the_exact_sum(lmax):
+    c = random_coefficients(lmax, 1)
+    lon, lat = sim.uniform_sky(500, rng=2)
+    lat[:2] = np.pi / 2, -np.pi / 2
+    lon[2:5] = 0, -1e-18, 2 * np.pi
+    exact = c.at(lon, lat)
+    np.testing.assert_allclose(synthesis(c, lon, lat), exact, atol=1e-12 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("lmax", [1, 10])
+def test_adjoint_is_the_exact_sum(lmax):
+    field = random_field(300, seed=1)
+    exact = np.einsum("pkn,kn->p", harmonics(field.lon, field.lat, Modes(lmax)), field.motion)
+    found = adjoint(Modes(lmax), field.lon, field.lat, field.motion)
+    np.testing.assert_allclose(found, exact, atol=1e-12 * np.abs(field.motion).sum())
+
+
+@given(seed=st.integers(0, 1000), lmax=st.integers(1, 40))
+@settings(max_examples=20)
+def test_adjoint_identity(seed, lmax):
+    """⟨A c, y⟩ = ⟨c, Aᵀ y⟩."""
+    c, field = random_coefficients(lmax, seed), random_field(200, seed)
+    left = np.vdot(synthesis(c, field.lon, field.lat), field.motion)
+    right = c.values @ adjoint(Modes(lmax), field.lon, field.lat, field.motion)
+    scale = np.linalg.norm(synthesis(c, field.lon, field.lat)) * np.linalg.norm(field.motion)
+    assert abs(left - right) < 1e-11 * scale
+
+
+def test_rings_are_synthesis_at_their_points():
+    c, shape = random_coefficients(7, 3), (15, 30)
+    lat = -np.pi / 2 + (np.arange(15) + 0.5) * np.pi / 15
+    lon, lat = np.meshgrid(2 * np.pi * np.arange(30) / 30, lat)
+    expected = c.at(lon.ravel(), lat.ravel()).reshape(2, *shape)
+    np.testing.assert_allclose(synthesis_on_rings(c, shape), expected, atol=1e-12)
+    y = np.random.default_rng(1).normal(size=(2, *shape))
+    expected = adjoint(c.modes, lon.ravel(), lat.ravel(), y.reshape(2, -1))
+    np.testing.assert_allclose(adjoint_on_rings(c.modes, y), expected, atol=1e-10)
+
+
+def test_fourier_moments_are_their_definition():
+    lon, lat = sim.uniform_sky(100, rng=1)
+    values = np.random.default_rng(2).normal(size=(2, 100)) * (1 + 0.5j)
+    found = fourier_moments(lon, lat, values, 3)
+    for m, n in ((0, 0), (3, -2), (-1, 3)):
+        expected = values @ np.exp(-1j * (m * lon + n * lat))
+        np.testing.assert_allclose(found[:, 3 + m, 3 + n], expected, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("lon", "lat", "message"),
+    [
+        ([0.0, np.nan], [0.0, 0.0], "1 positions are not finite"),
+        ([0.0], [1.6], "beyond a pole: are they in radians"),
+        ([0.0, 1.0], [0.0], "one of each for a source"),
+        ([[0.0]], [[0.0]], "one of each for a source"),
+    ],
+)
+def test_ducc_never_sees_bad_positions(lon, lat, message):
+    with pytest.raises(FieldError, match=message):
+        synthesis(random_coefficients(2, 1), lon, lat)
+    with pytest.raises(FieldError, match=message):
+        adjoint(Modes(2), lon, lat, np.zeros((2, 1)))
+
+
+def test_motion_of_the_wrong_shape():
+    with pytest.raises(FieldError, match=r"motion has shape \(2,\), expected \(2, 1\)"):
+        adjoint(Modes(2), [0.0], [0.0], [1.0, 2.0])
