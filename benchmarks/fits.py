@@ -6,8 +6,8 @@
 vsh-tools 1.0.0 (its chunked method; degree 20 at a fifth of the sources, scaled linearly),
 a plain NumPy design matrix in blocks, and the three raw ducc0 adjoint transforms that the
 weights and the motions would need on the sphere, without anything made of them. Each runs in
-a process of its own, which says its peak memory; the runs alternate, so that a machine
-that changes its pace does so for all.
+processes of its own, three where it is short, which say their peak memory beyond making the
+catalogue; the codes of a degree follow one another at once.
 """
 
 import json
@@ -100,11 +100,10 @@ def peak():
 
 def measure(code, lmax, sources, rounds=3):
     """Median time over processes, scaled to all sources; peak memory beyond the catalogue."""
-    share, runs, rounds = 1, 4, rounds
+    share, runs = 1, 4
     if code in ("vsh_tools_1_0_0", "plain_numpy") and lmax > 3:
         share, runs, rounds = (1 if lmax <= 10 else 5), 1, 1
-    if code == "vsh_tools_1_0_0" and lmax == 30 or code == "plain_numpy" and lmax == 30:
-        share = 20
+        share = 20 if lmax > 20 else share
     times, memory = [], 0
     for _ in range(rounds):
         arguments = [sys.executable, __file__, code, str(lmax), str(sources // share), str(runs)]

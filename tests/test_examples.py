@@ -34,3 +34,11 @@ def test_real_catalogue_on_the_demo(tmp_path):
 def test_real_catalogue(tmp_path):
     text = run("real_catalogue.py", real_catalogue("td2017_vlba_proper_motions.ecsv"), folder=tmp_path)
     assert "clipped 68 of 713" in text
+
+
+def test_robust_fits(tmp_path):
+    text = run("robust_fits.py", ROOT / "fit" / "demo.fits", folder=tmp_path)
+    amplitudes = [float(line[22:30]) for line in text.splitlines()[1:]]
+    assert len(amplitudes) == 6
+    assert max(abs(a - 5.05) for a in amplitudes) < 1.5
+    assert (tmp_path / "robust_fits.png").stat().st_size > 10_000
