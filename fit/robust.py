@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fit.noise import ExtraNoise, extra_noise
 from fit.normal import normal_equations
-from fit.reweight import ExtraNoise, Reweighted, extra_noise, permissive, student_t
+from fit.reweight import Reweighted, permissive, student_t
 from fit.solution import Solution
 from fit.solve import solve
 from vsh.errors import ConvergenceError
