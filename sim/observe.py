@@ -2,12 +2,29 @@
 
 import numpy as np
 
+from sim.astrometry import attitude_noise, solve, transit_error, unit_errors
 from sim.noise import gaia_errors
+from sim.scanning import BLOCK
 from sim.signal import as_signal
 from vsh import Field
+from vsh.blocks import map_blocks
 
 
-def observe(population, signal, rng, sigma=None, rho=0.0, release="DR3"):
+def observe(
+    population,
+    signal,
+    rng,
+    sigma=None,
+    rho=0.0,
+    release="DR3",
+    mission=None,
+    variability=None,
+    attitude=10.0,
+    excess=0.0,
+    quote_variability=False,
+    threads=None,
+    progress=True,
+):
     """Draw a field whose expectation is the signal.
 
     Parameters
@@ -17,17 +34,33 @@ def observe(population, signal, rng, sigma=None, rho=0.0, release="DR3"):
     signal : Signal or Coefficients
         The true motions, in the population's frame. [µas/yr]
     rng : Generator or int
-        The source of all randomness; there is no other.
+        The source of all randomness; there is no other. The number of threads changes nothing.
     sigma : float or array that broadcasts to (2, n), optional
-        Standard errors; Gaia's by magnitude unless given. [µas/yr]
+        Standard errors, without a mission; Gaia's by magnitude unless given. [µas/yr]
     rho : float or (n,) array
-        Correlation of the two components.
+        Correlation of the two components, without a mission.
     release : {"DR3", "DR4", "DR5"}
         Whose errors.
+    mission : NominalScanningLaw, optional
+        Simulate every transit of every source over it, and solve for five parameters.
+    variability : Variability, optional
+        Wandering of the photocentres, with a mission.
+    attitude : float
+        Noise of the attitude in 30-second intervals, shared by all sources. [µas]
+    excess : float or (n,) array
+        Along-scan error added to that of a point source in every transit, in quadrature, as
+        of galaxies that are not points. [µas]
+    quote_variability : bool
+        Fold the variability into the errors of the field; the paper does not.
+    threads : int, optional
+    progress : bool
+        Show a bar, after two seconds.
 
     Returns
     -------
     Field
+        With a mission, errors and correlations are those of the five-parameter solutions;
+        sources that cannot be solved are left out and a note counts them.
 
     Examples
     --------
@@ -37,6 +70,24 @@ def observe(population, signal, rng, sigma=None, rho=0.0, release="DR3"):
     """
     rng = np.random.default_rng(rng)
     n = len(population)
+    if mission is not None:
+        errors, covariance, keep, notes = _through_mission(
+            population,
+            rng,
+            release,
+            mission,
+            variability,
+            attitude,
+            excess,
+            quote_variability,
+            threads,
+            progress,
+            (3, 4),
+        )
+        population = population[keep]
+        return _field(population, as_signal(signal), errors, covariance, notes)
+    if variability is not None:
+        raise ValueError("variability needs a mission, at whose transits the photocentre wanders")
     if sigma is None:
         sigma = gaia_errors(population.magnitude, release)
     sigma, rho = np.broadcast_to(sigma, (2, n)), np.broadcast_to(rho, n)
@@ -52,4 +103,86 @@ def observe(population, signal, rng, sigma=None, rho=0.0, release="DR3"):
         redshift=population.redshift,
         magnitude=population.magnitude,
         frame=population.frame,
+    )
+
+
+def observe_offsets(
+    population,
+    signal,
+    rng,
+    mission,
+    radio=100.0,
+    release="DR3",
+    variability=None,
+    attitude=10.0,
+    threads=None,
+    progress=True,
+):
+    """Draw the offsets of optical positions from noisy radio positions.
+
+    Parameters
+    ----------
+    population : Population — `vlbi_quasars(…)`
+    signal : Signal or Coefficients — the true offsets, `spin(ε)` for an orientation [µas]
+    rng : Generator or int
+    mission : NominalScanningLaw
+    radio : float or (n,) array — standard error of a radio position in each component [µas]
+    release, variability, attitude, threads, progress
+        As for `observe`.
+
+    Returns
+    -------
+    Field
+        Of position offsets [µas] at the middle of the mission.
+    """
+    rng = np.random.default_rng(rng)
+    errors, covariance, keep, notes = _through_mission(
+        population, rng, release, mission, variability, attitude, 0.0, False, threads, progress, (0, 1)
+    )
+    radio = np.broadcast_to(radio, len(population))[keep]
+    errors = errors + radio * rng.standard_normal(errors.shape)
+    covariance = covariance + radio[:, None, None] ** 2 * np.eye(2)
+    return _field(population[keep], as_signal(signal), errors, covariance, notes)
+
+
+def _through_mission(
+    population, rng, release, mission, variability, attitude, excess, quote, threads, progress, columns
+):
+    """Errors (2, k) and covariances (k, 2, 2) of two of the five parameters; which sources have them."""
+    if population.frame != mission.frame:
+        raise ValueError(f"positions are in {population.frame}, the mission's in {mission.frame}")
+    columns = list(columns)
+    # A seed of its own for every block: threads may take them in any order.
+    seeds = rng.spawn(-(-len(population) // BLOCK) + 1)
+    shared = attitude_noise(mission, attitude, seeds[-1]) if attitude else None
+    error = np.hypot(transit_error(population.magnitude, mission, release, unit_errors(mission)), excess)
+
+    def block(part):
+        transits = mission.transits_of_block(population.lon[part], population.lat[part])
+        seed = seeds[part.start // BLOCK]
+        found = solve(transits, error[part], seed, mission.years, variability, shared, quote)
+        return found.errors[:, columns].T, found.covariance[:, columns][:, :, columns], found.solved, len(transits)
+
+    words = "transits" if progress else None
+    parts = list(map_blocks(block, len(population), BLOCK, threads, words))
+    errors, covariance, keep, counts = zip(*parts, strict=True)
+    errors, covariance, keep = np.concatenate(errors, axis=1), np.concatenate(covariance), np.concatenate(keep)
+    notes = [f"simulated: {sum(counts)} transits in {mission.years:g} years, errors of {release}"]
+    if not keep.all():
+        notes.append(f"left out {(~keep).sum()} of {len(keep)} sources: too few transits for five parameters")
+    return errors[:, keep], covariance[keep], keep, notes
+
+
+def _field(population, signal, errors, covariance, notes):
+    sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+    return Field(
+        population.lon,
+        population.lat,
+        signal(population.lon, population.lat, population.redshift) + errors,
+        sigma,
+        covariance[:, 0, 1] / (sigma[0] * sigma[1]),
+        redshift=population.redshift,
+        magnitude=population.magnitude,
+        frame=population.frame,
+        notes=notes,
     )

@@ -1,10 +1,10 @@
 """Sources: where they are, how bright, how far."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from vsh.frames import check_frame, rotation_matrix
+from vsh.frames import check_frame
 from vsh.sphere import angles, triad
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
@@ -18,14 +18,14 @@ class Population:
     Attributes
     ----------
     lon, lat : (n,) arrays — positions [rad]
-    magnitude : (n,) array — G
+    magnitude : (n,) array or None — G
     redshift : (n,) array or None
     frame : str — of the positions
     """
 
     lon: np.ndarray
     lat: np.ndarray
-    magnitude: np.ndarray
+    magnitude: np.ndarray = None
     redshift: np.ndarray = None
     frame: str = "icrs"
 
@@ -34,6 +34,11 @@ class Population:
 
     def __len__(self):
         return len(self.lon)
+
+    def __getitem__(self, keep):
+        """The sources picked by a mask, a slice or indices."""
+        columns = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Population(**{k: v[keep] if isinstance(v, np.ndarray) else v for k, v in columns.items()})
 
 
 def uniform_sky(n, rng):
@@ -49,33 +54,85 @@ def uniform_sky(n, rng):
 
 def plane_avoiding_sky(n, rng, latitude=15.0):
     """n positions in ICRS, uniform over the sphere but for the Galactic plane, |b| < `latitude` degrees. [rad]"""
+    from vsh.frames import rotation_matrix
+
     rng = np.random.default_rng(rng)
     l = rng.uniform(0, 2 * np.pi, n)
     b = np.arcsin(rng.uniform(np.sin(np.radians(latitude)), 1, n)) * rng.choice([-1, 1], n)
     return tuple(angles(rotation_matrix("galactic", "icrs") @ triad(l, b)[2]))
 
 
-def quasars(n, rng, sky="uniform", faintest=20.0):
+def quasars(n, rng, sky="uniform", faintest=20.0, map_frame="icrs"):
     """n quasars with Gaia's distribution of magnitudes.
 
     Parameters
     ----------
     n : int
     rng : Generator or int — the source of all randomness
-    sky : {"uniform", "plane-avoiding"}
+    sky : {"uniform", "plane-avoiding", "gums", "igql"} or (12 nside²,) array
+        A name, or a HEALPix map of their density in ring order (a selection function).
     faintest : float — the faintest G, at most 21
+    map_frame : str — of the axes of a map that is given
+
+    Returns
+    -------
+    Population
+        In ICRS.
+
+    Raises
+    ------
+    ValueError
+        If n is not positive, the sky unknown or the map no map.
+    """
+    rng = np.random.default_rng(rng)
+    lon, lat = _positions(n, rng, sky, map_frame)
+    return Population(lon, lat, quasar_magnitudes(n, rng, faintest), quasar_redshifts(n, rng))
+
+
+def vlbi_quasars(quasars, n, rng):
+    """n of the quasars, at random: those whose positions VLBI knows (the paper has 3300 of 500 000)."""
+    if not 0 < n <= len(quasars):
+        raise ValueError(f"{n} of {len(quasars)} quasars cannot be chosen")
+    return quasars[np.sort(np.random.default_rng(rng).choice(len(quasars), n, replace=False))]
+
+
+def galaxies(
+    n, rng, sky="uniform", nearest=0.001, farthest=0.03, faintest=20.0, absolute=-18.0, spread=1.5, map_frame="icrs"
+):
+    """n galaxies, evenly in the volume between two redshifts, as far as they are bright enough.
+
+    Parameters
+    ----------
+    n : int
+    rng : Generator or int — the source of all randomness
+    sky : as for `quasars`
+    nearest, farthest : float — redshifts
+    faintest : float — the completeness limit, G
+    absolute, spread : float — mean and standard deviation of the absolute magnitudes; with these the
+        counts peak at G ≈ 17, as those of the paper's galaxies do
+    map_frame : str
 
     Returns
     -------
     Population
         In ICRS.
     """
-    skies = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
-    if sky not in skies:
-        raise ValueError(f"unknown sky {sky!r}: choose one of {', '.join(skies)}")
+    from vsh.cosmology import transverse_distance
+
+    if not 0 < nearest < farthest:
+        raise ValueError(f"redshifts must rise from above zero, not from {nearest} to {farthest}")
     rng = np.random.default_rng(rng)
-    lon, lat = skies[sky](n, rng)
-    return Population(lon, lat, quasar_magnitudes(n, rng, faintest))
+    lon, lat = _positions(n, rng, sky, map_frame)
+    grid = np.linspace(nearest, farthest, 2000)
+    distance = transverse_distance(grid)
+    redshift, magnitude = np.empty(0), np.empty(0)
+    while len(redshift) < n:
+        cube = rng.uniform(distance[0] ** 3, distance[-1] ** 3, n)
+        z = np.interp(np.cbrt(cube), distance, grid)
+        modulus = 5 * np.log10(np.cbrt(cube) * (1 + z)) + 25
+        g = modulus + rng.normal(absolute, spread, n)
+        redshift, magnitude = np.r_[redshift, z[g < faintest]], np.r_[magnitude, g[g < faintest]]
+    return Population(lon, lat, magnitude[:n], redshift[:n])
 
 
 def quasar_magnitudes(n, rng, faintest=20.0):
@@ -91,3 +148,16 @@ def quasar_magnitudes(n, rng, faintest=20.0):
     top = np.interp(faintest, magnitude, log_count)
     drawn = top + np.log10(1 - np.random.default_rng(rng).uniform(0, 1, n))
     return np.interp(drawn, log_count, magnitude)
+
+
+def quasar_redshifts(n, rng, scale=0.55, shape=2.7):
+    """n redshifts from a gamma distribution of mean 1.5, about that of Gaia's and SDSS' quasars; at least 0.05."""
+    return np.maximum(np.random.default_rng(rng).gamma(shape, scale, n), 0.05)
+
+
+def _positions(n, rng, sky, map_frame):
+    from sim.skies import draw_positions  # healpy
+
+    if n < 1:
+        raise ValueError(f"a population has at least one member, not {n}")
+    return uniform_sky(n, rng) if isinstance(sky, str) and sky == "uniform" else draw_positions(n, rng, sky, map_frame)

@@ -1,8 +1,13 @@
-"""True fields: functions of position that add."""
+"""True fields: functions of position and redshift that add."""
 
 from dataclasses import dataclass
 
-from vsh import Coefficients
+import numpy as np
+
+from vsh import Coefficients, Modes
+from vsh.errors import FieldError
+from vsh.sphere import triad
+from vsh.units import AU_PER_YEAR
 
 
 @dataclass(frozen=True)
@@ -23,10 +28,16 @@ class Signal:
     parts: tuple
 
     def __call__(self, lon, lat, redshift=None):
+        lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
         return sum(part(lon, lat, redshift) for part in self.parts)
 
     def __add__(self, other):
         return Signal(self.parts + as_signal(other).parts)
+
+
+def as_signal(truth):
+    """Coefficients and Signals alike as a Signal."""
+    return field(truth) if isinstance(truth, Coefficients) else truth
 
 
 def field(coefficients):
@@ -44,6 +55,173 @@ def acceleration(vector):
     return field(Coefficients.from_vectors(glide=vector))
 
 
-def as_signal(truth):
-    """Coefficients and Signals alike as a Signal."""
-    return field(truth) if isinstance(truth, Coefficients) else truth
+def drift(velocity, cosmology=None, hubble=None):
+    """Parallax by our own motion through the Universe: µ = −v_⊥/d_M, towards the antapex.
+
+    Parameters
+    ----------
+    velocity : (3,) array — ours with respect to the background, towards the apex, along the
+        axes of the frame [km/s]
+    cosmology : astropy cosmology, optional — flat, Ω_m = 0.315, H0 = 67.3 unless given
+    hubble : float, optional — H0 in place of the cosmology's [km/s/Mpc]
+
+    Notes
+    -----
+    Bachchan, Hobbs & Lindegren (2016), sect. 2.3.
+    """
+    velocity = _vector(velocity, "velocity")
+
+    def part(lon, lat, redshift):
+        p, q, _ = triad(lon, lat)
+        return -np.stack([velocity @ p, velocity @ q]) / (AU_PER_YEAR * _distance(redshift, cosmology, hubble))
+
+    return Signal((part,))
+
+
+def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, waves=256):
+    """Random velocities of the galaxies, in each component a Gaussian of standard deviation `sigma`.
+
+    Parameters
+    ----------
+    sigma : float — [km/s]
+    rng : Generator or int — drawn from once, here: the same signal gives the same sky again
+    length : float, optional — velocities r apart are correlated by exp(−r²/(2 length²));
+        independent unless given [Mpc]
+    cosmology, hubble
+        As for `drift`.
+    waves : int — plane waves that make up a correlated field
+    """
+    seed = int(np.random.default_rng(rng).integers(2**63))
+
+    def part(lon, lat, redshift):
+        draw = np.random.default_rng(seed)
+        distance = _distance(redshift, cosmology, hubble)
+        p, q, r = triad(lon, lat)
+        if length is None:
+            return sigma * draw.standard_normal((2, len(lon))) / (AU_PER_YEAR * distance)
+        numbers, phases = draw.standard_normal((waves, 3)) / length, draw.uniform(0, 2 * np.pi, waves)
+        amplitudes = draw.standard_normal((3, waves)) * sigma * np.sqrt(2 / waves)
+        velocity = np.empty((3, len(lon)))
+        for start in range(0, len(lon), 8192):
+            block = slice(start, start + 8192)
+            velocity[:, block] = amplitudes @ np.cos(numbers @ (r * distance)[:, block] + phases[:, None])
+        return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]) / (AU_PER_YEAR * distance)
+
+    return Signal((part,))
+
+
+def isotropic(power, rng):
+    """A Gaussian random field with a given power of each degree, the same for T and S.
+
+    Parameters
+    ----------
+    power : (lmax,) array — ∫ |V_l|² dΩ of one kind, on average [(µas/yr)²]
+    rng : Generator or int
+    """
+    power = np.asarray(power, float)
+    modes = Modes(len(power))
+    l = modes.degrees
+    sigma = np.sqrt(power[l - 1] / (2 * l + 1) / modes.multiplicity)
+    return field(Coefficients(modes, sigma * np.random.default_rng(rng).standard_normal(len(modes))))
+
+
+def wave_fractions(lmax):
+    """Share of each degree in the power of an isotropic gravitational-wave background, (lmax,).
+
+    α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
+    sum to 1. The fractions are those of Book & Flanagan (2011, PhRvD 83, 024024), table 1.
+
+    >>> wave_fractions(4).round(6)
+    array([0.      , 0.833333, 0.116667, 0.03    ])
+    """
+    l = np.arange(2, lmax + 1.0)
+    return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
+
+
+def waves(omega, rng, hubble=70.0, lmax=12):
+    """One draw of a stochastic background of gravitational waves longer than the observations.
+
+    Its mean square motion is H0² Ω_GW, so that the quadrupole obeys
+    Ω_GW = (6/5) P_2/(4π H0²), half of P_2 in T and half in S.
+
+    Parameters
+    ----------
+    omega : float — Ω_GW
+    rng : Generator or int
+    hubble : float — [km/s/Mpc]
+    """
+    if not omega >= 0:
+        raise ValueError(f"Ω_GW cannot be {omega}")
+    total = 4 * np.pi * omega * hubble_rate(hubble) ** 2
+    return isotropic(total * wave_fractions(lmax) / 2, rng)
+
+
+def hubble_rate(hubble):
+    """H0 as an angular rate, as angles would change in an expansion on one axis only. [µas/yr]
+
+    >>> round(hubble_rate(67.3), 4), round(hubble_rate(70), 4)
+    (14.1969, 14.7665)
+    """
+    # d = 1 Mpc recedes at `hubble` km/s: the angle v / d.
+    return hubble / AU_PER_YEAR
+
+
+def anisotropic_expansion(shear):
+    """A Bianchi I universe: axes expand at rates that differ, µ = Σ r − (rᵀ Σ r) r.
+
+    Parameters
+    ----------
+    shear : (3, 3) array — Σ, symmetric: the expansion rate along each axis less the mean; a
+        trace makes no difference [µas/yr]; 1 % of H0 = 70 is 0.15 µas/yr
+
+    Notes
+    -----
+    The 0.2 µas/yr of Bachchan et al. (2016) is Quercellini et al.'s (2009) for 1 %.
+    """
+    shear = np.asarray(shear, float)
+    if shear.shape != (3, 3) or not np.allclose(shear, shear.T):
+        raise ValueError("the shear must be a symmetric 3 × 3 matrix")
+
+    def part(lon, lat, redshift):
+        p, q, r = triad(lon, lat)
+        return np.stack([np.sum(p * (shear @ r), 0), np.sum(q * (shear @ r), 0)])
+
+    return Signal((part,))
+
+
+def void(direction, amplitude=0.02, peak=1.0):
+    """We are off the centre of a large void: a dipole that grows with redshift and fades again.
+
+    µ = A f(z) (e − (e·r) r), f = (z/z_p) e^{1 − z/z_p}. The amplitude is that of Bachchan et al.
+    (2016, Table 1); the profile is a description of theirs ("increases at high z, decreases at
+    very high z"), not the solution of a model.
+
+    Parameters
+    ----------
+    direction : (3,) array — towards which sources move; only its direction counts
+    amplitude : float — the largest motion [µas/yr]
+    peak : float — z_p, the redshift of the largest motion
+    """
+    direction = _vector(direction, "direction")
+    glide = acceleration(amplitude * direction / np.linalg.norm(direction))
+
+    def part(lon, lat, redshift):
+        if redshift is None:
+            raise FieldError("the void's dipole depends on redshift, and these sources have none")
+        x = np.asarray(redshift, float) / peak
+        return glide(lon, lat) * x * np.exp(1 - x)
+
+    return Signal((part,))
+
+
+def _vector(value, name):
+    value = np.asarray(value, float)
+    if value.shape != (3,) or not value.any():
+        raise ValueError(f"{name} must be a vector of three components, not all zero")
+    return value
+
+
+def _distance(redshift, cosmology, hubble):
+    from vsh.cosmology import PAPER, transverse_distance  # astropy
+
+    return transverse_distance(redshift, PAPER if cosmology is None else cosmology, hubble)

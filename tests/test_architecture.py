@@ -15,10 +15,19 @@ HEAVY = {
     "healpy": {"vsh/pixels.py"},
     "ducc0": {"vsh/transform.py"},
     "emcee": {"fit/posterior.py"},
-    "matplotlib": {"vsh/plot.py", "fit/plot.py", "fit/export.py", "fit/cli.py"},
+    "matplotlib": {"sim/plot.py", "vsh/plot.py", "fit/plot.py", "fit/export.py", "fit/cli.py"},
     "astropy.table": {"vsh/tables.py", "vsh/streams.py"},
     "pyarrow": {"vsh/streams.py"},
-    "astropy": {"vsh/tables.py", "vsh/streams.py", "vsh/catalogue.py", "vsh/frames.py", "fit/cli.py"},
+    "astropy.cosmology": {"vsh/cosmology.py"},
+    "astropy": {
+        "vsh/cosmology.py",
+        "sim/effects.py",
+        "vsh/tables.py",
+        "vsh/streams.py",
+        "vsh/catalogue.py",
+        "vsh/frames.py",
+        "fit/cli.py",
+    },
 }
 
 

@@ -16,7 +16,7 @@ __version__ = "0.1.0"
 __all__ = ["Coefficients", "Field", "Mode", "Modes", "Vector", "VshError", "VshWarning", "conventions"]
 
 # Rooms with heavy friends open on the first visit: `vsh.catalogue` imports astropy then.
-_LAZY = {"catalogue", "pixels", "plot", "rotate", "tables", "transform"}
+_LAZY = {"catalogue", "cosmology", "pixels", "plot", "rotate", "tables", "transform"}
 
 
 def __getattr__(name):

@@ -11,6 +11,7 @@ from vsh import tables
 from vsh.errors import FieldError, TableError, VshWarning
 from vsh.field import Field
 from vsh.gate import as_floats
+from vsh.units import MAS
 from vsh.vector import Vector
 
 
@@ -126,6 +127,24 @@ def iter_fields(path, rows=1_000_000, columns=None, units=None, on_bad="raise", 
 
     for table in iter_tables(path, rows):
         yield read_field(table, columns, units, on_bad, frame)
+
+
+def write_field(field, path, meta=None):
+    """Write a field as a table in Gaia's names and units, which `read_field` reads.
+
+    Parameters
+    ----------
+    field : Field
+    path : str or Path — its ending tells the format
+    meta : dict, optional — plain values, kept with the table
+    """
+    columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
+    columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
+    columns |= {"pmra": field.motion[0] / MAS, "pmdec": field.motion[1] / MAS}
+    columns |= {"pmra_error": field.sigma[0] / MAS, "pmdec_error": field.sigma[1] / MAS, "pmra_pmdec_corr": field.rho}
+    optional = {"phot_g_mean_mag": field.magnitude, "redshift": field.redshift}
+    columns |= {name: values for name, values in optional.items() if values is not None}
+    tables.write(path, columns, meta, {role: str(unit) for role, unit in _UNITS.items()})
 
 
 def truth_of(source):

@@ -3,7 +3,7 @@
 import healpy
 import numpy as np
 
-from vsh.errors import FieldError
+from vsh.errors import FieldError, TableError
 
 
 def pixels_of(lon, lat, nside):
@@ -37,6 +37,52 @@ def centres(nside):
     """Longitude and latitude of every pixel's centre, two (12 nside²,) arrays. [rad]"""
     theta, phi = healpy.pix2ang(check_nside(nside), np.arange(12 * nside**2))
     return phi, np.pi / 2 - theta
+
+
+def random_positions(density, n, rng):
+    """n positions drawn with the density of a HEALPix map, evenly within each pixel.
+
+    Parameters
+    ----------
+    density : (12 nside²,) array, ring order — not negative; nan counts as none
+    n : int
+    rng : Generator or int
+
+    Returns
+    -------
+    lon, lat : (n,) arrays [rad]
+
+    Raises
+    ------
+    FieldError
+        If it is no HEALPix map, or negative, or empty.
+    """
+    rng = np.random.default_rng(rng)
+    density = np.nan_to_num(np.ma.filled(np.ma.asarray(density, float), 0.0).ravel())
+    nside = round(np.sqrt(density.size / 12))
+    if nside < 1 or 12 * nside**2 != density.size:
+        raise FieldError(f"a map of {density.size} pixels is no HEALPix map")
+    check_nside(nside)
+    if (density < 0).any() or not density.sum() > 0:
+        raise FieldError("the density of a map must not be negative, and not zero everywhere")
+    pixel = rng.choice(density.size, n, p=density / density.sum())
+    # Evenly within a pixel: one of its 4^k children, then a shift below their size. In nested order
+    # a pixel's children are consecutive.
+    finer = max(1, min(8192, 2**29 // nside) // nside)
+    child = healpy.ring2nest(nside, pixel) * finer**2 + rng.integers(finer**2, size=n)
+    theta, phi = healpy.pix2ang(nside * finer, child, nest=True)
+    return phi, np.pi / 2 - theta
+
+
+def read_map(path):
+    """A HEALPix map from a FITS file, in ring order, and the frame its header names (or None)."""
+    try:
+        values, header = healpy.read_map(path, h=True)
+    except (OSError, KeyError, ValueError, IndexError, TypeError) as error:
+        raise TableError(f"{path} cannot be read as a HEALPix map: {error}") from error
+    frames = {"C": "icrs", "G": "galactic", "E": "ecliptic", "ICRS": "icrs", "GALACTIC": "galactic"}
+    named = str(dict(header).get("COORDSYS", "")).strip().upper()
+    return values, frames.get(named)
 
 
 def mean_map(lon, lat, values, nside):

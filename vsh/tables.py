@@ -47,7 +47,7 @@ def read(path):
     path = Path(path)
     if not path.is_file():
         raise TableError(f"{path}: {'is a folder, not a table' if path.is_dir() else 'no such file'}")
-    kind = _format(path)
+    kind = format_of(path)
     options = {"fill_values": NULLS} if kind.startswith("ascii") else {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -93,13 +93,15 @@ def write(path, columns, meta=None, units=None):
         table[name].unit = unit
     new = path.with_name(f".{os.getpid()}-{path.name}")
     try:
-        table.write(new, format=_format(path), overwrite=True)
+        table.write(new, format=format_of(path), overwrite=True)
         os.replace(new, path)
     finally:
         new.unlink(missing_ok=True)
 
 
-def _format(path):
+def format_of(path):
+    """astropy's name of the format that the ending of a name tells; TableError where it tells none."""
+    path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
     if suffixes and suffixes[-1] == ".gz":
         suffixes.pop()

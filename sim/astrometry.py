@@ -1,0 +1,140 @@
+"""From transits to five-parameter solutions with their covariances.
+
+A transit at time t under the position angle ψ measures, along the scan,
+
+    w = (Δα* + µ_α* (t − t₀)) sin ψ + (Δδ + µ_δ (t − t₀)) cos ψ + f_ϖ ϖ.
+
+The problem is linear, so the errors of a solution are those of a solution of the noise.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sim.noise import parallax_error
+from sim.population import uniform_sky
+from sim.variability import markov_chain
+
+#: Knots of the attitude, whose error all sources seen in between share. [yr]
+KNOT = 30.0 / (365.25 * 86400)
+PARAMETERS = ("ra", "dec", "parallax", "pmra", "pmdec")
+
+
+@dataclass(frozen=True, eq=False)
+class Astrometry:
+    """Five-parameter solutions.
+
+    Attributes
+    ----------
+    errors : (n, 5) array
+        Estimate less truth, in the order of PARAMETERS. [µas, and µas/yr]
+    covariance : (n, 5, 5) array
+        As quoted; nan where a source has too few transits.
+    transits : (n,) array
+        How many each source had.
+    """
+
+    errors: np.ndarray
+    covariance: np.ndarray
+    transits: np.ndarray
+
+    @property
+    def solved(self):
+        """Which sources have a solution, (n,)."""
+        return np.isfinite(self.covariance[:, 0, 0])
+
+
+def solve(transits, error, rng, years=5.0, variability=None, attitude=None, quote_variability=False):
+    """Simulate the measurements of all transits and solve for every source.
+
+    Parameters
+    ----------
+    transits : Transits — ordered by source
+    error : (n,) array — along-scan error of a transit for each of the n sources [µas]
+    rng : Generator or int — the source of all randomness
+    years : float — length of the mission; the reference epoch is its middle
+    variability : Variability, optional
+    attitude : (k,) array, optional — error of the attitude in each interval between knots, shared
+        by all sources [µas]
+    quote_variability : bool — fold the variability into the quoted covariance, A⁺ (W⁻¹ + C) A⁺ᵀ; the
+        weights of the solution stay those of the measurement noise
+
+    Returns
+    -------
+    Astrometry
+    """
+    rng = np.random.default_rng(rng)
+    error = np.asarray(error, float)
+    n, source = len(error), transits.source
+    sin, cos = np.sin(transits.angle), np.cos(transits.angle)
+    since = transits.time - years / 2
+    design = np.stack([sin, cos, transits.parallax_factor, since * sin, since * cos])
+    noise = error[source] * rng.standard_normal(len(source))
+    if variability is not None and variability.sigma > 0:
+        east, north = (markov_chain(transits.time, variability.sigma, variability.tau, rng, source) for _ in range(2))
+        noise += east * sin + north * cos
+    if attitude is not None:
+        noise += attitude[np.minimum((transits.time / KNOT).astype(int), len(attitude) - 1)]
+
+    counts = transits.counts(n)
+    normal, rhs = np.empty((n, 5, 5)), np.empty((n, 5))
+    for i in range(5):
+        rhs[:, i] = np.bincount(source, design[i] * noise, n)
+        for j in range(i + 1):
+            normal[:, i, j] = normal[:, j, i] = np.bincount(source, design[i] * design[j], n)
+    # A solution wants more transits than parameters, and scans in more than one direction.
+    scale = np.sqrt(np.maximum(np.einsum("nii->ni", normal), 1e-300))
+    scaled = normal / (scale[:, :, None] * scale[:, None])
+    good = (counts > 5) & (np.linalg.eigvalsh(scaled)[:, 0] > 1e-6)
+    inverse = np.full((n, 5, 5), np.nan)
+    inverse[good] = np.linalg.inv(scaled[good]) / (scale[good][:, :, None] * scale[good][:, None])
+    errors = np.einsum("nij,nj->ni", inverse, rhs)
+    covariance = inverse * error[:, None, None] ** 2
+    if quote_variability and variability is not None:
+        covariance = covariance + _spread(inverse, design, transits, variability, n)
+    return Astrometry(errors, covariance, counts)
+
+
+def _spread(inverse, design, transits, variability, n):
+    """A⁺ C A⁺ᵀ of every source, C the covariance of its wandering at its transits."""
+    out = np.zeros((n, 5, 5))
+    bounds = np.searchsorted(transits.source, np.arange(n + 1))
+    for k, (begin, end) in enumerate(pairwise(bounds)):
+        pseudo = inverse[k] @ design[:, begin:end]
+        angle = transits.angle[begin:end]
+        c = variability.covariance(transits.time[begin:end]) * np.cos(np.subtract.outer(angle, angle))
+        out[k] = pseudo @ c @ pseudo.T
+    return out
+
+
+def unit_errors(law, n=2000, seed=1):
+    """Sky-mean errors of (α*, δ, ϖ, µ_α*, µ_δ) for a transit error of one, (5,).
+
+    From n uniform positions, always the same ones.
+    """
+    rng = np.random.default_rng(seed)
+    found = solve(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, law.years)
+    return np.sqrt(np.einsum("nii->ni", found.covariance[found.solved])).mean(0)
+
+
+def transit_error(magnitude, law, release="DR4", unit=None):
+    """Along-scan error of a transit by magnitude, (n,). [µas]
+
+    Such that the sky-mean parallax error of the mission is the published one of the release,
+    scaled to the mission's length by its transits.
+
+    Parameters
+    ----------
+    magnitude : (n,) array — G
+    law : NominalScanningLaw
+    release : {"DR3", "DR4", "DR5"}
+    unit : (5,) array, optional — of `unit_errors(law)`, where it is at hand
+    """
+    unit = unit_errors(law) if unit is None else unit
+    return parallax_error(np.asarray(magnitude, float), release) / unit[2]
+
+
+def attitude_noise(law, sigma, rng):
+    """Error of the attitude along scan in every interval between knots, (k,). [µas]"""
+    return sigma * np.random.default_rng(rng).standard_normal(int(np.ceil(law.years / KNOT)) + 1)

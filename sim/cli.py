@@ -1,0 +1,182 @@
+"""`vsh-sim`: a simulated catalogue with a known truth, on the command line."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import sim
+import vsh
+from vsh.errors import VshError
+
+#: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
+ACCELERATION = "-0.235965,-3.755779,-2.080491"
+
+
+def main(arguments=None):
+    """Run `vsh-sim`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.selection and options.sky:
+        parser.error("--sky and --selection exclude each other")
+    if options.velocity is not None and options.what != "galaxies":
+        parser.error("--velocity is for galaxies: quasars are too far to show it")
+    if options.variability and options.short:
+        parser.error("--variability needs transits, which --short leaves out")
+    try:
+        _run(options)
+    except (VshError, OSError, ValueError) as error:
+        print(f"vsh-sim: error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("vsh-sim: interrupted; nothing was written", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _run(options):
+    from vsh import catalogue, tables
+
+    tables.format_of(options.output)  # a wrong name is better told before the work than after
+    if not Path(options.output).absolute().parent.is_dir():
+        raise ValueError(f"{options.output}: there is no such folder")
+    # A stream of its own for each step, so that one option does not shift what another draws.
+    sky, chosen, gaps, observed, wander = np.random.default_rng(options.seed).spawn(5)
+    population = _population(options, sky, chosen)
+    signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
+    if options.what == "galaxies":
+        velocity = (0.0, 0.0, 0.0) if options.velocity is None else options.velocity
+        if np.any(velocity):
+            signal += sim.drift(velocity, hubble=options.hubble)
+        if options.peculiar:
+            signal += sim.peculiar(options.peculiar, wander, hubble=options.hubble)
+    law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
+    variability = sim.Variability(options.variability, options.tau) if options.variability else None
+    common = {"release": options.release, "variability": variability, "threads": options.threads}
+    if options.what == "vlbi":
+        truth = sim.spin(options.orientation)
+        field = sim.observe_offsets(population, truth, observed, law, attitude=options.attitude, **common)
+    elif options.short:
+        from sim.noise import scanned_errors
+
+        sigma, rho = scanned_errors(population.magnitude, population.lon, population.lat, law, options.release)
+        field = sim.observe(population, signal, observed, sigma=sigma, rho=rho)
+    else:
+        field = sim.observe(
+            population, signal, observed, mission=law, attitude=options.attitude, excess=options.excess, **common
+        )
+    meta = {f"{name}_{axis}": float(value) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration))
+            for axis, value in zip("XYZ", vector, strict=True)}  # fmt: skip
+    meta |= {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_plain(options))}
+    catalogue.write_field(field, options.output, meta)
+    for note in field.notes:
+        print(note)
+    print(f"written to {options.output}: {len(field)} sources")
+
+
+def _population(options, rng, chosen):
+    sky, frame = options.sky or "uniform", "icrs"
+    if options.selection:
+        from vsh.pixels import read_map
+
+        sky, named = read_map(options.selection)
+        frame = options.map_frame or named or "icrs"
+    if options.what == "galaxies":
+        return sim.galaxies(options.n, rng, sky, map_frame=frame)
+    if options.what == "vlbi":
+        return sim.vlbi_quasars(sim.quasars(max(options.n, 500_000), rng, sky, map_frame=frame), options.n, chosen)
+    return sim.quasars(options.n, rng, sky, map_frame=frame)
+
+
+def _plain(options):
+    """All options but those that change nothing."""
+    return {key: value for key, value in vars(options).items() if key not in ("output", "threads")}
+
+
+def _parser():
+    parser = argparse.ArgumentParser(
+        prog="vsh-sim",
+        description="Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "
+        "that wander, five-parameter solutions. The table is one that vsh-fit reads; its metadata hold the truth.",
+        epilog="Example: vsh-sim quasars --n 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
+    )
+    parser.add_argument(
+        "what", choices=["quasars", "galaxies", "vlbi"], help="vlbi: offsets from radio positions, as motions"
+    )
+    parser.add_argument("--n", type=_count, default=10_000, help="how many (default: 10000)")
+    parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
+    parser.add_argument("--sky", choices=["uniform", "plane-avoiding", "gums", "igql"], help="default: uniform")
+    parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
+    parser.add_argument(
+        "--map-frame", choices=["icrs", "galactic", "ecliptic"], help="of the map; its header's, or icrs"
+    )
+    parser.add_argument(
+        "--spin", type=_vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="ICRS, µas/yr (default: none)"
+    )
+    parser.add_argument(
+        "--acceleration", type=_vector, default=_vector(ACCELERATION), metavar="X,Y,Z",
+        help="ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
+    )  # fmt: skip
+    parser.add_argument("--orientation", type=_vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas")
+    parser.add_argument(
+        "--velocity", type=_vector, metavar="X,Y,Z", help="galaxies: ours, towards the apex, ICRS, km/s"
+    )
+    parser.add_argument("--hubble", type=_positive, default=67.3, help="km/s/Mpc (default: 67.3)")
+    parser.add_argument(
+        "--peculiar", type=_not_negative, default=0.0, metavar="SIGMA", help="galaxies: dispersion, km/s"
+    )
+    parser.add_argument("--variability", type=_not_negative, default=0.0, metavar="SIGMA", help="of photocentres, µas")
+    parser.add_argument("--tau", type=_positive, default=2.0, help="its correlation time, yr (default: 2)")
+    parser.add_argument(
+        "--attitude", type=_not_negative, default=10.0, metavar="SIGMA", help="noise, µas (default: 10)"
+    )
+    parser.add_argument(
+        "--excess", type=_not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
+    )
+    parser.add_argument("--years", type=_positive, default=5.0, help="length of the mission (default: 5)")
+    parser.add_argument("--dead-time", type=_not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
+    parser.add_argument("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
+    parser.add_argument("--short", action="store_true", help="errors by place and magnitude, without transits")
+    parser.add_argument("--seed", type=int, default=1, help="the same seed, the same table (default: 1)")
+    parser.add_argument("--threads", type=_count, help="one a core unless given; changes nothing else")
+    parser.add_argument("--version", action="version", version=f"vsh-sim {vsh.__version__}")
+    return parser
+
+
+def _vector(text):
+    try:
+        vector = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        vector = ()
+    if len(vector) != 3 or not np.isfinite(vector).all():
+        raise argparse.ArgumentTypeError(f"three numbers x,y,z are wanted, not {text!r}")
+    return vector
+
+
+def _count(text):
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"a whole number of at least 1 is wanted, not {text!r}")
+    return int(text)
+
+
+def _not_negative(text):
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 <= number < float("inf"):
+        raise argparse.ArgumentTypeError(f"a number that is not negative is wanted, not {text!r}")
+    return number
+
+
+def _positive(text):
+    number = _not_negative(text)
+    if not number > 0:
+        raise argparse.ArgumentTypeError(f"a positive number is wanted, not {text!r}")
+    return number
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,125 @@
+"""How large each effect is, from masses, distances and speeds.
+
+The tables of Bachchan, Hobbs & Lindegren (2016), recomputed: Table 2 (accelerations by the
+Local Group and by clusters), eq. 1, sects. 2.3 and 2.6, and the appendix on microlensing.
+"""
+
+import numpy as np
+from astropy import constants
+from astropy import units as u
+
+from vsh.units import AU_PER_YEAR
+
+#: Masses [solar masses] and distances [kpc] of the paper's Table 2, after van den Bergh (2000) and NED.
+ATTRACTORS = {
+    "LMC": (2.0e10, 50),
+    "M31": (4.0e11, 760),
+    "Sagittarius": (1.5e8, 24),
+    "SMC": (8.0e8, 59),
+    "M33": (1.4e10, 830),
+    "NGC6822": (1.9e9, 500),
+    "UrsaMinor": (1.7e7, 63),
+    "Virgo": (1.2e15, 16036),
+    "Fornax": (4.0e13, 20491),
+    "Norma": (1.0e15, 69937),
+    "Antlia": (3.3e14, 41561),
+    "Coma": (7.0e14, 102900),
+}
+
+_ANGULAR = u.dimensionless_angles()
+
+
+def apparent_motion(acceleration):
+    """ã = a/c of an acceleration, as a Quantity in µas/yr.
+
+    >>> f"{apparent_motion(1e-10 * u.m / u.s**2):.6f}"
+    '2.171243 uas / yr'
+    """
+    return (acceleration / constants.c).to(u.uas / u.yr, equivalencies=_ANGULAR)
+
+
+def circular_acceleration(speed, radius):
+    """ã = v²/(R c) of a circular orbit, µas/yr (eq. 1).
+
+    Parameters
+    ----------
+    speed, radius : Quantities
+
+    Examples
+    --------
+    >>> f"{circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc):.6f}"
+    '4.267305 uas / yr'
+    """
+    return apparent_motion(speed**2 / radius)
+
+
+def attraction(mass, distance):
+    """ã = GM/(d² c) by a mass at a distance, µas/yr (Table 2).
+
+    >>> f"{attraction(2e10 * u.M_sun, 50 * u.kpc):.1e}"
+    '2.4e-02 uas / yr'
+    """
+    return apparent_motion(constants.G * mass / distance**2)
+
+
+def attractions():
+    """The paper's Table 2: a dict from name to ã. [µas/yr]"""
+    return {name: float(attraction(m * u.M_sun, d * u.kpc).value) for name, (m, d) in ATTRACTORS.items()}
+
+
+def transverse_motion(speed, distance):
+    """µ = v/d of a transverse speed, ours or the source's, µas/yr (eqs. 2 and 4).
+
+    >>> f"{transverse_motion(750 * u.km / u.s, 44.44 * u.Mpc):.2f}"
+    '3.56 uas / yr'
+    """
+    return (speed / distance).to(u.uas / u.yr, equivalencies=_ANGULAR)
+
+
+def lensing_depth(density, mass, lens_distance, source_distance):
+    """Photometric optical depth τ = π θ_E² N of lenses along the way to a source (appendix).
+
+    θ_E² = (4GM/c²)(1/D_L − 1/D_Q), and N = n D_L² D_Q lenses to the steradian, taken for all of the
+    way to be at the distance D_L.
+
+    Parameters
+    ----------
+    density, mass, lens_distance, source_distance : Quantities
+
+    Examples
+    --------
+    >>> f"{lensing_depth(0.05 / u.Mpc**3, 1e11 * u.M_sun, 5 * u.Gpc, 10 * u.Gpc):.2f}"
+    '0.08'
+    """
+    einstein = 4 * constants.G * mass / constants.c**2 * (1 / lens_distance - 1 / source_distance)
+    return float((np.pi * einstein * density * lens_distance**2 * source_distance).to_value(u.dimensionless_unscaled))
+
+
+def lensing_motion(lens_motion, depth):
+    """Rms apparent motion of a source at rest behind moving lenses, µ_L √τ (eq. 5)."""
+    return lens_motion * np.sqrt(depth)
+
+
+def effects(redshift=0.01):
+    """The paper's Table 1, as numbers. [µas/yr]
+
+    Parameters
+    ----------
+    redshift : float — at which drift and peculiar motion are taken
+
+    Returns
+    -------
+    dict
+        From the effect to a pair (least, largest) or a single number twice.
+    """
+    from vsh.cosmology import PAPER, transverse_distance
+
+    distance = float(transverse_distance([redshift], PAPER)[0])
+    galactic = float(circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc).value)
+    drift = 369.0 / (AU_PER_YEAR * distance)
+    speeds = [speed / (AU_PER_YEAR * distance) for speed in (600.0, 1500.0)]
+    return {
+        "acceleration of the Solar System": (galactic, galactic),
+        "cosmological proper motion": (drift, drift),
+        "peculiar proper motion": tuple(speeds),
+    }

@@ -1,0 +1,98 @@
+"""Figures of a simulated sky (matplotlib)."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from sim.variability import markov_chain
+from vsh.cosmology import PAPER, transverse_distance
+from vsh.frames import rotation_matrix
+from vsh.pixels import mean_map, pixels_of
+from vsh.plot import draw_map, on_map, sky_axes
+from vsh.sphere import angles, triad
+from vsh.units import AU_PER_YEAR
+
+
+def plot_density(population, nside=16, title=None):
+    """Sources per square degree over the sky, with the ecliptic. Returns the figure."""
+    pixel = pixels_of(population.lon, population.lat, nside)
+    density = np.bincount(pixel, minlength=12 * nside**2) / (41252.96 / (12 * nside**2))
+    axes = sky_axes(population.frame)
+    image = draw_map(axes, density, vmin=0, vmax=np.percentile(density, 99))
+    _bar(axes, image, "sources per square degree")
+    lon, lat = angles(
+        rotation_matrix("ecliptic", population.frame) @ triad(np.linspace(0, 2 * np.pi, 721), np.zeros(721))[2]
+    )
+    order = np.argsort(on_map(lon))
+    axes.plot(on_map(lon)[order], lat[order], color="cyan", linewidth=1.5, label="ecliptic")
+    axes.legend(loc="lower left", frameon=False, fontsize=11)
+    axes.set_title(title or f"{len(population)} sources", pad=16)
+    return axes.figure
+
+
+def plot_transits(population, counts, nside=16):
+    """Transits per source over the sky. Returns the figure.
+
+    Parameters
+    ----------
+    counts : (n,) array — of `Transits.counts`
+    """
+    axes = sky_axes(population.frame)
+    image = draw_map(axes, mean_map(population.lon, population.lat, counts, nside), cmap="magma")
+    _bar(axes, image, "transits per source")
+    axes.set_title("how often the scanning law looks", pad=16)
+    return axes.figure
+
+
+def plot_histograms(population):
+    """Magnitudes and redshifts. Returns the figure."""
+    columns = {"G": population.magnitude, "redshift": population.redshift}
+    columns = {name: values for name, values in columns.items() if values is not None}
+    figure, axes = plt.subplots(1, len(columns), figsize=(5 * len(columns), 4), layout="constrained", squeeze=False)
+    for ax, (name, values) in zip(axes[0], columns.items(), strict=True):
+        ax.hist(values, bins=60, color="#0b5394")
+        _finish(ax, name, "sources")
+    return figure
+
+
+def plot_tracks(times, variability, rng, count=3):
+    """Photocentres that wander: tracks on the sky of a few draws. Returns the figure.
+
+    Parameters
+    ----------
+    times : (k,) array — rising [yr]
+    variability : Variability
+    rng : Generator or int
+    """
+    rng = np.random.default_rng(rng)
+    figure, ax = plt.subplots(figsize=(5.5, 5.5), layout="constrained")
+    for _ in range(count):
+        x, y = (markov_chain(times, variability.sigma, variability.tau, rng) for _ in range(2))
+        ax.plot(x, y, ".-", linewidth=0.8, markersize=4)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.invert_xaxis()  # east to the left
+    _finish(ax, "Δα* [µas]", "Δδ [µas]")
+    ax.set_title(f"σ = {variability.sigma:g} µas, τ = {variability.tau:g} yr", fontsize=12)
+    return figure
+
+
+def plot_distance_and_drift(speed=369.0, cosmology=PAPER):
+    """Comoving distance and the drift by our velocity, against redshift. Returns the figure."""
+    z = np.geomspace(1e-3, 6, 400)
+    distance = transverse_distance(z, cosmology)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    left.loglog(z, distance, color="#0b5394")
+    _finish(left, "redshift", "transverse comoving distance [Mpc]")
+    right.loglog(z, speed / (AU_PER_YEAR * distance), color="#c55a11")
+    _finish(right, "redshift", f"drift at 90° from {speed:g} km/s [µas/yr]")
+    return figure
+
+
+def _bar(axes, image, words):
+    axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06).set_label(words, fontsize=12)
+
+
+def _finish(ax, x, y):
+    ax.set_xlabel(x, fontsize=13)
+    ax.set_ylabel(y, fontsize=13)
+    ax.tick_params(labelsize=11)
+    ax.spines[["top", "right"]].set_visible(False)

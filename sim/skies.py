@@ -1,0 +1,114 @@
+"""Where a survey sees: densities on the sky from which positions are drawn.
+
+A sky is a HEALPix map of the density of sources, in ring order and Galactic or other axes.
+The two of Bachchan, Hobbs & Lindegren (2016) are built from what is known of them, not from
+their results: GUMS is all of the sky but the Galactic plane, where extinction hides quasars;
+the Initial Gaia Quasar List is a sum of surveys, each with its footprint.
+"""
+
+import numpy as np
+
+from vsh.frames import rotation_matrix
+from vsh.pixels import centres, random_positions
+from vsh.sphere import angles, triad
+
+NSIDE = 64
+
+#: GUMS: latitude [deg] and its scale over which the plane hides quasars.
+GUMS_PLANE = (12.0, 3.0)
+
+#: Share of the IGQL's sources that each kind of survey brings. The list's authors give no numbers
+#: by area: these shares were set so that the sky ties spin to acceleration as in the paper's
+#: correlation table, under the errors of the scanning law. They are the only parameters that were.
+IGQL_SHARES = {
+    "SDSS north cap": 0.26,
+    "far north": 0.27,
+    "equatorial south": 0.14,
+    "equatorial north": 0.11,
+    "2QZ south": 0.07,
+    "2QZ north": 0.06,
+    "northern sky": 0.07,
+    "all sky": 0.02,
+}
+
+
+def sky_map(sky):
+    """The density of a named sky, (12 · 64²,), and the frame of its axes.
+
+    Parameters
+    ----------
+    sky : {"uniform", "plane-avoiding", "gums", "igql"}
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown.
+    """
+    makers = {"uniform": _uniform, "plane-avoiding": _plane_avoiding, "gums": _gums, "igql": _igql}
+    if sky not in makers:
+        raise ValueError(f"unknown sky {sky!r}: choose one of {', '.join(makers)}, or give a HEALPix map")
+    return makers[sky](), "galactic"
+
+
+def draw_positions(n, rng, sky="uniform", map_frame="icrs"):
+    """n positions in ICRS, with the density of a sky. [rad]
+
+    Parameters
+    ----------
+    n : int
+    rng : Generator or int — the source of all randomness
+    sky : str or (12 nside²,) array — a name known to `sky_map`, or a map in ring order
+    map_frame : str — of the axes of a map that is given
+
+    Returns
+    -------
+    lon, lat : (n,) arrays
+    """
+    density, frame = sky_map(sky) if isinstance(sky, str) else (sky, map_frame)
+    lon, lat = random_positions(density, n, rng)
+    return tuple(angles(rotation_matrix(frame, "icrs") @ triad(lon, lat)[2]))
+
+
+def _uniform():
+    return np.ones(12 * NSIDE**2)
+
+
+def _plane_avoiding():
+    return (np.abs(_galactic()[1]) > 15).astype(float)
+
+
+def _gums():
+    edge, scale = GUMS_PLANE
+    return 1 / (1 + np.exp(-(np.abs(_galactic()[1]) - edge) / scale))
+
+
+def _igql():
+    """Each survey's footprint, filled evenly with its share of the sources."""
+    b = _galactic()[1]
+    ra, dec = _equatorial()
+    outside = np.abs(b) > 15
+    footprints = {
+        # Spectroscopy and imaging of SDSS in the northern Galactic cap (Ahn et al. 2014, ApJS 211, 17).
+        "SDSS north cap": (ra > 115) & (ra < 255) & (dec > -4) & (dec < 65) & (b > 28),
+        # What only northern observatories reach, and their sky at large.
+        "far north": outside & (dec > 30),
+        "northern sky": outside & (dec > 0),
+        # Bands along the equator, stripe 82 of SDSS among them, in either Galactic cap.
+        "equatorial north": (b > 20) & (np.abs(dec) < 10),
+        "equatorial south": (b < -20) & (np.abs(dec) < 10),
+        # The two strips of 2QZ (Croom et al. 2004, MNRAS 349, 1397).
+        "2QZ north": (ra > 147) & (ra < 222) & (np.abs(dec) < 3),
+        "2QZ south": ((ra > 325) | (ra < 48.75)) & (dec > -33) & (dec < -27),
+        # X-ray, radio and infrared identifications: thinly everywhere, and alone in the south.
+        "all sky": outside,
+    }
+    return sum(share * footprints[name] / footprints[name].sum() for name, share in IGQL_SHARES.items())
+
+
+def _galactic():
+    return np.degrees(centres(NSIDE))
+
+
+def _equatorial():
+    lon, lat = centres(NSIDE)
+    return np.degrees(angles(rotation_matrix("galactic", "icrs") @ triad(lon, lat)[2]))

@@ -1,0 +1,78 @@
+"""Photocentres that wander: a Gaussian Markov chain.
+
+Bachchan, Hobbs & Lindegren (2016), eqs. 8 and 9: x_i = e^{−Δt/τ} x_{i−1} + g_i, with g_i of
+standard deviation σ √(1 − e^{−2Δt/τ}).
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Variability:
+    """Wandering of the photocentre, alike and independent in α* and δ.
+
+    Attributes
+    ----------
+    sigma : float — standard deviation of the position at any time [µas]
+    tau : float — time in which its correlation falls to 1/e [yr]
+    """
+
+    sigma: float
+    tau: float
+
+    def __post_init__(self):
+        if not (self.sigma >= 0 and self.tau > 0):
+            raise ValueError(f"σ_var must not be negative and τ must be positive, not {self.sigma} and {self.tau}")
+
+    def covariance(self, times):
+        """Covariance of one coordinate at given times, (k, k). [µas²]"""
+        return self.sigma**2 * np.exp(-np.abs(np.subtract.outer(times, times)) / self.tau)
+
+
+def markov_chain(times, sigma, tau, rng, source=None):
+    """One draw of the chain at irregular times.
+
+    Parameters
+    ----------
+    times : (k,) array — rising, within each source [yr]
+    sigma, tau : float — as of `Variability` [unit of the result; yr]
+    rng : Generator or int — the source of all randomness
+    source : (k,) int array, optional — rising; a new source begins a new chain
+
+    Returns
+    -------
+    (k,) array
+
+    Raises
+    ------
+    ValueError
+        If the times of a source fall.
+
+    Examples
+    --------
+    >>> x = markov_chain(np.linspace(0, 5, 1000), sigma=100.0, tau=2.0, rng=1)
+    >>> x.shape, bool(np.abs(np.diff(x)).max() < 50)
+    ((1000,), True)
+    """
+    Variability(sigma, tau)
+    times = np.asarray(times, float)
+    source = np.zeros(times.shape, int) if source is None else np.asarray(source)
+    draws = np.random.default_rng(rng).standard_normal(len(times))
+    first = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
+    gap = np.diff(times, prepend=0.0)
+    if (gap[~first] < 0).any():
+        raise ValueError("the times of a chain must rise")
+    keep = np.where(first, 0.0, np.exp(-np.where(first, 0.0, gap) / tau))
+    out = sigma * np.sqrt(1 - keep**2) * draws
+    # All chains take their j-th step together.
+    starts = np.flatnonzero(first)
+    rank = np.arange(len(times)) - np.repeat(starts, np.diff(np.r_[starts, len(times)]))
+    order = np.argsort(rank, kind="stable")
+    ends = np.cumsum(np.bincount(rank)) if len(times) else []
+    for begin, end in pairwise(ends):
+        step = order[begin:end]
+        out[step] += keep[step] * out[step - 1]
+    return out
