@@ -111,18 +111,24 @@ def _spread(inverse, design, transits, variability, n):
 def unit_errors(law, n=2000, seed=1):
     """Sky-mean errors of (α*, δ, ϖ, µ_α*, µ_δ) for a transit error of one, (5,).
 
-    From n uniform positions, always the same ones.
+    From n uniform positions, always the same ones; the law remembers the result.
     """
-    rng = np.random.default_rng(seed)
-    found = solve(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, law.years)
-    return np.sqrt(np.einsum("nii->ni", found.covariance[found.solved])).mean(0)
+    if (n, seed) not in law.remembered:
+        rng = np.random.default_rng(seed)
+        found = solve(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, law.years)
+        if not found.solved.any():
+            raise ValueError(
+                f"in {law.years:g} years no source has transits enough for five parameters: a longer mission is needed"
+            )
+        law.remembered[n, seed] = np.sqrt(np.einsum("nii->ni", found.covariance[found.solved])).mean(0)
+    return law.remembered[n, seed]
 
 
 def transit_error(magnitude, law, release="DR4", unit=None):
     """Along-scan error of a transit by magnitude, (n,). [µas]
 
     Such that the sky-mean parallax error of the mission is the published one of the release,
-    scaled to the mission's length by its transits.
+    whatever the length of the mission.
 
     Parameters
     ----------

@@ -110,16 +110,24 @@ def effects(redshift=0.01):
     Returns
     -------
     dict
-        From the effect to a pair (least, largest) or a single number twice.
+        From the effect to a pair (least, largest); where one number is all there is, twice the same.
+        That of the void is the paper's own, from a model that is not solved here.
     """
+    from sim.signal import hubble_rate
     from vsh.cosmology import PAPER, transverse_distance
 
     distance = float(transverse_distance([redshift], PAPER)[0])
     galactic = float(circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc).value)
     drift = 369.0 / (AU_PER_YEAR * distance)
-    speeds = [speed / (AU_PER_YEAR * distance) for speed in (600.0, 1500.0)]
+    peculiar = tuple(speed / (AU_PER_YEAR * distance) for speed in (600.0, 1500.0))
+    depth = lensing_depth(0.05 / u.Mpc**3, 1e11 * u.M_sun, 5 * u.Gpc, 10 * u.Gpc)
+    lens = float(transverse_motion(600 * u.km / u.s, 5 * u.Gpc).value)
+    shear = 0.01 * hubble_rate(PAPER.H0.value)
     return {
         "acceleration of the Solar System": (galactic, galactic),
         "cosmological proper motion": (drift, drift),
-        "peculiar proper motion": tuple(speeds),
+        "anisotropic expansion by 1 %": (shear, shear),
+        "off-centre void": (0.02, 0.02),
+        "peculiar proper motion": peculiar,
+        "weak microlensing, rms": (lensing_motion(lens, depth),) * 2,
     }

@@ -86,7 +86,8 @@ def quasars(n, rng, sky="uniform", faintest=20.0, map_frame="icrs"):
     """
     rng = np.random.default_rng(rng)
     lon, lat = _positions(n, rng, sky, map_frame)
-    return Population(lon, lat, quasar_magnitudes(n, rng, faintest), quasar_redshifts(n, rng))
+    # Redshifts from a stream of their own: they shift nothing that is drawn later.
+    return Population(lon, lat, quasar_magnitudes(n, rng, faintest), quasar_redshifts(n, rng.spawn(1)[0]))
 
 
 def vlbi_quasars(quasars, n, rng):
@@ -160,4 +161,7 @@ def _positions(n, rng, sky, map_frame):
 
     if n < 1:
         raise ValueError(f"a population has at least one member, not {n}")
-    return uniform_sky(n, rng) if isinstance(sky, str) and sky == "uniform" else draw_positions(n, rng, sky, map_frame)
+    exact = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
+    if isinstance(sky, str) and sky in exact:
+        return exact[sky](n, rng)
+    return draw_positions(n, rng, sky, map_frame)

@@ -16,12 +16,12 @@ from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+from sim.sun import YEAR, sun_position, sun_rate
 from vsh.blocks import map_blocks
 from vsh.frames import rotation_matrix
 from vsh.sphere import triad
 from vsh.units import DEGREE
 
-YEAR = 365.25  # days
 #: Sources looked at together; each with every spin of the mission.
 BLOCK = 1000
 
@@ -68,7 +68,8 @@ class NominalScanningLaw:
     precessions : float — of the spin axis about the Sun, a year
     spin_rate : float — [arcsec/s]
     basic_angle : float — between the fields of view [rad]
-    half_height : float — of a field, across the scan [rad]
+    half_height : float — of a field, across the scan [rad]; 0.342°, a little less than the 0.35° of the
+        whole field, gives the published counts with their 6 % of dead time
     pole_days : float — at first the axis stays in the ecliptic, ν = 0 or π as is nearer to
         the given phase, so that both fields pass the ecliptic poles every spin [days]
     dead_time : float — fraction of the time that is lost, in gaps of some six hours
@@ -96,12 +97,13 @@ class NominalScanningLaw:
     precessions: float = 5.8
     spin_rate: float = 60.0
     basic_angle: float = 106.5 * DEGREE
-    half_height: float = 0.345 * DEGREE
+    half_height: float = 0.342 * DEGREE
     pole_days: float = 0.0
     dead_time: float = 0.0
     rng: object = None
     frame: str = "icrs"
-    _state: dict = field(default_factory=dict, repr=False)
+    remembered: dict = field(default_factory=dict, init=False, repr=False)
+    _state: dict = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self):
         if not self.years > 0:
@@ -121,7 +123,7 @@ class NominalScanningLaw:
 
     def sun(self, time):
         """Direction of the Sun in the ecliptic, (3, n), and its distance [AU]; time in years."""
-        longitude, distance = _sun(self.start, np.asarray(time, float))
+        longitude, distance = sun_position(self.start, np.asarray(time, float))
         return np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)]), distance
 
     def attitude(self, time):
@@ -217,7 +219,7 @@ class NominalScanningLaw:
 
         def slope(time, state):
             nu = state[0]
-            sun = _sun_rate(self.start, time)
+            sun = sun_rate(self.start, time)
             nu_rate = (
                 0.0
                 if time < quiet
@@ -283,22 +285,3 @@ def _speed(precessions, xi):
         )[0]
 
     return brentq(lambda speed: turn(speed) * precessions - 2 * np.pi, 1.5, 50.0, xtol=1e-12)
-
-
-def _anomaly(start, time):
-    days = (start - 2000.0 + time) * YEAR
-    return (357.528 + 0.9856003 * days) * DEGREE, (280.460 + 0.9856474 * days) * DEGREE
-
-
-def _sun(start, time):
-    """Ecliptic longitude [rad] and distance [AU] of the Sun, to 0.01° (Astronomical Almanac, C5)."""
-    g, mean = _anomaly(start, time)
-    longitude = mean + (1.915 * np.sin(g) + 0.020 * np.sin(2 * g)) * DEGREE
-    return longitude, 1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2 * g)
-
-
-def _sun_rate(start, time):
-    """dλ/dt [rad/yr]."""
-    g, _ = _anomaly(start, time)
-    turn = 0.9856003 * DEGREE * YEAR
-    return 0.9856474 * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * turn

@@ -42,3 +42,17 @@ def test_robust_fits(tmp_path):
     assert len(amplitudes) == 6
     assert max(abs(a - 5.05) for a in amplitudes) < 1.5
     assert (tmp_path / "robust_fits.png").stat().st_size > 10_000
+
+
+def test_simulated_sky(tmp_path):
+    text = run("simulated_sky.py", folder=tmp_path)
+    assert "gums: ã = " in text
+    figures = {
+        "density_gums.png",
+        "density_igql.png",
+        "transits.png",
+        "tracks.png",
+        "galaxies.png",
+        "simulated_sky.png",
+    }
+    assert {path.name for path in tmp_path.glob("*.png")} == figures
