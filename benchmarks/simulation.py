@@ -37,7 +37,9 @@ def main(n=500_000):
         print(f"  σ of ω, ã  {scaled}\n  paper      {np.array(PAPER[sky])}\n  ratio      {scaled / PAPER[sky]}")
         print(f"  ã          {found.acceleration.value} ± {found.acceleration.sigma}")
         if sky == "igql":
-            print(f"  ω–ã correlations\n{found.correlation[:3, 3:]}\n  less the paper's\n{found.correlation[:3, 3:] - TIES}")
+            print(
+                f"  ω–ã correlations\n{found.correlation[:3, 3:]}\n  less the paper's\n{found.correlation[:3, 3:] - TIES}"
+            )
     galaxies = sim.galaxies(100_000, 1, "gums")
     field = sim.observe(galaxies, sim.spin((0, 0, 0)), 2, mission=law, release="paper", excess=520.0, progress=False)
     print("galaxies: σ of ã", fit.solve_frame(field.to_frame("galactic")).acceleration.sigma, "paper 0.27")

@@ -41,3 +41,7 @@ def __getattr__(name):
     if name in _LAZY:
         return import_module(f"fit.{name}")
     raise AttributeError(f"module 'fit' has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted({*globals(), *_LAZY})

@@ -20,12 +20,17 @@ def main(arguments=None):
     """Run `vsh-fit`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
     options = parser.parse_args(arguments)
+    if options.output is not None and not options.output:
+        parser.error("--output names no folder")
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or say --demo")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", vsh.VshWarning)  # the report's notes say it
             _run(options)
+    except MemoryError:
+        print(f"vsh-fit: error: degree {options.lmax} does not fit into memory: lower --lmax", file=sys.stderr)
+        return 1
     except (VshError, OSError) as error:
         print(f"vsh-fit: error: {error}", file=sys.stderr)
         return 1
@@ -36,6 +41,11 @@ def main(arguments=None):
 
 
 def _run(options):
+    if options.output:  # a folder that cannot be written is better told before the work than after
+        try:
+            Path(options.output).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise VshError(f"--output {options.output} cannot be made a folder: {error.strerror}") from error
     path = files("fit") / DEMO if options.demo else Path(options.catalogue)
     # Not before: --help should not wait for astropy.
     from vsh import catalogue, tables
@@ -48,9 +58,8 @@ def _run(options):
     print(text)
     if options.output:
         folder = Path(options.output)
-        folder.mkdir(parents=True, exist_ok=True)
         (folder / "report.txt").write_text(text, encoding="utf-8")
-        meta = _provenance(path, options, len(table), len(kept))
+        meta = _provenance(path, options, len(table), len(field), len(kept))
         fit.export.write_solution(solution, folder / "solution.ecsv", meta)
         fit.export.write_correlation(solution, folder / "correlation.ecsv", meta)
         import matplotlib
@@ -81,7 +90,7 @@ def _fit(field, modes, options):
     return solution, field
 
 
-def _provenance(path, options, rows, used):
+def _provenance(path, options, rows, read, used):
     import astropy
     import numpy
     import scipy
@@ -91,7 +100,8 @@ def _provenance(path, options, rows, used):
         "sha256": hashlib.sha256(Path(str(path)).read_bytes()).hexdigest(),
         "rows": rows,
         "rows_used": used,
-        "rows_refused": rows - used,
+        "rows_refused": rows - read,
+        "rows_clipped": read - used,
         "options": {key: value for key, value in vars(options).items() if value is not None and key != "output"},
         "versions": {
             "vsh-astrometry": vsh.__version__,
@@ -175,7 +185,7 @@ def _positive(text):
 
 
 def _pairs(text):
-    pairs = dict(part.partition("=")[::2] for part in text.split(","))
+    pairs = dict(map(str.strip, part.partition("=")[::2]) for part in text.split(","))
     if not all(pairs) or not all(pairs.values()):
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value,name=value")
     return pairs

@@ -22,7 +22,7 @@ from vsh.gate import merge_notes, sum_refusals
 LOW = 12
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MatrixFreeSolution(Solution):
     """A Solution without a full covariance; what needs one raises CovarianceError.
 

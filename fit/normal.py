@@ -1,6 +1,7 @@
 """Normal equations: all that a least-squares fit needs to remember of the data."""
 
 from dataclasses import dataclass
+from os import PathLike
 
 import numpy as np
 
@@ -11,8 +12,11 @@ from vsh import Field, Modes
 from vsh.errors import FieldError, FrameError, ModesError
 from vsh.gate import merge_notes
 
+#: A normal matrix beyond this is refused. [bytes]
+MEMORY = 8 * 2**30
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class NormalEquations:
     """N c = b, summed over data. They add: chunks, catalogues and priors alike.
 
@@ -41,6 +45,9 @@ class NormalEquations:
     n_data: int
     frame: str = None
     notes: tuple = ()
+
+    def __repr__(self):
+        return f"<NormalEquations: {self.n_data} numbers, degree {self.modes.lmax}, {self.frame or 'any frame'}>"
 
     def __add__(self, other):
         return self._combine(other, +1)
@@ -81,7 +88,7 @@ def normal_equations(field, modes, method="auto", threads=None):
     Parameters
     ----------
     field : Field or iterable of Fields
-    modes : Modes
+    modes : Modes, or the degree lmax
     method : {"auto", "direct", "compressed"}
         "direct" sums the design matrix, exact to rounding; "compressed" sums the moments of
         the weights and is as good to 1e-12, in a time that hardly grows with the degree.
@@ -114,6 +121,14 @@ def normal_equations(field, modes, method="auto", threads=None):
     """
     if method not in ("auto", "direct", "compressed"):
         raise ValueError(f"unknown method {method!r}: choose one of auto, direct, compressed")
+    modes = as_modes(modes)
+    if isinstance(field, (str, PathLike)):
+        raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or iter_fields")
+    if len(modes) ** 2 * 8 > MEMORY:
+        raise ModesError(
+            f"degree {modes.lmax} has {len(modes)} coefficients, whose normal matrix takes "
+            f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax, or use fit.solve_matrix_free"
+        )
     if not isinstance(field, Field):
         total = sum(normal_equations(each, modes, method, threads) for each in field)
         if total == 0:
@@ -126,6 +141,11 @@ def normal_equations(field, modes, method="auto", threads=None):
     else:
         sums = direct_sums(field, modes, threads)
     return NormalEquations(modes, *sums, 2 * len(field), field.frame, field.notes)
+
+
+def as_modes(modes):
+    """Modes, or a degree in their place."""
+    return modes if isinstance(modes, Modes) else Modes(modes)
 
 
 def direct_up_to(modes):

@@ -24,15 +24,16 @@ def plot_spectrum(solution):
         degrees = [row for row in rows if row.kind == kind]
         l = np.array([row.l for row in degrees])
         power, error = (np.array([getattr(row, x) for row in degrees]) for x in ("power", "error"))
-        # On a logarithmic axis an error as large as the power has no lower end.
-        below = np.minimum(error, power * 0.9)
         axes.errorbar(
-            l + side * 0.08, power, [below, error], fmt="o" if kind == "T" else "s", color=_COLOURS[kind],
+            l + side * 0.08, power, error, fmt="o" if kind == "T" else "s", color=_COLOURS[kind],
             capsize=3, label=_NAMES[kind],
         )  # fmt: skip
         noise = [row.noise for row in degrees]
         axes.hlines(noise, l, l + side * 0.3, color=_COLOURS[kind], linestyle=":", label=f"noise alone, {_NAMES[kind]}")
-    axes.set_yscale("log")
+    # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
+    axes.set_yscale("log", nonpositive="clip")
+    levels = np.array([(row.power, row.power + row.error, row.noise) for row in rows])
+    axes.set_ylim(levels.min() / 4, levels.max() * 2)
     axes.set_xticks(np.unique([row.l for row in rows]) if len(rows) <= 40 else None)
     axes.set_xlabel("degree", fontsize=13)
     axes.set_ylabel("power  [(µas/yr)²]", fontsize=13)

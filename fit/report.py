@@ -46,8 +46,11 @@ def _heading(solution, source):
     elif solution.reduced_chi2 > 1.5:
         factor = np.sqrt(solution.reduced_chi2)
         lines.append(
-            f"               errors below are the catalogue's; its residuals ask for {factor:.2f} times as much"
+            f"careful        errors below are the catalogue's: its residuals ask for {factor:.2f} times as much,"
         )
+        lines.append("               and so do chances, which are too small")
+    if solution.dof < len(solution.modes):
+        lines.append("careful        fewer numbers to spare than parameters: small errors here may mean little")
     return "\n".join(lines)
 
 
@@ -76,7 +79,7 @@ def _row(vector):
 
 
 def _components(vector):
-    return "".join(f"{v:+9.3f} ±{s:6.3f}".rjust(16) for v, s in zip(vector.value, vector.sigma))
+    return "".join(f" {v:+8.3f} ±{s:6.3f}".rjust(16) for v, s in zip(vector.value, vector.sigma))
 
 
 def _direction(vector):
@@ -105,7 +108,8 @@ def _chance(p):
 
 def _check(check):
     lines = [
-        f"Cross-check: degree 1 alone on the same {check.direct.n_data // 2} sources, by two solvers without a common formula",
+        f"Cross-check: plain least squares of degree 1 alone on the same {check.direct.n_data // 2} sources, with the catalogue's",
+        "errors, by two solvers without a common formula",
         f"{'[µas/yr]':26}{'x':>16}{'y':>16}{'z':>16}",
     ]
     for name in ("spin", "acceleration"):

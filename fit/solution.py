@@ -11,7 +11,7 @@ from vsh.errors import FrameError
 from vsh.vector import Vector
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """Coefficients with their covariance.
 
@@ -40,6 +40,9 @@ class Solution:
     frame: str = "icrs"
     notes: tuple = ()
     errors_from: str = "the catalogue"
+
+    def __repr__(self):
+        return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
 
     @property
     def modes(self):

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.linalg.lapack import dpocon
 
-from fit.normal import normal_equations
+from fit.normal import NormalEquations, normal_equations
 from fit.solution import Solution
-from vsh import Coefficients, Modes
+from vsh import Coefficients, Field, Modes
 from vsh.errors import DegeneracyError
 from vsh.gate import sum_refusals
 
@@ -43,6 +43,10 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
     >>> solve(normal_equations(field, Modes(1))).spin.value.round(9)
     array([1., 2., 3.])
     """
+    if not isinstance(normal, NormalEquations):
+        raise TypeError(
+            f"solve takes normal equations, not a {type(normal).__name__}: fit.normal_equations(field, modes)"
+        )
     if prior is not None:
         normal = normal + prior
     factor, scale = _factor(normal, max_condition)
@@ -66,7 +70,17 @@ def fit_field(field, lmax):
     DegeneracyError
         If the sources cannot tell the modes apart.
     """
-    return solve(normal_equations(field, Modes(lmax)))
+    modes = Modes(lmax)
+    if isinstance(field, Field) and 2 * len(field) < len(modes):
+        raise DegeneracyError(_too_few(len(field), modes))
+    return solve(normal_equations(field, modes))
+
+
+def _too_few(sources, modes, why=""):
+    return (
+        f"{sources} sources cannot separate {len(modes)} modes{why}: lower lmax from {modes.lmax}, widen the "
+        "sky coverage, or add fit.gaussian_prior to the normal equations"
+    )
 
 
 def _factor(normal, max_condition):
@@ -90,9 +104,7 @@ def _factor(normal, max_condition):
 
 def _raise_degenerate(normal, condition, max_condition, weakest):
     raise DegeneracyError(
-        f"{normal.n_data // 2} sources cannot separate {len(normal.modes)} modes (condition "
-        f"{condition:.1e} > {max_condition:.0e}{weakest}): lower lmax from {normal.modes.lmax}, widen the "
-        "sky coverage, or add fit.gaussian_prior to the normal equations"
+        _too_few(normal.n_data // 2, normal.modes, f" (condition {condition:.1e} > {max_condition:.0e}{weakest})")
     )
 
 

@@ -58,3 +58,7 @@ def __getattr__(name):
     if name in _LAZY:
         return import_module(f"sim.{name}")
     raise AttributeError(f"module 'sim' has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted({*globals(), *_LAZY})

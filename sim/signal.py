@@ -6,6 +6,7 @@ import numpy as np
 
 from vsh import Coefficients, Modes
 from vsh.errors import FieldError
+from vsh.gate import as_floats
 from vsh.sphere import triad
 from vsh.units import AU_PER_YEAR
 
@@ -47,12 +48,12 @@ def field(coefficients):
 
 def spin(vector):
     """Rigid rotation of the frame, ω × r. [µas/yr]"""
-    return field(Coefficients.from_vectors(rotation=vector))
+    return field(Coefficients.from_vectors(rotation=_three(vector, "spin", "uas / yr")))
 
 
 def acceleration(vector):
     """Drift towards a point by the Solar System's acceleration, ã − (ã·r) r. [µas/yr]"""
-    return field(Coefficients.from_vectors(glide=vector))
+    return field(Coefficients.from_vectors(glide=_three(vector, "acceleration", "uas / yr")))
 
 
 def drift(velocity, cosmology=None, hubble=None):
@@ -69,7 +70,7 @@ def drift(velocity, cosmology=None, hubble=None):
     -----
     Bachchan, Hobbs & Lindegren (2016), sect. 2.3.
     """
-    velocity = _vector(velocity, "velocity")
+    velocity = _vector(velocity, "velocity", "km / s")
 
     def part(lon, lat, redshift):
         p, q, _ = triad(lon, lat)
@@ -214,10 +215,18 @@ def void(direction, amplitude=0.02, peak=1.0):
     return Signal((part,))
 
 
-def _vector(value, name):
-    value = np.asarray(value, float)
-    if value.shape != (3,) or not value.any():
-        raise ValueError(f"{name} must be a vector of three components, not all zero")
+def _three(value, name, unit=""):
+    """Three finite components, bare or as a Quantity of any fitting unit."""
+    value = as_floats(name, value, unit)[0]
+    if value.shape != (3,) or not np.isfinite(value).all():
+        raise FieldError(f"{name} must be a vector of three finite components, not of shape {value.shape}")
+    return value
+
+
+def _vector(value, name, unit=""):
+    value = _three(value, name, unit)
+    if not value.any():
+        raise FieldError(f"{name} must be a vector whose components are not all zero")
     return value
 
 

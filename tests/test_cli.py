@@ -113,3 +113,31 @@ def test_real_catalogue(tmp_path, capsys):
 
 def test_entry_point_is_installed():
     assert (Path(sys.executable).parent / "vsh-fit").exists()
+
+
+def test_more_modes_than_numbers_are_refused_before_any_work(tmp_path, capsys):
+    table().write(tmp_path / "c.fits")
+    for lmax in ("120", "100000"):
+        assert main([str(tmp_path / "c.fits"), "--lmax", lmax]) == 1
+        assert f"modes: lower lmax from {lmax}" in capsys.readouterr().err
+
+
+def test_careless_spelling(tmp_path, capsys):
+    table().write(tmp_path / "c.fits")
+    named = ["--columns", "pmra=pmra, pmra_error=pmra_error", "--lmax", "1"]
+    assert main([str(tmp_path / "c.fits"), *named]) == 0
+    with pytest.raises(SystemExit):
+        main([str(tmp_path / "c.fits"), "--output", ""])
+    assert "--output names no folder" in capsys.readouterr().err
+    assert main([str(tmp_path / "c.fits"), "--output", str(tmp_path / "c.fits")]) == 1
+    assert "cannot be made a folder: File exists" in capsys.readouterr().err
+
+
+def test_clipped_is_not_refused(tmp_path):
+    wild = table()
+    wild["pmra"][3] = 1000.0
+    wild.write(tmp_path / "c.fits")
+    assert main([str(tmp_path / "c.fits"), "--lmax", "1", "--clip", "5", "--output", str(tmp_path)]) == 0
+    meta = Table.read(tmp_path / "solution.ecsv").meta
+    assert (meta["rows_refused"], meta["rows_used"] + meta["rows_clipped"]) == (0, 30)
+    assert meta["rows_clipped"] >= 1

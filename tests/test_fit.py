@@ -10,7 +10,7 @@ import fit
 import sim
 from vsh import Coefficients, Field, Modes
 from vsh.basis import harmonics
-from vsh.errors import DegeneracyError, FrameError, ModesError
+from vsh.errors import DegeneracyError, FieldError, FrameError, ModesError
 
 
 def test_recovers_a_noiseless_truth():
@@ -181,3 +181,16 @@ def test_notes_travel_from_the_field_to_the_report():
     solution = fit.solve(fit.normal_equations(field, Modes(1)) + fit.normal_equations(field, Modes(1)))
     assert solution.notes == ("measured at noon",)
     assert "measured at noon" in fit.report(solution)
+
+
+def test_wrong_nouns_are_told_the_right_ones():
+    field = random_field(100, seed=1)
+    with pytest.raises(FieldError, match="is a path: read it first"):
+        fit.normal_equations("catalogue.fits", 1)
+    with pytest.raises(TypeError, match="solve takes normal equations, not a Field"):
+        fit.solve(field)
+    with pytest.raises(ModesError, match="GiB: lower lmax, or use fit.solve_matrix_free"):
+        fit.normal_equations(field, 200)
+    assert fit.normal_equations(field, 2).modes == Modes(2)
+    words = "".join(map(repr, (field, fit.normal_equations(field, 1), fit.fit_field(field, 1))))
+    assert len(words) < 250

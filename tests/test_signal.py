@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from astropy import units as u
 from astropy.cosmology import FlatLambdaCDM, Planck18
 
 import sim
@@ -185,3 +186,13 @@ def test_injection_and_recovery(kind):
     pulls = np.array(pulls)
     assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(200)
     assert np.abs(pulls.std(0) - 1).max() < 4 / np.sqrt(400)
+
+
+def test_quantities_keep_their_units():
+    lon, lat = np.array([1.0]), np.array([0.5])
+    bare, with_unit = sim.acceleration((0, 5, 0)), sim.acceleration([0, 0.005, 0] * u.mas / u.yr)
+    np.testing.assert_allclose(with_unit(lon, lat), bare(lon, lat))
+    with pytest.raises(FieldError, match="cannot be converted"):
+        sim.spin([1, 2, 3] * u.km)
+    with pytest.raises(FieldError, match="three finite components"):
+        sim.spin(3)

@@ -23,3 +23,7 @@ def __getattr__(name):
     if name in _LAZY:
         return import_module(f"vsh.{name}")
     raise AttributeError(f"module 'vsh' has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted({*globals(), *_LAZY})

@@ -11,7 +11,7 @@ from vsh.sphere import angles, triad
 from vsh.units import DEGREE, MAS
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Field:
     """Proper motions of n sources, with their errors.
 
@@ -146,6 +146,10 @@ class Field:
 
     def __len__(self):
         return self.lon.size
+
+    def __repr__(self):
+        known = [name for name in ("redshift", "magnitude", "name") if getattr(self, name) is not None]
+        return f"<Field: {len(self)} sources, {self.frame}{', with ' if known else ''}{', '.join(known)}>"
 
     def __getitem__(self, keep):
         """The sources picked by a mask, a slice or indices."""

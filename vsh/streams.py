@@ -60,10 +60,6 @@ def _fits_column(part, column):
 
 
 def _parquet_blocks(path, rows):
-    try:
-        import pyarrow.dataset as arrow
-    except ImportError as error:
-        raise TableError(f"Parquet needs pyarrow: pip install 'vsh-astrometry[parquet]' ({error})") from error
     if path.is_dir():
         if (path / "collection.properties").exists():
             raise TableError(
@@ -74,6 +70,10 @@ def _parquet_blocks(path, rows):
             raise TableError(f"{path} holds no .parquet files")
     else:
         files = [path]
+    try:
+        import pyarrow.dataset as arrow
+    except ImportError as error:
+        raise TableError(f"Parquet needs pyarrow: pip install 'vsh-astrometry[parquet]' ({error})") from error
     try:
         dataset = arrow.dataset([str(f) for f in files], format="parquet")
         units = _parquet_units(dataset.schema.metadata or {})
