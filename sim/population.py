@@ -4,7 +4,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from vsh.errors import FieldError, TableError
 from vsh.frames import check_frame
+from vsh.gate import as_floats
 from vsh.sphere import angles, triad
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
@@ -134,6 +136,46 @@ def galaxies(
         g = modulus + rng.normal(absolute, spread, n)
         redshift, magnitude = np.r_[redshift, z[g < faintest]], np.r_[magnitude, g[g < faintest]]
     return Population(lon, lat, magnitude[:n], redshift[:n])
+
+
+def from_table(source, ra="ra", dec="dec", redshift=None, magnitude=None):
+    """The positions, and perhaps redshifts and magnitudes, of a real table.
+
+    Parameters
+    ----------
+    source : path or table — whatever `vsh.tables.as_table` takes
+    ra, dec, redshift, magnitude : str — names of columns; positions in degrees
+
+    Returns
+    -------
+    Population
+        In ICRS; a redshift or magnitude that is missing is nan.
+
+    Raises
+    ------
+    TableError
+        If a column is missing.
+    FieldError
+        If a position is missing or not on the sky, or a column holds no numbers.
+    """
+    from vsh import tables
+
+    table = tables.as_table(source)
+    columns = {}
+    for role, name in {"ra": ra, "dec": dec, "redshift": redshift, "magnitude": magnitude}.items():
+        if name is None:
+            continue
+        if name not in table.colnames:
+            raise TableError(f"no column {name!r} for {role}. The table has {', '.join(table.colnames)}")
+        values, missing = as_floats(name, np.ma.filled(np.ma.asarray(table[name]), np.nan))
+        columns[role] = np.where(missing, np.nan, values)
+    bad = ~(np.isfinite(columns["ra"]) & (np.abs(columns["dec"]) <= 90))
+    if bad.any():
+        raise FieldError(
+            f"{bad.sum()} of {bad.size} positions are missing or not on the sky (first: row {bad.argmax()})"
+        )
+    lon, lat = np.radians(columns["ra"]), np.radians(columns["dec"])
+    return Population(lon, lat, columns.get("magnitude"), columns.get("redshift"))
 
 
 def quasar_magnitudes(n, rng, faintest=20.0):
