@@ -161,7 +161,7 @@ class NominalScanningLaw:
             lambda part: (part.start, self.transits_of_block(lon[part], lat[part])),
             len(lon), BLOCK, threads, "transits" if progress else None,
         )  # fmt: skip
-        parts = [(start, block) for start, block in blocks]
+        parts = list(blocks)
         names = ("time", "angle", "parallax_factor", "view", "across")
         source = [block.source + start for start, block in parts] or [np.zeros(0, int)]
         return Transits(

@@ -92,7 +92,7 @@ def read_field(source, columns=None, units=None, on_bad="raise", frame="icrs"):
         if role in _REQUIRED:
             found[role] = _in_unit(role, name, table[name], units, said)
         else:
-            found[role] = _identifiers(table[name], said) if role == "name" else _plain(name, table[name], units)
+            found[role] = _identifiers(table[name], said) if role == "name" else _plain(name, table[name])
     said = _gather(said)
     _doubt_radians(found, said)
     with np.errstate(invalid="ignore"):
@@ -238,11 +238,11 @@ def _in_unit(role, name, column, units, said):
             f"if the table is wrong, say what it is, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
         ) from None
     # The numbers alone: a Quantity column's own unit has just been used.
-    values, missing = as_floats(name, getattr(column, "value", column))
-    return np.ma.MaskedArray(values * factor, missing | np.asarray(getattr(column, "mask", False)))
+    return _plain(name, column) * factor
 
 
-def _plain(name, column, units):
+def _plain(name, column):
+    """A column as a masked array of bare numbers."""
     values, missing = as_floats(name, getattr(column, "value", column))
     return np.ma.MaskedArray(values, missing | np.asarray(getattr(column, "mask", False)))
 
