@@ -5,7 +5,7 @@ Angles are in radians and proper motions in µas/yr, everywhere below this line.
 
 from importlib import import_module
 
-from vsh import conventions
+from vsh import apex, conventions, redshifts
 from vsh.coefficients import Coefficients
 from vsh.errors import VshError, VshWarning
 from vsh.field import Field
@@ -13,7 +13,7 @@ from vsh.modes import Mode, Modes
 from vsh.vector import Vector
 
 __version__ = "0.1.0"
-__all__ = ["Coefficients", "Field", "Mode", "Modes", "Vector", "VshError", "VshWarning", "conventions"]
+__all__ = ["Coefficients", "Field", "Mode", "Modes", "Vector", "VshError", "VshWarning", "apex", "conventions", "redshifts"]
 
 # Rooms with heavy friends open on the first visit: `vsh.catalogue` imports astropy then.
 _LAZY = {"catalogue", "cosmology", "pixels", "plot", "rotate", "tables", "transform"}

@@ -2,22 +2,27 @@
 
 import numpy as np
 from astropy.cosmology import FlatLambdaCDM
+from scipy.interpolate import make_interp_spline
 
-from vsh.errors import FieldError
+from vsh.errors import ConvergenceError, FieldError
+from vsh.redshifts import FLOW_LIMIT, count_unusable, usable
 
-#: Below this redshift a source moves with its neighbours, not with the expansion.
-FLOW_LIMIT = 1e-4
+__all__ = ["FLOW_LIMIT", "PAPER", "hubble_of", "transverse_distance"]
+
 #: Flat, Ω_m = 0.315, H0 = 67.3 km/s/Mpc: Bachchan, Hobbs & Lindegren (2016).
 PAPER = FlatLambdaCDM(H0=67.3, Om0=0.315)
+#: More redshifts than this are interpolated.
+_EXACT = 1000
 
 
-def transverse_distance(redshift, cosmology=PAPER, hubble=None):
+def transverse_distance(redshift, cosmology=None, hubble=None):
     """Transverse comoving distance d_M, (n,). [Mpc]
 
     Parameters
     ----------
     redshift : (n,) array
-    cosmology : astropy cosmology — its shape; its H0 too unless `hubble` is given
+    cosmology : astropy cosmology, optional — its shape; its H0 too unless `hubble` is given;
+        flat, Ω_m = 0.315, H0 = 67.3 unless given
     hubble : float, optional — H0, to which distances are inversely proportional [km/s/Mpc]
 
     Raises
@@ -26,6 +31,10 @@ def transverse_distance(redshift, cosmology=PAPER, hubble=None):
         If any redshift is missing, not positive, or below the flow (z < 1e-4): astropy would
         return 0 Mpc for a nan and a negative distance for a negative redshift.
 
+    Notes
+    -----
+    More than a thousand redshifts are interpolated, to 1e-9 of the distance or better.
+
     Examples
     --------
     >>> transverse_distance(np.array([0.001, 0.01, 1.0])).round(2)
@@ -33,13 +42,41 @@ def transverse_distance(redshift, cosmology=PAPER, hubble=None):
     """
     if redshift is None:
         raise FieldError("these sources have no redshifts, which a distance needs")
+    cosmology = PAPER if cosmology is None else cosmology
     redshift = np.asarray(redshift, float)
-    unusable = ~(np.isfinite(redshift) & (redshift >= FLOW_LIMIT))
-    if unusable.any():
-        missing, low = np.isnan(redshift).sum(), (redshift < FLOW_LIMIT).sum()
+    good = usable(redshift)
+    if not good.all():
         raise FieldError(
-            f"{unusable.sum()} of {redshift.size} redshifts give no distance: {missing} missing, {low} below "
-            f"{FLOW_LIMIT:g} (zero and negative ones among them); leave those sources out first"
+            f"{(~good).sum()} of {redshift.size} redshifts give no distance: {count_unusable(redshift)}. "
+            "Leave those sources out first: vsh.redshifts.with_redshift(field), or --on-bad drop"
         )
-    distance = cosmology.comoving_transverse_distance(redshift).to_value("Mpc")
-    return distance if hubble is None else distance * (cosmology.H0.to_value("km / (s Mpc)") / hubble)
+    if redshift.size > _EXACT:
+        distance = _interpolated(redshift, cosmology)
+    else:
+        distance = _exact(redshift, cosmology)
+    return distance if hubble is None else distance * (hubble_of(cosmology) / hubble)
+
+
+def hubble_of(cosmology):
+    """The Hubble constant of an astropy cosmology. [km/s/Mpc]"""
+    return float(cosmology.H0.to_value("km / (s Mpc)"))
+
+
+def _exact(redshift, cosmology):
+    return cosmology.comoving_transverse_distance(redshift).to_value("Mpc")
+
+
+def _interpolated(redshift, cosmology, accuracy=1e-9):
+    """By a quintic spline of log(d/z) in log(1 + z), refined until it holds between its nodes."""
+    low, high = np.log1p(redshift.min()), np.log1p(redshift.max()) + 1e-12
+    nodes = 32
+    while nodes <= 4096:
+        x = np.linspace(low, high, nodes + 1)
+        z = np.expm1(x)
+        spline = make_interp_spline(x, np.log(_exact(z, cosmology) / z), k=5)
+        between = (x[1:] + x[:-1]) / 2
+        z = np.expm1(between)
+        if np.abs(spline(between) - np.log(_exact(z, cosmology) / z)).max() < accuracy / 4:
+            return redshift * np.exp(spline(np.log1p(redshift)))
+        nodes *= 2
+    raise ConvergenceError(f"the distances of {cosmology} are too rough to interpolate")

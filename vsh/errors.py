@@ -21,6 +21,10 @@ class TableError(VshError, ValueError):
     """A table cannot be read, or lacks what a field needs."""
 
 
+class ParameterError(VshError, ValueError):
+    """A number that no such parameter can have: a Hubble constant of zero, say."""
+
+
 class DegeneracyError(VshError, ValueError):
     """The data cannot tell some of the parameters apart."""
 
@@ -31,6 +35,10 @@ class CovarianceError(VshError, AttributeError):
 
 class ConvergenceError(VshError):
     """A loop that should have settled has not."""
+
+
+class CheckpointError(VshError):
+    """A file of a run that was broken off cannot be used to go on."""
 
 
 class VshWarning(UserWarning):

@@ -11,6 +11,7 @@ import numpy as np
 from astropy.table import Table
 
 from vsh.errors import TableError
+from vsh.files import replacing
 
 #: File name endings and astropy's formats; a further .gz is understood by all but Parquet.
 FORMATS = {
@@ -77,6 +78,14 @@ def as_table(source):
         raise TableError(f"a {type(source).__name__} is no table: {_first_line(error)}") from error
 
 
+def table_of(columns, meta=None, units=None):
+    """An astropy Table from columns, metadata of plain values and units, all by name."""
+    table = Table({name: np.asarray(values) for name, values in columns.items()}, meta=meta or {})
+    for name, unit in (units or {}).items():
+        table[name].unit = unit
+    return table
+
+
 def write(path, columns, meta=None, units=None):
     """Write columns as a table to a new file, which takes the name `path` when it is complete.
 
@@ -88,15 +97,9 @@ def write(path, columns, meta=None, units=None):
     units : dict of name to str, optional
     """
     path = Path(path)
-    table = Table({name: np.asarray(values) for name, values in columns.items()}, meta=meta or {})
-    for name, unit in (units or {}).items():
-        table[name].unit = unit
-    new = path.with_name(f".{os.getpid()}-{path.name}")
-    try:
+    table = table_of(columns, meta, units)
+    with replacing(path) as new:
         table.write(new, format=format_of(path), overwrite=True)
-        os.replace(new, path)
-    finally:
-        new.unlink(missing_ok=True)
 
 
 def format_of(path):

@@ -46,6 +46,27 @@ class Vector:
                 f"a Vector has 3 components and a 3 × 3 covariance, not {self.value.shape} and {self.covariance.shape}"
             )
 
+    @classmethod
+    def from_polar(cls, amplitude, lon, lat, errors=(0.0, 0.0, 0.0), frame="icrs", unit="µas/yr"):
+        """A vector of known length and direction.
+
+        Parameters
+        ----------
+        amplitude : float — [`unit`]
+        lon, lat : float — [deg]
+        errors : (3,) array — standard errors of these three, uncorrelated; that of the longitude
+            not times cos(lat)
+
+        Examples
+        --------
+        >>> Vector.from_polar(4.3, 0, 0, frame="galactic").value
+        array([4.3, 0. , 0. ])
+        """
+        p, q, r = triad(np.radians(lon), np.radians(lat))
+        along, east, north = errors[0], *(np.radians(errors[1:]) * amplitude)
+        steps = np.stack([along * r, east * np.cos(np.radians(lat)) * p, north * q])
+        return cls(amplitude * r, steps.T @ steps, frame, unit)
+
     @property
     def sigma(self):
         """Standard error of each component, (3,)."""

@@ -1,0 +1,287 @@
+"""Our velocity for a known Hubble constant, or the Hubble constant for a known velocity.
+
+Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4. Velocities are
+ours with respect to the background and point toward the apex; sources drift the other way.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fit.drift_rows import A, OMEGA, U, check_determined, drift_rows
+from vsh.apex import PLANCK
+from vsh.errors import DegeneracyError, ParameterError
+from vsh.vector import Vector
+
+_PRODUCT = "the motions of sources see only the product of our velocity and the Hubble constant, v · H0"
+
+
+@dataclass(frozen=True, eq=False)
+class DriftSolution:
+    """What both fits have in common.
+
+    Attributes
+    ----------
+    names : tuple of str
+        v_x v_y v_z, or H0; a_x a_y a_z; omega_x … where the spin is free.
+    values : (p,) array
+        [km/s, or km/s/Mpc; µas/yr]
+    covariance : (p, p) array
+    chi2 : float
+    n_data : int
+        Two a source.
+    frame : str
+        Of the axes.
+    peculiar : float
+        The dispersion of peculiar velocities in each component that the weights allow for. [km/s]
+    notes : tuple of str
+    """
+
+    names: tuple
+    values: np.ndarray
+    covariance: np.ndarray
+    chi2: float
+    n_data: int
+    frame: str
+    peculiar: float
+    notes: tuple = ()
+
+    @property
+    def sigma(self):
+        """Standard error of each parameter, (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self):
+        """Correlation matrix, (p, p), rows and columns as in `names`."""
+        return self.covariance / np.outer(self.sigma, self.sigma)
+
+    @property
+    def dof(self):
+        return self.n_data - len(self.names)
+
+    @property
+    def acceleration(self):
+        """ã, a Vector in µas/yr."""
+        return self._vector("a")
+
+    @property
+    def spin(self):
+        """ω, a Vector in µas/yr, or None where it was not free."""
+        return self._vector("omega") if "omega_x" in self.names else None
+
+    def _vector(self, name, unit="µas/yr"):
+        start = self.names.index(f"{name}_x")
+        part = slice(start, start + 3)
+        return Vector(self.values[part], self.covariance[part, part], self.frame, unit)
+
+
+@dataclass(frozen=True, eq=False)
+class VelocitySolution(DriftSolution):
+    """Our velocity, for the Hubble constant in `assumed_hubble`. [km/s/Mpc]"""
+
+    assumed_hubble: float = None
+
+    @property
+    def velocity(self):
+        """v, a Vector in km/s, toward the apex."""
+        return self._vector("v", "km/s")
+
+    @property
+    def apex(self):
+        """Galactic longitude and latitude of the apex, and their errors: two pairs. [deg]"""
+        galactic = self.velocity.to_frame("galactic")
+        return galactic.direction, galactic.direction_error
+
+    def against(self, velocity=PLANCK):
+        """χ² of the difference from another velocity (its own errors included), and the chance of as much."""
+        return _difference(self.velocity, velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class HubbleSolution(DriftSolution):
+    """The Hubble constant, for the velocity in `assumed_velocity` (a Vector, km/s)."""
+
+    assumed_velocity: Vector = None
+
+    @property
+    def hubble(self):
+        """H0. [km/s/Mpc]"""
+        return float(self.values[0])
+
+    @property
+    def hubble_error(self):
+        """Its standard error; that of the velocity included. [km/s/Mpc]"""
+        return float(self.sigma[0])
+
+
+def observer_velocity(field, hubble=None, cosmology=None, peculiar=750.0, spin=None, extra=0.0):
+    """Our velocity and the acceleration, θ = (v, ã), for a known Hubble constant.
+
+    Parameters
+    ----------
+    field : Field
+        With redshifts, none below the flow (`vsh.redshifts.with_redshift`).
+    hubble : float
+        H0. [km/s/Mpc]
+    cosmology : astropy cosmology, optional
+        The shape of the distance; its own H0 does not count. Flat, Ω_m = 0.315 unless given.
+    peculiar : float
+        Dispersion of the peculiar velocities in each component, which adds (σ_pec/d)² to
+        every variance. [km/s]
+    spin : None, "free" or Vector
+        None takes the frame not to spin; a Vector (of the quasars, say) is held fixed and its
+        covariance propagated. [µas/yr]
+    extra : float
+        Noise beyond the catalogue's, in each component. [µas/yr]
+
+    Returns
+    -------
+    VelocitySolution
+
+    Raises
+    ------
+    DegeneracyError
+        Without a Hubble constant, or if the sources cannot tell the parameters apart.
+    ParameterError
+        If H0 is not positive.
+    FieldError
+        If a redshift is missing, not positive or below the flow; the message counts them.
+    """
+    if hubble is None:
+        raise DegeneracyError(
+            f"{_PRODUCT}: give hubble=, or a velocity to fit.drift.hubble_constant, or priors to fit.posterior.sample"
+        )
+    hubble = _positive("the Hubble constant", hubble)
+    rows = drift_rows(field, cosmology)
+    ratio = hubble / rows.hubble
+    sums = rows.sums(_not_negative("peculiar", peculiar) * ratio, _not_negative("extra", extra))
+    to_u = np.eye(9)
+    to_u[U, U] *= ratio  # u = v H0/H_ref
+    names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
+    found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows)
+    return VelocitySolution(**found, peculiar=peculiar, assumed_hubble=hubble)
+
+
+def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=None, extra=0.0, hubble=None):
+    """The Hubble constant and the acceleration, θ = (H0, ã), for a known velocity.
+
+    Parameters
+    ----------
+    field, cosmology, peculiar, spin, extra
+        As for `observer_velocity`.
+    velocity : "planck", Vector or (3,) array
+        Ours, toward the apex; an array is along the field's axes. The covariance of a Vector
+        is propagated. [km/s]
+    hubble : float, optional
+        The H0 for which the peculiar velocities are weighed; the cosmology's unless given. It
+        shifts no expectation. [km/s/Mpc]
+
+    Returns
+    -------
+    HubbleSolution
+
+    Raises
+    ------
+    DegeneracyError, ParameterError, FieldError
+        As for `observer_velocity`; ParameterError too for a velocity of zero length.
+    """
+    if velocity is None:
+        raise DegeneracyError(
+            f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.drift.observer_velocity, or priors to "
+            "fit.posterior.sample"
+        )
+    velocity = as_velocity(velocity, field.frame)
+    rows = drift_rows(field, cosmology)
+    ratio = 1.0 if hubble is None else _positive("the Hubble constant", hubble) / rows.hubble
+    sums = rows.sums(_not_negative("peculiar", peculiar) * ratio, _not_negative("extra", extra))
+    names = ("H0", "a_x", "a_y", "a_z")
+
+    def given(v):
+        to_u = np.zeros((9, 4))
+        to_u[U, 0] = v / rows.hubble
+        to_u[A, 1:] = np.eye(3)
+        return _solve(sums, to_u, names, spin, rows)
+
+    found = given(velocity.value)
+    if velocity.covariance.any():
+        step = 1e-4 * velocity.amplitude
+        slopes = np.stack(
+            [(given(velocity.value + s)["values"] - given(velocity.value - s)["values"]) / (2 * step)
+             for s in step * np.eye(3)], axis=1,
+        )  # fmt: skip
+        found["covariance"] = found["covariance"] + slopes @ velocity.covariance @ slopes.T
+    return HubbleSolution(**found, peculiar=peculiar, assumed_velocity=velocity)
+
+
+def as_velocity(value, frame):
+    """A velocity along the axes of `frame`: "planck", a Vector, or three numbers in km/s.
+
+    Raises
+    ------
+    ParameterError
+        If it has no direction.
+    """
+    if isinstance(value, str):
+        if value != "planck":
+            raise ParameterError(f"no velocity is called {value!r}; say 'planck', or give three numbers in km/s")
+        value = PLANCK
+    if not isinstance(value, Vector):
+        three = np.asarray(value, float)
+        if three.shape != (3,):
+            raise ParameterError(f"a velocity has three components, not shape {three.shape}")
+        value = Vector(three, np.zeros((3, 3)), frame, "km/s")
+    if not (np.isfinite(value.value).all() and value.amplitude > 0):
+        raise ParameterError(f"a velocity of {value.amplitude} km/s has no direction: the drift cannot be scaled by it")
+    return replace(value.to_frame(frame), unit="km/s")
+
+
+def _solve(sums, to_u, names, spin, rows):
+    """Least squares for θ with (u, ã, ω) = to_u θ, and the spin fixed, free or none."""
+    matrix, rhs, chi2_zero = sums.matrix, sums.rhs, sums.chi2_zero
+    if isinstance(spin, str) and spin == "free":
+        to_u = np.concatenate([to_u, np.eye(9)[:, OMEGA]], axis=1)
+        names = (*names, "omega_x", "omega_y", "omega_z")
+    elif spin is not None and not isinstance(spin, Vector):
+        raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
+    normal = to_u.T @ matrix @ to_u
+    check_determined(normal, names, sums.n_data // 2)
+    inverse = np.linalg.inv(normal)
+    covariance = (inverse + inverse.T) / 2
+    if isinstance(spin, Vector):
+        spin = spin.to_frame(rows.frame)
+        chi2_zero = chi2_zero - 2 * rhs[OMEGA] @ spin.value + spin.value @ matrix[OMEGA, OMEGA] @ spin.value
+        rhs = rhs - matrix[:, OMEGA] @ spin.value
+        carry = covariance @ to_u.T @ matrix[:, OMEGA]
+        covariance = covariance + carry @ spin.covariance @ carry.T
+    rhs = to_u.T @ rhs
+    values = inverse @ rhs
+    return {
+        "names": names,
+        "values": values,
+        "covariance": covariance,
+        "chi2": float(chi2_zero - values @ rhs),
+        "n_data": sums.n_data,
+        "frame": rows.frame,
+        "notes": rows.notes,
+    }
+
+
+def _difference(a, b):
+    b = b.to_frame(a.frame)
+    away = a.value - b.value
+    chi2 = float(away @ np.linalg.solve(a.covariance + b.covariance, away))
+    return chi2, float(chdtrc(3, chi2))
+
+
+def _positive(name, value):
+    if not 0 < value < np.inf:
+        raise ParameterError(f"{name} must be positive, not {value}")
+    return float(value)
+
+
+def _not_negative(name, value):
+    if not 0 <= value < np.inf:
+        raise ParameterError(f"{name} cannot be {value}: zero or more is wanted")
+    return float(value)

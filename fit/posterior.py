@@ -1,0 +1,306 @@
+"""Posteriors of our velocity and the Hubble constant, by Markov chains (emcee) or on a grid."""
+
+import time
+from dataclasses import dataclass
+from functools import cached_property
+
+import emcee
+import numpy as np
+from tqdm import tqdm
+
+from fit import checkpoint as checkpoints
+from fit.drift_model import drift_model, priors
+from fit.drift_rows import drift_rows
+from fit.grid import GridPosterior, grid
+from fit.mixture import MixtureModel
+from fit.priors import Density, Flat, Normal, as_prior
+from fit.summary import Interval, intervals, text_of
+from vsh.errors import CheckpointError, ConvergenceError, ParameterError
+from vsh.vector import Vector
+
+__all__ = ["Density", "Flat", "GridPosterior", "Interval", "Normal", "Posterior", "grid", "sample"]
+
+#: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
+ENOUGH = 50
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Posterior:
+    """A chain and what it says.
+
+    Attributes
+    ----------
+    chain : (steps, walkers, d) array
+        All of it, in the coordinates of the sampler.
+    log_probability : (steps, walkers) array
+    model : DriftModel or MixtureModel
+    frame : str
+        Of velocity and acceleration.
+    notes : tuple of str
+    seed : int
+    """
+
+    chain: np.ndarray
+    log_probability: np.ndarray
+    model: object
+    frame: str
+    notes: tuple
+    seed: int
+
+    def __repr__(self):
+        steps, walkers, _ = self.chain.shape
+        return f"<Posterior: {steps} steps of {walkers} walkers, {', '.join(self.model.names)}, {self.frame}>"
+
+    @cached_property
+    def autocorrelation(self):
+        """Integrated autocorrelation time of each coordinate, by name. [steps]"""
+        times = emcee.autocorr.integrated_time(self.chain, tol=0, quiet=True)
+        return dict(zip(self.model.names, map(float, times)))
+
+    @property
+    def burn_in(self):
+        """Steps left out at the start: five autocorrelation times of the slowest coordinate."""
+        return int(np.ceil(5 * self._slowest()))
+
+    @property
+    def thin(self):
+        """Every how many steps one is kept: half the autocorrelation time of the quickest."""
+        return max(1, int(min(self.autocorrelation.values()) / 2))
+
+    @cached_property
+    def samples(self):
+        """Samples after burn-in and thinning, by name: arrays (n,).
+
+        v_x, v_y, v_z and speed [km/s, toward the apex, along the axes of `frame`]; H0
+        [km/s/Mpc]; a_x, a_y, a_z [µas/yr]; and what else was free: sigma_pec [km/s],
+        sigma_extra [µas/yr], outlier_fraction.
+
+        Raises
+        ------
+        ConvergenceError
+            If the chain is shorter than 50 autocorrelation times. `chain` is there all the same.
+        """
+        self._check_length()
+        kept = self.chain[self.burn_in :: self.thin]
+        return self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
+
+    def summary(self):
+        """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
+        return intervals(self.samples)
+
+    @property
+    def velocity(self):
+        """Mean and covariance of the velocity, a Vector in km/s, toward the apex."""
+        return self._vector("v", "km/s")
+
+    @property
+    def acceleration(self):
+        """Mean and covariance of the acceleration, a Vector in µas/yr."""
+        return self._vector("a", "µas/yr")
+
+    def report(self):
+        """The summary as text."""
+        return text_of(self)
+
+    def to_arviz(self):
+        """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker."""
+        try:
+            import arviz
+        except ImportError:
+            raise ImportError("arviz is not installed: pip install 'vsh-astrometry[arviz]'") from None
+        self._check_length()
+        kept = np.moveaxis(self.chain[self.burn_in :: self.thin], 1, 0)
+        rng = np.random.default_rng([self.seed, 1])
+        named = self.model.to_samples(kept.reshape(-1, kept.shape[-1]), rng)
+        groups = {"posterior": {name: values.reshape(kept.shape[:2]) for name, values in named.items()}}
+        new = int(arviz.__version__.split(".")[0]) >= 1
+        return arviz.from_dict(groups) if new else arviz.from_dict(**groups)
+
+    def corner(self, names=None):
+        """Corner plot of some of the quantities: velocity, H0 and what else was free. A matplotlib figure."""
+        from fit.plot_posterior import plot_corner
+
+        return plot_corner(self, names)
+
+    def trace(self):
+        """The walkers' way, coordinate by coordinate. A matplotlib figure."""
+        from fit.plot_posterior import plot_trace
+
+        return plot_trace(self)
+
+    def _slowest(self):
+        return max(self.autocorrelation.values())
+
+    def _check_length(self):
+        steps, walkers, _ = self.chain.shape
+        slowest = self._slowest()
+        moved = np.ptp(self.chain, axis=0).any()
+        if not (moved and np.isfinite(slowest) and steps >= ENOUGH * slowest):
+            wanted = int(np.ceil(1.2 * ENOUGH * slowest)) if np.isfinite(slowest) else 10 * steps
+            raise ConvergenceError(
+                f"{steps} steps are {steps / slowest:.0f} autocorrelation times; {ENOUGH} are needed for a result. Ask for "
+                f"n_samples={wanted * walkers} or more (a chain with a checkpoint goes on from where it is)"
+            )
+
+    def _vector(self, name, unit):
+        three = np.stack([self.samples[f"{name}_{axis}"] for axis in "xyz"])
+        return Vector(three.mean(1), np.cov(three), self.frame, unit)
+
+
+def sample(
+    field,
+    velocity_prior="planck",
+    hubble_prior="flat",
+    n_samples=200_000,
+    rng=1,
+    checkpoint=None,
+    cosmology=None,
+    peculiar=750.0,
+    extra=0.0,
+    outliers=None,
+    outlier_width=None,
+    spin=None,
+    walkers=None,
+    progress=True,
+    threads=None,
+    save_every=5.0,
+):
+    """Sample the posterior of our velocity and the Hubble constant, the acceleration marginalised.
+
+    Parameters
+    ----------
+    field : Field
+        With redshifts, none below the flow.
+    velocity_prior : "planck", "flat", Vector with covariance [km/s], or a function
+        A function takes velocities (n, 3) along the field's axes and returns log-densities (n,).
+    hubble_prior : "planck", "flat", (mean, σ), Flat, Normal or Density
+        [km/s/Mpc] "flat" has no upper limit; the chain stays below 1000.
+    n_samples : int
+        Steps times walkers, before burn-in and thinning.
+    rng : Generator or int
+    checkpoint : path, optional
+        The chain is kept in this file (NumPy's npz, no pickles), and a run that was broken off goes
+        on from it. The result is the same, bit for bit, as without the break.
+    cosmology : astropy cosmology, optional
+        The shape of the distance.
+    peculiar : float or prior
+        Dispersion of peculiar velocities in each component, fixed or free. [km/s]
+    extra : float or prior
+        Noise beyond the catalogue's in each component, fixed or free. [µas/yr]
+    outliers : prior, optional
+        Of the fraction of sources not to be trusted. Every sample then looks at every source.
+    outlier_width : float, optional
+        Their noise beyond the catalogue's; ten times the median error unless given. [µas/yr]
+    spin : None, "free" or Vector
+        No spin; a flat prior; or a Gaussian one. [µas/yr]
+    walkers : int, optional
+    progress : bool
+        Show a bar, after two seconds.
+    save_every : float — between checkpoints, at least [s]
+
+    Returns
+    -------
+    Posterior
+
+    Raises
+    ------
+    ParameterError
+        If a prior is none, or neither of the two is proper.
+    CheckpointError
+        If the checkpoint belongs to another run, or is damaged.
+    DegeneracyError, FieldError
+        As for `fit.drift.observer_velocity`.
+
+    Notes
+    -----
+    emcee (Foreman-Mackey et al. 2013, PASP 125, 306) with moves by differential evolution, one in
+    ten of them from mode to mode (ter Braak 2006).
+    """
+    given = priors(velocity_prior, hubble_prior, peculiar, extra, field.frame)
+    rows = drift_rows(field, cosmology)
+    model = drift_model(rows, given, spin, threads)
+    if outliers is not None:
+        width = 10 * float(np.median(np.sqrt(rows.variance))) if outlier_width is None else float(outlier_width)
+        model = MixtureModel(model, rows, as_prior(outliers, "outliers"), width, spin, threads)
+    walkers = walkers or (256 if outliers is None else 64)
+    if walkers < 2 * len(model.names):
+        raise ParameterError(f"{walkers} walkers are too few for {len(model.names)} coordinates: take twice as many")
+    steps = -(-int(n_samples) // walkers)
+    if steps < 2:
+        raise ParameterError(f"{n_samples} samples are fewer than two steps of {walkers} walkers")
+    seed = int(np.random.default_rng(rng).integers(2**32))
+    begin = model.start(np.random.default_rng(seed), walkers)
+    run = _Run(model, begin, seed, steps, progress, save_every)
+    if checkpoint is not None:
+        checkpoints.check_writable(checkpoint)
+        spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
+        marks = checkpoints.fingerprint(field, given.describe() | {
+            "cosmology": repr(cosmology), "spin": spin_said, "outliers": repr(outliers),
+            "outlier width": str(outlier_width), "walkers": str(walkers), "seed": str(seed),
+        })  # fmt: skip
+        run.keep(checkpoint, marks)
+    chain, log_probability = run.finish()
+    return Posterior(chain, log_probability, model, field.frame, field.notes, seed)
+
+
+class _Run:
+    """One chain on its way, from its start or from a checkpoint, to its last step."""
+
+    def __init__(self, model, begin, seed, steps, progress, save_every):
+        self.sampler = emcee.EnsembleSampler(
+            *begin.shape, model.log_probability, vectorize=True,
+            moves=[(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
+        )  # fmt: skip
+        first = model.log_probability(begin)
+        if not np.isfinite(first).all():
+            raise ParameterError(f"{(~np.isfinite(first)).sum()} of {len(begin)} walkers would start at zero density")
+        self.state = emcee.State(begin, log_prob=first, random_state=np.random.RandomState(seed).get_state())
+        self.start = begin, first
+        self.chain, self.log_probability = np.empty((steps, *begin.shape)), np.empty((steps, len(begin)))
+        self.done = 0
+        self.progress, self.save_every = progress, save_every
+        self.path = self.marks = None
+
+    def keep(self, path, marks):
+        """Go on from a checkpoint, if it is there, and write to it from now on."""
+        self.path, self.marks = path, marks | {"start": f"{self.start[1].sum():.17g}"}
+        found = checkpoints.load(path, self.marks)
+        if found is None:
+            return
+        chain, log_probability, random_state = found
+        if chain.shape[1:] != self.chain.shape[1:] or log_probability.shape != chain.shape[:2] or not len(chain):
+            raise CheckpointError(f"{path} holds a chain of shape {chain.shape}: name another file, or delete it")
+        self.done = min(len(chain), len(self.chain))
+        self.chain[: self.done], self.log_probability[: self.done] = chain[: self.done], log_probability[: self.done]
+        self.state = emcee.State(chain[-1], log_prob=log_probability[-1], random_state=random_state)
+
+    def finish(self):
+        last = time.monotonic()
+        cost = 0.0
+        bar = tqdm(
+            total=len(self.chain), initial=self.done, desc="chain", delay=2, unit=" steps", disable=not self.progress
+        )
+        remaining = len(self.chain) - self.done
+        if remaining == 0:
+            return self.chain, self.log_probability
+        with bar:
+            for state in self.sampler.sample(
+                self.state, iterations=remaining, store=False, skip_initial_state_check=True
+            ):
+                self.chain[self.done], self.log_probability[self.done] = state.coords, state.log_prob
+                self.done += 1
+                bar.update()
+                # Long chains take long to write: never more than a twentieth of the time.
+                if self.path and time.monotonic() - last > max(self.save_every, 20 * cost):
+                    begun = time.monotonic()
+                    self._save()
+                    last = time.monotonic()
+                    cost = last - begun
+            if self.path:
+                self._save()
+        return self.chain, self.log_probability
+
+    def _save(self):
+        done = slice(0, self.done)
+        state = self.sampler.random_state
+        checkpoints.save(self.path, self.marks, self.chain[done], self.log_probability[done], state)
