@@ -53,7 +53,7 @@ def load(path, marks):
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             stored = json.loads(bytes(file["marks"]).decode())
             chain, log_probability = file["chain"], file["log_probability"]
             state = ("MT19937", *(file[name] if name == "key" else file[name].item() for name in _STATE))

@@ -1,17 +1,13 @@
 """`vsh-fit`: from a catalogue to spin and acceleration, on the command line."""
 
 import argparse
-import hashlib
-import platform
 import sys
-import warnings
 from importlib.resources import files
 from pathlib import Path
 
 import fit
 import vsh
-from vsh.errors import VshError
-from vsh.frames import FRAMES
+from vsh import shell
 
 DEMO = "demo.fits"
 
@@ -20,32 +16,13 @@ def main(arguments=None):
     """Run `vsh-fit`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
     options = parser.parse_args(arguments)
-    if options.output is not None and not options.output:
-        parser.error("--output names no folder")
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or say --demo")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", vsh.VshWarning)  # the report's notes say it
-            _run(options)
-    except MemoryError:
-        print(f"vsh-fit: error: degree {options.lmax} does not fit into memory: lower --lmax", file=sys.stderr)
-        return 1
-    except (VshError, OSError) as error:
-        print(f"vsh-fit: error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("vsh-fit: interrupted", file=sys.stderr)
-        return 1
-    return 0
+    return shell.guarded("vsh-fit", lambda: _run(options))
 
 
 def _run(options):
-    if options.output:  # a folder that cannot be written is better told before the work than after
-        try:
-            Path(options.output).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise VshError(f"--output {options.output} cannot be made a folder: {error.strerror}") from error
+    folder = shell.folder(options.output) if options.output else None
     path = files("fit") / DEMO if options.demo else Path(options.catalogue)
     # Not before: --help should not wait for astropy.
     from vsh import catalogue, tables
@@ -56,17 +33,20 @@ def _run(options):
     name = "the simulated catalogue of the demo" if options.demo else str(path)
     text = fit.report(solution, fit.cross_check(kept), catalogue.truth_of(table), name)
     print(text)
-    if options.output:
-        folder = Path(options.output)
+    if folder:
         (folder / "report.txt").write_text(text, encoding="utf-8")
-        meta = _provenance(path, options, len(table), len(field), len(kept))
+        counts = {
+            "rows": len(table), "rows_used": len(kept), "rows_refused": len(table) - len(field),
+            "rows_clipped": len(field) - len(kept),
+        }  # fmt: skip
+        meta = shell.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
         fit.export.write_solution(solution, folder / "solution.ecsv", meta)
         fit.export.write_correlation(solution, folder / "correlation.ecsv", meta)
         import matplotlib
 
         matplotlib.use("agg")  # files, no windows
         fit.export.write_figures(solution, kept, folder)
-        print(f"written to {folder}: {', '.join(sorted(x.name for x in folder.iterdir() if x.is_file()))}")
+        print(shell.written(folder))
 
 
 def _fit(field, modes, options):
@@ -90,29 +70,6 @@ def _fit(field, modes, options):
     return solution, field
 
 
-def _provenance(path, options, rows, read, used):
-    import astropy
-    import numpy
-    import scipy
-
-    return {
-        "catalogue": Path(str(path)).name,
-        "sha256": hashlib.sha256(Path(str(path)).read_bytes()).hexdigest(),
-        "rows": rows,
-        "rows_used": used,
-        "rows_refused": rows - read,
-        "rows_clipped": read - used,
-        "options": {key: value for key, value in vars(options).items() if value is not None and key != "output"},
-        "versions": {
-            "vsh-astrometry": vsh.__version__,
-            "python": platform.python_version(),
-            "numpy": numpy.__version__,
-            "scipy": scipy.__version__,
-            "astropy": astropy.__version__,
-        },
-    }
-
-
 def _parser():
     parser = argparse.ArgumentParser(
         prog="vsh-fit",
@@ -125,9 +82,11 @@ def _parser():
     parser.add_argument("--lmax", type=_degree, default=3, help="highest degree (default: 3)")
     clips = parser.add_mutually_exclusive_group()
     clips.add_argument(
-        "--clip", type=_positive, metavar="KAPPA", help="leave out sources farther from the fit than KAPPA medians"
+        "--clip", type=shell.positive, metavar="KAPPA", help="leave out sources farther from the fit than KAPPA medians"
     )
-    clips.add_argument("--threshold", type=_positive, metavar="X", help="leave out sources farther than X, in errors")
+    clips.add_argument(
+        "--threshold", type=shell.positive, metavar="X", help="leave out sources farther than X, in errors"
+    )
     errors = parser.add_mutually_exclusive_group()
     errors.add_argument(
         "--robust", choices=["student", "permissive"], help="a likelihood that expects some errors to be wrong"
@@ -139,18 +98,10 @@ def _parser():
         choices=["add", "scale"],
         help="add a variance to every source, by maximum likelihood; with 'scale', a factor on its errors too",
     )
-    errors.add_argument("--bootstrap", type=_number, metavar="N", help="errors from N draws of the sources")
-    errors.add_argument("--jackknife", type=_nside, metavar="NSIDE", help="errors from leaving out HEALPix blocks")
+    errors.add_argument("--bootstrap", type=shell.count(2), metavar="N", help="errors from N draws of the sources")
+    errors.add_argument("--jackknife", type=shell.nside, metavar="NSIDE", help="errors from leaving out HEALPix blocks")
     parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
-    parser.add_argument("--frame", choices=list(FRAMES), default="icrs", help="axes of the result (default: icrs)")
-    parser.add_argument(
-        "--columns", type=_pairs, metavar="ROLE=NAME,…", help="where the table keeps what: pmra=mu_ra,pmdec=mu_dec"
-    )
-    parser.add_argument("--units", type=_pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
-    parser.add_argument(
-        "--on-bad", choices=["raise", "drop"], default="raise", help="rows that cannot be used (default: raise)"
-    )
-    parser.add_argument("--output", metavar="DIR", help="write report, tables and figures to this folder")
+    shell.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-fit {vsh.__version__}")
     return parser
 
@@ -160,35 +111,6 @@ def _degree(text):
         return vsh.Modes(int(text)).lmax
     except ValueError:
         raise argparse.ArgumentTypeError(f"a whole number of at least 1 is wanted, not {text!r}") from None
-
-
-def _number(text):
-    if not text.isdecimal() or int(text) < 2:
-        raise argparse.ArgumentTypeError(f"a whole number of at least 2 is wanted, not {text!r}")
-    return int(text)
-
-
-def _nside(text):
-    if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
-        raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is wanted, not {text!r}")
-    return int(text)
-
-
-def _positive(text):
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not number > 0:
-        raise argparse.ArgumentTypeError(f"a positive number is wanted, not {text!r}")
-    return number
-
-
-def _pairs(text):
-    pairs = dict(map(str.strip, part.partition("=")[::2]) for part in text.split(","))
-    if not all(pairs) or not all(pairs.values()):
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value,name=value")
-    return pairs
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.drift_rows import A, OMEGA, U, check_determined, drift_rows
+from fit.drift_rows import OMEGA, A, U, check_determined, drift_rows
 from vsh.apex import PLANCK
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.vector import Vector

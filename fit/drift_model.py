@@ -1,14 +1,19 @@
 """Our velocity, H0, and perhaps the dispersion and an extra error: one posterior, all its coordinates.
 
 Coordinates follow the ridge: u = v H0/H_ref (3), H0, and what else is free. Those of a user are
-v = u H_ref/H0, so that densities carry |∂v/∂u| = (H_ref/H0)³.
+v = u H_ref/H0, so that densities carry |∂v/∂u| = (H_ref/H0)³. Where the prior knows v better than
+the data know u, the ridge runs along H0 at constant v, and v is the coordinate.
+
+A dispersion σ_pec that is fixed enters the weights alone, for H_ref: H0 comes from the dipole.
+One with a prior makes the scatter of the galaxies a ruler of σ_pec H0, as good as the prior is.
+Fixing it there would let a number that nobody knows measure H0 to a few per cent.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from fit.priors import Flat, Normal, PLANCK_HUBBLE, as_prior, velocity_prior
+from fit.priors import PLANCK_HUBBLE, Flat, Normal, as_prior, velocity_prior
 from fit.ridge import Ridge, ridge
 from vsh.errors import ParameterError
 
@@ -25,7 +30,7 @@ class Priors:
     ----------
     velocity : VelocityPrior
     hubble : prior
-    peculiar, extra : float or prior — fixed, or free
+    peculiar, extra : float or prior — fixed (σ_pec then for H_ref), or free
     """
 
     velocity: object
@@ -101,33 +106,45 @@ class DriftModel:
     ----------
     ridge : Ridge
     priors : Priors
+    along : {"u", "v"}
+        The first three coordinates.
     """
 
     ridge: Ridge
     priors: Priors
+    along: str = "u"
 
     @property
     def names(self):
         """Of the coordinates."""
-        return ("u_x", "u_y", "u_z", *self.priors.free)
+        return (*(f"{self.along}_{axis}" for axis in "xyz"), *self.priors.free)
+
+    def velocities(self, theta):
+        """u and v, (n, 3) each, of coordinates (n, d)."""
+        ratio = theta[:, 3:4] / self.ridge.hubble  # H0 is the first of the free numbers
+        return (theta[:, :3], theta[:, :3] / ratio) if self.along == "u" else (theta[:, :3] * ratio, theta[:, :3])
+
+    def log_jacobian(self, ratio):
+        """log |∂v/∂(coordinates)|."""
+        return -3 * np.log(ratio) if self.along == "u" else 0.0
 
     def log_probability(self, theta):
         """Log posterior density of coordinates (n, d), up to a constant."""
-        u, numbers = theta[:, :3], theta[:, 3:]
-        total = self.priors.log(numbers)
+        total = self.priors.log(theta[:, 3:])
         good = np.isfinite(total)
-        spread, extra, ratio = self.spreads(numbers[good])
+        spread, extra, ratio = self.spreads(theta[good, 3:])
+        u, v = self.velocities(theta[good])
         c, peak, matrix = self.ridge(spread, extra)
-        away = u[good] - peak
+        away = u - peak
         total[good] += c - np.einsum("ni,nij,nj->n", away, matrix, away) / 2
-        total[good] += self.priors.velocity.log(u[good] / ratio[:, None]) - 3 * np.log(ratio)
+        total[good] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
         return np.where(np.isnan(total), -np.inf, total)
 
     def spreads(self, numbers):
         """s and x of the likelihood, and H0/H_ref, from the free numbers (n, k)."""
         columns = dict(zip(self.priors.free, numbers.T, strict=True))
         ratio = columns["H0"] / self.ridge.hubble
-        spread = columns.get("sigma_pec", self.priors.peculiar) * ratio
+        spread = columns["sigma_pec"] * ratio if "sigma_pec" in columns else np.full(ratio.shape, self.priors.peculiar)
         extra = np.broadcast_to(columns.get("sigma_extra", self.priors.extra), ratio.shape)
         inside = [np.clip(value, axis.low, axis.high) for value, axis in
                   ((spread, self.ridge.spread), (extra, self.ridge.extra))]  # fmt: skip
@@ -162,9 +179,9 @@ class DriftModel:
         many = max(4000, 20 * walkers)
         numbers, log_drawn = rng.uniform(low, high, (many, len(low))), np.zeros(many)
         for _ in range(4):
-            u, log_u = self._draw_u(rng, numbers)
-            theta = np.column_stack([u, numbers])
-            log_weight = self.log_probability(theta) - log_drawn - log_u
+            first, log_first = self._draw(rng, numbers)
+            theta = np.column_stack([first, numbers])
+            log_weight = self.log_probability(theta) - log_drawn - log_first
             if not np.isfinite(log_weight).any():
                 raise ParameterError("the posterior is zero wherever it was tried: priors and data exclude each other")
             weight = np.exp(log_weight - log_weight.max())
@@ -173,19 +190,22 @@ class DriftModel:
             width = np.sqrt(weight @ (numbers - mean) ** 2) * 1.5 + 1e-6 * (high - low)
             chosen = np.argsort(-(log_weight + rng.gumbel(size=many)))[:walkers]
             best = theta[chosen]
-            numbers = np.clip(rng.normal(mean, width, (many, len(low))), low, high)
+            numbers = rng.normal(mean, width, (many, len(low)))
+            outside = (numbers < low) | (numbers > high)
+            numbers = np.where(outside, rng.uniform(low, high, numbers.shape), numbers)
             log_drawn = -np.sum(((numbers - mean) / width) ** 2, 1) / 2
         return best
 
-    def _draw_u(self, rng, numbers):
-        """u given the rest, and the log-density it was drawn with."""
+    def _draw(self, rng, numbers):
+        """The first three coordinates given the rest, and the log-density they were drawn with."""
         spread, extra, ratio = self.spreads(numbers)
         if self.priors.velocity.gaussian:
             _, mean, covariance = self.conditional(numbers)
-            mean, covariance = mean * ratio[:, None], covariance * ratio[:, None, None] ** 2
         else:
             _, mean, matrix = self.ridge(spread, extra)
-            covariance = np.linalg.inv(matrix)
+            mean, covariance = mean / ratio[:, None], np.linalg.inv(matrix) / ratio[:, None, None] ** 2
+        if self.along == "u":
+            mean, covariance = mean * ratio[:, None], covariance * ratio[:, None, None] ** 2
         unit = rng.standard_normal(mean.shape)
         root = np.linalg.cholesky(covariance)
         logdet = np.log(np.einsum("nii->ni", root)).sum(1)
@@ -193,9 +213,9 @@ class DriftModel:
 
     def to_samples(self, theta, rng):
         """What a user asks for, by name: v, H0, the others, and ã, drawn given them."""
-        u, numbers = theta[:, :3], theta[:, 3:]
-        spread, extra, ratio = self.spreads(numbers)
-        v = u / ratio[:, None]
+        numbers = theta[:, 3:]
+        spread, extra, _ = self.spreads(numbers)
+        u, v = self.velocities(theta)
         samples = dict(zip(("v_x", "v_y", "v_z"), v.T)) | {"speed": np.linalg.norm(v, axis=1)}
         samples |= dict(zip(self.priors.free, numbers.T))
         mean, covariance = self.ridge.acceleration(spread, extra, u)
@@ -205,8 +225,16 @@ class DriftModel:
 
 def drift_model(rows, given, spin=None, threads=None):
     """The posterior of a catalogue's equations under priors."""
-    high = given.limits("H0")[1] / rows.hubble
-    low = given.limits("H0")[0] / rows.hubble
-    peculiar = given.limits("sigma_pec")
-    spread = (peculiar[0] * low, peculiar[1] * high)
-    return DriftModel(ridge(rows, spread, given.limits("sigma_extra"), spin, threads=threads), given)
+    spread = given.limits("sigma_pec")
+    if "sigma_pec" in given.free:
+        spread = tuple(s * h / rows.hubble for s, h in zip(spread, given.limits("H0"), strict=True))
+    table = ridge(rows, spread, given.limits("sigma_extra"), spin, threads=threads)
+    return DriftModel(table, given, "v" if _is_known(given.velocity, table) else "u")
+
+
+def _is_known(velocity, table):
+    """Whether the prior on the velocity says more than the data, where they say most."""
+    if not (velocity.gaussian and velocity.proper):
+        return False
+    _, _, matrix = table(np.array([table.spread.low]), np.array([table.extra.low]))
+    return np.trace(np.linalg.inv(velocity.precision)) < np.trace(np.linalg.inv(matrix[0]))

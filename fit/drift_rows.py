@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsh.blocks import map_blocks
-from vsh.cosmology import hubble_of, transverse_distance
 from vsh.cosmology import PAPER as PAPER_COSMOLOGY
+from vsh.cosmology import hubble_of, transverse_distance
 from vsh.errors import DegeneracyError
 from vsh.sphere import triad
 from vsh.units import AU_PER_YEAR

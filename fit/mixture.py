@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fit.drift_model import DriftModel
-from fit.drift_rows import A, OMEGA, DriftRows
+from fit.drift_rows import OMEGA, A, DriftRows
 from vsh.blocks import map_blocks
 from vsh.errors import ParameterError
 
@@ -64,10 +64,10 @@ class MixtureModel:
         if good.any():
             spread, extra, ratio = self.base.spreads(numbers[good])
             parameters = np.zeros((good.sum(), 9))
-            parameters[:, :3] = theta[good, :3]
+            parameters[:, :3], v = self.base.velocities(theta[good])
             parameters[:, A.start : A.start + linear.shape[1]] = linear[good]
             total[good] += self._log_likelihood(parameters, spread, extra, fraction[good])
-            total[good] += self.priors.velocity.log(theta[good, :3] / ratio[:, None]) - 3 * np.log(ratio)
+            total[good] += self.priors.velocity.log(v) + self.base.log_jacobian(ratio)
         total[~good] = -np.inf
         return np.where(np.isnan(total), -np.inf, total)
 

@@ -27,7 +27,7 @@ def plot_corner(posterior, names=None):
     data = np.stack([samples[name] for name in names], axis=1)
     figure = corner.corner(
         data, labels=[label(name) for name in names], levels=(0.683, 0.954), quantiles=(0.15865525, 0.5, 0.84134475),
-        show_titles=True, title_fmt=".3g", title_kwargs={"fontsize": 10}, label_kwargs={"fontsize": 13},
+        show_titles=True, titles=[_LABELS.get(name, name) for name in names], title_fmt=".3g", title_kwargs={"fontsize": 10}, label_kwargs={"fontsize": 13},
         color="#0b5394", plot_datapoints=False, smooth=1.0, bins=30, max_n_ticks=4,
     )  # fmt: skip
     figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right", fontsize=13)
@@ -44,7 +44,7 @@ def plot_trace(posterior, most=40):
     for axes, name, values in zip(rows[:, 0], names, np.moveaxis(chain, 2, 0), strict=True):
         axes.plot(np.arange(0, len(chain), every), values[::every, ::each], color="#0b5394", alpha=0.2, linewidth=0.5)
         axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
-        axes.set_ylabel(label(name) if name in UNITS else name.replace("u_", "$u_") + "$" * name.startswith("u_"))
+        axes.set_ylabel(label(name) if name in UNITS else f"${name}$")
         axes.spines[["top", "right"]].set_visible(False)
     rows[-1, 0].set_xlabel("step (shaded: left out)")
     return figure

@@ -42,7 +42,9 @@ def plot_bins(binned, velocity="planck"):
             z, [v.amplitude for v in vectors], [v.amplitude_error for v in vectors],
             xerr=[z - edges[:-1], edges[1:] - z], fmt="s", color="0.25", capsize=3, label="as fitted",
         )  # fmt: skip
-        amplitude.plot(z, [v.debiased_amplitude for v in vectors], "_", color="#c55a11", ms=14, mew=2, label="less noise")
+        amplitude.plot(
+            z, [v.debiased_amplitude for v in vectors], "_", color="#c55a11", ms=14, mew=2, label="less noise"
+        )
         amplitude.set_ylabel(f"|{symbol}|  [µas/yr]", fontsize=13)
         amplitude.set_ylim(bottom=0)
     if velocity is not None:
@@ -75,4 +77,6 @@ def _draw_prediction(binned, velocity, panels):
     low, high = zip(*[(v.value - v.sigma, v.value + v.sigma) for v in (s.acceleration for s in binned.solutions)])
     reach = np.ptp([np.min(low), np.max(high)])
     panels[0].set_ylim(np.min(low) - 0.3 * reach, np.max(high) + 0.3 * reach)
-    panels[1].set_ylim(0, 1.3 * max(s.acceleration.amplitude + s.acceleration.amplitude_error for s in binned.solutions))
+    panels[1].set_ylim(
+        0, 1.3 * max(s.acceleration.amplitude + s.acceleration.amplitude_error for s in binned.solutions)
+    )

@@ -1,21 +1,19 @@
 """Posteriors of our velocity and the Hubble constant, by Markov chains (emcee) or on a grid."""
 
-import time
 from dataclasses import dataclass
 from functools import cached_property
 
-import emcee
 import numpy as np
-from tqdm import tqdm
 
 from fit import checkpoint as checkpoints
+from fit.chain import Run, autocorrelation
 from fit.drift_model import drift_model, priors
 from fit.drift_rows import drift_rows
 from fit.grid import GridPosterior, grid
 from fit.mixture import MixtureModel
 from fit.priors import Density, Flat, Normal, as_prior
 from fit.summary import Interval, intervals, text_of
-from vsh.errors import CheckpointError, ConvergenceError, ParameterError
+from vsh.errors import ConvergenceError, ParameterError
 from vsh.vector import Vector
 
 __all__ = ["Density", "Flat", "GridPosterior", "Interval", "Normal", "Posterior", "grid", "sample"]
@@ -54,7 +52,7 @@ class Posterior:
     @cached_property
     def autocorrelation(self):
         """Integrated autocorrelation time of each coordinate, by name. [steps]"""
-        times = emcee.autocorr.integrated_time(self.chain, tol=0, quiet=True)
+        times = autocorrelation(self.chain)
         return dict(zip(self.model.names, map(float, times)))
 
     @property
@@ -129,18 +127,20 @@ class Posterior:
         return plot_trace(self)
 
     def _slowest(self):
-        return max(self.autocorrelation.values())
+        return float(np.max(list(self.autocorrelation.values())))  # nan if any is
 
     def _check_length(self):
         steps, walkers, _ = self.chain.shape
         slowest = self._slowest()
-        moved = np.ptp(self.chain, axis=0).any()
-        if not (moved and np.isfinite(slowest) and steps >= ENOUGH * slowest):
-            wanted = int(np.ceil(1.2 * ENOUGH * slowest)) if np.isfinite(slowest) else 10 * steps
-            raise ConvergenceError(
-                f"{steps} steps are {steps / slowest:.0f} autocorrelation times; {ENOUGH} are needed for a result. Ask for "
-                f"n_samples={wanted * walkers} or more (a chain with a checkpoint goes on from where it is)"
-            )
+        if steps >= ENOUGH * slowest:
+            return
+        known = np.isfinite(slowest)
+        said = f"{steps / slowest:.1f} autocorrelation times" if known else "so few that some walkers never moved"
+        wanted = int(np.ceil(1.2 * ENOUGH * slowest)) if known else 10 * steps
+        raise ConvergenceError(
+            f"{steps} steps are {said}; {ENOUGH} times are needed for a result. Ask for "
+            f"n_samples={wanted * walkers} or more (a chain with a checkpoint goes on from where it is)"
+        )
 
     def _vector(self, name, unit):
         three = np.stack([self.samples[f"{name}_{axis}"] for axis in "xyz"])
@@ -151,7 +151,7 @@ def sample(
     field,
     velocity_prior="planck",
     hubble_prior="flat",
-    n_samples=200_000,
+    n_samples=400_000,
     rng=1,
     checkpoint=None,
     cosmology=None,
@@ -184,7 +184,9 @@ def sample(
     cosmology : astropy cosmology, optional
         The shape of the distance.
     peculiar : float or prior
-        Dispersion of peculiar velocities in each component, fixed or free. [km/s]
+        Dispersion of peculiar velocities in each component. [km/s] Fixed, it enters the weights
+        alone, for the cosmology's H0; with a prior, the scatter of the galaxies bears on σ_pec H0
+        and so, as far as σ_pec is known, on H0.
     extra : float or prior
         Noise beyond the catalogue's in each component, fixed or free. [µas/yr]
     outliers : prior, optional
@@ -222,7 +224,7 @@ def sample(
     if outliers is not None:
         width = 10 * float(np.median(np.sqrt(rows.variance))) if outlier_width is None else float(outlier_width)
         model = MixtureModel(model, rows, as_prior(outliers, "outliers"), width, spin, threads)
-    walkers = walkers or (256 if outliers is None else 64)
+    walkers = walkers or (128 if outliers is None else 64)
     if walkers < 2 * len(model.names):
         raise ParameterError(f"{walkers} walkers are too few for {len(model.names)} coordinates: take twice as many")
     steps = -(-int(n_samples) // walkers)
@@ -230,7 +232,7 @@ def sample(
         raise ParameterError(f"{n_samples} samples are fewer than two steps of {walkers} walkers")
     seed = int(np.random.default_rng(rng).integers(2**32))
     begin = model.start(np.random.default_rng(seed), walkers)
-    run = _Run(model, begin, seed, steps, progress, save_every)
+    run = Run(model, begin, seed, steps, progress, save_every)
     if checkpoint is not None:
         checkpoints.check_writable(checkpoint)
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
@@ -241,66 +243,3 @@ def sample(
         run.keep(checkpoint, marks)
     chain, log_probability = run.finish()
     return Posterior(chain, log_probability, model, field.frame, field.notes, seed)
-
-
-class _Run:
-    """One chain on its way, from its start or from a checkpoint, to its last step."""
-
-    def __init__(self, model, begin, seed, steps, progress, save_every):
-        self.sampler = emcee.EnsembleSampler(
-            *begin.shape, model.log_probability, vectorize=True,
-            moves=[(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
-        )  # fmt: skip
-        first = model.log_probability(begin)
-        if not np.isfinite(first).all():
-            raise ParameterError(f"{(~np.isfinite(first)).sum()} of {len(begin)} walkers would start at zero density")
-        self.state = emcee.State(begin, log_prob=first, random_state=np.random.RandomState(seed).get_state())
-        self.start = begin, first
-        self.chain, self.log_probability = np.empty((steps, *begin.shape)), np.empty((steps, len(begin)))
-        self.done = 0
-        self.progress, self.save_every = progress, save_every
-        self.path = self.marks = None
-
-    def keep(self, path, marks):
-        """Go on from a checkpoint, if it is there, and write to it from now on."""
-        self.path, self.marks = path, marks | {"start": f"{self.start[1].sum():.17g}"}
-        found = checkpoints.load(path, self.marks)
-        if found is None:
-            return
-        chain, log_probability, random_state = found
-        if chain.shape[1:] != self.chain.shape[1:] or log_probability.shape != chain.shape[:2] or not len(chain):
-            raise CheckpointError(f"{path} holds a chain of shape {chain.shape}: name another file, or delete it")
-        self.done = min(len(chain), len(self.chain))
-        self.chain[: self.done], self.log_probability[: self.done] = chain[: self.done], log_probability[: self.done]
-        self.state = emcee.State(chain[-1], log_prob=log_probability[-1], random_state=random_state)
-
-    def finish(self):
-        last = time.monotonic()
-        cost = 0.0
-        bar = tqdm(
-            total=len(self.chain), initial=self.done, desc="chain", delay=2, unit=" steps", disable=not self.progress
-        )
-        remaining = len(self.chain) - self.done
-        if remaining == 0:
-            return self.chain, self.log_probability
-        with bar:
-            for state in self.sampler.sample(
-                self.state, iterations=remaining, store=False, skip_initial_state_check=True
-            ):
-                self.chain[self.done], self.log_probability[self.done] = state.coords, state.log_prob
-                self.done += 1
-                bar.update()
-                # Long chains take long to write: never more than a twentieth of the time.
-                if self.path and time.monotonic() - last > max(self.save_every, 20 * cost):
-                    begun = time.monotonic()
-                    self._save()
-                    last = time.monotonic()
-                    cost = last - begun
-            if self.path:
-                self._save()
-        return self.chain, self.log_probability
-
-    def _save(self):
-        done = slice(0, self.done)
-        state = self.sampler.random_state
-        checkpoints.save(self.path, self.marks, self.chain[done], self.log_probability[done], state)

@@ -1,191 +1,17 @@
 """Dipoles, or any degrees, in bins of redshift: do all sources see the same sky?"""
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
-
 import numpy as np
-from scipy.special import chdtrc
 
+from fit.binned import BinnedSolution, ChiSquare, Trend
 from fit.normal import NormalEquations, as_modes, normal_equations
+from fit.shuffle import chances_by_shuffling
 from fit.solution import Solution
 from fit.solve import solve
-from vsh import Coefficients, Field, tables
-from vsh.coefficients import FIRST_DEGREE
+from vsh import Coefficients, Field
 from vsh.errors import DegeneracyError, ParameterError
-from vsh.redshifts import FLOW_LIMIT, with_redshift
-from vsh.vector import Vector
+from vsh.redshifts import FLOW_LIMIT, usable, with_redshift
 
-
-class Test(NamedTuple):
-    """A χ² with its degrees of freedom, and the chance of as much or more."""
-
-    chi2: float
-    dof: int
-    p: float
-
-
-@dataclass(frozen=True, eq=False)
-class Trend:
-    """Coefficients that change linearly: c(x) = c_0 + slope (x − x_0).
-
-    Attributes
-    ----------
-    slopes : (q,) array
-        Of each coefficient that is free in every bin. [µas/yr per unit of x]
-    covariance : (q, q) array
-    test : Test
-        Of no slope.
-    misfit : Test
-        Of the bins about the trend.
-    spin, acceleration : Vector
-        The slopes of degree 1 as vectors.
-    """
-
-    slopes: np.ndarray
-    covariance: np.ndarray
-    test: Test
-    misfit: Test
-    spin: Vector
-    acceleration: Vector
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class BinnedSolution:
-    """Solutions in bins of redshift with their joint covariance.
-
-    Attributes
-    ----------
-    edges : (B + 1,) array
-    solutions : list of B Solutions
-        With `common="higher"` they share what is above degree 1.
-    normals : list of B NormalEquations
-        Their sum is that of all the sources.
-    redshift : (B,) array
-        Mean, weighted by information.
-    counts : (B,) int array
-        Sources.
-    covariance : (B q, B q) array
-        Of the q coefficients that are free in every bin, bin by bin.
-    free : (q,) int array
-        Their places among the modes.
-    nearness : (B,) array
-        Mean of 1/d_M of the sources beyond the flow, weighted by information; nan where there is
-        none. [1/Mpc]
-    notes : tuple of str
-    """
-
-    edges: np.ndarray
-    solutions: list
-    normals: list
-    redshift: np.ndarray
-    counts: np.ndarray
-    covariance: np.ndarray
-    free: np.ndarray
-    nearness: np.ndarray
-    notes: tuple
-
-    def __len__(self):
-        return len(self.solutions)
-
-    def __repr__(self):
-        return f"<BinnedSolution: {len(self)} bins, {self.counts.sum()} sources, degree {self.modes.lmax}>"
-
-    @property
-    def modes(self):
-        return self.solutions[0].modes
-
-    @property
-    def frame(self):
-        return self.solutions[0].frame
-
-    def equality(self, kind=None, l=None):
-        """Are all bins alike? χ² of their differences, with the full covariance.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}, optional — only these coefficients; both unless given
-        l : int, optional — only this degree; all that is free unless given
-        """
-        values, covariance, _ = self._chosen(kind, l)
-        (_, least), bins, q = _gls(values, covariance, np.ones((len(self), 1))), len(self), values.shape[1]
-        return _test(least, (bins - 1) * q)
-
-    def trend(self, x=None):
-        """Do they change with x? A straight line through the bins.
-
-        Parameters
-        ----------
-        x : (B,) array, optional — the bins' redshifts unless given; `nearness` makes it a drift
-        """
-        x = self.redshift if x is None else np.asarray(x, float)
-        if x.shape != (len(self),) or not np.isfinite(x).all():
-            raise ParameterError(f"a trend needs a finite x for each of the {len(self)} bins")
-        if len(self) < 2 or np.ptp(x) == 0:
-            raise ParameterError("a trend needs at least two bins")
-        values, covariance, free = self._chosen(None, None)
-        q = values.shape[1]
-        (theta, least, spread) = _gls(values, covariance, np.stack([np.ones(len(self)), x - x.mean()], 1), True)
-        slopes, error = theta[q:], spread[q:, q:]
-        explained = float(slopes @ np.linalg.solve(error, slopes))
-        vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in "TS"]
-        return Trend(slopes, error, _test(explained, q), _test(least, (len(self) - 2) * q), *vectors)
-
-    def drift(self, velocity):
-        """The acceleration that, with the drift of a known velocity, fits the bins best.
-
-        Parameters
-        ----------
-        velocity : Vector — ours, toward the apex, at the distances that `nearness` holds [km/s]
-
-        Returns
-        -------
-        acceleration : Vector
-        test : Test — of the bins about that prediction
-        """
-        from vsh.units import AU_PER_YEAR
-
-        if not np.isfinite(self.nearness).all():
-            raise ParameterError("a drift needs a distance in every bin, and some bin has none beyond the flow")
-        values, covariance, free = self._chosen("S", 1)
-        rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
-        theta, least, spread = _gls(
-            values - np.outer(self.nearness, rows), covariance, np.ones((len(self), 1)), with_errors=True
-        )
-        return _vector(self.modes, "S", theta, spread, free, self.frame), _test(least, 3 * (len(self) - 1))
-
-    def to_table(self):
-        """Spin and acceleration in each bin, with errors, as an astropy Table."""
-        columns = {
-            "z_low": self.edges[:-1], "z_high": self.edges[1:], "z": self.redshift, "sources": self.counts,
-            "chi2_dof": np.array([s.reduced_chi2 for s in self.solutions]),
-        }  # fmt: skip
-        for name in ("spin", "acceleration"):
-            vectors = [getattr(solution, name) for solution in self.solutions]
-            for i, axis in enumerate("xyz"):
-                columns[f"{name}_{axis}"] = np.array([v.value[i] for v in vectors])
-                columns[f"{name}_{axis}_error"] = np.array([v.sigma[i] for v in vectors])
-        units = {name: "uas / yr" for name in columns if name.startswith(("spin", "acceleration"))}
-        return tables.table_of(columns, {"frame": self.frame, "notes": list(self.notes)}, units)
-
-    def plot(self, velocity="planck"):
-        """Components against redshift, with the drift of a velocity drawn in; a matplotlib figure."""
-        from fit.plot_redshift import plot_bins
-
-        return plot_bins(self, velocity)
-
-    def _chosen(self, kind, l):
-        """Values (B, q) of some of the free coefficients, their covariance and which they are."""
-        modes = list(self.modes)
-        keep = [
-            i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)
-        ]  # fmt: skip
-        if not keep:
-            raise ParameterError(f"no free coefficients of kind {kind} and degree {l} in the bins")
-        free = self.free[keep]
-        q, bins = len(self.free), len(self)
-        index = (np.arange(bins)[:, None] * q + keep).ravel()
-        values = np.stack([solution.coefficients.values[free] for solution in self.solutions])
-        return values, self.covariance[np.ix_(index, index)], free
+__all__ = ["BinnedSolution", "ChiSquare", "Trend", "binned", "chances_by_shuffling", "equal_information"]
 
 
 def binned(field, modes, edges, common=None, threads=None):
@@ -223,19 +49,28 @@ def binned(field, modes, edges, common=None, threads=None):
             raise ParameterError("bins of equal information need the whole field: give their edges")
         edges = equal_information(field, edges)
     edges = np.asarray(edges, float)
-    if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0).all():
-        raise ParameterError(f"the edges of redshift bins must rise, not {edges.tolist()}")
+    if edges.ndim != 1 or len(edges) < 2:
+        raise ParameterError(
+            f"the edges of redshift bins rise from one to the next: two at least, not {edges.tolist()}"
+        )
+    if not (np.diff(edges) > 0).all():
+        at = int(np.argmin(np.diff(edges) > 0))
+        raise ParameterError(
+            f"the edges of redshift bins rise from one to the next, not {edges[at]} to {edges[at + 1]}"
+        )
     bins = len(edges) - 1
     normals, sums, notes, outside = [0] * bins, np.zeros((bins, 5)), [], 0
     for part in fields:
+        if part is not field and part.redshift is not None and not usable(part.redshift, 0.0).any():
+            notes.append(f"left out {len(part)} sources in a row without a usable redshift")
+            continue
         good = with_redshift(part, 0.0)
         notes += [note for note in good.notes if note not in notes]
         place = np.searchsorted(edges, good.redshift, side="right") - 1
         outside += int(((place < 0) | (place >= bins)).sum())
         for b in np.unique(place[(place >= 0) & (place < bins)]):
             inside = good[place == b]
-            normals[b] = normals[b] + normal_equations(inside, modes, threads=threads) if normals[b] else (
-                normal_equations(inside, modes, threads=threads))  # fmt: skip
+            normals[b] = normals[b] + normal_equations(inside, modes, threads=threads)
             sums[b] += _moments(inside)
     if outside:
         notes.append(f"left out {outside} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
@@ -264,7 +99,12 @@ def equal_information(field, bins):
     order = np.argsort(field.redshift, kind="stable")
     z, weight = field.redshift[order], np.cumsum(field.weights[:2].sum(0)[order])
     inner = z[np.searchsorted(weight, weight[-1] * np.arange(1, bins) / bins)]
-    return np.r_[z[0], inner, np.nextafter(z[-1], np.inf)]
+    edges = np.r_[z[0], inner, np.nextafter(z[-1], np.inf)]
+    if not (np.diff(edges) > 0).all():
+        raise DegeneracyError(
+            f"{bins} bins cannot hold equal information: a few sources weigh more than a bin; take fewer bins"
+        )
+    return edges
 
 
 def _moments(field):
@@ -335,27 +175,3 @@ def _joint(normals, edges):
 
 def _of_bin(b, edges, error):
     return f"bin {b + 1}, {edges[b]:g} ≤ z < {edges[b + 1]:g}: {error}; or take fewer bins"
-
-
-def _gls(values, covariance, design, with_errors=False):
-    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and, if asked, θ's covariance."""
-    q = values.shape[1]
-    full = np.kron(design, np.eye(q))
-    y = values.ravel()
-    weighted = np.linalg.solve(covariance, np.column_stack([full, y]))
-    spread = np.linalg.inv(full.T @ weighted[:, :-1])
-    theta = spread @ (full.T @ weighted[:, -1])
-    least = float(y @ weighted[:, -1] - theta @ (full.T @ weighted[:, -1]))
-    return (theta, least, spread) if with_errors else (theta, least)
-
-
-def _test(chi2, dof):
-    return Test(chi2, dof, float(chdtrc(dof, chi2)) if dof else float("nan"))
-
-
-def _vector(modes, kind, values, covariance, free, frame):
-    """A vector from those of the values that belong to degree 1 of a kind."""
-    wanted = np.arange(len(modes))[modes.degree(kind, 1)]
-    at = [int(np.flatnonzero(free == k)[0]) for k in wanted]
-    inverse = np.linalg.inv(FIRST_DEGREE)
-    return Vector(inverse @ values[at], inverse @ covariance[np.ix_(at, at)] @ inverse.T, frame)

@@ -66,23 +66,25 @@ def _vectors(solution, truth):
             lines.append("  truth".ljust(14) + cells + f"{true.amplitude:9.3f}")
     lines.append("")
     for name, vector in (("spin", solution.spin), ("acceleration", solution.acceleration)):
-        lines.append(f"{name:14}toward {_direction(vector)}")
+        lines.append(f"{name:14}toward {direction(vector)}")
         other = "galactic" if vector.frame != "galactic" else "icrs"
         lines.append(
-            f"{'':14}       {_direction(vector.to_frame(other))}; amplitude less noise {vector.debiased_amplitude:.3f}"
+            f"{'':14}       {direction(vector.to_frame(other))}; amplitude less noise {vector.debiased_amplitude:.3f}"
         )
     return "\n".join(lines)
 
 
 def _row(vector):
-    return _components(vector) + f"{vector.amplitude:9.3f} ±{vector.amplitude_error:6.3f}".rjust(18)
+    return components(vector) + f"{vector.amplitude:9.3f} ±{vector.amplitude_error:6.3f}".rjust(18)
 
 
-def _components(vector):
+def components(vector):
+    """Three components with their errors, in one line."""
     return "".join(f" {v:+8.3f} ±{s:6.3f}".rjust(16) for v, s in zip(vector.value, vector.sigma))
 
 
-def _direction(vector):
+def direction(vector):
+    """Longitude and latitude with their errors, named after the frame."""
     names = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}[vector.frame]
     pairs = zip(names, vector.direction, vector.direction_error)
     return ", ".join(f"{name} = {value:+6.1f} ± {error:.1f}°" for name, value, error in pairs)
@@ -114,6 +116,6 @@ def _check(check):
     ]
     for name in ("spin", "acceleration"):
         for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.direct)):
-            lines.append(f"{name:14}{solver:12}{_components(getattr(result, name))}")
+            lines.append(f"{name:14}{solver:12}{components(getattr(result, name))}")
     lines.append(f"largest difference: {check.largest:.1e} σ")
     return "\n".join(lines)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from fit.drift_rows import A, OMEGA, U, check_determined
+from fit.drift_rows import OMEGA, A, U, check_determined
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.vector import Vector
 

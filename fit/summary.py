@@ -45,9 +45,10 @@ def text_of(posterior):
     lines = [
         f"Posterior ({posterior.frame} axes, velocity toward the apex)",
         f"priors         velocity: {said['velocity']}; H0: {said['hubble']}",
-        f"               peculiar velocities: {said['peculiar']} km/s; extra noise: {said['extra']} µas/yr",
-        f"chain          {steps} steps of {walkers} walkers = {steps / slowest:.0f} autocorrelation times; "
-        f"{len(posterior.samples['H0'])} samples kept",
+        f"               peculiar velocities: {said['peculiar']} km/s{_fixed(said['peculiar'])}",
+        f"               extra noise: {said['extra']} µas/yr",
+        f"chain          {steps} steps of {walkers} walkers = {steps / slowest:.0f} autocorrelation times",
+        f"               {len(posterior.samples['H0'])} samples kept after burn-in and thinning",
         f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}",
     ]
     for name, row in posterior.summary().items():
@@ -59,3 +60,7 @@ def text_of(posterior):
     if np.mean(posterior.samples["H0"] > 0.98 * top) > 1e-3 and not posterior.model.priors.hubble.proper:
         lines.append(f"careful        neither data nor priors keep H0 below {top:g}, where the chain was cut off")
     return "\n".join(lines)
+
+
+def _fixed(peculiar):
+    return " (fixed: in the weights alone)" if peculiar[0].isdigit() else " (free: the scatter bears on σ_pec H0)"

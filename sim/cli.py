@@ -9,7 +9,7 @@ import numpy as np
 
 import sim
 import vsh
-from vsh.errors import VshError
+from vsh import shell
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
 ACCELERATION = "-0.235965,-3.755779,-2.080491"
@@ -25,15 +25,7 @@ def main(arguments=None):
         parser.error("--velocity is for galaxies: quasars are too far to show it")
     if options.variability and options.short:
         parser.error("--variability needs transits, which --short leaves out")
-    try:
-        _run(options)
-    except (VshError, OSError, ValueError) as error:
-        print(f"vsh-sim: error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("vsh-sim: interrupted; nothing was written", file=sys.stderr)
-        return 1
-    return 0
+    return shell.guarded("vsh-sim", lambda: _run(options))
 
 
 def _run(options):
@@ -105,7 +97,7 @@ def _parser():
     parser.add_argument(
         "what", choices=["quasars", "galaxies", "vlbi"], help="vlbi: offsets from radio positions, as motions"
     )
-    parser.add_argument("--n", type=_count, default=10_000, help="how many (default: 10000)")
+    parser.add_argument("--n", type=shell.count(1), default=10_000, help="how many (default: 10000)")
     parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
     parser.add_argument("--sky", choices=["uniform", "plane-avoiding", "gums", "igql"], help="default: uniform")
     parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
@@ -113,69 +105,40 @@ def _parser():
         "--map-frame", choices=["icrs", "galactic", "ecliptic"], help="of the map; its header's, or icrs"
     )
     parser.add_argument(
-        "--spin", type=_vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="ICRS, µas/yr (default: none)"
+        "--spin", type=shell.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="ICRS, µas/yr (default: none)"
     )
     parser.add_argument(
-        "--acceleration", type=_vector, default=_vector(ACCELERATION), metavar="X,Y,Z",
+        "--acceleration", type=shell.vector, default=shell.vector(ACCELERATION), metavar="X,Y,Z",
         help="ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
     )  # fmt: skip
-    parser.add_argument("--orientation", type=_vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas")
     parser.add_argument(
-        "--velocity", type=_vector, metavar="X,Y,Z", help="galaxies: ours, towards the apex, ICRS, km/s"
-    )
-    parser.add_argument("--hubble", type=_positive, default=67.3, help="km/s/Mpc (default: 67.3)")
-    parser.add_argument(
-        "--peculiar", type=_not_negative, default=0.0, metavar="SIGMA", help="galaxies: dispersion, km/s"
-    )
-    parser.add_argument("--variability", type=_not_negative, default=0.0, metavar="SIGMA", help="of photocentres, µas")
-    parser.add_argument("--tau", type=_positive, default=2.0, help="its correlation time, yr (default: 2)")
-    parser.add_argument(
-        "--attitude", type=_not_negative, default=10.0, metavar="SIGMA", help="noise, µas (default: 10)"
+        "--orientation", type=shell.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas"
     )
     parser.add_argument(
-        "--excess", type=_not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
+        "--velocity", type=shell.vector, metavar="X,Y,Z", help="galaxies: ours, towards the apex, ICRS, km/s"
     )
-    parser.add_argument("--years", type=_positive, default=5.0, help="length of the mission (default: 5)")
-    parser.add_argument("--dead-time", type=_not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
+    parser.add_argument("--hubble", type=shell.positive, default=67.3, help="km/s/Mpc (default: 67.3)")
+    parser.add_argument(
+        "--peculiar", type=shell.not_negative, default=0.0, metavar="SIGMA", help="galaxies: dispersion, km/s"
+    )
+    parser.add_argument(
+        "--variability", type=shell.not_negative, default=0.0, metavar="SIGMA", help="of photocentres, µas"
+    )
+    parser.add_argument("--tau", type=shell.positive, default=2.0, help="its correlation time, yr (default: 2)")
+    parser.add_argument(
+        "--attitude", type=shell.not_negative, default=10.0, metavar="SIGMA", help="noise, µas (default: 10)"
+    )
+    parser.add_argument(
+        "--excess", type=shell.not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
+    )
+    parser.add_argument("--years", type=shell.positive, default=5.0, help="length of the mission (default: 5)")
+    parser.add_argument("--dead-time", type=shell.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
     parser.add_argument("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
     parser.add_argument("--short", action="store_true", help="errors by place and magnitude, without transits")
     parser.add_argument("--seed", type=int, default=1, help="the same seed, the same table (default: 1)")
-    parser.add_argument("--threads", type=_count, help="one a core unless given; changes nothing else")
+    parser.add_argument("--threads", type=shell.count(1), help="one a core unless given; changes nothing else")
     parser.add_argument("--version", action="version", version=f"vsh-sim {vsh.__version__}")
     return parser
-
-
-def _vector(text):
-    try:
-        vector = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        vector = ()
-    if len(vector) != 3 or not np.isfinite(vector).all():
-        raise argparse.ArgumentTypeError(f"three numbers x,y,z are wanted, not {text!r}")
-    return vector
-
-
-def _count(text):
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"a whole number of at least 1 is wanted, not {text!r}")
-    return int(text)
-
-
-def _not_negative(text):
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0 <= number < float("inf"):
-        raise argparse.ArgumentTypeError(f"a number that is not negative is wanted, not {text!r}")
-    return number
-
-
-def _positive(text):
-    number = _not_negative(text)
-    if not number > 0:
-        raise argparse.ArgumentTypeError(f"a positive number is wanted, not {text!r}")
-    return number
 
 
 if __name__ == "__main__":

@@ -14,8 +14,19 @@ IMPORT = re.compile(r"^\s*(?:>>> )?(?:from|import) ([\w.]+)", re.MULTILINE)  # d
 HEAVY = {
     "healpy": {"vsh/pixels.py"},
     "ducc0": {"vsh/transform.py"},
-    "emcee": {"fit/posterior.py"},
-    "matplotlib": {"sim/plot.py", "vsh/plot.py", "fit/plot.py", "fit/export.py", "fit/cli.py"},
+    "emcee": {"fit/chain.py"},
+    "corner": {"fit/plot_posterior.py"},
+    "arviz": {"fit/posterior.py"},
+    "matplotlib": {
+        "sim/plot.py",
+        "vsh/plot.py",
+        "fit/plot.py",
+        "fit/plot_posterior.py",
+        "fit/plot_redshift.py",
+        "fit/export.py",
+        "fit/cli.py",
+        "fit/drift_cli.py",
+    },
     "astropy.table": {"vsh/tables.py", "vsh/streams.py"},
     "pyarrow": {"vsh/streams.py"},
     "astropy.cosmology": {"vsh/cosmology.py"},
@@ -26,7 +37,7 @@ HEAVY = {
         "vsh/streams.py",
         "vsh/catalogue.py",
         "vsh/frames.py",
-        "fit/cli.py",
+        "vsh/shell.py",
     },
 }
 

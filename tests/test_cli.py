@@ -128,7 +128,7 @@ def test_careless_spelling(tmp_path, capsys):
     assert main([str(tmp_path / "c.fits"), *named]) == 0
     with pytest.raises(SystemExit):
         main([str(tmp_path / "c.fits"), "--output", ""])
-    assert "--output names no folder" in capsys.readouterr().err
+    assert "--output: names no folder" in capsys.readouterr().err
     assert main([str(tmp_path / "c.fits"), "--output", str(tmp_path / "c.fits")]) == 1
     assert "cannot be made a folder: File exists" in capsys.readouterr().err
 

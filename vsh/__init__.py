@@ -13,7 +13,18 @@ from vsh.modes import Mode, Modes
 from vsh.vector import Vector
 
 __version__ = "0.1.0"
-__all__ = ["Coefficients", "Field", "Mode", "Modes", "Vector", "VshError", "VshWarning", "apex", "conventions", "redshifts"]
+__all__ = [
+    "Coefficients",
+    "Field",
+    "Mode",
+    "Modes",
+    "Vector",
+    "VshError",
+    "VshWarning",
+    "apex",
+    "conventions",
+    "redshifts",
+]
 
 # Rooms with heavy friends open on the first visit: `vsh.catalogue` imports astropy then.
 _LAZY = {"catalogue", "cosmology", "pixels", "plot", "rotate", "tables", "transform"}

@@ -7,7 +7,7 @@ from scipy.interpolate import make_interp_spline
 from vsh.errors import ConvergenceError, FieldError
 from vsh.redshifts import FLOW_LIMIT, count_unusable, usable
 
-__all__ = ["FLOW_LIMIT", "PAPER", "hubble_of", "transverse_distance"]
+__all__ = ["FLOW_LIMIT", "PAPER", "flat", "hubble_of", "transverse_distance"]
 
 #: Flat, Ω_m = 0.315, H0 = 67.3 km/s/Mpc: Bachchan, Hobbs & Lindegren (2016).
 PAPER = FlatLambdaCDM(H0=67.3, Om0=0.315)
@@ -55,6 +55,11 @@ def transverse_distance(redshift, cosmology=None, hubble=None):
     else:
         distance = _exact(redshift, cosmology)
     return distance if hubble is None else distance * (hubble_of(cosmology) / hubble)
+
+
+def flat(omega_m):
+    """A flat cosmology with a cosmological constant."""
+    return FlatLambdaCDM(H0=hubble_of(PAPER), Om0=omega_m)
 
 
 def hubble_of(cosmology):

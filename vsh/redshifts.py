@@ -47,7 +47,9 @@ def with_redshift(field, lowest=FLOW_LIMIT):
     good = usable(field.redshift, lowest)
     if good.all():
         return field
-    said = f"{(~good).sum()} of {len(field)} sources without a usable redshift: {count_unusable(field.redshift, lowest)}"
+    said = (
+        f"{(~good).sum()} of {len(field)} sources without a usable redshift: {count_unusable(field.redshift, lowest)}"
+    )
     if not good.any():
         raise FieldError(f"{said}. No source is left")
     named = ""

@@ -1,0 +1,228 @@
+"""Solutions in bins of redshift, and the questions one asks of them."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc
+
+from vsh import tables
+from vsh.coefficients import FIRST_DEGREE
+from vsh.errors import ParameterError
+from vsh.units import AU_PER_YEAR
+from vsh.vector import Vector
+
+
+class ChiSquare(NamedTuple):
+    """A χ² with its degrees of freedom, and the chance of as much or more."""
+
+    chi2: float
+    dof: int
+    p: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """Coefficients that change linearly: c(x) = c_0 + slope (x − x_0).
+
+    Attributes
+    ----------
+    slopes : (q,) array
+        Of each coefficient that is free in every bin. [µas/yr per unit of x]
+    covariance : (q, q) array
+    test : ChiSquare
+        Of no slope.
+    misfit : ChiSquare
+        Of the bins about the trend.
+    spin, acceleration : Vector
+        The slopes of degree 1 as vectors.
+    """
+
+    slopes: np.ndarray
+    covariance: np.ndarray
+    test: ChiSquare
+    misfit: ChiSquare
+    spin: Vector
+    acceleration: Vector
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BinnedSolution:
+    """Solutions in bins of redshift with their joint covariance.
+
+    Attributes
+    ----------
+    edges : (B + 1,) array
+    solutions : list of B Solutions
+        With `common="higher"` they share what is above degree 1.
+    normals : list of B NormalEquations
+        Their sum is that of all the sources.
+    redshift : (B,) array
+        Mean, weighted by information.
+    counts : (B,) int array
+        Sources.
+    covariance : (B q, B q) array
+        Of the q coefficients that are free in every bin, bin by bin.
+    free : (q,) int array
+        Their places among the modes.
+    nearness : (B,) array
+        Mean of 1/d_M of the sources beyond the flow, weighted by information; nan where there is
+        none. [1/Mpc]
+    notes : tuple of str
+    """
+
+    edges: np.ndarray
+    solutions: list
+    normals: list
+    redshift: np.ndarray
+    counts: np.ndarray
+    covariance: np.ndarray
+    free: np.ndarray
+    nearness: np.ndarray
+    notes: tuple
+
+    def __len__(self):
+        return len(self.solutions)
+
+    def __repr__(self):
+        return f"<BinnedSolution: {len(self)} bins, {self.counts.sum()} sources, degree {self.modes.lmax}>"
+
+    @property
+    def modes(self):
+        return self.solutions[0].modes
+
+    @property
+    def frame(self):
+        return self.solutions[0].frame
+
+    @property
+    def reduced_chi2(self):
+        """χ² per degree of freedom, over all bins."""
+        return sum(s.chi2 for s in self.solutions) / sum(s.dof for s in self.solutions)
+
+    def equality(self, kind=None, l=None):
+        """Are all bins alike? χ² of their differences, with the full covariance.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}, optional — only these coefficients; both unless given
+        l : int, optional — only this degree; all that is free unless given
+        """
+        values, covariance, _ = self._chosen(kind, l)
+        (_, least), bins, q = _gls(values, covariance, np.ones((len(self), 1))), len(self), values.shape[1]
+        return _test(least, (bins - 1) * q)
+
+    def trend(self, x=None):
+        """Do they change with x? A straight line through the bins.
+
+        Parameters
+        ----------
+        x : (B,) array, optional — the bins' redshifts unless given; `nearness` makes it a drift
+        """
+        x = self.redshift if x is None else np.asarray(x, float)
+        if x.shape != (len(self),) or not np.isfinite(x).all():
+            raise ParameterError(f"a trend needs a finite x for each of the {len(self)} bins")
+        if len(self) < 2 or np.ptp(x) == 0:
+            raise ParameterError("a trend needs at least two bins")
+        values, covariance, free = self._chosen(None, None)
+        q = values.shape[1]
+        (theta, least, spread) = _gls(values, covariance, np.stack([np.ones(len(self)), x - x.mean()], 1), True)
+        slopes, error = theta[q:], spread[q:, q:]
+        explained = float(slopes @ np.linalg.solve(error, slopes))
+        vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in "TS"]
+        return Trend(slopes, error, _test(explained, q), _test(least, (len(self) - 2) * q), *vectors)
+
+    def drift(self, velocity):
+        """The acceleration that, with the drift of a known velocity, fits the bins best.
+
+        Parameters
+        ----------
+        velocity : Vector — ours, toward the apex, at the distances that `nearness` holds [km/s]
+
+        Returns
+        -------
+        acceleration : Vector
+        test : ChiSquare — of the bins about that prediction
+        """
+        if not np.isfinite(self.nearness).all():
+            raise ParameterError("a drift needs a distance in every bin, and some bin has none beyond the flow")
+        values, covariance, free = self._chosen("S", 1)
+        rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
+        theta, least, spread = _gls(
+            values - np.outer(self.nearness, rows), covariance, np.ones((len(self), 1)), with_errors=True
+        )
+        return _vector(self.modes, "S", theta, spread, free, self.frame), _test(least, 3 * (len(self) - 1))
+
+    def to_table(self):
+        """Spin and acceleration in each bin, with errors, as an astropy Table."""
+        columns = {
+            "z_low": self.edges[:-1], "z_high": self.edges[1:], "z": self.redshift, "sources": self.counts,
+            "chi2_dof": np.array([s.reduced_chi2 for s in self.solutions]),
+        }  # fmt: skip
+        for name in ("spin", "acceleration"):
+            vectors = [getattr(solution, name) for solution in self.solutions]
+            for i, axis in enumerate("xyz"):
+                columns[f"{name}_{axis}"] = np.array([v.value[i] for v in vectors])
+                columns[f"{name}_{axis}_error"] = np.array([v.sigma[i] for v in vectors])
+        units = {name: "uas / yr" for name in columns if name.startswith(("spin", "acceleration"))}
+        return tables.table_of(columns, {"frame": self.frame, "notes": list(self.notes)}, units)
+
+    def plot(self, velocity="planck"):
+        """Components against redshift, with the drift of a velocity drawn in; a matplotlib figure."""
+        from fit.plot_redshift import plot_bins
+
+        return plot_bins(self, velocity)
+
+    def _chosen(self, kind, l):
+        """Values (B, q) of some of the free coefficients, their covariance and which they are."""
+        modes = list(self.modes)
+        keep = [
+            i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)
+        ]  # fmt: skip
+        if not keep:
+            raise ParameterError(f"no free coefficients of kind {kind} and degree {l} in the bins")
+        free = self.free[keep]
+        q, bins = len(self.free), len(self)
+        index = (np.arange(bins)[:, None] * q + keep).ravel()
+        values = np.stack([solution.coefficients.values[free] for solution in self.solutions])
+        return values, self.covariance[np.ix_(index, index)], free
+
+
+def equality_chi2(values, covariance):
+    """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
+    weight = np.linalg.inv(covariance)
+    pull = np.einsum("bij,bj->bi", weight, values)
+    return float(np.sum(values * pull) - pull.sum(0) @ np.linalg.solve(weight.sum(0), pull.sum(0)))
+
+
+def slope_chi2(values, covariance, x):
+    """χ² that a straight line takes away from independent bins: that of no slope."""
+    weight = np.linalg.inv(covariance)
+    design = np.stack([np.ones_like(x), x - x.mean()])
+    normal = np.einsum("kb,lb,bij->kilj", design, design, weight).reshape(2 * weight.shape[1], -1)
+    rhs = np.einsum("kb,bij,bj->ki", design, weight, values)
+    return float(rhs.ravel() @ np.linalg.solve(normal, rhs.ravel()) - rhs[0] @ np.linalg.solve(weight.sum(0), rhs[0]))
+
+
+def _gls(values, covariance, design, with_errors=False):
+    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and, if asked, θ's covariance."""
+    q = values.shape[1]
+    full = np.kron(design, np.eye(q))
+    y = values.ravel()
+    weighted = np.linalg.solve(covariance, np.column_stack([full, y]))
+    spread = np.linalg.inv(full.T @ weighted[:, :-1])
+    theta = spread @ (full.T @ weighted[:, -1])
+    least = float(y @ weighted[:, -1] - theta @ (full.T @ weighted[:, -1]))
+    return (theta, least, spread) if with_errors else (theta, least)
+
+
+def _test(chi2, dof):
+    return ChiSquare(chi2, dof, float(chdtrc(dof, chi2)) if dof else float("nan"))
+
+
+def _vector(modes, kind, values, covariance, free, frame):
+    """A vector from those of the values that belong to degree 1 of a kind."""
+    wanted = np.arange(len(modes))[modes.degree(kind, 1)]
+    at = [int(np.flatnonzero(free == k)[0]) for k in wanted]
+    inverse = np.linalg.inv(FIRST_DEGREE)
+    return Vector(inverse @ values[at], inverse @ covariance[np.ix_(at, at)] @ inverse.T, frame)
