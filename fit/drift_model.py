@@ -177,7 +177,7 @@ class DriftModel:
         limits = np.array([self.priors.limits(name) for name in self.priors.free])
         low, high = limits.T
         many = max(4000, 20 * walkers)
-        numbers, log_drawn = rng.uniform(low, high, (many, len(low))), np.zeros(many)
+        numbers, log_drawn = rng.uniform(low, high, (many, len(low))), 0.0
         for _ in range(4):
             first, log_first = self._draw(rng, numbers)
             theta = np.column_stack([first, numbers])
@@ -188,12 +188,16 @@ class DriftModel:
             weight /= weight.sum()
             mean = weight @ numbers
             width = np.sqrt(weight @ (numbers - mean) ** 2) * 1.5 + 1e-6 * (high - low)
-            chosen = np.argsort(-(log_weight + rng.gumbel(size=many)))[:walkers]
+            chosen = np.argsort(-(log_weight + rng.gumbel(size=len(numbers))))[:walkers]
             best = theta[chosen]
-            numbers = rng.normal(mean, width, (many, len(low)))
-            outside = (numbers < low) | (numbers > high)
-            numbers = np.where(outside, rng.uniform(low, high, numbers.shape), numbers)
-            log_drawn = -np.sum(((numbers - mean) / width) ** 2, 1) / 2
+            # One in ten anywhere, so that no weight runs away; what falls outside has no density.
+            anywhere = rng.uniform(size=(many, 1)) < 0.1
+            numbers = np.where(
+                anywhere, rng.uniform(low, high, (many, len(low))), rng.normal(mean, width, (many, len(low)))
+            )
+            numbers = numbers[((numbers >= low) & (numbers <= high)).all(1)]
+            near = np.log(0.9) - np.sum(((numbers - mean) / width) ** 2 / 2 + np.log(width * np.sqrt(2 * np.pi)), 1)
+            log_drawn = np.logaddexp(near, np.log(0.1) - np.log(high - low).sum())
         return best
 
     def _draw(self, rng, numbers):

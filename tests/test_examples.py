@@ -56,3 +56,28 @@ def test_simulated_sky(tmp_path):
         "simulated_sky.png",
     }
     assert {path.name for path in tmp_path.glob("*.png")} == figures
+
+
+def pulls_of(text):
+    return [float(x) for line in text.splitlines() if "found − true" in line for x in line.split("[")[1][:-1].split()]
+
+
+def test_redshift_dipoles(tmp_path):
+    text = run("redshift_dipoles.py", folder=tmp_path)
+    chances = [float(line.split("chance")[1]) for line in text.splitlines()[-3:]]
+    assert chances[0] > 0.003
+    assert chances[1] < 1e-4
+    assert chances[2] > 0.003
+    assert (tmp_path / "redshift_dipoles.png").stat().st_size > 10_000
+
+
+def test_velocity_or_hubble(tmp_path):
+    text = run("velocity_or_hubble.py", folder=tmp_path)
+    pulls = pulls_of(text)
+    assert len(pulls) == 4
+    assert max(map(abs, pulls)) < 3.5
+    lines = [line.split() for line in text.splitlines() if line.startswith(("H0 from the chain", "H0 on a grid"))]
+    (chain, _), (mean, sigma) = ((float(words[4]), float(words[6])) for words in lines)
+    assert abs(mean - chain) < 0.05 * sigma
+    assert abs(mean - 70) < 3.5 * sigma
+    assert (tmp_path / "velocity_or_hubble.png").stat().st_size > 10_000
