@@ -67,7 +67,8 @@ def _draw_prediction(binned, velocity, panels):
     except ParameterError:
         return  # bins without a distance: there is nothing to predict
     edges = binned.edges
-    grid = np.geomspace(max(edges[0], FLOW_LIMIT, 1e-3 * edges[-1]), edges[-1], 200)
+    low = edges[0] if edges[0] > 0 else binned.redshift[0] / 3
+    grid = np.geomspace(max(low, FLOW_LIMIT), edges[-1], 200)
     curves = acceleration.value[:, None] - np.outer(velocity.value, 1 / (AU_PER_YEAR * transverse_distance(grid)))
     for curve, colour in zip(curves, _COLOURS, strict=True):
         panels[0].plot(grid, curve, color=colour, linestyle="--", linewidth=1, zorder=0.5)
