@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 # Rooms with heavy friends open on the first visit.
-_LAZY = {"drift", "export", "plot", "posterior", "redshift", "resample"}
+_LAZY = {"correlation", "drift", "export", "plot", "posterior", "redshift", "resample"}
 
 
 def __getattr__(name):

@@ -26,6 +26,8 @@ HEAVY = {
         "fit/export.py",
         "fit/cli.py",
         "fit/drift_cli.py",
+        "fit/correlate_cli.py",
+        "fit/plot_correlation.py",
     },
     "astropy.table": {"vsh/tables.py", "vsh/streams.py"},
     "pyarrow": {"vsh/streams.py"},

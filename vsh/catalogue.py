@@ -11,8 +11,14 @@ from vsh import tables
 from vsh.errors import FieldError, TableError, VshWarning
 from vsh.field import Field
 from vsh.gate import as_floats
+from vsh.icrf import read_icrf
+from vsh.match import match
 from vsh.units import MAS
 from vsh.vector import Vector
+
+__all__ = [
+    "GAIA", "Columns", "iter_fields", "match", "read_field", "read_icrf", "truth_of", "write_field",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,7 @@ def read_field(source, columns=None, units=None, on_bad="raise", frame="icrs"):
     'no unit in the table, so taken in deg: ra, dec'
     """
     table = tables.as_table(source)
-    columns = _as_columns(columns)
+    columns = as_columns(columns)
     units = _as_units(units, table)
     said, found = [], {}
     for role, name in _locate(columns, table, said).items():
@@ -167,7 +173,7 @@ def truth_of(source):
         return None
 
 
-def _as_columns(columns):
+def as_columns(columns):
     if columns is None:
         return GAIA
     if isinstance(columns, dict):

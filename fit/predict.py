@@ -1,0 +1,159 @@
+"""What a catalogue will tell, before anybody has measured it: covariances without data."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fit.normal import as_modes, normal_equations
+from fit.parameters import correlation_of, named
+from fit.solution import Solution
+from fit.solve import solve
+from vsh import Coefficients, Field
+from vsh.errors import FieldError
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Solution):
+    """A solution without coefficients: they are nan, its covariance is that of the fit to come."""
+
+    def __repr__(self):
+        return f"<Prediction: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}>"
+
+    @property
+    def efficiency(self):
+        """Share of the weight that spin and acceleration keep, against the same weight spread evenly: 0 to 1.
+
+        The sixth root of the ratio of determinants of their normal equations of degree 1 alone.
+        """
+        even = self._weight / 3 * np.eye(6)  # N of degree 1 on an even sky: two thirds of the mean weight a source
+        return float(np.exp((np.linalg.slogdet(self._alone)[1] - np.linalg.slogdet(even)[1]) / 6))
+
+    @property
+    def worst(self):
+        """The largest correlation among spin and acceleration, and the pair it is of."""
+        pair = named([f"{v}_{axis}" for v in ("omega", "a") for axis in "xyz"], self.modes)
+        correlation = correlation_of(pair.covariance(self.covariance))
+        i, j = np.unravel_index(np.argmax(np.abs(correlation - np.eye(6))), (6, 6))
+        return float(correlation[i, j]), (pair.names[i], pair.names[j])
+
+    # What `predict` found on the way: total weight Σ tr W, and N of spin and acceleration alone.
+    _weight: float = 0.0
+    _alone: np.ndarray = None
+
+
+def predict(sources, modes=1, sigma=None):
+    """The covariance that a fit to these sources would have.
+
+    Parameters
+    ----------
+    sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
+    modes : Modes, or the degree lmax
+    sigma : float, (2, n) array or None — errors in place of the sources' own [µas/yr]; needed
+        where they have none
+
+    Returns
+    -------
+    Prediction
+        A Solution whose coefficients and χ² are nan.
+
+    Raises
+    ------
+    DegeneracyError
+        If the sources cannot tell the modes apart.
+    """
+    field = as_field(sources, sigma)
+    modes = as_modes(modes)
+    normal = normal_equations(field, modes)
+    solution = solve(normal)
+    # N of the six vectors, from that of the degree-1 coefficients: c = F v.
+    to_coefficients = np.zeros((len(modes), 6))
+    for k, kind in enumerate("TS"):
+        to_coefficients[modes.degree(kind, 1), 3 * k : 3 * k + 3] = _first_degree()
+    return Prediction(
+        Coefficients(modes, np.full(len(modes), np.nan)), solution.covariance, float("nan"), solution.n_data,
+        solution.frame, solution.notes, "the predicted weights", float(field.weights[:2].sum()),
+        to_coefficients.T @ normal.matrix @ to_coefficients,
+    )  # fmt: skip
+
+
+def plan(sources, cases, modes=1, sigma=None):
+    """What a cut, a mask or a reweighting would give, side by side.
+
+    Parameters
+    ----------
+    sources : as for `predict`
+    cases : dict of str to None, mask (n,), or factors (n,) on the weights
+        None takes all; a factor of zero leaves a source out.
+
+    Returns
+    -------
+    astropy Table
+        A row a case: sources, mean errors of spin and acceleration, worst correlation, efficiency.
+    """
+    from vsh import tables
+
+    field = as_field(sources, sigma)
+    rows = []
+    for name, case in cases.items():
+        found = predict(reweighted(field, case), modes)
+        worst, pair = found.worst
+        rows.append((
+            name, found.n_data // 2, *(np.sqrt(np.mean(getattr(found, v).sigma ** 2)) for v in ("spin", "acceleration")),
+            worst, " ".join(pair), found.efficiency,
+        ))  # fmt: skip
+    names = ("case", "sources", "sigma_spin", "sigma_acceleration", "worst_correlation", "of", "efficiency")
+    return tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)),
+                           units=dict.fromkeys(("sigma_spin", "sigma_acceleration"), "uas / yr"))  # fmt: skip
+
+
+def reweighted(field, case):
+    """The field with a mask, or factors on its weights, or as it is."""
+    if case is None:
+        return field
+    case = np.asarray(case)
+    if case.shape != (len(field),):
+        raise FieldError(f"a mask or weights have one value a source, {len(field)}, not shape {case.shape}")
+    if case.dtype == bool:
+        return field[case]
+    if not (np.isfinite(case) & (case >= 0)).all():
+        raise FieldError("factors on weights are finite and not negative")
+    kept = field[case > 0]
+    return kept.with_errors(kept.sigma / np.sqrt(case[case > 0]))
+
+
+def as_field(sources, sigma=None):
+    """Positions and errors as a Field whose motions are zero; a Field as it is."""
+    if isinstance(sources, Field):
+        return sources if sigma is None else sources.with_errors(np.broadcast_to(sigma, (2, len(sources))))
+    sigma = getattr(sources, "sigma", None) if sigma is None else sigma
+    if sigma is None:
+        raise FieldError("sources without errors need sigma=, in µas/yr")
+    lon = np.asarray(sources.lon, float)
+    return Field(
+        lon, sources.lat, np.zeros((2, lon.size)), np.broadcast_to(sigma, (2, lon.size)), getattr(sources, "rho", None),
+        getattr(sources, "redshift", None), frame=getattr(sources, "frame", "icrs"),
+    )  # fmt: skip
+
+
+def predict_drift(sources, hubble=67.4, velocity="planck", sigma=None, **options):
+    """Errors of our velocity and of H0 to come: a VelocitySolution and a HubbleSolution with nan for values.
+
+    Parameters
+    ----------
+    sources, sigma : as for `predict`, with redshifts
+    hubble : float — for the velocity, and the scale of H0's error [km/s/Mpc]
+    velocity : as for `fit.drift.hubble_constant`
+    options : of `fit.drift.observer_velocity`, but hubble
+    """
+    from fit.drift import hubble_constant, observer_velocity
+
+    still = as_field(sources, sigma)
+    still = still.minus(still.motion)
+    both = observer_velocity(still, hubble, **options), hubble_constant(still, velocity, hubble=hubble, **options)
+    return tuple(replace(each, values=np.full(len(each.names), np.nan), chi2=float("nan")) for each in both)
+
+
+def _first_degree():
+    from vsh.coefficients import FIRST_DEGREE
+
+    return FIRST_DEGREE

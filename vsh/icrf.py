@@ -1,0 +1,62 @@
+"""The International Celestial Reference Frame as the IERS hands it round: ICRF2 and ICRF3 in fixed-width columns."""
+
+from pathlib import Path
+
+import numpy as np
+
+from vsh.errors import TableError
+from vsh.positions import Positions
+
+
+def read_icrf(path, name="icrf"):
+    """Read a catalogue of VLBI positions in the layout of ICRF2 or ICRF3.
+
+    Parameters
+    ----------
+    path : str or Path
+    name : {"icrf", "iers"} — which designation names the sources: J000020.3-322101 or 2357-326
+
+    Returns
+    -------
+    Positions
+        Errors of right ascension are multiplied by 15 cos δ; `defining` holds the D marks.
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, holds no such lines, or one of them is damaged; the message
+        names the line.
+    """
+    if name not in ("icrf", "iers"):
+        raise TableError(f"sources are named by icrf or iers, not {name!r}")
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise TableError(f"{path} cannot be read: {error.strerror}") from error
+    rows = [(number, line) for number, line in enumerate(lines, 1) if line.startswith("ICRF J")]
+    if not rows:
+        raise TableError(f"{path} has no line that begins with 'ICRF J': is it a catalogue of ICRF2 or ICRF3?")
+    parsed = [_parse(path, number, line) for number, line in rows]
+    icrf, iers, defining, *numbers = zip(*parsed, strict=True)
+    lon, lat, east, north, rho = np.array(numbers)
+    names = np.array(icrf if name == "icrf" else iers)
+    return Positions(lon, lat, np.stack([east, north]), rho, name=names, defining=np.array(defining))
+
+
+def _parse(path, number, line):
+    """Names, D mark, angles [rad], errors of α cos δ and δ [µas], correlation."""
+    try:
+        _, icrf, iers, *rest = line.split()
+        defining = rest[0].isalpha()
+        hours, minutes, seconds, degrees, arcmin, arcsec, sigma_ra, sigma_dec, rho = rest[defining : defining + 9]
+        lon = np.radians(15 * (int(hours) + int(minutes) / 60 + float(seconds) / 3600))
+        size = abs(int(degrees)) + int(arcmin) / 60 + float(arcsec) / 3600
+        lat = np.radians(-size if degrees.startswith("-") else size)  # −00 degrees are negative too
+        east, north = 15e6 * float(sigma_ra) * np.cos(lat), 1e6 * float(sigma_dec)
+        found = lon, lat, east, north, float(rho)
+    except (ValueError, IndexError):
+        raise TableError(f"{path}, line {number} is damaged: {line.strip()[:80]!r}") from None
+    if not (np.isfinite(found).all() and east > 0 and north > 0 and abs(found[4]) < 1):
+        raise TableError(f"{path}, line {number} has no usable errors: {line.strip()[:80]!r}")
+    return icrf, iers, defining and rest[0] == "D", *found

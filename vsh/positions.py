@@ -1,0 +1,98 @@
+"""Positions of sources with their errors: what a reference frame is made of."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from vsh.errors import FieldError
+from vsh.frames import check_frame
+from vsh.gate import as_floats, check_shapes, faults, refuse
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Positions:
+    """Positions of n sources.
+
+    Attributes
+    ----------
+    lon, lat : (n,) arrays
+        [rad]
+    sigma : (2, n) array
+        Standard errors of α cos δ and δ. [µas]
+    rho : (n,) array
+        Their correlation; zero unless given.
+    name : (n,) array of str or None
+    motion : (2, n) array or None
+        Proper motions µ_α*, µ_δ, to carry positions to another epoch. [µas/yr]
+    epoch : float or None
+        Of the positions. [Julian year]
+    defining : (n,) bool array or None
+        Which of them define the axes of the frame.
+    frame : str
+    notes : tuple of str
+
+    Raises
+    ------
+    FieldError
+        If shapes disagree or a source has no position or no error.
+    """
+
+    lon: np.ndarray
+    lat: np.ndarray
+    sigma: np.ndarray
+    rho: np.ndarray = None
+    name: np.ndarray = None
+    motion: np.ndarray = None
+    epoch: float = None
+    defining: np.ndarray = None
+    frame: str = "icrs"
+    notes: tuple = ()
+
+    def __post_init__(self):
+        check_frame(self.frame)
+        lon = as_floats("lon", self.lon)[0]
+        arrays = {"lon": lon, "rho": np.zeros(lon.shape)}
+        for column in ("lat", "sigma", "rho", "motion"):
+            if getattr(self, column) is not None:
+                arrays[column] = as_floats(column, getattr(self, column))[0]
+        for column in ("name", "defining"):
+            if getattr(self, column) is not None:
+                arrays[column] = np.asarray(getattr(self, column))
+        shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
+        check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
+        still = np.zeros((2, lon.size))
+        refuse(faults(lon, arrays["lat"], arrays.get("motion", still), arrays["sigma"], arrays["rho"]), lon.size)
+        for column, array in arrays.items():
+            object.__setattr__(self, column, array)
+
+    def __len__(self):
+        return self.lon.size
+
+    def __repr__(self):
+        return f"<Positions: {len(self)} sources, {self.frame}>"
+
+    def __getitem__(self, keep):
+        """The sources picked by a mask, a slice or indices."""
+        picked = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Positions(**{k: v[..., keep] if isinstance(v, np.ndarray) else v for k, v in picked.items()})
+
+    def at_epoch(self, epoch):
+        """The same sources, moved to another epoch along straight lines; those without motion stay.
+
+        Raises
+        ------
+        FieldError
+            If the epoch of the positions is not known.
+        """
+        if self.motion is None or epoch is None or epoch == self.epoch:
+            return self
+        if self.epoch is None:
+            raise FieldError("these positions have motions but no epoch to carry them from")
+        from vsh.sphere import angles, triad
+        from vsh.units import UAS
+
+        p, q, r = triad(self.lon, self.lat)
+        east, north = self.motion * (UAS * (epoch - self.epoch))
+        lon, lat = angles(r + east * p + north * q)
+        picked = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Positions(**picked | {"lon": lon, "lat": lat, "epoch": epoch})
