@@ -2,6 +2,7 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from vsh.plot import draw_map, draw_sources, draw_vectors, even_grid, sky_axes
 
@@ -63,6 +64,8 @@ def plot_influence(values, field, title, label, most=3000):
     bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06, extend="both")
     bar.set_label(label, fontsize=12)
     bar.ax.tick_params(labelsize=11)
+    bar.locator = MaxNLocator(5)
+    bar.update_ticks()
     axes.set_title(title, pad=16, fontsize=14)
     return axes.figure
 
@@ -70,14 +73,19 @@ def plot_influence(values, field, title, label, most=3000):
 def plot_leakage(leakage):
     """The leakage matrix: what one unit of each unmodelled coefficient does to the fitted ones."""
     rows, columns = leakage.matrix.shape
-    figure, axes = plt.subplots(figsize=(min(16, 3 + 0.22 * columns), min(12, 2.5 + 0.3 * rows)), layout="constrained")
+    figure, axes = plt.subplots(figsize=(min(16, 4 + 0.12 * columns), min(12, 3 + 0.3 * rows)), layout="constrained")
     reach = max(float(np.abs(leakage.matrix).max()), 1e-3)
     image = axes.imshow(leakage.matrix, cmap=_MAP, vmin=-reach, vmax=reach, aspect="auto")
-    step = max(1, columns // 48)
-    axes.set_xticks(range(0, columns, step), leakage.unmodelled_names[::step], rotation=90, fontsize=9)
+    # Too many columns to name each: the first of every degree, and a line before it.
+    first = [i for i, name in enumerate(leakage.unmodelled_names) if name[1:].split(",")[1].startswith("0")]
+    for i in first[1:]:
+        axes.axvline(i - 0.5, color="0.5", linewidth=0.8)
+    axes.set_xticks(first, [f"{name[0]}, l = {name[2:].split(',')[0]}" for name in np.array(leakage.unmodelled_names)[first]],
+                    rotation=45, ha="left", rotation_mode="anchor", fontsize=11)  # fmt: skip
+    axes.xaxis.tick_top()
     each = max(1, rows // 40)
     axes.set_yticks(range(0, rows, each), leakage.names[::each], fontsize=11 if rows <= 20 else 8)
-    axes.set_xlabel("not fitted", fontsize=13)
+    axes.set_xlabel("coefficients that are not fitted", fontsize=13)
     axes.set_ylabel("fitted", fontsize=13)
     bar = figure.colorbar(image, ax=axes)
     bar.set_label(f"bias per unit ({leakage.frame} axes)", fontsize=12)

@@ -81,3 +81,26 @@ def test_velocity_or_hubble(tmp_path):
     assert abs(mean - chain) < 0.05 * sigma
     assert abs(mean - 70) < 3.5 * sigma
     assert (tmp_path / "velocity_or_hubble.png").stat().st_size > 10_000
+
+
+def test_correlation_map(tmp_path):
+    text = run("correlation_map.py", folder=tmp_path)
+    assert "upper GUMS-like, lower IGQL-like" in text
+    assert "thinned to |ρ| < 0.2" in text
+    for name in ("correlation_map.png", "influence.png"):
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
+def test_compare_catalogues(tmp_path):
+    text = run("compare_catalogues.py", folder=tmp_path)
+    rows = [line.split() for line in text.splitlines() if " truth " in line]
+    assert len(rows) == 16
+    assert max(abs(float(row[1]) - float(row[4])) / float(row[2]) for row in rows) < 3.5
+    assert "left over 100 of 3000 and 0 of 2900" in text
+
+
+def test_compare_real_catalogues(tmp_path):
+    paths = [real_catalogue(name) for name in ("icrf3sx.txt", "icrf2-all.txt")]
+    text = run("compare_catalogues.py", *paths, folder=tmp_path)
+    assert "matched 3410 sources by name; left over 1126 of 4536 and 4 of 3414" in text
+    assert "1936+095" in text

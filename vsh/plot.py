@@ -87,7 +87,7 @@ def map_angles(axes, lon, lat, motion, step=1e-4):
     return np.arctan2(dy, dx)
 
 
-def plot_field(field, coefficients, title=None):
+def plot_field(field, coefficients, title=None, unit="µas/yr"):
     """The sources of a field and the motions that were fitted to them, with their scale.
 
     Returns
@@ -101,11 +101,18 @@ def plot_field(field, coefficients, title=None):
     largest = float(np.hypot(*motion).max())
     arrows = draw_vectors(axes, lon, lat, motion, color="#0b5394")
     round_number = _round(largest)
-    axes.quiverkey(arrows, 0.08, 0.04, round_number, f"{round_number:g} µas/yr", labelpos="E", coordinates="axes")
+    axes.quiverkey(arrows, 0.08, 0.04, round_number, f"{round_number:g} {unit}", labelpos="E", coordinates="axes")
     if coefficients.glide.any():
         lon, lat = angles(coefficients.glide)
         axes.scatter(
-            on_map(lon), lat, marker="*", s=220, color="#f1c232", edgecolor="k", zorder=4, label="acceleration"
+            on_map(lon),
+            lat,
+            marker="*",
+            s=220,
+            color="#f1c232",
+            edgecolor="k",
+            zorder=4,
+            label="acceleration" if unit == "µas/yr" else "glide",
         )
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.08), frameon=False, fontsize=10, handletextpad=0.2)
     axes.set_title(title or f"{len(field)} sources and the field fitted to degree {coefficients.modes.lmax}", pad=16)
