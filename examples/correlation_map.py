@@ -49,7 +49,7 @@ plt.savefig("influence.png", dpi=150)
 # What to do: leave out the dense cap, or thin it out just as much as is needed.
 thinned = thin(igql, max_correlation=0.2)
 cap = (igql.lat > np.radians(28)) & (np.random.default_rng(3).uniform(size=len(igql)) > 0.5)
-print(plan(igql, {"all": None, "half of the northern cap": ~cap, "thinned to |ρ| < 0.2": thinned.factors}))
+plan(igql, {"all": None, "half of the northern cap": ~cap, "thinned to |ρ| < 0.2": thinned.factors}).pprint_all()
 
 # %%
 # What is not fitted leaks into what is: one (µas/yr)² in each degree from 2 to 4.
