@@ -3,6 +3,7 @@
 from importlib import import_module
 
 from sim import astrometry, population, scanning, signal, variability
+from sim.expected import expected_covariances
 from sim.noise import gaia_errors
 from sim.observe import observe, observe_offsets
 from sim.population import Population, galaxies, plane_avoiding_sky, quasars, uniform_sky, vlbi_quasars
@@ -30,6 +31,7 @@ __all__ = [
     "anisotropic_expansion",
     "astrometry",
     "drift",
+    "expected_covariances",
     "field",
     "gaia_errors",
     "galaxies",

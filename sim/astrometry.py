@@ -96,6 +96,22 @@ def solve(transits, error, rng, years=5.0, variability=None, attitude=None, quot
     return Astrometry(errors, covariance, counts)
 
 
+def expected(transits, error, years=5.0, variability=None, attitude=0.0):
+    """Formal and true covariances of the solutions, without drawing them: two (n, 5, 5) arrays.
+
+    The true one adds A⁺ C A⁺ᵀ of the wandering, and the attitude's error as if it were independent
+    from transit to transit. nan where a source has too few transits.
+    """
+    formal = solve(transits, error, 0, years).covariance
+    inverse = formal / error[:, None, None] ** 2
+    true = formal + attitude**2 * inverse
+    if variability is not None and variability.sigma > 0:
+        sin, cos, since = np.sin(transits.angle), np.cos(transits.angle), transits.time - years / 2
+        design = np.stack([sin, cos, transits.parallax_factor, since * sin, since * cos])
+        true = true + _spread(inverse, design, transits, variability, len(error))
+    return formal, true
+
+
 def _spread(inverse, design, transits, variability, n):
     """A⁺ C A⁺ᵀ of every source, C the covariance of its wandering at its transits."""
     out = np.zeros((n, 5, 5))

@@ -7,7 +7,7 @@ import sys
 import pytest
 from conftest import ROOT
 
-MAY_IMPORT = {"vsh": {"vsh"}, "sim": {"sim", "vsh"}, "fit": {"fit", "vsh"}}
+MAY_IMPORT = {"vsh": {"vsh"}, "sim": {"sim", "vsh"}, "fit": {"fit", "vsh"}, "study": {"study", "sim", "fit", "vsh"}}
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 IMPORT = re.compile(r"^\s*(?:>>> )?(?:from|import) ([\w.]+)", re.MULTILINE)  # doctests included
 #: Heavy friends, and the rooms where they are met.

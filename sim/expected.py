@@ -1,0 +1,53 @@
+"""What a mission would do to sources, without drawing it: formal and true covariances of their solutions."""
+
+import numpy as np
+
+from sim.astrometry import expected, transit_error, unit_errors
+from sim.scanning import BLOCK
+from vsh.blocks import map_blocks
+
+_COLUMNS = {"motion": [3, 4], "position": [0, 1]}
+
+
+def expected_covariances(
+    population,
+    mission,
+    what="motion",
+    release="DR4",
+    variability=None,
+    attitude=10.0,
+    excess=0.0,
+    threads=None,
+    progress=True,
+):
+    """Formal and true 2 × 2 covariances of five-parameter solutions over a mission.
+
+    Parameters
+    ----------
+    population : Population — in the mission's frame
+    mission : NominalScanningLaw
+    what : {"motion", "position"}
+    release, variability, attitude, excess, threads, progress
+        As for `sim.observe`; the attitude's error is taken for independent from transit to transit.
+
+    Returns
+    -------
+    formal, true : (n, 2, 2) arrays
+        As quoted, and as the errors scatter: with the wandering and the attitude. nan for sources with
+        too few transits. [µas² or (µas/yr)²]
+    """
+    if what not in _COLUMNS:
+        raise ValueError(f"covariances are of motion or position, not {what!r}")
+    if population.frame != mission.frame:
+        raise ValueError(f"positions are in {population.frame}, the mission's in {mission.frame}")
+    first, last = _COLUMNS[what]
+    columns = slice(first, last + 1)
+    error = np.hypot(transit_error(population.magnitude, mission, release, unit_errors(mission)), excess)
+
+    def block(part):
+        transits = mission.transits_of_block(population.lon[part], population.lat[part])
+        return expected(transits, error[part], mission.years, variability, attitude)
+
+    parts = list(map_blocks(block, len(population), BLOCK, threads, "transits" if progress else None))
+    formal, true = (np.concatenate(each)[:, columns, columns] for each in zip(*parts, strict=True))
+    return formal, true

@@ -1,0 +1,148 @@
+"""What a study is: a TOML file, checked, with every default spelled out."""
+
+import json
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from vsh.errors import VshError
+from vsh.frames import FRAMES
+
+
+class StudyError(VshError, ValueError):
+    """A configuration that makes no study, or a folder that belongs to another."""
+
+
+#: Sections with their keys and defaults; None must be given.
+_SECTIONS = {
+    "study": {"name": None, "seed": 1, "realisations": 100, "frame": "galactic", "harmonics": 3},
+    "mission": {"years": 5.0, "dead_time": 0.06, "release": "DR4", "attitude": 10.0},
+    "truth": {
+        "orientation": [0.0, 0.0, 0.0],
+        "spin": [0.0, 0.0, 0.0],
+        "acceleration": [0.0, 0.0, 0.0],
+        "velocity": [0.0, 0.0, 0.0],
+        "hubble": 67.3,
+    },
+}
+_SOURCES = {
+    "quasars": {"n": None, "sky": "uniform", "variability": 0.0, "tau": 2.0},
+    "vlbi": {"n": None, "radio": 100.0},
+    "galaxies": {"n": None, "sky": "uniform", "excess": 0.0, "peculiar": 0.0, "nearest": 0.001, "farthest": 0.03},
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """A checked configuration.
+
+    Attributes
+    ----------
+    study, mission, truth : dicts
+        Sections of the file with their defaults.
+    cases : list of dicts
+        Each with `name`, `quasars`, and perhaps `vlbi` and `galaxies`.
+    """
+
+    study: dict
+    mission: dict
+    truth: dict
+    cases: list
+
+    @property
+    def realisations(self):
+        return self.study["realisations"]
+
+    def plain(self):
+        """All that determines a result, as plain values; the number of realisations does not."""
+        study = {key: value for key, value in self.study.items() if key != "realisations"}
+        return json.loads(
+            json.dumps({"study": study, "mission": self.mission, "truth": self.truth, "case": self.cases})
+        )
+
+
+def load(source):
+    """Read and check a configuration.
+
+    Parameters
+    ----------
+    source : path of a TOML file, or a dict
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read, or a key is unknown, missing or of the wrong kind; the message names it.
+    """
+    if not isinstance(source, dict):
+        try:
+            source = tomllib.loads(Path(source).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise StudyError(f"{source} cannot be read: {error.strerror}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise StudyError(f"{source} is not TOML: {error}") from error
+    unknown = set(source) - {*_SECTIONS, "case"}
+    if unknown:
+        raise StudyError(f"unknown sections {', '.join(sorted(unknown))}: there are {', '.join(_SECTIONS)}, case")
+    sections = {name: _section(name, source.get(name, {}), keys) for name, keys in _SECTIONS.items()}
+    cases = source.get("case", [])
+    if not cases:
+        raise StudyError("a study needs at least one [[case]]")
+    checked = [_case(case) for case in cases]
+    names = [case["name"] for case in checked]
+    if len(set(names)) < len(names):
+        raise StudyError(f"names of cases must differ: {', '.join(names)}")
+    _check(sections)
+    return Study(**sections, cases=checked)
+
+
+def _case(case):
+    name = case.get("name")
+    if not isinstance(name, str) or not name.isalnum():
+        raise StudyError(f"every [[case]] needs a name of letters and digits, not {name!r}")
+    unknown = set(case) - {"name", *_SOURCES}
+    if unknown:
+        raise StudyError(f"case {name}: unknown {', '.join(sorted(unknown))}; there are {', '.join(_SOURCES)}")
+    if "quasars" not in case:
+        raise StudyError(f"case {name} has no quasars: [case.quasars] with n")
+    return {"name": name} | {
+        kind: _section(f"case {name}, {kind}", case[kind], _SOURCES[kind]) for kind in _SOURCES if kind in case
+    }
+
+
+def _section(name, given, keys):
+    unknown = set(given) - set(keys)
+    if unknown:
+        raise StudyError(f"{name}: unknown key {', '.join(sorted(unknown))}; there are {', '.join(keys)}")
+    missing = [key for key, default in keys.items() if default is None and key not in given]
+    if missing:
+        raise StudyError(f"{name}: {', '.join(missing)} must be given")
+    section = {key: given.get(key, default) for key, default in keys.items()}
+    for key, value in section.items():
+        default = keys[key]
+        wanted = int if key == "n" or isinstance(default, int) else type(default) if default is not None else str
+        if wanted is float and isinstance(value, int):
+            section[key] = value = float(value)
+        if wanted is list:
+            if not (isinstance(value, list) and len(value) == 3 and all(isinstance(x, (int, float)) for x in value)):
+                raise StudyError(f"{name}: {key} is three numbers, not {value!r}")
+            section[key] = [float(x) for x in value]
+        elif not isinstance(value, wanted) or isinstance(value, bool):
+            raise StudyError(f"{name}: {key} is a {wanted.__name__}, not {value!r}")
+    return section
+
+
+def _check(sections):
+    if sections["study"]["frame"] not in FRAMES:
+        raise StudyError(f"study: frame is one of {', '.join(FRAMES)}, not {sections['study']['frame']!r}")
+    for section, key, least in (
+        ("study", "realisations", 1),
+        ("study", "harmonics", 1),
+        ("truth", "hubble", 1e-9),
+        ("mission", "years", 1e-9),
+    ):
+        if sections[section][key] < least:
+            raise StudyError(f"{section}: {key} must be at least {least:g}, not {sections[section][key]}")

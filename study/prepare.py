@@ -1,0 +1,92 @@
+"""What all realisations of a case share: positions, and covariances from every transit of the mission."""
+
+import hashlib
+import json
+
+import numpy as np
+
+import sim
+from study.config import StudyError
+from vsh import Field
+from vsh.files import replacing
+
+
+def prepared(study, case, kind, folder, progress=True):
+    """The file with the sources of one kind, made if it is not there.
+
+    Parameters
+    ----------
+    study : Study
+    case : dict — one of its cases
+    kind : {"quasars", "vlbi", "galaxies"}
+    folder : Path
+
+    Returns
+    -------
+    Path
+        Its name is a hash of all that determines it: cases with the same sources share a file.
+    """
+    wanted = {"kind": kind, "sources": case[kind], "mission": study.mission, "seed": study.study["seed"]}
+    wanted |= {"frame": study.study["frame"]} | ({"quasars": case["quasars"]} if kind == "vlbi" else {})
+    key = hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()[:16]
+    path = folder / f"{kind}-{key}.npz"
+    if not path.exists():
+        arrays = _make(study, case, kind, progress)
+        with replacing(path) as new, new.open("wb") as file:
+            np.savez(file, **arrays)
+    return path
+
+
+def _make(study, case, kind, progress):
+    seed, mission = study.study["seed"], study.mission
+    # A stream for each thing, the same in all cases: what differs between them is what they say.
+    skies, chosen, gaps = np.random.default_rng(seed).spawn(3)
+    law = sim.NominalScanningLaw(years=mission["years"], dead_time=mission["dead_time"], rng=gaps)
+    quasars, options = (
+        case["quasars"],
+        {"release": mission["release"], "attitude": mission["attitude"], "progress": progress},
+    )
+    try:
+        if kind == "galaxies":
+            sources = case["galaxies"]
+            population = sim.galaxies(
+                sources["n"],
+                skies.spawn(1)[0],
+                sources["sky"],
+                nearest=sources["nearest"],
+                farthest=sources["farthest"],
+            )
+            options["excess"] = sources["excess"]
+        else:
+            population = sim.quasars(quasars["n"], skies, quasars["sky"])
+            if kind == "vlbi":
+                population = sim.vlbi_quasars(population, case["vlbi"]["n"], chosen)
+            if quasars["variability"]:
+                options["variability"] = sim.Variability(quasars["variability"], quasars["tau"])
+        what = "position" if kind == "vlbi" else "motion"
+        formal, true = sim.expected_covariances(population, law, what, **options)
+    except ValueError as error:
+        raise StudyError(f"case {case['name']}, {kind}: {error}") from error
+    good = np.isfinite(formal[:, 0, 0])
+    population, formal, true = population[good], formal[good], true[good]
+    if kind == "vlbi":
+        # The radio positions scatter, and theirs are the errors that are quoted: what the paper's formal
+        # errors of ε are (100 µas / √(3300 · 2/3) = 2.1 µas), and why its scatter is half as large again.
+        radio = case["vlbi"]["radio"] ** 2 * np.eye(2)
+        formal, true = np.broadcast_to(radio, formal.shape), true + radio
+    frame = study.study["frame"]
+    quoted, scattered = (_turned(population, each, frame) for each in (formal, true))
+    s1, s2 = scattered.sigma
+    arrays = {
+        "lon": quoted.lon, "lat": quoted.lat, "sigma": quoted.sigma, "rho": quoted.rho,
+        # L of the true covariance, L Lᵀ: noise is L times unit normals.
+        "noise": np.stack([s1, scattered.rho * s2, s2 * np.sqrt(1 - scattered.rho**2)]),
+    }  # fmt: skip
+    return arrays | ({"redshift": population.redshift} if kind == "galaxies" else {})
+
+
+def _turned(population, covariance, frame):
+    sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+    rho = covariance[:, 0, 1] / (sigma[0] * sigma[1])
+    field = Field(population.lon, population.lat, np.zeros_like(sigma), sigma, rho, frame=population.frame)
+    return field.to_frame(frame)

@@ -1,0 +1,106 @@
+"""One realisation: noise on the truth, and what every estimator makes of it."""
+
+from functools import lru_cache
+
+import numpy as np
+
+import fit
+import sim
+from fit.drift import hubble_constant, observer_velocity
+from vsh import Field, Modes, Vector
+
+_KINDS = ("quasars", "vlbi", "galaxies")
+
+
+def realise(study, index, files, number):
+    """Draw and fit one realisation.
+
+    Parameters
+    ----------
+    study : Study
+    index : int — of the case
+    files : dict of str to path — its sources, from `study.prepare.prepared`
+    number : int — of the realisation
+
+    Returns
+    -------
+    dict of str to dict
+        "values" and "sigma", each by name of parameter. Names end in @l where they are from harmonics to
+        degree l; g_a_x … is the acceleration from the galaxies.
+    """
+    truth, frame = study.truth, study.study["frame"]
+    streams = {kind: np.random.default_rng([study.study["seed"], 7, index, number, k]) for k, kind in enumerate(_KINDS)}
+    fields = {}
+    for kind, path in files.items():
+        signal = {
+            "quasars": lambda: sim.spin(truth["spin"]) + sim.acceleration(truth["acceleration"]),
+            "vlbi": lambda: sim.spin(truth["orientation"]),
+            "galaxies": lambda: _galaxy_signal(study, index, frame, streams["galaxies"]),
+        }[kind]()
+        fields[kind] = _draw(path, signal, frame, streams[kind])
+    values, sigma = {}, {}
+
+    direct = fit.solve_frame(fields["quasars"], fields.get("vlbi"))
+    values |= dict(zip(direct.names, direct.values, strict=True))
+    sigma |= dict(zip(direct.names, direct.sigma, strict=True))
+    for degree in sorted({1, study.study["harmonics"]}):
+        solution = fit.solve(fit.normal_equations(fields["quasars"], Modes(degree), threads=1))
+        for name, vector in (("omega", solution.spin), ("a", solution.acceleration)):
+            _put(values, sigma, name, vector, f"@{degree}")
+    if "galaxies" in fields:
+        spin = Vector(direct.spin.value, np.zeros((3, 3)), frame)  # fixed at what the quasars gave, as in the paper
+        options = {"peculiar": study.cases[index]["galaxies"]["peculiar"], "spin": spin}
+        found = observer_velocity(fields["galaxies"], truth["hubble"], **options)
+        _put(values, sigma, "v", found.velocity)
+        _put(values, sigma, "g_a", found.acceleration)
+        velocity = true_velocity(study)
+        if velocity.amplitude > 0:
+            hubble = hubble_constant(fields["galaxies"], velocity, hubble=truth["hubble"], **options)
+            values["H0"], sigma["H0"] = hubble.hubble, hubble.hubble_error
+    return {
+        each: {name: float(x) for name, x in table.items()} for each, table in (("values", values), ("sigma", sigma))
+    }
+
+
+def true_velocity(study):
+    """The velocity of the configuration (speed, l, b), a Vector along the study's axes. [km/s]"""
+    return Vector.from_polar(*study.truth["velocity"], frame="galactic", unit="km/s").to_frame(study.study["frame"])
+
+
+def _galaxy_signal(study, index, frame, stream):
+    truth, galaxies = study.truth, study.cases[index]["galaxies"]
+    signal = sim.spin(truth["spin"]) + sim.acceleration(truth["acceleration"])
+    velocity = true_velocity(study)
+    if velocity.amplitude > 0:
+        signal += sim.drift(velocity.value, hubble=truth["hubble"])
+    if galaxies["peculiar"]:
+        signal += sim.peculiar(galaxies["peculiar"], stream.spawn(1)[0], hubble=truth["hubble"])
+    return signal
+
+
+@lru_cache(maxsize=6)
+def _arrays(path):
+    with np.load(path, allow_pickle=False) as file:
+        return dict(file)
+
+
+def _draw(path, signal, frame, rng):
+    arrays = _arrays(path)
+    unit = rng.standard_normal(arrays["sigma"].shape)
+    l11, l21, l22 = arrays["noise"]
+    noise = np.stack([l11 * unit[0], l21 * unit[0] + l22 * unit[1]])
+    motion = signal(arrays["lon"], arrays["lat"], arrays.get("redshift")) + noise
+    return Field(
+        arrays["lon"],
+        arrays["lat"],
+        motion,
+        arrays["sigma"],
+        arrays["rho"],
+        redshift=arrays.get("redshift"),
+        frame=frame,
+    )
+
+
+def _put(values, sigma, name, vector, suffix=""):
+    for axis, value, error in zip("xyz", vector.value, vector.sigma, strict=True):
+        values[f"{name}_{axis}{suffix}"], sigma[f"{name}_{axis}{suffix}"] = value, error

@@ -1,0 +1,68 @@
+"""What came of all realisations: one table of everything, one of means and scatter."""
+
+import json
+
+import numpy as np
+
+from vsh import tables
+
+
+def read_realisations(study, folder, count):
+    """Values and errors of all realisations, by case: dicts of name to (count,) arrays."""
+    found = {}
+    for case in study.cases:
+        paths = [folder / "realisations" / case["name"] / f"{number:05d}.json" for number in range(count)]
+        rows = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+        found[case["name"]] = tuple(
+            {name: np.array([row[part][name] for row in rows]) for name in rows[0][part]}
+            for part in ("values", "sigma")
+        )
+    return found
+
+
+def write_results(study, folder, count):
+    """Write results.ecsv (every number of every realisation) and summary.ecsv (a row a case and parameter)."""
+    found = read_realisations(study, folder, count)
+    columns = {"case": [], "realisation": [], "parameter": [], "value": [], "sigma": []}
+    for case, (values, sigma) in found.items():
+        for name in values:
+            columns["case"] += [case] * count
+            columns["realisation"] += range(count)
+            columns["parameter"] += [name] * count
+            columns["value"] += values[name].tolist()
+            columns["sigma"] += sigma[name].tolist()
+    meta = {"study": study.study["name"], "frame": study.study["frame"], "realisations": count}
+    tables.write(folder / "results.ecsv", columns, meta)
+    rows = summary(study, found)
+    tables.write(folder / "summary.ecsv", {key: [row[key] for row in rows] for key in rows[0]}, meta)
+
+
+def summary(study, found):
+    """Mean, standard deviation and mean formal error of every parameter: a list of dicts.
+
+    The truth stands beside them, and how far the mean is from it in standard errors of the mean.
+    """
+    rows = []
+    for case, (values, sigma) in found.items():
+        for name, value in values.items():
+            true = truth_of(study, name)
+            scatter = float(np.std(value, ddof=1)) if len(value) > 1 else float("nan")
+            error = scatter / np.sqrt(len(value))
+            rows.append({
+                "case": case, "parameter": name, "truth": true, "mean": float(value.mean()), "std": scatter,
+                "sigma": float(sigma[name].mean()), "off": float((value.mean() - true) / error) if error > 0 else float("nan"),
+            })  # fmt: skip
+    return rows
+
+
+def truth_of(study, name):
+    """The true value of a parameter."""
+    from study.realise import true_velocity
+
+    truth, name = study.truth, name.split("@")[0].removeprefix("g_")
+    if name == "H0":
+        return truth["hubble"]
+    vector, axis = name.rsplit("_", 1)
+    named = {"epsilon": "orientation", "omega": "spin", "a": "acceleration"}
+    values = true_velocity(study).value if vector == "v" else truth[named[vector]]
+    return float(values["xyz".index(axis)])

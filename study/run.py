@@ -1,0 +1,124 @@
+"""All realisations of a study, on all cores, each written when it is done; a killed study goes on."""
+
+import json
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from multiprocessing import get_context
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from study.config import StudyError
+from study.prepare import prepared
+from study.realise import realise
+from study.results import write_results
+from vsh.blocks import cores
+from vsh.files import replacing
+
+
+def run(study, folder, realisations=None, workers=None, progress=True):
+    """Run a study into a folder, or go on with one.
+
+    Parameters
+    ----------
+    study : Study
+    folder : path
+        study.json, prepared/, realisations/CASE/NNNN.json, and results.ecsv and summary.ecsv at the end. A
+        study that was killed leaves whole files only; run again, it ends in the same bytes as one that was not.
+    realisations : int, optional — in place of the configuration's
+    workers : int, optional — processes; one a core unless given
+    progress : bool — bars with the time left
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    StudyError
+        If the folder belongs to another configuration; the message names the difference.
+    """
+    folder = Path(folder)
+    try:
+        for each in ("prepared", *(f"realisations/{case['name']}" for case in study.cases)):
+            (folder / each).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StudyError(f"{folder} cannot be made a folder: {error.strerror}") from error
+    _claim(study, folder)
+    count = realisations or study.realisations
+    tasks = []
+    for index, case in enumerate(study.cases):
+        files = {kind: prepared(study, case, kind, folder / "prepared", progress) for kind in case if kind != "name"}
+        tasks += [(index, files, number) for number in range(count) if not _path(folder, case, number).exists()]
+    tasks.sort(key=lambda task: (task[2], task[0]))  # every case gets on alike
+    _work(study, folder, tasks, workers or cores(), progress)
+    write_results(study, folder, count)
+    return folder
+
+
+def _work(study, folder, tasks, workers, progress):
+    bar = tqdm(total=len(tasks), desc="realisations", delay=2, disable=not progress, smoothing=0.05)
+    if not tasks:
+        return
+    with bar, ProcessPoolExecutor(min(workers, len(tasks)), mp_context=get_context("spawn")) as pool:
+        waiting, left = {}, iter(tasks)
+        for task in left:
+            waiting[pool.submit(_one, study, folder, task)] = task
+            if len(waiting) < 2 * workers:
+                continue
+            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            _collect(waiting, done, bar)
+        while waiting:
+            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            _collect(waiting, done, bar)
+
+
+def _collect(waiting, done, bar):
+    for future in done:
+        waiting.pop(future)
+        future.result()
+        bar.update()
+
+
+def _one(study, folder, task):
+    """One realisation, in a process of its own: computed, and written whole."""
+    index, files, number = task
+    with threadpool_limits(1):
+        found = realise(study, index, files, number)
+    path = _path(folder, study.cases[index], number)
+    with replacing(path) as new:
+        new.write_text(json.dumps(found, indent=1), encoding="utf-8")
+
+
+def _path(folder, case, number):
+    return folder / "realisations" / case["name"] / f"{number:05d}.json"
+
+
+def _claim(study, folder):
+    """Write the configuration into a new folder; compare it with that of an old one."""
+    path, plain = folder / "study.json", study.plain()
+    if not path.exists():
+        with replacing(path) as new:
+            new.write_text(json.dumps(plain, indent=1), encoding="utf-8")
+        return
+    try:
+        old = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        raise StudyError(f"{path} is damaged: take another folder, or delete this one") from None
+    differences = list(_differences(old, plain))
+    if differences:
+        raise StudyError(
+            f"{folder} holds another study ({'; '.join(differences[:5])}): take another folder, or delete it"
+        )
+
+
+def _differences(old, new, where=""):
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in sorted({*old, *new}):
+            yield from _differences(old.get(key), new.get(key), f"{where}{'.' if where else ''}{key}")
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for i, pair in enumerate(zip(old, new, strict=True)):
+            yield from _differences(*pair, f"{where}[{i}]")
+    elif old != new:
+        yield f"{where}: there {old}, here {new}"
