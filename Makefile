@@ -2,14 +2,19 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
+REALISATIONS ?= 100
+
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow style bench clean
+.PHONY: help demo paper docs test test-slow style bench clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: $(VENV)/installed  ## set up, and fit a simulated catalogue: report and figures in demo/
 	$(BIN)/vsh-fit --demo --output demo
+
+paper: $(VENV)/installed  ## every table and figure of the paper: paper/comparison.md (REALISATIONS=5 for a quick look)
+	$(BIN)/vsh-study --paper --output paper --realisations $(REALISATIONS)
 
 test: $(VENV)/installed-test  ## set up, and pass the tests
 	$(BIN)/ruff check
@@ -28,7 +33,7 @@ bench: $(VENV)/installed-test  ## time this project beside others
 	$(BIN)/python benchmarks/scaling.py
 
 clean:  ## take away what was made here
-	rm -rf $(VENV) demo build *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo paper docs/_build build *.egg-info .pytest_cache .ruff_cache .hypothesis
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

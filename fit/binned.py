@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
+from fit.storage import Stored
 from vsh import tables
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import ParameterError
@@ -47,7 +48,7 @@ class Trend:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BinnedSolution:
+class BinnedSolution(Stored):
     """Solutions in bins of redshift with their joint covariance.
 
     Attributes

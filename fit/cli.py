@@ -8,6 +8,7 @@ from pathlib import Path
 import fit
 import vsh
 from vsh import shell
+from vsh.errors import VshError
 
 DEMO = "demo.fits"
 
@@ -18,11 +19,15 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or say --demo")
-    return shell.guarded("vsh-fit", lambda: _run(options))
+    return shell.guarded(
+        "vsh-fit", lambda: _run(options, sys.argv[1:] if arguments is None else list(map(str, arguments)))
+    )
 
 
-def _run(options):
+def _run(options, arguments):
     folder = shell.folder(options.output) if options.output else None
+    if options.html and not Path(options.html).absolute().parent.is_dir():
+        raise VshError(f"--html {options.html}: there is no such folder")
     path = files("fit") / DEMO if options.demo else Path(options.catalogue)
     # Not before: --help should not wait for astropy.
     from vsh import catalogue, tables
@@ -31,22 +36,28 @@ def _run(options):
     field = catalogue.read_field(table, options.columns, options.units, options.on_bad).to_frame(options.frame)
     solution, kept = _fit(field, vsh.Modes(options.lmax), options)
     name = "the simulated catalogue of the demo" if options.demo else str(path)
-    text = fit.report(solution, fit.cross_check(kept), catalogue.truth_of(table), name)
+    check, truth = fit.cross_check(kept), catalogue.truth_of(table)
+    text = fit.report(solution, check, truth, name)
     print(text)
-    if folder:
-        (folder / "report.txt").write_text(text, encoding="utf-8")
+    if folder or options.html:
+        import matplotlib
+
+        matplotlib.use("agg")  # files, no windows
         counts = {
             "rows": len(table), "rows_used": len(kept), "rows_refused": len(table) - len(field),
             "rows_clipped": len(field) - len(kept),
         }  # fmt: skip
         meta = shell.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
-        fit.export.write_solution(solution, folder / "solution.ecsv", meta)
+    if folder:
+        (folder / "report.txt").write_text(text, encoding="utf-8")
+        solution.write(folder / "solution.ecsv", meta)
         fit.export.write_correlation(solution, folder / "correlation.ecsv", meta)
-        import matplotlib
-
-        matplotlib.use("agg")  # files, no windows
         fit.export.write_figures(solution, kept, folder)
         print(shell.written(folder))
+    if options.html:
+        about = {"check": check, "truth": truth, "source": name, "provenance": meta, "command": ["vsh-fit", *arguments]}
+        fit.export.write_html(solution, kept, options.html, **about)
+        print(f"written to {options.html}")
 
 
 def _fit(field, modes, options):
@@ -102,6 +113,7 @@ def _parser():
     errors.add_argument("--jackknife", type=shell.nside, metavar="NSIDE", help="errors from leaving out HEALPix blocks")
     parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
     shell.add_reading(parser)
+    parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
     parser.add_argument("--version", action="version", version=f"vsh-fit {vsh.__version__}")
     return parser
 

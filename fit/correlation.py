@@ -11,6 +11,7 @@ from fit.normal import normal_equations
 from fit.parameters import correlation_of, parameters
 from fit.predict import Prediction, as_field, plan, predict, predict_drift
 from fit.solve import solve
+from fit.storage import Stored
 from fit.thin import Thinned, thin
 from vsh.errors import FrameError, ParameterError
 from vsh.sphere import triad
@@ -22,7 +23,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CorrelationMap:
+class CorrelationMap(Stored):
     """Correlations of the same parameters on one or several skies.
 
     Attributes

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.drift_rows import OMEGA, A, U, check_determined, drift_rows
+from fit.storage import Stored
 from vsh.apex import PLANCK
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.vector import Vector
@@ -18,7 +19,7 @@ _PRODUCT = "the motions of sources see only the product of our velocity and the 
 
 
 @dataclass(frozen=True, eq=False)
-class DriftSolution:
+class DriftSolution(Stored):
     """What both fits have in common.
 
     Attributes

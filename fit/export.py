@@ -7,37 +7,6 @@ import numpy as np
 from vsh import tables
 
 
-def write_solution(solution, path, meta=None):
-    """Write the coefficients with names and errors as a table, provenance in its metadata.
-
-    Parameters
-    ----------
-    solution : Solution
-    path : str or Path — its ending tells the format (.ecsv)
-    meta : dict, optional — provenance, plain values
-    """
-    modes = list(solution.modes)
-    columns = {
-        "coefficient": [str(mode) for mode in modes],
-        "kind": [mode.kind for mode in modes],
-        "l": [mode.l for mode in modes],
-        "m": [mode.m for mode in modes],
-        "part": [mode.part for mode in modes],
-        "value": solution.coefficients.values,
-        "sigma": solution.sigma,
-    }
-    own = {
-        "lmax": solution.modes.lmax,
-        "frame": solution.frame,
-        "chi2": float(solution.chi2),
-        "n_data": int(solution.n_data),
-        "dof": int(solution.dof),
-        "notes": [str(note) for note in solution.notes],
-        "errors_from": solution.errors_from,
-    }
-    tables.write(path, columns, own | (meta or {}), dict.fromkeys(("value", "sigma"), "uas / yr"))
-
-
 def write_correlation(solution, path, meta=None):
     """Write the correlation matrix as a table, a row and a column for each coefficient."""
     names = [str(mode) for mode in solution.modes]
@@ -45,21 +14,41 @@ def write_correlation(solution, path, meta=None):
     tables.write(path, columns, meta)
 
 
+def draw_figures(solution, field):
+    """The sky, the spectrum, the correlations and the residuals: a dict of matplotlib figures."""
+    from fit.plot import plot_correlation, plot_residuals, plot_spectrum
+    from vsh.plot import plot_field
+
+    return {
+        "sky": plot_field(field, solution.coefficients),
+        "spectrum": plot_spectrum(solution),
+        "correlation": plot_correlation(solution),
+        "residuals": plot_residuals(solution, field),
+    }
+
+
 def write_figures(solution, field, folder):
     """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths."""
     import matplotlib.pyplot as plt
 
-    from fit.plot import plot_correlation, plot_residuals, plot_spectrum
-    from vsh.plot import plot_field
-
-    folder = Path(folder)
-    figures = {
-        "sky.png": plot_field(field, solution.coefficients),
-        "spectrum.png": plot_spectrum(solution),
-        "correlation.png": plot_correlation(solution),
-        "residuals.png": plot_residuals(solution, field),
-    }
-    for name, figure in figures.items():
-        figure.savefig(folder / name, dpi=150)
+    paths = []
+    for name, figure in draw_figures(solution, field).items():
+        paths.append(Path(folder) / f"{name}.png")
+        figure.savefig(paths[-1], dpi=150)
         plt.close(figure)
-    return [folder / name for name in figures]
+    return paths
+
+
+def write_html(solution, field, path, **about):
+    """Write a self-contained page with everything; `about` as for `fit.html.html_report`."""
+    import matplotlib.pyplot as plt
+
+    from fit.html import html_report
+    from vsh.files import replacing
+
+    figures = draw_figures(solution, field)
+    page = html_report(solution, figures, **about)
+    for figure in figures.values():
+        plt.close(figure)
+    with replacing(path) as new:
+        new.write_text(page, encoding="utf-8")

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular, svdvals
 
+from fit.storage import Stored
 from vsh.errors import DegeneracyError, FrameError
 from vsh.vector import Vector
 
@@ -23,7 +24,7 @@ _ROWS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
-class FrameSolution:
+class FrameSolution(Stored):
     """Orientation, spin and acceleration with their joint covariance.
 
     Attributes

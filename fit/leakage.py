@@ -9,12 +9,13 @@ from fit.normal import as_modes, normal_equations
 from fit.parameters import check_lower, correlation_of, named
 from fit.predict import as_field
 from fit.solve import solve
+from fit.storage import Stored
 from vsh import Coefficients, Modes
 from vsh.errors import DegeneracyError, ParameterError
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Leakage:
+class Leakage(Stored):
     """How unmodelled coefficients c_u change the fitted ones: bias = matrix · c_u.
 
     Attributes

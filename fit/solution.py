@@ -6,13 +6,14 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtrc
 
+from fit.storage import Stored
 from vsh.coefficients import FIRST_DEGREE, Coefficients
 from vsh.errors import FrameError
 from vsh.vector import Vector
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution:
+class Solution(Stored):
     """Coefficients with their covariance.
 
     Attributes
@@ -43,6 +44,17 @@ class Solution:
 
     def __repr__(self):
         return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
+
+    def _repr_html_(self):
+        from fit.present import html_of
+
+        return html_of(self)
+
+    def latex(self):
+        """Spin, acceleration and powers as a LaTeX table (booktabs)."""
+        from fit.present import latex_of
+
+        return latex_of(self)
 
     @property
     def modes(self):

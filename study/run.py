@@ -53,6 +53,8 @@ def run(study, folder, realisations=None, workers=None, progress=True):
         tasks += [(index, files, number) for number in range(count) if not _path(folder, case, number).exists()]
     tasks.sort(key=lambda task: (task[2], task[0]))  # every case gets on alike
     _work(study, folder, tasks, workers or cores(), progress)
+    for unfinished in folder.rglob(".*-*"):  # what a killed run was writing
+        unfinished.unlink(missing_ok=True)
     write_results(study, folder, count)
     return folder
 

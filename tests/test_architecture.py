@@ -27,6 +27,7 @@ HEAVY = {
         "fit/cli.py",
         "fit/drift_cli.py",
         "fit/correlate_cli.py",
+        "study/figures.py",
         "fit/plot_correlation.py",
     },
     "astropy.table": {"vsh/tables.py", "vsh/streams.py"},

@@ -1,0 +1,23 @@
+"""A small study; `python study_to_kill.py FOLDER` runs it, or goes on with it."""
+
+import sys
+
+import study
+
+SMALL = {
+    "study": {"name": "small", "realisations": 24, "harmonics": 2},
+    "mission": {"years": 3.0, "release": "DR5"},
+    "truth": {"acceleration": [4.3, 0, 0], "spin": [1, 0, -1], "orientation": [50, 0, 0], "velocity": [369, 264, 48]},
+    "case": [
+        {
+            "name": "A",
+            "quasars": {"n": 1500},
+            "vlbi": {"n": 200, "radio": 50.0},
+            "galaxies": {"n": 800, "peculiar": 300.0},
+        },
+        {"name": "D", "quasars": {"n": 1500, "sky": "igql", "variability": 100.0}},
+    ],
+}
+
+if __name__ == "__main__":
+    study.run(study.load(SMALL), sys.argv[1], workers=2, progress=False)

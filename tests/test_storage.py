@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+from astropy.table import Table
+from conftest import random_field
+
+import fit
+import sim
+from fit.correlation import correlation_map, leakage, predict
+from fit.drift import hubble_constant, observer_velocity
+from fit.redshift import binned
+from fit.storage import read
+from vsh import Vector
+from vsh.apex import PLANCK
+from vsh.errors import TableError
+
+
+def results():
+    field = random_field(200, 1)
+    galaxies = sim.observe(sim.galaxies(200, 1), sim.drift((300, 0, 0)), rng=1, sigma=5.0)
+    binning = galaxies.add_note("a note: ã in µas/yr")
+    spin = Vector([0.1, 0.2, 0.3], 0.01 * np.eye(3))
+    return {
+        "solution": fit.fit_field(field.add_note("left out µ"), 3),
+        "clipped": fit.robust.clip(field, fit.fit_field(field, 2).modes).solution,
+        "prediction": predict(field, 2),
+        "frame": fit.solve_frame(field, random_field(50, 2)),
+        "velocity": observer_velocity(galaxies, 67.3, spin=spin),
+        "velocity and spin": observer_velocity(galaxies, 67.3, spin="free"),
+        "hubble": hubble_constant(galaxies, PLANCK),
+        "bins": binned(binning, 2, 2),
+        "common": binned(binning, 2, 2, common="higher"),
+        "correlations": correlation_map({"one": field, "two": random_field(300, 3)}, 2),
+        "leakage": leakage(field, 1, 3),
+    }
+
+
+def same(a, b):
+    """Equal to the last bit, whatever is inside."""
+    if hasattr(a, "__dataclass_fields__"):
+        return type(a) is type(b) and all(same(getattr(a, f), getattr(b, f)) for f in a.__dataclass_fields__)
+    if isinstance(a, np.ndarray):
+        return a.shape == b.shape and a.tobytes() == np.asarray(b, a.dtype).tobytes()
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+    if isinstance(a, float):
+        return a == b or (np.isnan(a) and np.isnan(b))
+    return a == b
+
+
+@pytest.mark.parametrize("ending", ["ecsv", "fits"])
+@pytest.mark.parametrize("name", list(results()))
+def test_there_and_back(name, ending, tmp_path):
+    result = results()[name]
+    path = tmp_path / f"result.{ending}"
+    result.write(path, {"ORIGIN": "a test"})
+    assert same(type(result).read(path), result)
+    assert same(read(path), result)
+    plain = Table.read(path)  # astropy alone
+    assert len(plain)
+    assert plain.meta["ORIGIN"] == "a test"
+
+
+def test_a_plain_table_says_what_is_in_it(tmp_path):
+    solution = results()["solution"]
+    solution.write(tmp_path / "solution.ecsv")
+    table = Table.read(tmp_path / "solution.ecsv")
+    assert table["coefficient"][0] == "t(1,0)"
+    assert str(table["value"].unit) == "uas / yr"
+    np.testing.assert_array_equal(table["covariance"], solution.covariance)
+
+
+def test_what_cannot_be_read(tmp_path):
+    Table({"x": [1.0]}).write(tmp_path / "other.ecsv")
+    with pytest.raises(TableError, match="holds no result of a fit"):
+        read(tmp_path / "other.ecsv")
+    results()["frame"].write(tmp_path / "frame.fits")
+    with pytest.raises(TableError, match="holds a FrameSolution, not a Solution"):
+        fit.Solution.read(tmp_path / "frame.fits")
+    with pytest.raises(TableError, match="as .ecsv or .fits, which keep every bit"):
+        results()["frame"].write(tmp_path / "frame.csv")
+    with pytest.raises(TableError, match="no such file"):
+        read(tmp_path / "none.fits")
+
+
+def test_for_notebooks_and_papers():
+    solution = results()["solution"]
+    html = solution._repr_html_()
+    assert html.count("<tr>") == 1 + 2 + 1 + 6
+    assert "left out µ" in html
+    latex = solution.latex()
+    assert latex.startswith(r"\begin{tabular}{lcccc}")
+    assert latex.count(r"\\") == 1 + 2 + 1 + 6
+    assert f"{solution.spin.value[0]:+.3f}" in latex
+    assert "e+" not in latex
