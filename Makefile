@@ -24,6 +24,10 @@ test: $(VENV)/installed-test  ## set up, and pass the tests
 test-slow: $(VENV)/installed-test  ## the tests that take long
 	$(BIN)/pytest -m slow
 
+docs: $(VENV)/installed-docs  ## the documentation, with a gallery of examples run now: docs/_build/html
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+	$(BIN)/python docs/check_links.py docs/_build/html
+
 style: $(VENV)/installed-test  ## put the code in its form
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
@@ -42,6 +46,10 @@ $(VENV)/bin/python:
 
 $(VENV)/installed: $(VENV)/bin/python setup.cfg pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(VENV)/installed-docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@
 
 $(VENV)/installed-test: $(VENV)/installed

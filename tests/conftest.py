@@ -1,5 +1,6 @@
 """What the tests share: random fields, and real catalogues where they are at hand."""
 
+import json
 import os
 from pathlib import Path
 
@@ -13,6 +14,40 @@ from vsh import Field
 # The same examples every time; a slow machine is no failure.
 settings.register_profile("project", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("project")
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--agreement", metavar="FILE", help="write how well every comparison agrees, as JSON (docs/make_validation.py)"
+    )
+
+
+@pytest.fixture(autouse=True)
+def record_agreement(request, monkeypatch):
+    """With --agreement: the largest difference that each test's `assert_allclose` saw."""
+    path = request.config.getoption("--agreement")
+    if path is None:
+        yield
+        return
+    original, seen = np.testing.assert_allclose, []
+
+    def watched(actual, desired, *args, **options):
+        original(actual, desired, *args, **options)
+        difference = np.abs(np.asarray(actual) - np.asarray(desired)).max()
+        scale = np.abs(np.asarray(desired)).max()
+        seen.append((float(difference), float(difference / scale) if scale else 0.0))
+
+    monkeypatch.setattr(np.testing, "assert_allclose", watched)
+    yield
+    largest = [max(column) for column in zip(*seen, strict=True)] if seen else [None, None]
+    module = request.module
+    row = {
+        "file": Path(module.__file__).name, "truth": module.__doc__.strip().splitlines()[0], "test": request.node.name,
+        "comparisons": len(seen), "absolute": largest[0], "relative": largest[1],
+    }  # fmt: skip
+    with open(path, "a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+
 
 ROOT = Path(__file__).parents[1]
 #: Real catalogues, which are not part of the project.

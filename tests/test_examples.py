@@ -104,3 +104,9 @@ def test_compare_real_catalogues(tmp_path):
     text = run("compare_catalogues.py", *paths, folder=tmp_path)
     assert "matched 3410 sources by name; left over 1126 of 4536 and 4 of 3414" in text
     assert "1936+095" in text
+
+
+def test_harmonics(tmp_path):
+    run("harmonics.py", folder=tmp_path)
+    assert (tmp_path / "harmonics_1.png").stat().st_size > 10_000
+    assert (tmp_path / "harmonics_2.png").stat().st_size > 10_000

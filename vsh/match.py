@@ -9,6 +9,8 @@ from vsh.positions import Positions
 from vsh.sphere import triad
 from vsh.units import DEGREE, UAS
 
+__all__ = ["match"]
+
 
 def match(a, b, by="name", radius=None):
     """The differences a − b of two catalogues, with the sum of their covariances.

@@ -1,6 +1,6 @@
 """The order in which the parameters of a vector field are stored, said once.
 
-A real field of degree 1 … lmax has ``2 lmax (lmax + 2)`` parameters, kept as
+A real field of degree 1 … lmax has ``2 lmax (lmax + 2)`` parameters, kept as::
 
     [
         (kind, l, m, part)

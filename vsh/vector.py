@@ -17,7 +17,7 @@ class Vector:
     value : (3,) array
         Components x, y, z. [`unit`]
     covariance : (3, 3) array
-        Of the components. [`unit`²]
+        Of the components. [the square of `unit`]
     frame : str
         "icrs", "galactic" or "ecliptic".
     unit : str

@@ -1,0 +1,68 @@
+"""The documentation: `make docs`."""
+
+import re
+import shutil
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+sys.path[:0] = [str(ROOT), str(HERE)]
+
+import vsh
+
+project = "vsh-astrometry"
+author = "the vsh-astrometry developers"
+version = release = vsh.__version__
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx_gallery.gen_gallery"]
+exclude_patterns = ["_build", "_examples", "images"]
+html_theme = "furo"
+html_title = "vsh-astrometry"
+html_show_copyright = False
+myst_heading_anchors = 3
+myst_enable_extensions = ["dollarmath"]
+suppress_warnings = ["config.cache", "myst.header"]
+
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+
+# The gallery runs in a copy: the examples write their figures where they stand.
+EXAMPLES = HERE / "_examples"
+shutil.rmtree(EXAMPLES, ignore_errors=True)
+shutil.copytree(ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("make_*", "*.png", "__pycache__"))
+(EXAMPLES / "GALLERY_HEADER.rst").write_text(
+    "Gallery\n=======\n\nEvery example runs when these pages are built; each is a script of its own in ``examples/``.\n",
+    encoding="utf-8",
+)
+
+
+sphinx_gallery_conf = {
+    "examples_dirs": "_examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py$",
+    "reset_argv": "gallery_arguments.arguments_of",
+    "within_subsection_order": "FileNameSortKey",
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "show_memory": False,
+    "plot_gallery": True,
+    "remove_config_comments": True,
+}
+
+
+def plain(app, what, name, obj, options, lines):
+    """Docstrings are written to be read as they are: µ_α*, |v| and ω_ are no markup."""
+    for i, line in enumerate(lines):
+        if line.lstrip().startswith((">>>", "...")) or "``" in line:
+            continue
+        parts = line.split("`")
+        for k in range(0, len(parts), 2):
+            parts[k] = re.sub(r"(?<!\\)[*|]", r"\\\g<0>", parts[k])
+            parts[k] = re.sub(r"(?<=\w)_(?=\W|$)", r"\\_", parts[k])
+        lines[i] = "`".join(parts)
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", plain, priority=900)

@@ -1,0 +1,33 @@
+"""
+The harmonics of degrees 1 and 2
+================================
+
+What each coefficient multiplies. The toroidal field t(1,0) is a rotation about the pole, the
+spheroidal s(1,0) a flow toward it: spin and acceleration. Degree 2 holds four-cornered patterns:
+gravitational waves, an expansion that is not the same in all directions, errors of a catalogue.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from vsh import Coefficients, Modes
+from vsh.plot import draw_vectors, even_grid, sky_axes
+
+# %%
+# The real fields that the coefficients multiply, in ICRS: one panel for each of degree 1 and 2.
+modes = Modes(2)
+lon, lat = even_grid(18.0)
+for l in (1, 2):
+    chosen = [i for i, mode in enumerate(modes) if mode.l == l]
+    columns = 2 * l + 1
+    figure = plt.figure(figsize=(4.2 * columns, 6.4), layout="constrained")
+    for place, i in enumerate(chosen):
+        axes = sky_axes("icrs", figure.add_subplot(2, columns, place + 1, projection="hammer"))
+        field = Coefficients(modes, np.eye(len(modes))[i])
+        mode = list(modes)[i]
+        colour = "#c55a11" if mode.kind == "T" else "#0b5394"
+        draw_vectors(axes, lon, lat, field.at(lon, lat), color=colour, width=0.005)
+        axes.set_title(str(mode), fontsize=16, pad=12)
+        axes.set_xticklabels([])
+        axes.set_yticklabels([])
+    figure.savefig(f"harmonics_{l}.png", dpi=110)
