@@ -65,4 +65,4 @@ def plain(app, what, name, obj, options, lines):
 
 
 def setup(app):
-    app.connect("autodoc-process-docstring", plain, priority=900)
+    app.connect("autodoc-process-docstring", plain, priority=100)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.drift_rows import OMEGA, A, U, check_determined, drift_rows
-from fit.storage import Stored
+from fit.named import NamedSolution
 from vsh.apex import PLANCK
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.vector import Vector
@@ -19,7 +19,7 @@ _PRODUCT = "the motions of sources see only the product of our velocity and the 
 
 
 @dataclass(frozen=True, eq=False)
-class DriftSolution(Stored):
+class DriftSolution(NamedSolution):
     """What both fits have in common.
 
     Attributes
@@ -39,43 +39,8 @@ class DriftSolution(Stored):
     notes : tuple of str
     """
 
-    names: tuple
-    values: np.ndarray
-    covariance: np.ndarray
-    chi2: float
-    n_data: int
-    frame: str
     peculiar: float
     notes: tuple = ()
-
-    @property
-    def sigma(self):
-        """Standard error of each parameter, (p,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def correlation(self):
-        """Correlation matrix, (p, p), rows and columns as in `names`."""
-        return self.covariance / np.outer(self.sigma, self.sigma)
-
-    @property
-    def dof(self):
-        return self.n_data - len(self.names)
-
-    @property
-    def acceleration(self):
-        """ã, a Vector in µas/yr."""
-        return self._vector("a")
-
-    @property
-    def spin(self):
-        """ω, a Vector in µas/yr, or None where it was not free."""
-        return self._vector("omega") if "omega_x" in self.names else None
-
-    def _vector(self, name, unit="µas/yr"):
-        start = self.names.index(f"{name}_x")
-        part = slice(start, start + 3)
-        return Vector(self.values[part], self.covariance[part, part], self.frame, unit)
 
 
 @dataclass(frozen=True, eq=False)

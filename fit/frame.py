@@ -15,16 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular, svdvals
 
-from fit.storage import Stored
+from fit.named import NamedSolution
 from vsh.errors import DegeneracyError, FrameError
-from vsh.vector import Vector
 
 _AXES = "xyz"
 _ROWS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
-class FrameSolution(Stored):
+class FrameSolution(NamedSolution):
     """Orientation, spin and acceleration with their joint covariance.
 
     Attributes
@@ -39,46 +38,10 @@ class FrameSolution(Stored):
     frame : str
     """
 
-    names: tuple
-    values: np.ndarray
-    covariance: np.ndarray
-    chi2: float
-    n_data: int
-    frame: str
-
-    @property
-    def sigma(self):
-        """Standard error of each parameter, (p,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def correlation(self):
-        """Correlation matrix, (p, p), rows and columns as in `names`."""
-        return self.covariance / np.outer(self.sigma, self.sigma)
-
-    @property
-    def dof(self):
-        return self.n_data - len(self.names)
-
     @property
     def orientation(self):
         """ε, a Vector in µas, or None where no offsets were given."""
         return self._vector("epsilon", "µas") if "epsilon_x" in self.names else None
-
-    @property
-    def spin(self):
-        """ω, a Vector in µas/yr."""
-        return self._vector("omega")
-
-    @property
-    def acceleration(self):
-        """ã, a Vector in µas/yr."""
-        return self._vector("a")
-
-    def _vector(self, name, unit="µas/yr"):
-        start = self.names.index(f"{name}_x")
-        part = slice(start, start + 3)
-        return Vector(self.values[part], self.covariance[part, part], self.frame, unit)
 
 
 def solve_frame(motions, offsets=None):

@@ -195,9 +195,9 @@ def _pack_binnedsolution(binned):
 
 def _unpack_binnedsolution(kind, columns, rest):
     from fit.normal import NormalEquations
-    from fit.solution import Solution
     from vsh import Coefficients, Modes
 
+    one = import_module(_HOMES["Solution"]).Solution
     modes, frame = Modes(rest["lmax"]), rest["frame"]
     solutions, normals = [], []
     for b, (solved, summed) in enumerate(zip(rest["solutions"], rest["normals"], strict=True)):
@@ -205,7 +205,7 @@ def _unpack_binnedsolution(kind, columns, rest):
         chi2, n_data, notes, errors_from = solved
         coefficients = Coefficients(modes, columns["value"][mine])
         solutions.append(
-            Solution(coefficients, columns["covariance"][mine], _number(chi2), n_data, frame, tuple(notes), errors_from)
+            one(coefficients, columns["covariance"][mine], _number(chi2), n_data, frame, tuple(notes), errors_from)
         )
         matrix, rhs = columns["normal_matrix"][mine], columns["normal_rhs"][mine]
         normals.append(NormalEquations(modes, matrix, rhs, _number(summed[0]), summed[1], frame, tuple(summed[2])))
