@@ -139,6 +139,7 @@ def _write(results, text, folder, meta):
             key: [getattr(row, key) for row in rows.values()] for key in next(iter(rows.values()))._fields
         }
         tables.write(folder / "posterior.ecsv", columns, meta)
+        results["posterior"].write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
         figures |= {"corner.png": results["posterior"].corner, "trace.png": results["posterior"].trace}
     for name, draw in figures.items():
         figure = draw()

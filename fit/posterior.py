@@ -1,5 +1,6 @@
 """Posteriors of our velocity and the Hubble constant, by Markov chains (emcee) or on a grid."""
 
+import json
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,11 +13,11 @@ from fit.drift_rows import drift_rows
 from fit.grid import GridPosterior, grid
 from fit.mixture import MixtureModel
 from fit.priors import Density, Flat, Normal, as_prior
-from fit.summary import Interval, intervals, text_of
+from fit.summary import UNITS, Interval, intervals, text_of
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.vector import Vector
 
-__all__ = ["Density", "Flat", "GridPosterior", "Interval", "Normal", "Posterior", "grid", "sample"]
+__all__ = ["Density", "Flat", "GridPosterior", "Interval", "Normal", "Posterior", "grid", "read_samples", "sample"]
 
 #: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
 ENOUGH = 50
@@ -100,6 +101,19 @@ class Posterior:
         """The summary as text."""
         return text_of(self)
 
+    def write(self, path, meta=None):
+        """Write the samples as a table, a column each, which `read_samples` or astropy reads back bit for bit.
+
+        The chain itself is what a checkpoint keeps.
+        """
+        from vsh import tables
+
+        about = {"type": "Posterior", "seed": self.seed, "notes": list(map(str, self.notes))}
+        about = {"frame": self.frame, "RESULT": json.dumps(about | {"priors": self.model.priors.describe()})}
+        tables.write(
+            path, self.samples, about | (meta or {}), {name: UNITS[name] for name in self.samples if UNITS.get(name)}
+        )
+
     def to_arviz(self):
         """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker."""
         try:
@@ -145,6 +159,14 @@ class Posterior:
     def _vector(self, name, unit):
         three = np.stack([self.samples[f"{name}_{axis}"] for axis in "xyz"])
         return Vector(three.mean(1), np.cov(three), self.frame, unit)
+
+
+def read_samples(path):
+    """Samples that `Posterior.write` wrote: a dict of name to (n,) array."""
+    from vsh import tables
+
+    table = tables.read(path)
+    return {name: np.asarray(table[name], float) for name in table.colnames}
 
 
 def sample(

@@ -29,7 +29,7 @@ def test_everything_at_once(path, tmp_path, capsys):
     for words in ("spin alike in all bins", "toward the apex", "H0  ", "Posterior (galactic axes"):
         assert words in text
     wanted = {"bins.ecsv", "bins.png", "corner.png", "hubble.ecsv", "posterior.ecsv", "report.txt", "trace.png",
-              "velocity.ecsv"}  # fmt: skip
+              "samples.fits", "velocity.ecsv"}  # fmt: skip
     assert {each.name for each in out.iterdir()} == wanted
     assert (out / "report.txt").read_text(encoding="utf-8").strip() in text
     velocity = Table.read(out / "velocity.ecsv")

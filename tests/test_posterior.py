@@ -6,7 +6,7 @@ import sim
 from fit.drift import observer_velocity
 from fit.drift_model import drift_model, priors
 from fit.drift_rows import drift_rows
-from fit.posterior import Density, Flat, Normal, grid, sample
+from fit.posterior import Density, Flat, Normal, grid, read_samples, sample
 from vsh import Vector
 from vsh.apex import PAPER, PLANCK
 from vsh.errors import ConvergenceError, DegeneracyError, ParameterError
@@ -211,6 +211,16 @@ def test_figures_and_tables():
     assert row.low95 < row.low68 < row.median < row.high68 < row.high95
     assert "128 walkers" in repr(found)
     assert set(found.autocorrelation) == {"v_x", "v_y", "v_z", "H0"}
+
+
+@pytest.mark.parametrize("ending", ["fits", "ecsv"])
+def test_samples_travel(ending, tmp_path):
+    found = sample(galaxies(300), PLANCK, Flat(20, 150), 300_000, **SETTINGS)
+    found.write(tmp_path / f"samples.{ending}")
+    back = read_samples(tmp_path / f"samples.{ending}")
+    assert set(back) == set(found.samples)
+    for name, values in found.samples.items():
+        np.testing.assert_array_equal(back[name], values)
 
 
 @pytest.mark.filterwarnings("ignore")
