@@ -93,6 +93,44 @@ def test_killed_twenty_times(finished, tmp_path):
     assert kills >= 20
 
 
+def test_what_is_finished_is_not_done_again_and_leftovers_go(finished):
+    before = {
+        path: path.stat().st_mtime_ns for path in finished.rglob("*.*") if path.parent.name in ("A", "D", "prepared")
+    }
+    left = finished / "realisations" / "A" / ".12345-00003.json"
+    left.write_text("{")
+    study.run(study.load(SMALL), finished, progress=False)
+    assert not left.exists()
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert len(before) == 48 + 4
+
+
+def test_the_noise_has_the_true_covariance(tmp_path):
+    from study.prepare import prepared
+
+    still = study.load(changed(mission={"attitude": 0.0}))
+    with np.load(prepared(still, still.cases[0], "quasars", tmp_path, progress=False)) as file:
+        l11, l21, l22 = file["noise"]
+        sigma, rho = file["sigma"], file["rho"]
+    np.testing.assert_allclose([l11, np.hypot(l21, l22)], sigma, rtol=1e-12)
+    np.testing.assert_allclose(l21 / np.hypot(l21, l22), rho, rtol=1e-9, atol=1e-12)
+    assert np.abs(rho).max() > 0.3
+    wandering = study.load(SMALL)
+    with np.load(prepared(wandering, wandering.cases[1], "quasars", tmp_path, progress=False)) as file:
+        assert (file["noise"][0] > file["sigma"][0]).all()
+
+
+def test_galaxies_move_with_everything():
+    from study.realise import _galaxy_signal, true_velocity
+
+    small = study.load(SMALL | {"case": [SMALL["case"][0] | {"galaxies": {"n": 10}}]})
+    lon, lat = sim.uniform_sky(50, 1)
+    z = np.full(50, 0.01)
+    whole = sim.spin((1, 0, -1)) + sim.acceleration((4.3, 0, 0)) + sim.drift(true_velocity(small).value, hubble=67.3)
+    found = _galaxy_signal(small, 0, "galactic", np.random.default_rng(1))
+    np.testing.assert_allclose(found(lon, lat, z), whole(lon, lat, z))
+
+
 def test_another_configuration_is_refused(finished, tmp_path):
     with pytest.raises(StudyError, match=r"holds another study \(mission.release: there DR5, here DR4\)"):
         study.run(study.load(changed(mission={"release": "DR4"})), finished, progress=False)
@@ -225,3 +263,12 @@ def test_expected_covariances_are_those_of_the_draws():
         assert (np.diag(true[0]) > np.diag(formal[0])).all()
     with pytest.raises(ValueError, match="motion or position"):
         sim.expected_covariances(one, law, "parallax")
+
+
+def test_the_attitude_is_added_to_every_transit():
+    law, one = sim.NominalScanningLaw(years=3.0, rng=1), sim.quasars(5, 3)
+    from sim.astrometry import transit_error
+
+    formal, true = sim.expected_covariances(one, law, attitude=50.0, progress=False)
+    ratio = 1 + 50.0**2 / transit_error(one.magnitude, law) ** 2
+    np.testing.assert_allclose(true, formal * ratio[:, None, None], rtol=1e-9)
