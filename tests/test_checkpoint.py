@@ -164,7 +164,7 @@ def test_killed_at_any_moment(tmp_path):
 @pytest.mark.slow
 def test_killed_at_sixty_moments(tmp_path):
     rng = np.random.default_rng(1)
-    groups = [tuple(rng.uniform(0.2, 3.5, 3)) for _ in range(26)]
+    groups = [tuple(rng.uniform(0.2, 3.0, 3)) for _ in range(30)]
     assert kill_many(tmp_path, groups) >= 60
 
 

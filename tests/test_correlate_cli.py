@@ -77,6 +77,15 @@ def test_bad_usage_ends_with_2(paths, arguments, words, capsys):
     assert words in capsys.readouterr().err
 
 
+def test_half_of_the_errors_is_a_slip(paths, tmp_path, capsys):
+    table = Table.read(paths[0])
+    table.rename_column("pmdec_error", "epmdec")
+    table.write(tmp_path / "slip.fits")
+    assert main([str(tmp_path / "slip.fits")]) == 1
+    assert "no column 'pmdec_error'" in capsys.readouterr().err
+    assert main([str(tmp_path / "slip.fits"), "--sigma", "100"]) == 0
+
+
 def test_bad_data_end_with_1(paths, tmp_path, capsys):
     assert main([paths[0], "--influence", "a_x,t(4,0)"]) == 1
     assert "no parameter is called t(4,0); there are omega_x" in capsys.readouterr().err

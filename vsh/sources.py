@@ -37,6 +37,9 @@ def read_sources(source, columns=None, units=None, on_bad="raise", sigma=None):
                 f"The table has {', '.join(table.colnames)}"
             )
     absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(wanted, role) not in table.colnames}
+    for pair in (_MOTIONS, _ERRORS):  # one of two is a slip of the pen, not a table without them
+        if len(absent & set(pair)) == 1 and not (pair is _ERRORS and sigma is not None):
+            return read_field(table, wanted, units, on_bad)  # which says what is missing
     replaced = {role for role in _MOTIONS if role in absent}
     if sigma is not None or absent & set(_ERRORS):
         replaced |= set(_ERRORS)
