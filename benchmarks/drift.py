@@ -17,7 +17,7 @@ from vsh.apex import PAPER, PLANCK
 SKIES = int(sys.argv[1]) if len(sys.argv) > 1 else 100
 ACCELERATION = np.array([-0.236, -3.756, -2.080])
 VELOCITY = PAPER.to_frame("icrs").value
-#: Bachchan et al. (2016), table 6, case A: mean formal errors and standard deviations.
+#: Bachchan et al. (2016), table 7 (velocity, H0, galaxies), case A: mean formal errors and standard deviations.
 PAPER_ERRORS = {"v_x": 98.7, "v_y": 97.8, "v_z": 97.2, "H0": 18.15, "a_x": 0.270, "a_y": 0.270, "a_z": 0.270}
 
 
