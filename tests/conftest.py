@@ -76,3 +76,12 @@ def triad(lon, lat):
     north = [-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)]
     out = [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]
     return np.array([east, north, out])
+
+
+def patchy(n=3000, seed=1, even=False, frame="galactic"):
+    """Quasars of the patchy list, with unequal errors unless `even`."""
+    quasars = sim.quasars(n, seed, "igql")
+    rng = np.random.default_rng([seed, 7])  # a stream of its own: errors that know nothing of places
+    sigma = np.full((2, n), 300.0) if even else 10 ** rng.uniform(2, 3, (2, n))
+    rho = np.zeros(n) if even else rng.uniform(-0.8, 0.8, n)
+    return Field(quasars.lon, quasars.lat, np.zeros((2, n)), sigma, rho).to_frame(frame)
