@@ -40,7 +40,7 @@ def _run(options):
     if options.clip:
         whole = _clipped(whole, options.clip)
     cosmology = _cosmology(options)
-    results, texts = {}, []
+    results, texts, truth = {}, [], catalogue.truth_of(table)
     if options.bins:
         results["bins"] = _binned(whole, options)
         texts.append(drift_report.report_bins(results["bins"], chances=_chances(whole, results["bins"])))
@@ -49,10 +49,10 @@ def _run(options):
         field = with_redshift(whole) if options.on_bad == "drop" else whole
     if options.hubble:
         results["velocity"] = drift.observer_velocity(field, options.hubble, **common)
-        texts.append(drift_report.report_drift(results["velocity"], options.catalogue))
+        texts.append(drift_report.report_drift(results["velocity"], options.catalogue, truth))
     if options.velocity:
         results["hubble"] = drift.hubble_constant(field, options.velocity, **common)
-        texts.append(drift_report.report_drift(results["hubble"], options.catalogue))
+        texts.append(drift_report.report_drift(results["hubble"], options.catalogue, truth))
     for text in texts:
         print(text)
     if options.posterior:

@@ -10,13 +10,14 @@ from vsh.apex import PLANCK
 _REMARKABLE = 0.0027
 
 
-def report_drift(solution, source=None):
+def report_drift(solution, source=None, truth=None):
     """A velocity or a Hubble constant as text.
 
     Parameters
     ----------
     solution : VelocitySolution or HubbleSolution
     source : str, optional — what was fitted
+    truth : dict, optional — "velocity" and "hubble" of a simulated catalogue, printed beside what was found
 
     Returns
     -------
@@ -40,7 +41,10 @@ def report_drift(solution, source=None):
         lines.append(
             f"careful        the residuals ask for errors {factor:.2f} times those below; chances allow for that"
         )
-    lines += ["", *(_velocity(solution) if velocity else _hubble(solution)), ""]
+    rows = _velocity(solution) if velocity else _hubble(solution)
+    if truth and "velocity" in truth:
+        rows.insert(2, _truth(solution, truth))  # below the components, or H0
+    lines += ["", *rows, ""]
     a = solution.acceleration
     lines.append(f"{'acceleration':14}{components(a)}  |ã| = {a.amplitude:.3f} ± {a.amplitude_error:.3f} µas/yr")
     lines.append(f"{'':14}toward {direction(a.to_frame('galactic'))}")
@@ -64,6 +68,20 @@ def _velocity(solution):
         f"chance of as much from no velocity: {chdtrc(3, none):.2g} (χ² = {none:.2f} for 3)",
         f"chance of as far from the microwave background's {PLANCK.amplitude:.1f} km/s: {chdtrc(3, chi2):.2g} (χ² = {chi2:.2f} for 3)",
     ]
+
+
+def _truth(solution, truth):
+    """The true value in the units of the result: of the product, for what was assumed."""
+    true = truth["velocity"].to_frame(solution.frame)
+    if hasattr(solution, "velocity"):
+        expected = true.value * truth["hubble"] / solution.assumed_hubble
+        away = (solution.velocity.value - expected) / solution.velocity.sigma
+        cells = "".join(f"{value:+9.3f} ({d:+.1f}σ)".rjust(16) for value, d in zip(expected, away, strict=True))
+        note = "" if truth["hubble"] == solution.assumed_hubble else f" (simulated with H0 = {truth['hubble']:g})"
+        return f"{'  truth':14}{cells}{note}"
+    if not true.amplitude:
+        return f"{'  truth':14}no velocity was simulated"
+    return f"{'  truth':14}{truth['hubble']:.2f} ({(solution.hubble - truth['hubble']) / solution.hubble_error:+.1f}σ)"
 
 
 def _hubble(solution):

@@ -61,6 +61,10 @@ def _run(options):
         )
     meta = {f"{name}_{axis}": float(value) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration))
             for axis, value in zip("XYZ", vector, strict=True)}  # fmt: skip
+    if options.what == "galaxies":
+        velocity = (0.0, 0.0, 0.0) if options.velocity is None else options.velocity
+        meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
+        meta["HUBBLE"] = options.hubble
     meta |= {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_plain(options))}
     catalogue.write_field(field, options.output, meta)
     for note in field.notes:

@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -143,3 +144,23 @@ def test_simulate_bin_drift_on_real_redshifts(name, column, edges, tmp_path, cap
     found = Table.read(tmp_path / "velocity.ecsv")
     assert np.abs((found["value"][:3] - velocity) / found["sigma"][:3]).max() < 4
     assert "spin alike in all bins" in capsys.readouterr().out
+
+
+def test_the_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsys):
+    from sim.cli import main as simulate
+
+    path = str(tmp_path / "galaxies.fits")
+    arguments = ["galaxies", "--n", "3000", "--short", "--release", "DR5", "--velocity=-358,77,-45", "--output", path]
+    assert simulate([*arguments, "--hubble", "70"]) == 0
+    capsys.readouterr()
+    assert main([path, "--hubble", "70", "--velocity", "planck", "--frame", "galactic"]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  truth")]
+    assert len(lines) == 2
+    assert "-25.3" in lines[0] or "-24." in lines[0] or "-25." in lines[0]
+    assert lines[1].split()[1] == "70.00"
+    for line in lines:
+        assert max(abs(float(x)) for x in re.findall(r"\(([+-][0-9.]+)σ\)", line)) < 4
+    assert main([path, "--hubble", "140"]) == 0
+    text = capsys.readouterr().out
+    assert "-179.000" in text
+    assert "(simulated with H0 = 70)" in text

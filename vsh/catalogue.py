@@ -13,8 +13,8 @@ from vsh.field import Field
 from vsh.gate import as_floats
 from vsh.icrf import read_icrf
 from vsh.match import match
+from vsh.truth import truth_of
 from vsh.units import MAS
-from vsh.vector import Vector
 
 __all__ = [
     "GAIA", "Columns", "iter_fields", "match", "read_field", "read_icrf", "truth_of", "write_field",
@@ -151,26 +151,6 @@ def write_field(field, path, meta=None):
     optional = {"phot_g_mean_mag": field.magnitude, "redshift": field.redshift}
     columns |= {name: values for name, values in optional.items() if values is not None}
     tables.write(path, columns, meta, {role: str(unit) for role, unit in _UNITS.items()})
-
-
-def truth_of(source):
-    """The spin and acceleration that a simulated table says it was made with, or None.
-
-    Read from its metadata SPIN_X … ACC_Z, ICRS components in µas/yr.
-
-    Returns
-    -------
-    dict or None
-        "spin" and "acceleration", each a Vector without error.
-    """
-    meta = {str(key).upper(): value for key, value in tables.as_table(source).meta.items()}
-    try:
-        return {
-            name: Vector([float(meta[f"{key}_{axis}"]) for axis in "XYZ"], np.zeros((3, 3)))
-            for name, key in (("spin", "SPIN"), ("acceleration", "ACC"))
-        }
-    except (KeyError, TypeError, ValueError):
-        return None
 
 
 def as_columns(columns):
