@@ -11,7 +11,7 @@ import numpy as np
 import fit
 import sim
 from fit.correlation import correlation_map, leakage
-from sim.noise import scanned_errors
+from sim.expected import scanned_errors
 from vsh import Field, Modes
 
 SKIES = int(sys.argv[1]) if len(sys.argv) > 1 else 200

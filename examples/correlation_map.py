@@ -13,7 +13,7 @@ import numpy as np
 import sim
 from fit.correlation import correlation_map, influence, leakage, plan, thin
 from fit.plot_correlation import plot_influence
-from sim.noise import scanned_errors
+from sim.expected import scanned_errors
 from vsh import Field
 
 # %%

@@ -51,7 +51,7 @@ def _run(options):
         truth = sim.spin(options.orientation)
         field = sim.observe_offsets(population, truth, observed, law, attitude=options.attitude, **common)
     elif options.short:
-        from sim.noise import scanned_errors
+        from sim.expected import scanned_errors
 
         sigma, rho = scanned_errors(population.magnitude, population.lon, population.lat, law, options.release)
         field = sim.observe(population, signal, observed, sigma=sigma, rho=rho)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.astrometry import expected, transit_error, unit_errors
+from sim.astrometry import expected, solve, transit_error, unit_errors
 from sim.scanning import BLOCK
 from vsh.blocks import map_blocks
 
@@ -51,3 +51,31 @@ def expected_covariances(
     parts = list(map_blocks(block, len(population), BLOCK, threads, "transits" if progress else None))
     formal, true = (np.concatenate(each)[:, columns, columns] for each in zip(*parts, strict=True))
     return formal, true
+
+
+def scanned_errors(magnitude, lon, lat, law, release="DR3", nside=16):
+    """Errors and correlation of µ_α* and µ_δ by magnitude and place, without simulating each transit.
+
+    The scanning law is followed for the centre of every HEALPix pixel; a source has the errors
+    of its pixel, scaled by its magnitude.
+
+    Parameters
+    ----------
+    magnitude, lon, lat : (n,) arrays — G, and positions in the law's frame [rad]
+    law : NominalScanningLaw
+    release : str — whose sky-mean parallax error
+    nside : int — of the pixels
+
+    Returns
+    -------
+    sigma : (2, n) array [µas/yr]
+    rho : (n,) array
+    """
+    from vsh.pixels import centres, pixels_of  # healpy
+
+    pixel = pixels_of(lon, lat, nside)
+    there = solve(law.transits(*centres(nside)), np.ones(12 * nside**2), 0, law.years)
+    covariance = there.covariance[pixel][:, 3:, 3:]
+    error = transit_error(magnitude, law, release, unit_errors(law))
+    unit = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+    return error * unit, covariance[:, 0, 1] / (unit[0] * unit[1])

@@ -24,35 +24,6 @@ def parallax_error(magnitude, release="DR3"):
     return np.sqrt(40 + 800 * z + 30 * z**2) * RELEASES[release][0]
 
 
-def scanned_errors(magnitude, lon, lat, law, release="DR3", nside=16):
-    """Errors and correlation of µ_α* and µ_δ by magnitude and place, without simulating each transit.
-
-    The scanning law is followed for the centre of every HEALPix pixel; a source has the errors
-    of its pixel, scaled by its magnitude.
-
-    Parameters
-    ----------
-    magnitude, lon, lat : (n,) arrays — G, and positions in the law's frame [rad]
-    law : NominalScanningLaw
-    release : str — whose sky-mean parallax error
-    nside : int — of the pixels
-
-    Returns
-    -------
-    sigma : (2, n) array [µas/yr]
-    rho : (n,) array
-    """
-    from sim.astrometry import solve, transit_error, unit_errors
-    from vsh.pixels import centres, pixels_of
-
-    pixel = pixels_of(lon, lat, nside)
-    there = solve(law.transits(*centres(nside)), np.ones(12 * nside**2), 0, law.years)
-    covariance = there.covariance[pixel][:, 3:, 3:]
-    error = transit_error(magnitude, law, release, unit_errors(law))
-    unit = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
-    return error * unit, covariance[:, 0, 1] / (unit[0] * unit[1])
-
-
 def gaia_errors(magnitude, release="DR3"):
     """Sky-mean standard errors of µ_α* and µ_δ, (2, n). [µas/yr]
 

@@ -8,7 +8,8 @@ import fit
 import sim
 from fit.drift import hubble_constant, observer_velocity
 from sim.astrometry import PARAMETERS, solve, transit_error, unit_errors
-from sim.noise import parallax_error, scanned_errors
+from sim.expected import scanned_errors
+from sim.noise import parallax_error
 from sim.variability import Variability, markov_chain
 from vsh.apex import PAPER as PAPER_VELOCITY
 
