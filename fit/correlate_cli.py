@@ -117,14 +117,12 @@ def _write(folder, text, found, influences, leaks, meta):
     import matplotlib
 
     matplotlib.use("agg")  # files, no windows
-    import matplotlib.pyplot as plt
-
     from fit.plot_correlation import plot_influence, pretty
     from vsh import tables
+    from vsh.plot import save_figures
 
     (folder / "report.txt").write_text(text, encoding="utf-8")
-    table = found.table()
-    tables.write(folder / "correlation.ecsv", {n: table[n] for n in table.colnames}, dict(table.meta) | meta)
+    tables.write_table(found.table(), folder / "correlation.ecsv", meta)
     figures = {"correlation": found.plot()}
     for label, pair, field, values in influences:
         name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
@@ -135,12 +133,9 @@ def _write(folder, text, found, influences, leaks, meta):
             values, field, f"{label}: what drives the {what}", "change per doubling of a pixel's weight"
         )
     for label, leak in leaks:
-        table = leak.table()
-        tables.write(folder / f"leakage_{label}.ecsv", {n: table[n] for n in table.colnames}, dict(table.meta) | meta)
+        tables.write_table(leak.table(), folder / f"leakage_{label}.ecsv", meta)
         figures[f"leakage_{label}"] = leak.plot()
-    for name, figure in figures.items():
-        figure.savefig(folder / f"{name}.png", dpi=150)
-        plt.close(figure)
+    save_figures(figures, folder)
     print(shell.written(folder))
 
 

@@ -114,19 +114,14 @@ def _write(results, text, folder, meta):
     import matplotlib
 
     matplotlib.use("agg")  # files, no windows
-    import matplotlib.pyplot as plt
-
     from vsh import tables
+    from vsh.plot import save_figures
 
     (folder / "report.txt").write_text(text, encoding="utf-8")
     figures = {}
     if "bins" in results:
-        with_meta = results["bins"].to_table()
-        tables.write(
-            folder / "bins.ecsv", {name: with_meta[name] for name in with_meta.colnames}, with_meta.meta | meta,
-            {name: str(with_meta[name].unit) for name in with_meta.colnames if with_meta[name].unit},
-        )  # fmt: skip
-        figures["bins.png"] = results["bins"].plot
+        tables.write_table(results["bins"].to_table(), folder / "bins.ecsv", meta)
+        figures["bins"] = results["bins"].plot
     for name in ("velocity", "hubble"):
         if name in results:
             found = results[name]
@@ -140,11 +135,8 @@ def _write(results, text, folder, meta):
         }
         tables.write(folder / "posterior.ecsv", columns, meta)
         results["posterior"].write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
-        figures |= {"corner.png": results["posterior"].corner, "trace.png": results["posterior"].trace}
-    for name, draw in figures.items():
-        figure = draw()
-        figure.savefig(folder / name, dpi=150)
-        plt.close(figure)
+        figures |= {"corner": results["posterior"].corner, "trace": results["posterior"].trace}
+    save_figures({name: draw() for name, draw in figures.items()}, folder)
     print(shell.written(Path(folder)))
 
 

@@ -1,7 +1,5 @@
 """A solution as files: report, tables with their provenance, figures."""
 
-from pathlib import Path
-
 import numpy as np
 
 from vsh import tables
@@ -29,14 +27,9 @@ def draw_figures(solution, field):
 
 def write_figures(solution, field, folder):
     """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths."""
-    import matplotlib.pyplot as plt
+    from vsh.plot import save_figures
 
-    paths = []
-    for name, figure in draw_figures(solution, field).items():
-        paths.append(Path(folder) / f"{name}.png")
-        figure.savefig(paths[-1], dpi=150)
-        plt.close(figure)
-    return paths
+    return save_figures(draw_figures(solution, field), folder)
 
 
 def write_html(solution, field, path, **about):

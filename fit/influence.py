@@ -5,6 +5,7 @@ import numpy as np
 from fit.normal import as_modes, normal_equations
 from fit.parameters import named
 from fit.predict import as_field
+from fit.solution import at_sources
 from fit.solve import solve
 from vsh import Coefficients
 from vsh.errors import FieldError, ParameterError
@@ -77,21 +78,16 @@ def gain(sources, modes, pair, nside=16, new=1000, sigma=None, of=None):
 def _by_source(field, modes, pair, of):
     """The derivative by each source's own weight, (n,)."""
     covariance, first, second, chosen = _prepared(field, modes, pair)
-    a, b, c = field.weights
-
-    def product(x, y):
-        return a * x[0] * y[0] + b * x[1] * y[1] + c * (x[0] * y[1] + x[1] * y[0])
-
-    g = _at(Coefficients(chosen.modes, covariance @ first), field)
+    g = at_sources(Coefficients(chosen.modes, covariance @ first), field)
     if of == "value":
         if len(chosen) != 1:
             raise ParameterError('of="value" is of one parameter')
         residual = solve(normal_equations(field, chosen.modes)).residuals(field).motion
-        return product(g, residual)
+        return field.inner(g, residual)
     if of is not None:
         raise ParameterError(f'of is None or "value", not {of!r}')
-    h = None if second is None else _at(Coefficients(chosen.modes, covariance @ second), field)
-    return _change(covariance, first, second, g, h, product)
+    h = None if second is None else at_sources(Coefficients(chosen.modes, covariance @ second), field)
+    return _change(covariance, first, second, g, h, field.inner)
 
 
 def _change(covariance, first, second, g, h, product):
@@ -112,15 +108,6 @@ def _prepared(field, modes, pair):
     chosen = named(names, modes)
     covariance = solve(normal_equations(field, modes)).covariance
     return covariance, chosen.rows[0], chosen.rows[1] if len(names) == 2 else None, chosen
-
-
-def _at(coefficients, field):
-    """The field at each source, by the transform for many of them."""
-    if len(field) < 10_000:
-        return coefficients.at(field.lon, field.lat)
-    from vsh.transform import synthesis
-
-    return synthesis(coefficients, field.lon, field.lat)
 
 
 def blamed(map_of_influence, share=0.5):

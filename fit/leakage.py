@@ -1,6 +1,6 @@
 """What is not fitted leaks into what is: on an uneven sky the harmonics are not orthogonal."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh
@@ -126,8 +126,10 @@ def leakage(sources, fitted, unmodelled, sigma=None):
     field = as_field(sources, sigma)
     normal = normal_equations(field, unmodelled)
     inside = np.array([mode.l <= fitted.lmax for mode in unmodelled])
-    solve(normal_equations(field, fitted))  # tells what such a fit cannot separate
-    matrix = np.linalg.solve(normal.matrix[np.ix_(inside, inside)], normal.matrix[np.ix_(inside, ~inside)])
+    own = normal.matrix[np.ix_(inside, inside)]
+    part = replace(normal, modes=fitted, matrix=own, rhs=normal.rhs[inside])
+    solve(part)  # tells what such a fit cannot separate
+    matrix = np.linalg.solve(own, normal.matrix[np.ix_(inside, ~inside)])
     names = np.array([str(mode) for mode in unmodelled])
     return Leakage(matrix, fitted, unmodelled, tuple(names[inside]), tuple(names[~inside]), field.frame)
 

@@ -9,6 +9,7 @@ from fit.parameters import correlation_of, named
 from fit.solution import Solution
 from fit.solve import solve
 from vsh import Coefficients, Field
+from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import FieldError
 
 
@@ -68,7 +69,7 @@ def predict(sources, modes=1, sigma=None):
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
     to_coefficients = np.zeros((len(modes), 6))
     for k, kind in enumerate("TS"):
-        to_coefficients[modes.degree(kind, 1), 3 * k : 3 * k + 3] = _first_degree()
+        to_coefficients[modes.degree(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
     return Prediction(
         Coefficients(modes, np.full(len(modes), np.nan)), solution.covariance, float("nan"), solution.n_data,
         solution.frame, solution.notes, "the predicted weights", float(field.weights[:2].sum()),
@@ -151,9 +152,3 @@ def predict_drift(sources, hubble=67.4, velocity="planck", sigma=None, **options
     still = still.minus(still.motion)
     both = observer_velocity(still, hubble, **options), hubble_constant(still, velocity, hubble=hubble, **options)
     return tuple(replace(each, values=np.full(len(each.names), np.nan), chi2=float("nan")) for each in both)
-
-
-def _first_degree():
-    from vsh.coefficients import FIRST_DEGREE
-
-    return FIRST_DEGREE

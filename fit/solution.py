@@ -142,14 +142,7 @@ class Solution(Stored):
         """
         if field.frame != self.frame:
             raise FrameError(f'the fit is in {self.frame}, the field in {field.frame}: use .to_frame("{self.frame}")')
-        return field.minus(self._model(field))
-
-    def _model(self, field):
-        if len(field) < 10_000:
-            return self.coefficients.at(field.lon, field.lat)
-        from vsh.transform import synthesis  # ducc0, for many sources only
-
-        return synthesis(self.coefficients, field.lon, field.lat)
+        return field.minus(at_sources(self.coefficients, field))
 
     def _vector(self, kind):
         # The rows of FIRST_DEGREE are orthogonal, but not of one length: the inverse, then.
@@ -165,3 +158,12 @@ class Solution(Stored):
     @staticmethod
     def _power_weights(l):
         return np.array([1.0] + 2 * l * [2.0])
+
+
+def at_sources(coefficients, field):
+    """The motions of coefficients at the sources of a field, (2, n); by the transform for many of them."""
+    if len(field) < 10_000:
+        return coefficients.at(field.lon, field.lat)
+    from vsh.transform import synthesis  # ducc0, for many sources only
+
+    return synthesis(coefficients, field.lon, field.lat)

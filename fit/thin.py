@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from fit.influence import _at
 from fit.parameters import correlation_of
 from fit.predict import Prediction, as_field, predict, reweighted
-from vsh import Coefficients, Modes
-from vsh.coefficients import FIRST_DEGREE
+from fit.solution import at_sources
+from vsh import Coefficients
 from vsh.errors import ConvergenceError, ParameterError
 
 
@@ -116,13 +115,12 @@ def thin(sources, max_correlation, nside=4, sigma=None):
 
 def _normal_by_pixel(field, index, count):
     """N of spin and acceleration from the sources of each pixel, (count, 6, 6)."""
-    a, b, c = field.weights
-    inverse = np.linalg.inv(np.kron(np.eye(2), FIRST_DEGREE))
-    basis = np.stack([_at(Coefficients(Modes(1), row), field) for row in np.linalg.inv(inverse).T])
+    axes = np.eye(3)
+    vectors = [Coefficients.from_vectors(rotation=axis) for axis in axes]
+    vectors += [Coefficients.from_vectors(glide=axis) for axis in axes]
+    basis = [at_sources(vector, field) for vector in vectors]
     parts = np.empty((count, 6, 6))
     for i in range(6):
         for j in range(i + 1):
-            x, y = basis[i], basis[j]
-            value = a * x[0] * y[0] + b * x[1] * y[1] + c * (x[0] * y[1] + x[1] * y[0])
-            parts[:, i, j] = parts[:, j, i] = np.bincount(index, value, count)
+            parts[:, i, j] = parts[:, j, i] = np.bincount(index, field.inner(basis[i], basis[j]), count)
     return parts

@@ -190,6 +190,11 @@ class Field:
         (s1, s2), rho, (east, north) = self.sigma, self.rho, self.motion
         return np.stack([east / s1, (north / s2 - rho * east / s1) / np.sqrt(1 - rho**2)])
 
+    def inner(self, x, y):
+        """xᵀ C⁻¹ y of each source, (n,), for two sets of motions (2, n)."""
+        a, b, c = self.weights
+        return a * x[0] * y[0] + b * x[1] * y[1] + c * (x[0] * y[1] + x[1] * y[0])
+
     @property
     def chi2(self):
         """µᵀ C⁻¹ µ of each source: the χ² of its motion against none, (n,)."""

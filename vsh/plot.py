@@ -1,5 +1,7 @@
 """Vectors, sources and maps on the whole sky (matplotlib)."""
 
+from pathlib import Path
+
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -138,6 +140,16 @@ def even_grid(step=12.0):
         lon.append((np.arange(around) + 0.5) * 2 * np.pi / around)
         lat.append(np.full(around, np.radians(degrees)))
     return np.concatenate(lon), np.concatenate(lat)
+
+
+def save_figures(figures, folder):
+    """Write figures by name as PNG into a folder and close them; returns their paths."""
+    paths = []
+    for name, figure in figures.items():
+        paths.append(Path(folder) / f"{name}.png")
+        figure.savefig(paths[-1], dpi=150)
+        plt.close(figure)
+    return paths
 
 
 def _round(x):

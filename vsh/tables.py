@@ -96,8 +96,13 @@ def write(path, columns, meta=None, units=None):
     meta : dict, optional — plain values, kept with the table
     units : dict of name to str, optional
     """
+    write_table(table_of(columns, meta, units), path)
+
+
+def write_table(table, path, meta=None):
+    """Write an astropy Table, with more metadata, to a new file, which takes the name `path` when it is complete."""
     path = Path(path)
-    table = table_of(columns, meta, units)
+    table.meta.update(meta or {})
     with replacing(path) as new:
         table.write(new, format=format_of(path), overwrite=True)
 
