@@ -3,15 +3,17 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 
 REALISATIONS ?= 100
+MUTANTS ?= 8000
+PIP := -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper docs test test-slow style bench clean
+.PHONY: help demo paper docs test test-slow test-oldest test-newest mutate fuzz style bench lock clean
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: $(VENV)/installed  ## set up, and fit a simulated catalogue: report and figures in demo/
-	$(BIN)/vsh-fit --demo --output demo
+	$(BIN)/vsh-fit --demo --output demo --overwrite
 
 paper: $(VENV)/installed  ## every table and figure of the paper: paper/comparison.md (REALISATIONS=5 for a quick look)
 	$(BIN)/vsh-study --paper --output paper --realisations $(REALISATIONS)
@@ -23,6 +25,21 @@ test: $(VENV)/installed-test  ## set up, and pass the tests
 
 test-slow: $(VENV)/installed-test  ## the tests that take long
 	$(BIN)/pytest -m slow
+
+test-oldest: .venv-oldest/installed-test  ## the tests with the lowest versions that setup.cfg allows (Python 3.11)
+	.venv-oldest/bin/pytest -m "not slow" -n auto
+
+test-newest:  ## the tests with the newest versions there are today
+	rm -rf .venv-newest
+	$(PYTHON) -m venv .venv-newest
+	.venv-newest/bin/python $(PIP) --editable '.[test]'
+	.venv-newest/bin/pytest -m "not slow" -n auto
+
+mutate: $(VENV)/installed-test  ## break the code in the known places, one at a time: does a test find each?
+	$(BIN)/python tests/mutate.py
+
+fuzz: $(VENV)/installed-test  ## give damaged files to every reader (MUTANTS=8000)
+	$(BIN)/python tests/fuzz.py $(MUTANTS)
 
 docs: $(VENV)/installed-docs  ## the documentation, with a gallery of examples run now: docs/_build/html
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
@@ -36,22 +53,33 @@ bench: $(VENV)/installed-test  ## time this project beside others
 	$(BIN)/python benchmarks/fits.py
 	$(BIN)/python benchmarks/scaling.py
 
-clean:  ## take away what was made here
-	rm -rf $(VENV) demo paper docs/_build build *.egg-info .pytest_cache .ruff_cache .hypothesis
+lock: $(VENV)/bin/python  ## resolve anew what is installed: requirements/newest.txt and oldest.txt
+	$(BIN)/python $(PIP) uv
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --all-extras --upgrade --no-annotate \
+	  --custom-compile-command 'make lock' --output-file requirements/newest.txt setup.cfg
+	$(BIN)/uv pip compile --quiet --resolution lowest-direct --python-version 3.11 --extra test --upgrade --no-annotate \
+	  --custom-compile-command 'make lock' --output-file requirements/oldest.txt setup.cfg
 
-$(VENV)/bin/python:
+clean:  ## take away what was made here
+	rm -rf $(VENV) .venv-oldest .venv-newest demo paper docs/_build build *.egg-info .pytest_cache .ruff_cache .hypothesis
+
+%/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or newer is needed; name one: make $(MAKECMDGOALS) PYTHON=/path/to/python3.11"; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+	$(PYTHON) -m venv $*
 
-$(VENV)/installed: $(VENV)/bin/python setup.cfg pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable .
+$(VENV)/installed: $(VENV)/bin/python setup.cfg pyproject.toml requirements/newest.txt
+	$(BIN)/python $(PIP) --constraint requirements/newest.txt --editable .
 	@touch $@
 
 $(VENV)/installed-docs: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	$(BIN)/python $(PIP) --constraint requirements/newest.txt --editable '.[docs]'
 	@touch $@
 
 $(VENV)/installed-test: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	$(BIN)/python $(PIP) --constraint requirements/newest.txt --editable '.[test]'
+	@touch $@
+
+.venv-oldest/installed-test: .venv-oldest/bin/python setup.cfg pyproject.toml requirements/oldest.txt
+	.venv-oldest/bin/python $(PIP) --constraint requirements/oldest.txt --editable '.[test]'
 	@touch $@

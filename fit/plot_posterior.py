@@ -1,10 +1,13 @@
 """Figures of a posterior (corner, matplotlib)."""
 
-import corner
 import matplotlib.pyplot as plt
 import numpy as np
 
 from fit.summary import UNITS
+from vsh.quiet import quiet_imports
+
+with quiet_imports():
+    import corner
 
 _LABELS = {
     "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$", "sigma_pec": r"$\sigma_{\rm pec}$",

@@ -15,6 +15,7 @@ from fit.mixture import MixtureModel
 from fit.priors import Density, Flat, Normal, as_prior
 from fit.summary import UNITS, Interval, intervals, text_of
 from vsh.errors import ConvergenceError, ParameterError
+from vsh.quiet import quiet_imports
 from vsh.vector import Vector
 
 __all__ = ["Density", "Flat", "GridPosterior", "Interval", "Normal", "Posterior", "grid", "read_samples", "sample"]
@@ -117,7 +118,8 @@ class Posterior:
     def to_arviz(self):
         """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker."""
         try:
-            import arviz
+            with quiet_imports():
+                import arviz
         except ImportError:
             raise ImportError("arviz is not installed: pip install 'vsh-astrometry[arviz]'") from None
         self._check_length()
