@@ -26,7 +26,7 @@ def _run(options):
     folder = shell.folder(options.output) if options.output else None
     # Not before: --help should not wait for astropy.
     from fit import correlation
-    from vsh.sources import read_sources
+    from vsh.catalogue import read_sources
 
     paths = [path for path in (options.first, options.second) if path]
     fields = [

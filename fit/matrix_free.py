@@ -16,7 +16,7 @@ from fit.compress import Rings, fourier_sums
 from fit.solution import Solution
 from vsh import Coefficients, Field, Modes
 from vsh.errors import ConvergenceError, CovarianceError, FieldError
-from vsh.gate import merge_notes, sum_refusals
+from vsh.notes import merge_notes
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.
 LOW = 12
@@ -143,7 +143,7 @@ class _System:
             frames[each.frame] = True
         if len(frames) != 1:
             raise FieldError(f"fields of one frame are needed, not of {', '.join(frames) or 'none'}")
-        self.notes, (self.frame,) = sum_refusals(notes), frames
+        self.notes, (self.frame,) = notes, frames
         rings = Rings(modes.lmax)
         self.rhs = rings.rhs(motions)
         self.grid = rings.on_grid(weights)

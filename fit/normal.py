@@ -10,7 +10,7 @@ from fit.dipole import dipole_sums
 from fit.direct import direct_sums
 from vsh import Field, Modes
 from vsh.errors import FieldError, FrameError, ModesError
-from vsh.gate import merge_notes
+from vsh.notes import merge_notes
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30

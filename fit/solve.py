@@ -8,7 +8,6 @@ from fit.normal import NormalEquations, normal_equations
 from fit.solution import Solution
 from vsh import Coefficients, Field, Modes
 from vsh.errors import DegeneracyError
-from vsh.gate import sum_refusals
 
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
 MAX_CONDITION = 1e10
@@ -58,7 +57,7 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
         chi2=float(normal.chi2_zero - values @ normal.rhs),
         n_data=normal.n_data,
         frame=normal.frame or "icrs",
-        notes=sum_refusals(normal.notes),
+        notes=normal.notes,
     )
 
 

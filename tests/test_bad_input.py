@@ -138,21 +138,28 @@ def text_in_csv(tmp_path):
     return path
 
 
+RAGGED = b"ra,dec,pmra,pmdec,pmra_error,pmdec_error\n1,2,3,4,5,6\n1,2,3,4,5,6,7\n"
 #: (how the file is made, the message it gets)
 FILES = {
     "no such file": (lambda tmp: tmp / "none.fits", "none.fits: no such file"),
-    "a folder": (lambda tmp: tmp, "is a folder, not a table"),
+    "a folder": (lambda tmp: tmp, "is a folder without tables"),
     "unknown ending": (file_with("a.dat", b"1 2 3"), "what format is this. Known endings: .fits"),
-    "not FITS": (file_with("a.fits", b"hello"), "a.fits cannot be read as fits"),
-    "an empty file": (file_with("a.csv", b""), "a.csv cannot be read as ascii.csv|a.csv has no columns"),
-    "an empty FITS": (file_with("a.fits", b""), "a.fits cannot be read as fits"),
-    "ragged CSV": (file_with("a.csv", b"ra,dec\n1,2\n1,2,3\n"), "a.csv cannot be read as ascii.csv"),
-    "not a VOTable": (file_with("a.vot", b"<html></html>"), "a.vot cannot be read as votable|a.vot has no columns"),
-    "not Parquet": (file_with("a.parquet", b"PAR1"), "a.parquet cannot be read as parquet"),
-    "truncated FITS": (truncated, "half.fits is damaged|half.fits cannot be read as fits"),
-    "truncated gzip": (truncated_gzip, "half.csv.gz cannot be read as ascii.csv"),
+    "not FITS": (file_with("a.fits", b"hello"), "a.fits is damaged or not FITS: a header begins with 'hello'"),
+    "an empty file": (file_with("a.csv", b""), "a.csv is empty"),
+    "an empty FITS": (file_with("a.fits", b""), "a.fits is empty"),
+    "ragged CSV": (file_with("a.csv", RAGGED), "line 3 is damaged: 7 fields where the table has 6 columns"),
+    "not a VOTable": (file_with("a.vot", b"<html></html>"), "a.vot cannot be read as VOTable"),
+    "not Parquet": (file_with("a.parquet", b"PAR1"), "a.parquet cannot be read as Parquet"),
+    "truncated FITS": (
+        truncated,
+        "half.fits is truncated or damaged: a header declares 240000 bytes where 118080 are left",
+    ),
+    "truncated gzip": (truncated_gzip, "half.csv.gz cannot be unpacked: .*Fetch it again"),
     "text in CSV": (text_in_csv, "pmra holds text .'n/a' in row 4."),
-    "VOTable with an unknown unit": (unknown_unit, "column 'pmra' is in 'furlong . yr', which cannot .*units="),
+    "VOTable with an unknown unit": (
+        unknown_unit,
+        "'furlong . yr', given for pmra, is no unit that astropy knows.*units=",
+    ),
 }
 
 

@@ -11,7 +11,7 @@ from test_catalogue import N, table
 import fit
 from vsh import Modes
 from vsh.catalogue import iter_fields, read_field
-from vsh.errors import FieldError, TableError
+from vsh.errors import FieldError, TableError, VshError
 
 
 def folder(tmp_path):
@@ -73,10 +73,10 @@ def test_masked_integers_stay_integers(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("none.fits", None, "no such file or folder"),
-        ("a.csv", b"ra,dec\n", "only FITS and Parquet can be read in blocks"),
-        ("a.fits", b"SIMPLE", "cannot be read as fits"),
-        ("a.parquet", b"PAR1", "cannot be read as parquet"),
+        ("none.fits", None, "no such file"),
+        ("a.txt", b"ra,dec\n", "what format is this"),
+        ("a.fits", b"SIMPLE", "header at byte 0 does not end"),
+        ("a.parquet", b"PAR1", "cannot be read as Parquet"),
     ],
 )
 def test_bad_files(tmp_path, name, content, message):
@@ -87,12 +87,12 @@ def test_bad_files(tmp_path, name, content, message):
 
 
 def test_bad_folders(tmp_path):
-    with pytest.raises(TableError, match="holds no .parquet files"):
+    with pytest.raises(TableError, match="is a folder without tables"):
         list(iter_fields(tmp_path))
     (tmp_path / "collection.properties").write_text("hats")
     with pytest.raises(TableError, match="HATS collection, whose margin cache repeats sources"):
         list(iter_fields(tmp_path))
-    with pytest.raises(TableError, match="rows must be at least 1"):
+    with pytest.raises(VshError, match="rows must be a whole number of at least 1"):
         list(iter_fields(tmp_path, rows=0))
     Table({"a": []}).write(tmp_path / "image.fits")
 

@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 # Rooms with heavy friends open on the first visit: `vsh.catalogue` imports astropy then.
-_LAZY = {"catalogue", "cosmology", "pixels", "plot", "rotate", "sources", "tables", "transform"}
+_LAZY = {"catalogue", "cosmology", "pixels", "plot", "rotate", "tables", "transform"}
 
 
 def __getattr__(name):

@@ -2,7 +2,7 @@
 
 
 class VshError(Exception):
-    """Base of every error this project raises on purpose."""
+    """Base of every error this project raises on purpose; every one of them is a ValueError too."""
 
 
 class ModesError(VshError, ValueError):
@@ -11,6 +11,18 @@ class ModesError(VshError, ValueError):
 
 class FieldError(VshError, ValueError):
     """A field's arrays disagree in shape, or hold something no sky can hold."""
+
+
+class NothingLeftError(FieldError):
+    """No row of a table can be used.
+
+    Attributes
+    ----------
+    notes : tuple of str
+        Which rows those are, and why.
+    """
+
+    notes = ()
 
 
 class FrameError(VshError, ValueError):
@@ -29,15 +41,15 @@ class DegeneracyError(VshError, ValueError):
     """The data cannot tell some of the parameters apart."""
 
 
-class CovarianceError(VshError, AttributeError):
+class CovarianceError(VshError, ValueError, AttributeError):
     """A solution was asked for a covariance that it does not have."""
 
 
-class ConvergenceError(VshError):
+class ConvergenceError(VshError, ValueError):
     """A loop that should have settled has not."""
 
 
-class CheckpointError(VshError):
+class CheckpointError(VshError, ValueError):
     """A file of a run that was broken off cannot be used to go on."""
 
 

@@ -4,15 +4,21 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from vsh.arguments import float_array
 from vsh.errors import FieldError
 from vsh.frames import check_frame, rotation_matrix
-from vsh.gate import as_floats, check_shapes, faults, refuse
+from vsh.frozen import Frozen
+from vsh.gate import as_floats, check_shapes, checked_columns, faults, placeholders, refuse
+from vsh.notes import merge_notes
 from vsh.sphere import angles, triad
 from vsh.units import DEGREE, MAS
 
+_NUMBERS = ("lat", "motion", "sigma", "rho", "redshift", "magnitude")
+_MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field:
+class Field(Frozen):
     """Proper motions of n sources, with their errors.
 
     A field is checked once, here. Its arrays are read-only.
@@ -57,18 +63,7 @@ class Field:
 
     def __post_init__(self):
         check_frame(self.frame)
-        lon = as_floats("lon", self.lon)[0]
-        arrays = {"lon": lon, "rho": np.zeros(lon.shape)}
-        for column in ("lat", "motion", "sigma", "rho", "redshift", "magnitude"):
-            if getattr(self, column) is not None:
-                arrays[column], missing = as_floats(column, getattr(self, column))
-                arrays[column] = np.where(missing, np.nan, arrays[column]) if missing.any() else arrays[column]
-        if self.name is not None:
-            arrays["name"] = np.asarray(self.name)
-        shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
-        check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
-        refuse(faults(**{c: arrays[c] for c in ("lon", "lat", "motion", "sigma", "rho")}), lon.size)
-        for column, array in arrays.items():
+        for column, array in checked_columns(self, _NUMBERS, ("name",)).items():
             self._set(column, array)
         self._set("notes", tuple(self.notes))
 
@@ -88,6 +83,7 @@ class Field:
         frame="icrs",
         on_bad="raise",
         notes=(),
+        first_row=0,
     ):
         """A field from columns as catalogues have them.
 
@@ -100,6 +96,8 @@ class Field:
         redshift, magnitude, name : (n,) arrays, optional
         frame : str — of the positions and motions alike
         on_bad : {"raise", "drop"} — what to do about sources that cannot be used
+        notes : iterable of str — to begin its notes with
+        first_row : int — number of the first row in messages, where the columns are part of a table
 
         Raises
         ------
@@ -118,9 +116,7 @@ class Field:
         given = {"ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec}
         given |= {"pmra_error": pmra_error, "pmdec_error": pmdec_error, "pmra_pmdec_corr": pmra_pmdec_corr}
         given |= {"redshift": redshift, "magnitude": magnitude}
-        units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(
-            ("pmra", "pmdec", "pmra_error", "pmdec_error"), "mas / yr"
-        )
+        units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr")
         pairs = {c: as_floats(c, v, units.get(c, "")) for c, v in given.items() if v is not None}
         columns, missing = ({c: pair[i] for c, pair in pairs.items()} for i in (0, 1))
         columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))
@@ -136,8 +132,8 @@ class Field:
         for column in ("redshift", "magnitude"):
             if column in columns:
                 columns[column] = np.where(missing[column], np.nan, columns[column])
-        found = faults(lon, lat, motion, sigma, rho, missing)
-        keep, said = refuse(found, n, on_bad)
+        found = faults(lon, lat, motion, sigma, rho, missing, placeholders({c: columns[c] for c in _MOTIONS}), turns=1)
+        keep, said = refuse(found, n, on_bad, first_row, (lon, lat))
         extras = {c: columns[c][keep] for c in ("redshift", "magnitude", "name") if c in columns}
         return cls(
             lon[keep], lat[keep], motion[:, keep], sigma[:, keep], rho[keep],
@@ -155,6 +151,8 @@ class Field:
         """The sources picked by a mask, a slice or indices."""
         if isinstance(keep, (int, np.integer)):
             keep = [keep]
+        if isinstance(keep, str):
+            raise FieldError(f"sources are picked by a mask, a slice or indices; the column is field.{keep}")
         picked = {
             f.name: getattr(self, f.name)[..., keep]
             for f in fields(self)
@@ -164,18 +162,19 @@ class Field:
 
     def minus(self, model):
         """What is left when a model's motions, (2, n) [µas/yr], are taken away."""
-        return self._with(motion=self.motion - model)
+        return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 
     def with_errors(self, sigma, rho=None):
         """The same motions with other standard errors, (2, n) [µas/yr], and perhaps correlations, (n,)."""
-        rho = self.rho if rho is None else np.asarray(rho, float)
-        check_shapes({"sigma": np.asarray(sigma), "rho": rho}, {"sigma": (2, len(self)), "rho": (len(self),)}.get)
+        rho = self.rho if rho is None else float_array("rho", rho, finite=False)
+        sigma = float_array("sigma", sigma, finite=False)
+        check_shapes({"sigma": sigma, "rho": rho}, {"sigma": (2, len(self)), "rho": (len(self),)}.get)
         refuse(faults(self.lon, self.lat, self.motion, sigma, rho), len(self))
-        return self._with(sigma=np.asarray(sigma, float), rho=rho)
+        return self._with(sigma=sigma, rho=rho)
 
-    def add_note(self, note):
-        """The same field with one more thing its reader should know."""
-        return self._with(notes=(*self.notes, note))
+    def add_note(self, *notes):
+        """The same field with more that its reader should know."""
+        return self._with(notes=merge_notes((*self.notes, *notes)))
 
     @property
     def weights(self):
@@ -198,9 +197,13 @@ class Field:
     @property
     def chi2(self):
         """µᵀ C⁻¹ µ of each source: the χ² of its motion against none, (n,)."""
-        east, north = self.motion
-        a, b, c = self.weights
-        return a * east**2 + b * north**2 + 2 * c * east * north
+        return self.inner(self.motion, self.motion)
+
+    @property
+    def information(self):
+        """The trace of each source's inverse covariance, (n,): its weight in sums over both components. [(yr/µas)²]"""
+        a, b, _ = self.weights
+        return a + b
 
     def to_frame(self, name):
         """The same sources in another frame; motions and covariances turn with the axes."""

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from vsh.errors import FieldError
+from vsh.errors import FieldError, NothingLeftError
+from vsh.notes import DroppedRows
 
 #: ρ² at and above which a covariance counts as singular.
 RHO2_LIMIT = 1 - 1e-6
@@ -59,12 +60,15 @@ def check_shapes(columns, expected):
             )
 
 
-def faults(lon, lat, motion, sigma, rho, missing=None):
+def faults(lon, lat, motion, sigma, rho, missing=None, placeholders=None, turns=2):
     """Why sources cannot be used: a dict from reason to mask, each source under its first reason.
 
-    Angles in rad; `missing` maps column names to masks.
+    Angles in rad; `missing` maps column names to masks, `placeholders` is a mask; longitudes may go round
+    `turns` times.
     """
     reasons = {f"{c} missing": mask for c, mask in (missing or {}).items() if c not in ("redshift", "magnitude")}
+    if placeholders is not None:
+        reasons["a value such as -9999 that stands for none"] = placeholders
     reasons |= {
         "position not finite": ~(np.isfinite(lon) & np.isfinite(lat)),
         "proper motion not finite": ~np.isfinite(motion).all(0),
@@ -72,8 +76,10 @@ def faults(lon, lat, motion, sigma, rho, missing=None):
         "correlation not finite": ~np.isfinite(rho),
         "σ ≤ 0": ~(sigma > SIGMA_RANGE[0]).all(0),
         "σ too large for a number": ~(sigma < SIGMA_RANGE[1]).all(0),
+        "proper motion too large for a number": ~(np.abs(motion) < SIGMA_RANGE[1]).all(0),
         "ρ² ≥ 1 − 1e-6": ~(rho * rho < RHO2_LIMIT),
         "|dec| > 90°": ~(np.abs(lat) <= np.pi / 2 * (1 + 1e-14)),
+        f"ra outside −{360 * turns}° … {360 * turns}°": ~(np.abs(lon) <= 2 * np.pi * turns * (1 + 1e-14)),
     }
     taken = np.zeros(lon.shape, bool)
     found = {}
@@ -85,41 +91,77 @@ def faults(lon, lat, motion, sigma, rho, missing=None):
     return found
 
 
-class Refusals(str):
-    """A note that says how many rows were left out and why; those of several tables can be added up."""
-
-    __slots__ = ("counts", "total")
-
-    def __new__(cls, counts, total):
-        reasons = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
-        note = super().__new__(cls, f"left out {sum(counts.values())} of {total} rows: {reasons}")
-        note.counts, note.total = counts, total
-        return note
+#: What catalogues write where they have no value; no motion and no error is exactly one of these.
+_PLACEHOLDERS = np.array([9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e20, 1e30, 1.6375e30])
+#: These a motion might be; not both components of a source.
+_LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99])
 
 
-def merge_notes(*groups):
-    """One tuple of notes: repeated words once, the rows left out of different tables apart."""
-    notes = {}
-    for note in (note for group in groups for note in group):
-        notes[id(note) if isinstance(note, Refusals) else note] = note
-    return tuple(notes.values())
+def placeholders(columns):
+    """Rows whose motions or errors are numbers that stand for none: −9999 anywhere, −99 and −999 in both components.
+
+    Parameters
+    ----------
+    columns : dict of (n,) arrays, as the table has them
+        pmra, pmdec, pmra_error, pmdec_error.
+
+    Examples
+    --------
+    >>> placeholders({"pmra": np.array([-9999.0, -99.0, -99.0]), "pmdec": np.array([1.0, 2.0, -99.0])})
+    array([ True, False,  True])
+    """
+    out = np.zeros(len(columns["pmra"]), bool)
+    with np.errstate(invalid="ignore"):
+        for values in columns.values():
+            large = np.abs(values) >= _PLACEHOLDERS[0]
+            if large.any():
+                out[large] |= np.isin(np.abs(values[large]), _PLACEHOLDERS)
+        same = columns["pmra"] == columns["pmdec"]
+    if same.any():
+        out[same] |= np.isin(columns["pmra"][same], _LIKELY)
+    return out
 
 
-def sum_refusals(notes):
-    """The notes with all rows that were left out in one line."""
-    refusals = [note for note in notes if isinstance(note, Refusals)]
-    if len(refusals) < 2:
-        return tuple(notes)
-    counts = {}
-    for note in refusals:
-        for reason, count in note.counts.items():
-            counts[reason] = counts.get(reason, 0) + count
-    others = tuple(note for note in notes if not isinstance(note, Refusals))
-    return (*others, Refusals(counts, sum(note.total for note in refusals)))
+def checked_columns(noun, floats, others):
+    """The arrays of a noun with one entry a source (lon, lat, motion, sigma, rho, …), checked: a dict.
+
+    Parameters
+    ----------
+    noun : Field or Positions
+    floats, others : tuples of str
+        Names of its columns of numbers, and of others.
+
+    Raises
+    ------
+    FieldError
+        If shapes disagree or a source cannot be used.
+    """
+    lon = as_floats("lon", noun.lon)[0]
+    arrays = {"lon": lon, "rho": np.zeros(lon.shape)}
+    for column in floats:
+        if getattr(noun, column) is not None:
+            values, missing = as_floats(column, getattr(noun, column))
+            arrays[column] = np.where(missing, np.nan, values) if missing.any() else values
+    for column in others:
+        if getattr(noun, column) is not None:
+            arrays[column] = np.asarray(getattr(noun, column))
+    shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
+    check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
+    motion = arrays.get("motion", np.zeros((2, lon.size)))
+    refuse(faults(lon, arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
+    return arrays
 
 
-def refuse(found, n, on_bad="raise"):
+def refuse(found, n, on_bad="raise", first_row=0, mark=()):
     """The sources to keep, and a note about the others.
+
+    Parameters
+    ----------
+    found : dict of str to mask, as `faults` gives it
+    n : int
+    on_bad : {"raise", "drop"}
+    first_row : int — number of the first row in the table it is a part of
+    mark : tuple of arrays — that tell this table from others
 
     Raises
     ------
@@ -127,26 +169,30 @@ def refuse(found, n, on_bad="raise"):
         With `on_bad="raise"` if there are any; always if none is left.
     """
     if n == 0:
-        raise FieldError("the catalogue is empty: there are no sources to use")
+        raise NothingLeftError("the catalogue is empty: there are no sources to use")
     bad = np.zeros(n, bool)
     for mask in found.values():
         bad |= mask
     count = int(bad.sum())
     if not count:
         return slice(None), ()
-    parts = "; ".join(f"{reason}: {mask.sum()} ({_rows(mask)})" for reason, mask in found.items())
+    parts = "; ".join(f"{reason}: {mask.sum()} ({_rows(mask, first_row)})" for reason, mask in found.items())
     said = f"{count} of {n} rows cannot be used: {parts}"
+    counts = {reason: int(mask.sum()) for reason, mask in found.items()}
+    note = DroppedRows.of_table(counts, n, np.packbits(bad), *mark)
     if count == n:
-        raise FieldError(f"{said}. No row is left")
+        error = NothingLeftError(f"{said}. No row is left")
+        error.notes = (note,)
+        raise error
     if on_bad == "raise":
         raise FieldError(f'{said}. Mend them, or leave them out with on_bad="drop" (--on-bad drop)')
-    return ~bad, (Refusals({reason: int(mask.sum()) for reason, mask in found.items()}, n),)
+    return ~bad, (note,)
 
 
-def _rows(mask, most=5):
+def _rows(mask, first_row=0, most=5):
     """The first rows of a mask, counted from 0."""
     rows = np.flatnonzero(mask)
-    listed = ", ".join(map(str, rows[:most]))
+    listed = ", ".join(map(str, rows[:most] + first_row))
     return f"row{'s' * (rows.size > 1)} {listed}{', …' * (rows.size > most)}"
 
 

@@ -6,11 +6,14 @@ import numpy as np
 
 from vsh.errors import FieldError
 from vsh.frames import check_frame
-from vsh.gate import as_floats, check_shapes, faults, refuse
+from vsh.frozen import Frozen
+from vsh.gate import checked_columns
+from vsh.sphere import angles, triad
+from vsh.units import UAS
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Positions:
+class Positions(Frozen):
     """Positions of n sources.
 
     Attributes
@@ -50,20 +53,9 @@ class Positions:
 
     def __post_init__(self):
         check_frame(self.frame)
-        lon = as_floats("lon", self.lon)[0]
-        arrays = {"lon": lon, "rho": np.zeros(lon.shape)}
-        for column in ("lat", "sigma", "rho", "motion"):
-            if getattr(self, column) is not None:
-                arrays[column] = as_floats(column, getattr(self, column))[0]
-        for column in ("name", "defining"):
-            if getattr(self, column) is not None:
-                arrays[column] = np.asarray(getattr(self, column))
-        shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
-        check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
-        still = np.zeros((2, lon.size))
-        refuse(faults(lon, arrays["lat"], arrays.get("motion", still), arrays["sigma"], arrays["rho"]), lon.size)
-        for column, array in arrays.items():
+        for column, array in checked_columns(self, ("lat", "sigma", "rho", "motion"), ("name", "defining")).items():
             object.__setattr__(self, column, array)
+        super().__post_init__()
 
     def __len__(self):
         return self.lon.size
@@ -88,9 +80,6 @@ class Positions:
             return self
         if self.epoch is None:
             raise FieldError("these positions have motions but no epoch to carry them from")
-        from vsh.sphere import angles, triad
-        from vsh.units import UAS
-
         p, q, r = triad(self.lon, self.lat)
         east, north = self.motion * (UAS * (epoch - self.epoch))
         lon, lat = angles(r + east * p + north * q)

@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from vsh.coefficients import Coefficients
-from vsh.errors import FrameError
+from vsh.errors import FrameError, ModesError
 from vsh.frames import rotation_matrix
 
 
@@ -43,12 +43,12 @@ def rotate(coefficients, to, covariance=None, frame="icrs"):
     array([-0.236, -3.756, -2.08 ])
     """
     matrix = rotation_matrix(frame, to) if isinstance(to, str) else _checked(to)
-    vector = Rotation.from_matrix(matrix).as_rotvec()
+    vector = Rotation.from_matrix(np.array(matrix)).as_rotvec()
     modes = coefficients.modes
     values = coefficients.values.copy()
     turned = None if covariance is None else np.array(covariance, float)
     if turned is not None and turned.shape != (len(modes), len(modes)):
-        raise ValueError(f"the covariance has shape {turned.shape}, expected {(len(modes), len(modes))}")
+        raise ModesError(f"the covariance has shape {turned.shape}, expected {(len(modes), len(modes))}")
     for l in range(1, modes.lmax + 1):
         block = degree_matrix(l, vector)
         for kind in "TS":

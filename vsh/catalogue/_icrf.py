@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from vsh.errors import TableError
+from vsh.notes import printable
 from vsh.positions import Positions
 
 
@@ -29,34 +30,43 @@ def read_icrf(path, name="icrf"):
     """
     if name not in ("icrf", "iers"):
         raise TableError(f"sources are named by icrf or iers, not {name!r}")
-    path = Path(path)
+    label = printable(path)
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = Path(path).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
-        raise TableError(f"{path} cannot be read: {error.strerror}") from error
-    rows = [(number, line) for number, line in enumerate(lines, 1) if line.startswith("ICRF J")]
-    if not rows:
-        raise TableError(f"{path} has no line that begins with 'ICRF J': is it a catalogue of ICRF2 or ICRF3?")
-    parsed = [_parse(path, number, line) for number, line in rows]
+        raise TableError(f"{label} cannot be read: {error.strerror}") from error
+    first = next((number for number, line in enumerate(lines) if line.startswith("ICRF J")), None)
+    if first is None:
+        raise TableError(f"{label} has no line that begins with 'ICRF J': is it a catalogue of ICRF2 or ICRF3?")
+    # Above the first source is the heading; below it, every line that is not blank is a source.
+    rows = [(number, line) for number, line in enumerate(lines[first:], first + 1) if line.strip()]
+    parsed = [_parse(label, number, line) for number, line in rows]
     icrf, iers, defining, *numbers = zip(*parsed, strict=True)
     lon, lat, east, north, rho = np.array(numbers)
     names = np.array(icrf if name == "icrf" else iers)
     return Positions(lon, lat, np.stack([east, north]), rho, name=names, defining=np.array(defining))
 
 
-def _parse(path, number, line):
+def _parse(label, number, line):
     """Names, D mark, angles [rad], errors of α cos δ and δ [µas], correlation."""
+    shown = printable(line.strip()[:80])
+    if not line.startswith("ICRF J"):
+        raise TableError(f"{label}, line {number} is damaged: it does not begin with 'ICRF J': {shown!r}")
     try:
         _, icrf, iers, *rest = line.split()
         defining = rest[0].isalpha()
         hours, minutes, seconds, degrees, arcmin, arcsec, sigma_ra, sigma_dec, rho = rest[defining : defining + 9]
+        whole = 0 <= int(hours) < 24 and 0 <= int(minutes) < 60 and 0 <= int(arcmin) < 60
+        on_sky = whole and 0 <= float(seconds) < 60 and 0 <= float(arcsec) < 60
         lon = np.radians(15 * (int(hours) + int(minutes) / 60 + float(seconds) / 3600))
         size = abs(int(degrees)) + int(arcmin) / 60 + float(arcsec) / 3600
         lat = np.radians(-size if degrees.startswith("-") else size)  # −00 degrees are negative too
         east, north = 15e6 * float(sigma_ra) * np.cos(lat), 1e6 * float(sigma_dec)
         found = lon, lat, east, north, float(rho)
     except (ValueError, IndexError):
-        raise TableError(f"{path}, line {number} is damaged: {line.strip()[:80]!r}") from None
+        raise TableError(f"{label}, line {number} is damaged: {shown!r}") from None
+    if not (on_sky and abs(lat) <= np.pi / 2):
+        raise TableError(f"{label}, line {number} has no position on the sky: {shown!r}")
     if not (np.isfinite(found).all() and east > 0 and north > 0 and abs(found[4]) < 1):
-        raise TableError(f"{path}, line {number} has no usable errors: {line.strip()[:80]!r}")
+        raise TableError(f"{label}, line {number} has no usable errors: {shown!r}")
     return icrf, iers, defining and rest[0] == "D", *found

@@ -17,7 +17,7 @@ def truth_of(source):
     dict or None
         "spin" and "acceleration", and perhaps "velocity", each a Vector without error; perhaps "hubble".
     """
-    meta = {str(key).upper(): value for key, value in tables.as_table(source).meta.items()}
+    meta = {str(key).upper(): value for key, value in tables.open_table(source).meta.items()}
 
     def vector(key, unit="µas/yr"):
         return Vector([float(meta[f"{key}_{axis}"]) for axis in "XYZ"], np.zeros((3, 3)), unit=unit)

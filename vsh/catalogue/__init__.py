@@ -1,0 +1,20 @@
+"""Catalogues: from tables to fields and back, ICRF's positions, two catalogues matched."""
+
+from vsh.catalogue._columns import GAIA, Columns
+from vsh.catalogue._icrf import read_icrf
+from vsh.catalogue._match import match
+from vsh.catalogue._read import iter_fields, read_field, write_field
+from vsh.catalogue._sources import read_sources
+from vsh.catalogue._truth import truth_of
+
+__all__ = [
+    "GAIA",
+    "Columns",
+    "iter_fields",
+    "match",
+    "read_field",
+    "read_icrf",
+    "read_sources",
+    "truth_of",
+    "write_field",
+]

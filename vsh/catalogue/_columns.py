@@ -1,0 +1,264 @@
+"""Where a table keeps what a field needs, and in which units."""
+
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
+
+import numpy as np
+from astropy import units as u
+
+from vsh.errors import FieldError, TableError
+from vsh.frames import check_frame
+from vsh.gate import as_floats
+from vsh.notes import printable
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Where a table keeps what a field needs: a new survey is a new value of this.
+
+    The first six must be there. The others may be left out with None; of several names in
+    a tuple the first that the table has is taken, and none need be there.
+
+    Examples
+    --------
+    >>> Columns(pmra="mu_ra", pmdec="mu_dec").pmra
+    'mu_ra'
+    """
+
+    ra: str = "ra"
+    dec: str = "dec"
+    pmra: str = "pmra"
+    pmdec: str = "pmdec"
+    pmra_error: str = "pmra_error"
+    pmdec_error: str = "pmdec_error"
+    pmra_pmdec_corr: str | tuple | None = ("pmra_pmdec_corr",)
+    name: str | tuple | None = ("source_id", "name", "designation")
+    magnitude: str | tuple | None = ("phot_g_mean_mag",)
+    redshift: str | tuple | None = ("redshift", "z", "redshift_qsoc")
+
+
+#: Gaia's archive names.
+GAIA = Columns()
+
+REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
+UNITS = dict.fromkeys(("ra", "dec"), u.deg) | dict.fromkeys(REQUIRED[2:], u.mas / u.yr)
+#: Names that positions have in other frames than the equatorial one.
+_OTHER_FRAMES = {"l": "galactic", "b": "galactic", "glon": "galactic", "glat": "galactic", "gal_lon": "galactic",
+                 "gal_lat": "galactic", "elon": "ecliptic", "elat": "ecliptic", "ecl_lon": "ecliptic", "ecl_lat": "ecliptic"}  # fmt: skip
+
+
+def as_columns(columns):
+    """Columns from None (Gaia's names), a dict of role to name, or Columns."""
+    if columns is None:
+        return GAIA
+    if isinstance(columns, Columns):
+        return columns
+    if not isinstance(columns, dict):
+        raise TableError(f"columns are a dict from role to name, or Columns, not {type(columns).__name__}")
+    roles = [f.name for f in fields(Columns)]
+    wrong = [str(role) for role in columns if role not in roles]
+    if wrong:
+        raise TableError(f"columns: nothing is called {', '.join(wrong)}; there are {', '.join(roles)}")
+    return Columns(**columns)
+
+
+def locate(columns, source):
+    """From what a field needs to the names of a table's columns, and notes.
+
+    Parameters
+    ----------
+    columns : Columns
+    source : vsh.tables.TableSource
+
+    Raises
+    ------
+    TableError
+        If a column is missing.
+    """
+    where, said = {}, []
+    for f in fields(Columns):
+        name = getattr(columns, f.name)
+        if name is None and f.name not in REQUIRED:
+            continue
+        if name is None or isinstance(name, str):
+            if name not in source.names:
+                raise TableError(
+                    f"{source.label}: {_missing(name, source)}. Say which it is: columns={{{f.name!r}: …}} (--columns {f.name}=…)"
+                )
+            where[f.name] = name
+        else:
+            present = [candidate for candidate in name if candidate in source.names]
+            if present:
+                where[f.name] = present[0]
+            elif f.name == "pmra_pmdec_corr":
+                said.append(f"no column {' or '.join(name)}: correlations taken as zero")
+    return where, said
+
+
+def frame_of(where, frame):
+    """The frame of a table's positions: the one that was told, or ICRS if the columns' names say nothing else.
+
+    Raises
+    ------
+    TableError
+        If the columns are called l and b, say, and nobody told the frame.
+    """
+    if frame is not None:
+        return check_frame(frame)
+    for role in ("ra", "dec"):
+        name = where.get(role)
+        known = name and _OTHER_FRAMES.get(name.lower())
+        if known:
+            raise TableError(
+                f"column {name!r} is given as {role}: are these {known} coordinates? Say frame={known!r} "
+                f'(--catalogue-frame {known}), or frame="icrs"'
+            )
+    return "icrs"
+
+
+def factors(where, units, source):
+    """By which each column of positions, motions and errors is multiplied, and notes on units that were assumed.
+
+    Raises
+    ------
+    TableError
+        If a unit is missing, unknown, not linear, not positive, or of another kind.
+    """
+    for name in units or {}:
+        if name not in source.names:
+            raise TableError(f"units: {_missing(name, source)}")
+    found, assumed = {}, {}
+    for role in REQUIRED:
+        if role not in where:
+            continue
+        name, wanted = where[role], UNITS[role]
+        unit = (units or {}).get(name, source.units.get(name))
+        if unit is None or str(unit).strip() == "":
+            if name != getattr(GAIA, role):
+                raise TableError(
+                    f"column {name!r} has no unit: say which, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
+                )
+            assumed.setdefault(str(wanted), []).append(name)
+            unit = wanted
+        found[role] = _factor(name, unit, wanted, name in (units or {}))
+    name = where.get("redshift")
+    unit = (units or {}).get(name, source.units.get(name)) if name else None
+    if unit is not None and str(unit).strip():
+        _check_redshift(name, unit)
+    return found, assumed
+
+
+def parse_unit(unit):
+    """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If nobody knows it.
+    """
+    if not isinstance(unit, str):
+        return u.Unit(unit)
+    for form in ("generic", "vounit", "cds", "ogip"):
+        try:
+            return u.Unit(unit, format=form)
+        except (ValueError, TypeError):
+            continue
+    return u.Unit(unit)
+
+
+def _factor(name, unit, wanted, given):
+    said = printable(unit)
+    try:
+        parsed = parse_unit(unit)
+    except (ValueError, TypeError):
+        place = "units" if given else "the table"
+        raise TableError(
+            f"{place}: {said!r}, given for {name}, is no unit that astropy knows: say what it is, "
+            f"units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
+        ) from None
+    if not isinstance(parsed, u.UnitBase):
+        raise TableError(f"column {name!r} is in {said!r}, a logarithm: turn it into a linear unit, {wanted} say")
+    try:
+        factor = float(parsed.to(wanted))
+    except (u.UnitConversionError, ValueError, TypeError, AttributeError):
+        raise TableError(
+            f"column {name!r} is in {said!r}, which cannot be turned into {wanted}: "
+            f"if the table is wrong, say what it is, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
+        ) from None
+    if not 0 < factor < np.inf:
+        raise TableError(f"column {name!r} is in {said!r}, a unit that is not positive: signs would turn")
+    return factor
+
+
+def _check_redshift(name, unit):
+    try:
+        parsed = parse_unit(unit)
+    except (ValueError, TypeError):
+        return  # words such as "none"
+    if parsed != u.dimensionless_unscaled:
+        raise TableError(
+            f"column {name!r} is in {printable(unit)!r}, not a redshift: divide velocities by c, or say which column "
+            "has redshifts (--columns redshift=NAME)"
+        )
+
+
+def _missing(name, source):
+    near = get_close_matches(str(name), source.names, n=3, cutoff=0.6)
+    hint = f"; nearest: {', '.join(map(printable, near))}" if near else ""
+    shown = list(map(printable, source.names[:200]))
+    more = f" and {len(source.names) - 200} more" if len(source.names) > 200 else ""
+    return f"no column {printable(name)!r}. The table has {', '.join(shown)}{more}{hint}"
+
+
+def plain(name, values, missing):
+    """A column of numbers as a masked array of doubles."""
+    floats, mask = as_floats(printable(name), np.ma.MaskedArray(values, False if missing is None else missing))
+    return np.ma.MaskedArray(floats, mask)
+
+
+def identifiers(name, values, missing):
+    """Names as 64-bit integers or text, and notes; masked integers become text, so that no digit is lost."""
+    said = []
+    mask = np.zeros(len(values), bool) if missing is None else missing
+    if values.dtype.kind == "f" and not mask.all():
+        said.append(f"careful: {name} is a column of floating-point numbers, so long identifiers have lost digits")
+    if values.dtype.kind == "S":
+        values = np.char.decode(values, "utf-8", "replace")
+    if mask.any() or values.dtype.kind not in "iuU":
+        values = np.where(mask, "", values.astype(str))
+    elif values.dtype.kind in "iu":
+        values = values.astype(values.dtype.newbyteorder("="))
+    named = np.sort(
+        values[values != ""] if values.dtype.kind == "U" else values
+    )  # a sort is faster than np.unique's hash
+    repeated = int(np.sum(named[1:] == named[:-1]))
+    if repeated:
+        said.append(f"careful: {repeated} rows repeat the {name} of another and count again")
+    return values, said
+
+
+def doubt_positions(found, assumed, at_least=20):
+    """Raise FieldError where bare positions look like radians or hours rather than degrees.
+
+    Parameters
+    ----------
+    found : dict with masked arrays "ra" and "dec" [deg]
+    assumed : whether their unit is an assumption
+    """
+    ra, dec = (np.ma.compressed(found[role]) for role in ("ra", "dec"))
+    if not assumed or ra.size < at_least or dec.size < at_least:
+        return
+    with np.errstate(invalid="ignore"):
+        small = (ra >= -np.pi).all() and (ra <= 2 * np.pi).all() and (np.abs(dec) <= np.pi / 2).all()
+        hours = (ra >= 0).all() and (ra <= 24).all() and np.ptp(ra) > 12 and np.ptp(dec) > 30
+    reach = f"{ra.min():.3g} to {ra.max():.3g} and from {dec.min():.3g} to {dec.max():.3g}"
+    if small and np.ptp(ra) > 1 and np.ptp(dec) > 0.5:
+        raise FieldError(
+            f"ra and dec have no unit and reach only from {reach}: radians? Say units={{'ra': 'rad', 'dec': 'rad'}} "
+            "(--units ra=rad,dec=rad), or deg if they are degrees"
+        )
+    if hours:
+        raise FieldError(
+            f"ra and dec have no unit and reach from {reach}: is ra in hours? Say units={{'ra': 'hourangle'}} "
+            "(--units ra=hourangle), or deg if they are degrees"
+        )

@@ -1,0 +1,167 @@
+"""From a table to a Field: columns, units, masks, and counts of what was refused."""
+
+from warnings import warn
+
+import numpy as np
+
+from vsh import tables
+from vsh.arguments import whole
+from vsh.catalogue._columns import (
+    REQUIRED,
+    UNITS,
+    as_columns,
+    doubt_positions,
+    factors,
+    frame_of,
+    identifiers,
+    locate,
+    plain,
+)
+from vsh.errors import NothingLeftError, VshWarning
+from vsh.field import Field
+from vsh.notes import DroppedRows, merge_notes, printable
+from vsh.units import MAS
+
+
+def read_field(source, columns=None, units=None, on_bad="raise", frame=None):
+    """Read a field from a table.
+
+    Parameters
+    ----------
+    source : path, astropy Table or QTable, pandas DataFrame, Arrow stream, dict or structured array
+        Files: FITS, VOTable, ECSV, CSV, Parquet, or a folder of them; text and FITS also packed with
+        gzip. Only the columns that are needed are read. Objects of pyarrow, polars and DuckDB are
+        taken by their `__arrow_c_stream__`, classes made from DataFrame (LSDB's) as DataFrames.
+    columns : Columns or dict, optional
+        Where the table keeps what; Gaia's archive names unless given.
+    units : dict, optional
+        From column names of the table to units, "uas/yr" say; they override the table's.
+        A column without a unit is taken in Gaia's (deg, mas/yr) if it has Gaia's name,
+        and a note says so.
+    on_bad : {"raise", "drop"}
+        What to do about rows that cannot be used.
+    frame : {"icrs", "galactic", "ecliptic"}, optional
+        Of positions and motions; ICRS unless given. Columns called l, b, glon, … in place of ra and
+        dec ask for it.
+
+    Returns
+    -------
+    Field
+        Its `notes` say what was assumed and what was left out.
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, a column is missing, or a unit is missing or wrong.
+    FieldError
+        If a column holds no numbers, or if rows cannot be used.
+
+    Examples
+    --------
+    >>> field = read_field({"ra": [10.0], "dec": [-20.0], "pmra": [0.1], "pmdec": [0.2],
+    ...                     "pmra_error": [0.05], "pmdec_error": [0.05]})
+    >>> field.notes[0]
+    'no unit in the table, so taken in deg: ra, dec'
+    """
+    make = _maker(source, columns, units, on_bad, frame)
+    return make(make.source.columns(make.names))
+
+
+def iter_fields(source, rows=1_000_000, columns=None, units=None, on_bad="raise", frame=None):
+    """Read a catalogue larger than memory, a field of at most `rows` sources at a time.
+
+    Parameters
+    ----------
+    source, columns, units, on_bad, frame
+        As for `read_field`. Joined, the fields are the one that it reads. (A VOTable is read whole first.)
+    rows : int
+
+    Yields
+    ------
+    Field
+        ``fit.normal_equations(iter_fields(path), modes)`` fits them all in one pass.
+
+    Raises
+    ------
+    TableError, FieldError
+        As `read_field` does.
+    """
+    rows = whole("rows", rows)
+    make = _maker(source, columns, units, on_bad, frame)
+    return _fields(make, rows)
+
+
+def _fields(make, rows):
+    """Fields block by block; the rows of a block without any usable one are counted by a neighbour."""
+    first, held, lost = 0, None, ()
+    for block in make.source.blocks(make.names, rows):
+        try:
+            field = make(block, first)
+        except NothingLeftError as error:
+            if make.on_bad == "raise":
+                raise
+            lost, last = merge_notes(lost, error.notes), error
+        else:
+            if held is not None:
+                yield held
+            if make.on_bad == "drop" and len(field) == len(next(iter(block.values()))[0]):
+                field = field.add_note(
+                    DroppedRows.of_table({}, len(field), field.lon, field.lat)
+                )  # totals count all rows
+            held, lost = field.add_note(*lost), ()
+        first += len(next(iter(block.values()))[0])
+    if held is None:
+        raise last
+    yield held.add_note(*lost)
+
+
+class _maker:
+    """What turns columns of one table into fields."""
+
+    def __init__(self, source, columns, units, on_bad, frame):
+        self.source = tables.open_table(source)
+        self.where, self.said = locate(as_columns(columns), self.source)
+        self.frame = frame_of(self.where, frame)
+        self.factors, assumed = factors(self.where, units, self.source)
+        self.assumed = any("ra" in names for names in assumed.values())
+        lines = [f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed.items()]
+        self.said = [*self.source.notes, *lines, *self.said]
+        self.on_bad = on_bad
+        self.names = tuple(dict.fromkeys(self.where.values()))
+
+    def __call__(self, block, first_row=0):
+        found, said = {}, list(self.said)
+        for role, name in self.where.items():
+            values, mask = block[name]
+            if role == "name":
+                found[role], more = identifiers(printable(name), np.asarray(values), mask)
+                said += more
+            else:
+                found[role] = plain(name, values, mask)
+                if role in REQUIRED:
+                    found[role] = found[role] * self.factors[role]
+        doubt_positions(found, self.assumed)
+        with np.errstate(invalid="ignore", over="ignore"):
+            field = Field.from_columns(**found, frame=self.frame, on_bad=self.on_bad, notes=said, first_row=first_row)
+        for note in said:
+            if note.startswith("careful"):
+                warn(note, VshWarning, stacklevel=3)
+        return field
+
+
+def write_field(field, path, meta=None):
+    """Write a field as a table in Gaia's names and units, which `read_field` reads.
+
+    Parameters
+    ----------
+    field : Field
+    path : str or Path — its ending tells the format
+    meta : dict, optional — plain values, kept with the table (not by CSV and VOTable)
+    """
+    columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
+    columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
+    columns |= {"pmra": field.motion[0] / MAS, "pmdec": field.motion[1] / MAS}
+    columns |= {"pmra_error": field.sigma[0] / MAS, "pmdec_error": field.sigma[1] / MAS, "pmra_pmdec_corr": field.rho}
+    optional = {"phot_g_mean_mag": field.magnitude, "redshift": field.redshift}
+    columns |= {name: values for name, values in optional.items() if values is not None}
+    tables.write(path, columns, meta, {role: str(unit) for role, unit in UNITS.items()})

@@ -1,0 +1,70 @@
+"""Catalogues of which only positions, and perhaps errors, are wanted."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from vsh import tables
+from vsh.arguments import positive
+from vsh.catalogue._columns import Columns, as_columns
+from vsh.catalogue._read import read_field
+
+_MOTIONS = ("pmra", "pmdec")
+_ERRORS = ("pmra_error", "pmdec_error")
+
+
+def read_sources(source, columns=None, units=None, on_bad="raise", sigma=None, frame=None):
+    """Read positions and errors; what the table lacks of motions is zero.
+
+    Parameters
+    ----------
+    source, columns, units, on_bad, frame
+        As for `vsh.catalogue.read_field`.
+    sigma : float, optional
+        One error for all, in place of the table's. [µas/yr]
+
+    Returns
+    -------
+    Field
+        Its notes say what was put in: a table without errors is given 1 mas/yr for every source.
+
+    Raises
+    ------
+    TableError, FieldError
+        As `vsh.catalogue.read_field` does.
+    """
+    opened = tables.open_table(source)
+    wanted = as_columns(columns)
+    absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(wanted, role) not in opened.names}
+    for role in ("ra", "dec"):
+        if getattr(wanted, role) not in opened.names:
+            return read_field(opened, wanted, units, on_bad, frame)  # which says what is missing
+    for pair in (_MOTIONS, _ERRORS):  # one of two is a mistake, not a table without them
+        if len(absent & set(pair)) == 1 and not (pair is _ERRORS and sigma is not None):
+            return read_field(opened, wanted, units, on_bad, frame)
+    replaced = {role: 0.0 for role in _MOTIONS if role in absent}
+    if sigma is not None or absent & set(_ERRORS):
+        replaced |= dict.fromkeys(_ERRORS, 1000.0 if sigma is None else positive("sigma", sigma))
+    if not replaced:
+        return read_field(opened, wanted, units, on_bad, frame)
+    names = {role: f"assumed {role}" for role in replaced}
+    changed = {role: getattr(wanted, role) for role in Columns.__dataclass_fields__} | names
+    field = read_field(_with_constants(opened, {names[role]: replaced[role] for role in names}),
+                       Columns(**changed), units, on_bad, frame)  # fmt: skip
+    if set(_ERRORS) & set(replaced):
+        what = "as asked" if sigma is not None else "no errors in the table: all sources weigh the same"
+        field = field.add_note(f"errors of {replaced['pmra_error']:g} µas/yr for every source ({what})")
+    return field
+
+
+def _with_constants(source, constants):
+    """A table with further columns of one value each [µas/yr]."""
+
+    def read(names, rows):
+        own = [name for name in names if name not in constants]
+        for block in source.read(tuple(own), rows):
+            count = len(next(iter(block.values()))[0])
+            yield block | {name: (np.full(count, constants[name]), None) for name in names if name in constants}
+
+    units = source.units | dict.fromkeys(constants, "uas / yr")
+    return replace(source, names=(*source.names, *constants), read=read, units=units)

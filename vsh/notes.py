@@ -1,0 +1,104 @@
+"""What a reader of a result should know of its data: lines of text that travel with it and add up.
+
+Notes are strings. Two kinds also count: rows that were left out, and notes too many to list.
+"""
+
+import re
+from hashlib import blake2b
+
+import numpy as np
+
+#: So many different notes are listed when tables are added up; the others are counted.
+MAX_NOTES = 9
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+
+
+class DroppedRows(str):
+    """A note that says how many rows were left out and why; those of several tables add up.
+
+    Attributes
+    ----------
+    parts : dict of str to (dict of str to int, int)
+        For each table, told apart by a hash: how many rows were left out for which reason, and how
+        many rows it had. A table that comes in by two ways counts once.
+    """
+
+    def __new__(cls, parts):
+        counts, total = {}, 0
+        for reasons, rows in parts.values():
+            total += rows
+            for reason, count in reasons.items():
+                counts[reason] = counts.get(reason, 0) + count
+        listed = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
+        note = super().__new__(cls, f"left out {sum(counts.values())} of {total} rows{': ' if listed else ''}{listed}")
+        note.parts, note.counts, note.total = parts, counts, total
+        return note
+
+    def __getnewargs__(self):
+        return (self.parts,)
+
+    @classmethod
+    def of_table(cls, counts, total, *arrays):
+        """Of one table, known again by a hash of some of its arrays."""
+        digest = blake2b(digest_size=12)
+        for array in arrays:
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return cls({digest.hexdigest(): (dict(counts), int(total))})
+
+
+class MoreNotes(str):
+    """A note that stands for others that are not listed.
+
+    Attributes
+    ----------
+    hashes : frozenset of str
+        Of the notes it stands for.
+    """
+
+    def __new__(cls, hashes):
+        note = super().__new__(cls, f"and {len(hashes)} more notes on parts of the data, like those above")
+        note.hashes = frozenset(hashes)
+        return note
+
+    def __getnewargs__(self):
+        return (self.hashes,)
+
+
+def merge_notes(*groups):
+    """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines."""
+    plain, parts, hidden = {}, {}, set()
+    for note in (note for group in groups for note in group):
+        if isinstance(note, DroppedRows):
+            parts |= note.parts
+        elif isinstance(note, MoreNotes):
+            hidden |= note.hashes
+        else:
+            plain[note] = None
+    lines = list(plain)
+    several = sum(bool(group) for group in groups) > 1
+    if hidden or (several and len(lines) > MAX_NOTES - 1):
+        kept = lines[: MAX_NOTES - 1]
+        hidden |= {_hash(line) for line in lines[MAX_NOTES - 1 :]}
+        hidden -= {_hash(line) for line in kept}
+        lines = kept
+    return (*lines, *([DroppedRows(parts)] if parts else []), *([MoreNotes(hidden)] if hidden else []))
+
+
+def dropped(notes):
+    """How many rows the notes say were left out."""
+    return sum(sum(note.counts.values()) for note in notes if isinstance(note, DroppedRows))
+
+
+def printable(text):
+    """Text without the control characters that a terminal would obey: \\x1b in place of an escape.
+
+    Examples
+    --------
+    >>> printable("red \\x1b[31m")
+    'red \\\\x1b[31m'
+    """
+    return _CONTROL.sub(lambda found: found.group().encode("unicode_escape").decode(), str(text))
+
+
+def _hash(line):
+    return blake2b(line.encode("utf-8", "replace"), digest_size=6).hexdigest()

@@ -1,0 +1,21 @@
+"""Tables: files of every format, folders of them, and objects in memory, opened without being read.
+
+Every way a file can be unreadable ends in a TableError that names it.
+"""
+
+from vsh.tables._open import FORMATS, format_of, open_table
+from vsh.tables._source import TableSource
+from vsh.tables._write import as_table, check_writable, read, table_of, write, write_table
+
+__all__ = [
+    "FORMATS",
+    "TableSource",
+    "as_table",
+    "check_writable",
+    "format_of",
+    "open_table",
+    "read",
+    "table_of",
+    "write",
+    "write_table",
+]

@@ -1,0 +1,117 @@
+"""What a user gives as a table, opened: files by their first bytes, folders, and objects in memory."""
+
+import os
+from pathlib import Path
+
+from vsh.errors import TableError
+from vsh.notes import printable
+from vsh.tables._arrow import open_parquet, open_stream
+from vsh.tables._fits import open_fits
+from vsh.tables._memory import is_frame, open_astropy, open_frame, open_other
+from vsh.tables._source import TableSource, chained
+from vsh.tables._text import open_text
+from vsh.tables._votable import open_votable
+
+#: File name endings and astropy's formats; a further .gz is understood by all but Parquet.
+FORMATS = {
+    ".fits": "fits",
+    ".fit": "fits",
+    ".vot": "votable",
+    ".votable": "votable",
+    ".xml": "votable",
+    ".ecsv": "ascii.ecsv",
+    ".csv": "ascii.csv",
+    ".parquet": "parquet",
+    ".pq": "parquet",
+}
+_READERS = {"fits": open_fits, "votable": open_votable, "ascii.ecsv": open_text, "ascii.csv": open_text}
+
+
+def open_table(source):
+    """Open a table without reading its rows.
+
+    Parameters
+    ----------
+    source : path of a file or a folder of files, astropy Table, pandas DataFrame (or a class made from
+        it), an object with `__arrow_c_stream__` (pyarrow, polars, DuckDB), dict or structured array
+
+    Returns
+    -------
+    TableSource
+
+    Raises
+    ------
+    TableError
+        If there is no such file, its format is not known, or it is damaged.
+    """
+    if isinstance(source, TableSource):
+        return source
+    if isinstance(source, (str, os.PathLike)):
+        return _open_path(source)
+    if is_frame(source):
+        return open_frame(source)
+    if any(c.__name__ == "Table" and c.__module__.startswith("astropy.table") for c in type(source).__mro__):
+        return open_astropy(source)
+    if hasattr(source, "__arrow_c_stream__") or hasattr(source, "__arrow_c_array__"):
+        return open_stream(source, f"the {type(source).__name__}")
+    return open_other(source)
+
+
+def format_of(path):
+    """astropy's name of the format that the ending of a name tells; TableError where it tells none."""
+    path = Path(path)
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    if suffixes and suffixes[-1] == ".gz":
+        suffixes.pop()
+    if not suffixes or suffixes[-1] not in FORMATS:
+        raise TableError(
+            f"{printable(path)}: what format is this? Known endings: {', '.join(FORMATS)}, each also with .gz"
+        )
+    return FORMATS[suffixes[-1]]
+
+
+def _open_path(path):
+    text = os.fspath(path)
+    text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+    label = printable(text)
+    if "://" in text[:12]:
+        raise TableError(f"{label} is an address, not a file: fetch it first, and name the file")
+    path = Path(path if not isinstance(path, bytes) else os.fsdecode(path))
+    try:
+        if path.is_dir():
+            return _open_folder(path, label)
+        if not path.is_file():
+            raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
+        kind = format_of(path)
+        if kind == "parquet":
+            return open_parquet([path], label)
+        return _READERS[kind](path, label)
+    except (OSError, ValueError) as error:
+        if isinstance(error, TableError):
+            raise
+        raise TableError(f"{label} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _open_folder(path, label):
+    if (path / "collection.properties").exists():
+        raise TableError(
+            f"{label} is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
+        )
+    kinds = {}
+    for file in sorted(path.rglob("*")):
+        inside = file.relative_to(path).parts
+        if any(part.startswith((".", "_")) for part in inside) or not file.is_file():
+            continue
+        try:
+            kinds.setdefault(format_of(file), []).append(file)
+        except TableError:
+            continue
+    if not kinds:
+        raise TableError(f"{label} is a folder without tables: known endings are {', '.join(FORMATS)}")
+    if len(kinds) > 1:
+        said = ", ".join(f"{len(files)} of {kind.removeprefix('ascii.')}" for kind, files in kinds.items())
+        raise TableError(f"{label} holds tables of several formats ({said}): name a folder with those of one")
+    ((kind, files),) = kinds.items()
+    if kind == "parquet":
+        return open_parquet(files, label)
+    return chained(label, [_READERS[kind](file, printable(file)) for file in files])

@@ -1,0 +1,107 @@
+"""A table that is open: the columns it has, and its rows in blocks."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vsh.errors import TableError
+
+#: Rows in a block where nobody asked for a number.
+ROWS = 2**20
+
+
+@dataclass(frozen=True)
+class TableSource:
+    """What every format opens as; nothing but the columns that are asked for is read.
+
+    Attributes
+    ----------
+    label : str
+        Of the file or object, for messages.
+    names : tuple of str
+        Of the columns.
+    read : function
+        From (names, rows) to an iterator of dicts: column → (values, mask or None), at most `rows`
+        rows in each, at least one dict.
+    units : dict of str to str or unit
+        Of those columns that say theirs.
+    meta : dict
+    notes : tuple of str
+        What a user should know of how the table was read.
+    """
+
+    label: str
+    names: tuple
+    read: Callable
+    units: dict = field(default_factory=dict)
+    meta: dict = field(default_factory=dict)
+    notes: tuple = ()
+
+    def blocks(self, names=None, rows=ROWS):
+        """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""
+        wanted = tuple(self.names if names is None else names)
+        # astropy keeps a mask that a format cannot hold as a column of its own beside the values.
+        masks = tuple(f"{name}.mask" for name in wanted if f"{name}.mask" in self.names)
+        for block in self.read(tuple(dict.fromkeys(wanted + masks)), rows):
+            yield {name: _with_mask(block, name) for name in wanted}
+
+    def columns(self, names=None):
+        """Some columns whole, a dict of (values, mask or None); all of them unless named."""
+        parts = list(self.blocks(names))
+        if len(parts) == 1:
+            return parts[0]
+        return {name: _joined([part[name] for part in parts]) for name in parts[0]}
+
+    def to_table(self):
+        """The whole as an astropy Table."""
+        from astropy.table import Column, MaskedColumn, Table
+
+        names = [name for name in self.names if not (name.endswith(".mask") and name[:-5] in self.names)]
+        table = Table(meta=dict(self.meta))
+        for name, (values, mask) in self.columns(names).items():
+            unit = self.units.get(name)
+            masked = mask is not None and mask.any()
+            table[name] = MaskedColumn(values, mask=mask, unit=unit) if masked else Column(values, unit=unit)
+        return table
+
+
+def chained(label, sources):
+    """Several tables with the same columns, one after the other, as one.
+
+    Parameters
+    ----------
+    label : str
+    sources : list of TableSource
+    """
+    first = sources[0]
+
+    def read(names, rows):
+        for source in sources:
+            missing = [name for name in names if name not in source.names]
+            if missing:
+                raise TableError(f"{source.label} has no column {', '.join(missing)}, which {first.label} has")
+            for name in names:
+                if str(source.units.get(name)) != str(first.units.get(name)):
+                    raise TableError(
+                        f"{source.label} has {name} in {source.units.get(name)}, {first.label} in {first.units.get(name)}"
+                    )
+            yield from source.read(names, rows)
+
+    notes = tuple(dict.fromkeys(note for source in sources for note in source.notes))
+    return TableSource(label, first.names, read, first.units, first.meta, notes)
+
+
+def _with_mask(block, name):
+    values, mask = block[name]
+    if f"{name}.mask" not in block:
+        return values, mask
+    further = np.asarray(block[f"{name}.mask"][0], bool)
+    return values, further if mask is None else mask | further
+
+
+def _joined(parts):
+    values = np.concatenate([values for values, _ in parts])
+    if all(mask is None for _, mask in parts):
+        return values, None
+    return values, np.concatenate([np.zeros(len(v), bool) if mask is None else mask for v, mask in parts])

@@ -1,0 +1,124 @@
+"""Tables into files, and whole tables out of them (astropy.table)."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from vsh.errors import TableError
+from vsh.files import replacing
+from vsh.notes import printable
+from vsh.tables._fits import first_line
+from vsh.tables._open import format_of, open_table
+
+
+def read(path):
+    """Read a whole table; `open_table` reads columns and blocks.
+
+    Parameters
+    ----------
+    path : str or Path — FITS, VOTable, ECSV, CSV (with Gaia's null) or Parquet, or a folder of them
+
+    Returns
+    -------
+    astropy.table.Table
+
+    Raises
+    ------
+    TableError
+        If there is no such file, its format is not known, or it is damaged.
+    """
+    source = open_table(path)
+    if not source.names:
+        raise TableError(f"{source.label} has no columns")
+    if source.meta.get("__special__"):  # columns of more than one number a row: astropy's own ECSV
+        return _read_ecsv(path, source.label)
+    return source.to_table()
+
+
+def as_table(source):
+    """A path or any table in memory as an astropy Table."""
+    from astropy.table import Table
+
+    return source if isinstance(source, Table) else read(source)
+
+
+def table_of(columns, meta=None, units=None):
+    """An astropy Table from columns, metadata of plain values and units, all by name."""
+    from astropy.table import Table
+
+    table = Table({name: np.asarray(values) for name, values in columns.items()}, meta=meta or {})
+    for name, unit in (units or {}).items():
+        table[name].unit = unit
+    return table
+
+
+def write(path, columns, meta=None, units=None):
+    """Write columns as a table to a new file, which takes the name `path` when it is complete.
+
+    Parameters
+    ----------
+    path : str or Path — its ending tells the format, as in `read`
+    columns : dict of name to (n,) array
+    meta : dict, optional — plain values, kept with the table
+    units : dict of name to str, optional
+
+    Raises
+    ------
+    TableError
+        If the ending is not known, or the format needs a library that is not there.
+    """
+    write_table(table_of(columns, meta, units), path)
+
+
+def write_table(table, path, meta=None):
+    """Write an astropy Table, with more metadata, to a new file, which takes the name `path` when it is complete."""
+    path = Path(path)
+    check_writable(path)
+    table.meta.update(meta or {})
+    kind = format_of(path)
+    with replacing(path) as new, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # units that a format spells in its own way
+        table.write(new, format=kind, overwrite=True)
+
+
+def check_writable(path):
+    """Raise TableError now if a table could not be written to `path` later.
+
+    Raises
+    ------
+    TableError
+        If its ending tells no format, there is no such folder, or a library is missing.
+    """
+    path = Path(path)
+    kind = format_of(path)
+    if not path.absolute().parent.is_dir():
+        raise TableError(f"{printable(path)}: there is no such folder")
+    if kind == "parquet":
+        from importlib.util import find_spec
+
+        if find_spec("pyarrow") is None:
+            raise TableError(
+                f"{printable(path)} cannot be written. Install what is missing: pip install 'vsh-astrometry[parquet]'"
+            )
+
+
+def _read_ecsv(path, label):
+    from astropy.table import Table
+
+    _check_memory(path, label)
+    try:
+        return Table.read(path, format="ascii.ecsv")
+    except Exception as error:  # whatever a damaged file makes of a reader
+        raise TableError(f"{label} cannot be read as ECSV: {first_line(error)}") from error
+
+
+def _check_memory(path, label, most=2**28):
+    """NumPy gives every row of a column of text the room of the longest."""
+    longest = count = 0
+    with open(path, "rb") as file:
+        for line in file:
+            if not line.startswith(b"#"):
+                longest, count = max(longest, len(line)), count + 1
+    if 4 * longest * count > max(most, 16 * Path(path).stat().st_size):
+        raise TableError(f"{label} is damaged, or no result: a line of {longest} characters among {count}")
