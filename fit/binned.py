@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
+from fit.quality import Quality, f_p_value
 from fit.storage import Stored
 from vsh import tables
 from vsh.coefficients import FIRST_DEGREE
@@ -15,11 +16,17 @@ from vsh.vector import Vector
 
 
 class ChiSquare(NamedTuple):
-    """A χ² with its degrees of freedom, and the chance of as much or more."""
+    """A χ² with its degrees of freedom, and the probability of as much or more.
+
+    `chi2` and `p` are with the errors of each bin multiplied by the root of its own χ²/dof, which makes them
+    right whatever their scale is in each bin; `quoted` and `p_quoted` with the catalogue's errors as they are.
+    """
 
     chi2: float
     dof: int
     p: float
+    quoted: float = float("nan")
+    p_quoted: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +104,29 @@ class BinnedSolution(Stored):
         return self.solutions[0].frame
 
     @property
+    def quality(self):
+        """What χ² of all bins together says of the errors, a `fit.quality.Quality`."""
+        return Quality(sum(s.chi2 for s in self.solutions), sum(s.dof for s in self.solutions))
+
+    @property
     def reduced_chi2(self):
         """χ² per degree of freedom, over all bins."""
-        return sum(s.chi2 for s in self.solutions) / sum(s.dof for s in self.solutions)
+        return self.quality.reduced
+
+    @property
+    def effective_redshift(self):
+        """The redshift whose 1/d_M is the bin's mean, (B,): where a drift is measured. Mean redshift where there is no distance."""
+        from vsh.cosmology import redshift_of
+
+        return np.where(np.isfinite(self.nearness), redshift_of(1 / self.nearness), self.redshift)
+
+    @property
+    def scales(self):
+        """χ² per degree of freedom of each bin, (B,): what variances are multiplied with in tests.
+
+        1 for a bin without degrees of freedom.
+        """
+        return np.array([s.reduced_chi2 if s.dof > 0 and s.chi2 > 0 else 1.0 for s in self.solutions])
 
     def equality(self, kind=None, l=None):
         """Are all bins alike? χ² of their differences, with the full covariance.
@@ -108,10 +135,20 @@ class BinnedSolution(Stored):
         ----------
         kind : {"T", "S"}, optional — only these coefficients; both unless given
         l : int, optional — only this degree; all that is free unless given
+
+        Returns
+        -------
+        ChiSquare
+            Right for errors that are wrong by any factor in each bin, with 20 sources or more a bin. Not
+            where sources share errors over the sky, nor where the sky has degrees that were not fitted and
+            bins see it in different places.
+
+        Notes
+        -----
+        Scales estimated from few sources are allowed for as in Welch's (1951, Biometrika 38, 330) test of
+        means with unequal variances.
         """
-        values, covariance, _ = self._chosen(kind, l)
-        (_, least), bins, q = _gls(values, covariance, np.ones((len(self), 1))), len(self), values.shape[1]
-        return _test(least, (bins - 1) * q)
+        return self._compared(kind, l, np.ones((len(self), 1)))[0]
 
     def trend(self, x=None):
         """Do they change with x? A straight line through the bins.
@@ -127,11 +164,18 @@ class BinnedSolution(Stored):
             raise ParameterError("a trend needs at least two bins")
         values, covariance, free = self._chosen(None, None)
         q = values.shape[1]
-        (theta, least, spread) = _gls(values, covariance, np.stack([np.ones(len(self)), x - x.mean()], 1), True)
+        line = np.stack([np.ones(len(self)), x - x.mean()], 1)
+        theta, _, spread = _gls(values, covariance, line)
         slopes, error = theta[q:], spread[q:, q:]
-        explained = float(slopes @ np.linalg.solve(error, slopes))
         vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in "TS"]
-        return Trend(slopes, error, _test(explained, q), _test(least, (len(self) - 2) * q), *vectors)
+        misfit, scaled, quoted = self._compared(None, None, line)
+        explained = _slope_chi2(*scaled, q), _slope_chi2(*quoted, q)
+        # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
+        weight, dof = _information(self)
+        part = weight * (x - weight @ x / weight.sum()) ** 2
+        p = f_p_value(explained[0], q, part.sum() ** 2 / np.sum(part**2 / dof))
+        test = ChiSquare(explained[0], q, p, explained[1], float(chdtrc(q, explained[1])))
+        return Trend(slopes, error, test, misfit, *vectors)
 
     def drift(self, velocity):
         """The acceleration that, with the drift of a known velocity, fits the bins best.
@@ -149,10 +193,10 @@ class BinnedSolution(Stored):
             raise ParameterError("a drift needs a distance in every bin, and some bin has none beyond the flow")
         values, covariance, free = self._chosen("S", 1)
         rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
-        theta, least, spread = _gls(
-            values - np.outer(self.nearness, rows), covariance, np.ones((len(self), 1)), with_errors=True
-        )
-        return _vector(self.modes, "S", theta, spread, free, self.frame), _test(least, 3 * (len(self) - 1))
+        constant, drifts = np.ones((len(self), 1)), np.outer(self.nearness, rows)
+        theta, _, spread = _gls(values - drifts, covariance, constant)
+        test, _, _ = self._compared("S", 1, constant, drifts)
+        return _vector(self.modes, "S", theta, spread, free, self.frame), test
 
     def to_table(self):
         """Spin and acceleration in each bin, with errors, as an astropy Table."""
@@ -188,6 +232,43 @@ class BinnedSolution(Stored):
         values = np.stack([solution.coefficients.values[free] for solution in self.solutions])
         return values, self.covariance[np.ix_(index, index)], free
 
+    def _compared(self, kind, l, design, model=0.0):
+        """A test of the bins about a linear design; and what the fit gave, scaled and as quoted: (θ, χ², errors)."""
+        values, covariance, _ = self._chosen(kind, l)
+        q = values.shape[1]
+        root = np.repeat(np.sqrt(self.scales), q)
+        scaled = _gls(values - model, covariance * np.outer(root, root), design)
+        quoted = _gls(values - model, covariance, design)
+        steps = len(self) - design.shape[1]
+        return self._test(scaled[1], quoted[1], steps * q, steps), scaled, quoted
+
+    def _test(self, scaled, quoted, dof, steps):
+        if not dof:
+            return ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
+        factor, denominator = _welch(self, steps)
+        return ChiSquare(
+            scaled / factor, dof, f_p_value(scaled / factor, dof, denominator), quoted, float(chdtrc(dof, quoted))
+        )
+
+
+def _welch(binned, steps):
+    """By what a scaled χ² is divided, and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
+    weight, dof = _information(binned)
+    share = weight / weight.sum()
+    spread = np.sum((1 - share) ** 2 / dof)
+    k = steps + 1
+    return 1 + 2 * (k - 2) / (k * k - 1) * spread, (k * k - 1) / (3 * spread)
+
+
+def _information(binned):
+    """Weight of each bin with scaled errors, and the degrees of freedom of its scale."""
+    weight = np.array([1 / np.trace(s.covariance) for s in binned.solutions]) / binned.scales
+    return weight, np.array([max(s.dof, 1) for s in binned.solutions])
+
+
+def _slope_chi2(theta, least, spread, q):
+    return float(theta[q:] @ np.linalg.solve(spread[q:, q:], theta[q:]))
+
 
 def equality_chi2(values, covariance):
     """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
@@ -205,8 +286,8 @@ def slope_chi2(values, covariance, x):
     return float(rhs.ravel() @ np.linalg.solve(normal, rhs.ravel()) - rhs[0] @ np.linalg.solve(weight.sum(0), rhs[0]))
 
 
-def _gls(values, covariance, design, with_errors=False):
-    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and, if asked, θ's covariance."""
+def _gls(values, covariance, design):
+    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and θ's covariance."""
     q = values.shape[1]
     full = np.kron(design, np.eye(q))
     y = values.ravel()
@@ -214,11 +295,7 @@ def _gls(values, covariance, design, with_errors=False):
     spread = np.linalg.inv(full.T @ weighted[:, :-1])
     theta = spread @ (full.T @ weighted[:, -1])
     least = float(y @ weighted[:, -1] - theta @ (full.T @ weighted[:, -1]))
-    return (theta, least, spread) if with_errors else (theta, least)
-
-
-def _test(chi2, dof):
-    return ChiSquare(chi2, dof, float(chdtrc(dof, chi2)) if dof else float("nan"))
+    return theta, least, spread
 
 
 def _vector(modes, kind, values, covariance, free, frame):

@@ -4,14 +4,15 @@ Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4. V
 ours with respect to the background and point toward the apex; sources drift the other way.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtrc
 
 from fit.drift_rows import OMEGA, A, U, check_determined, drift_rows
 from fit.named import NamedSolution
-from vsh.apex import PLANCK
+from vsh.apex import PLANCK, velocity_along
+from vsh.arguments import not_negative, positive
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.vector import Vector
 
@@ -119,10 +120,10 @@ def observer_velocity(field, hubble=None, cosmology=None, peculiar=750.0, spin=N
         raise DegeneracyError(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.drift.hubble_constant, or priors to fit.posterior.sample"
         )
-    hubble = _positive("the Hubble constant", hubble)
+    hubble = positive("the Hubble constant", hubble)
     rows = drift_rows(field, cosmology)
     ratio = hubble / rows.hubble
-    sums = rows.sums(_not_negative("peculiar", peculiar) * ratio, _not_negative("extra", extra))
+    sums = rows.sums(not_negative("peculiar", peculiar) * ratio, not_negative("extra", extra))
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
@@ -137,7 +138,7 @@ def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=N
     ----------
     field, cosmology, peculiar, spin, extra
         As for `observer_velocity`.
-    velocity : "planck", Vector or (3,) array
+    velocity : "planck", "paper", Vector or (3,) array
         Ours, toward the apex; an array is along the field's axes. The covariance of a Vector
         is propagated. [km/s]
     hubble : float, optional
@@ -158,10 +159,10 @@ def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=N
             f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.drift.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
-    velocity = as_velocity(velocity, field.frame)
+    velocity = velocity_along(velocity, field.frame)
     rows = drift_rows(field, cosmology)
-    ratio = 1.0 if hubble is None else _positive("the Hubble constant", hubble) / rows.hubble
-    sums = rows.sums(_not_negative("peculiar", peculiar) * ratio, _not_negative("extra", extra))
+    ratio = 1.0 if hubble is None else positive("the Hubble constant", hubble) / rows.hubble
+    sums = rows.sums(not_negative("peculiar", peculiar) * ratio, not_negative("extra", extra))
     names = ("H0", "a_x", "a_y", "a_z")
 
     def given(v):
@@ -179,28 +180,6 @@ def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=N
         )  # fmt: skip
         found["covariance"] = found["covariance"] + slopes @ velocity.covariance @ slopes.T
     return HubbleSolution(**found, peculiar=peculiar, assumed_velocity=velocity)
-
-
-def as_velocity(value, frame):
-    """A velocity along the axes of `frame`: "planck", a Vector, or three numbers in km/s.
-
-    Raises
-    ------
-    ParameterError
-        If it has no direction.
-    """
-    if isinstance(value, str):
-        if value != "planck":
-            raise ParameterError(f"no velocity is called {value!r}; say 'planck', or give three numbers in km/s")
-        value = PLANCK
-    if not isinstance(value, Vector):
-        three = np.asarray(value, float)
-        if three.shape != (3,):
-            raise ParameterError(f"a velocity has three components, not shape {three.shape}")
-        value = Vector(three, np.zeros((3, 3)), frame, "km/s")
-    if not (np.isfinite(value.value).all() and value.amplitude > 0):
-        raise ParameterError(f"a velocity of {value.amplitude} km/s has no direction: the drift cannot be scaled by it")
-    return replace(value.to_frame(frame), unit="km/s")
 
 
 def _solve(sums, to_u, names, spin, rows):
@@ -239,15 +218,3 @@ def _difference(a, b):
     away = a.value - b.value
     chi2 = float(away @ np.linalg.solve(a.covariance + b.covariance, away))
     return chi2, float(chdtrc(3, chi2))
-
-
-def _positive(name, value):
-    if not 0 < value < np.inf:
-        raise ParameterError(f"{name} must be positive, not {value}")
-    return float(value)
-
-
-def _not_negative(name, value):
-    if not 0 <= value < np.inf:
-        raise ParameterError(f"{name} cannot be {value}: zero or more is wanted")
-    return float(value)

@@ -5,6 +5,8 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
 import vsh
 from vsh import shell
 from vsh.apex import PLANCK
@@ -90,11 +92,12 @@ def _clipped(field, kappa):
 
 
 def _chances(field, bins):
-    """By shuffling, where the errors of the catalogue are not to be trusted."""
+    """By permuting redshifts, for up to so many sources."""
     from fit.redshift import chances_by_shuffling
 
-    wanted = bins.modes.lmax == 1 and bins.reduced_chi2 > 1.5 and len(bins) > 1 and len(field) <= 20_000
-    return chances_by_shuffling(field, bins) if wanted else None
+    wanted = bins.modes.lmax == 1 and len(bins) > 1 and len(field) <= 20_000
+    known = PLANCK if np.isfinite(bins.nearness).all() else None
+    return chances_by_shuffling(field, bins, velocity=known) if wanted else None
 
 
 def _posterior(field, options, common):

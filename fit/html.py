@@ -6,9 +6,8 @@ import shlex
 from html import escape
 from string import Template
 
-import numpy as np
-
-from fit.spectrum import spectrum
+from fit.report import AGREE, warnings_of
+from fit.rows import amplitude, components, direction, is_scaled, power_rows, vector_rows, vectors_of
 
 _PAGE = Template("""<!doctype html>
 <html lang="en">
@@ -42,7 +41,7 @@ figure { margin: 1rem 0; }
 figure img { width: 100%; height: auto; background: #ffffff; border: 1px solid var(--line); border-radius: 8px; }
 figcaption { color: var(--faint); font-size: 0.9rem; }
 pre { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 0.8rem; overflow-x: auto; font-size: 0.85rem; }
-.careful { border-left: 4px solid #d29922; padding-left: 0.8rem; }
+.warning { border-left: 4px solid #d29922; padding-left: 0.8rem; }
 </style>
 </head>
 <body>
@@ -97,7 +96,7 @@ def html_report(solution, figures, check=None, truth=None, source="", provenance
     str
         HTML that asks for nothing from any network.
     """
-    parts = [_cards(solution), _careful(solution), _vectors(solution, truth or {}), _check(check), _powers(solution)]
+    parts = [_cards(solution), _warnings(solution), _vectors(solution, truth or {}), _check(check), _powers(solution)]
     parts += ["<h2>Figures</h2>", *(_figure(name, figure) for name, figure in figures.items())]
     parts += [_coefficients(solution), _notes(solution), _provenance(provenance or {}, command)]
     lead = (
@@ -113,10 +112,9 @@ def _cards(solution):
     cells = []
     for name, vector in (("Acceleration", solution.acceleration), ("Spin", solution.spin)):
         galactic = vector.to_frame("galactic")
-        l, b = galactic.direction
         cells.append(
-            f'<div class="card">{name}<b>{vector.amplitude:.2f} ± {vector.amplitude_error:.2f} µas/yr</b>'
-            f'<span class="faint">toward l = {l:.1f}°, b = {b:+.1f}°; {vector.debiased_amplitude:.2f} less noise</span></div>'
+            f'<div class="card">{name}<b>{escape(amplitude(vector, 2))} µas/yr</b>'
+            f'<span class="faint">toward {escape(direction(galactic))}; noise-debiased {vector.debiased_amplitude:.2f}</span></div>'
         )
     cells.append(
         f'<div class="card">χ² per degree of freedom<b>{solution.reduced_chi2:.3f}</b>'
@@ -125,55 +123,60 @@ def _cards(solution):
     return f'<div class="cards">{"".join(cells)}</div>'
 
 
-def _careful(solution):
-    if solution.reduced_chi2 > 1.5 and solution.errors_from == "the catalogue":
-        factor = np.sqrt(solution.reduced_chi2)
-        return f'<p class="careful">Errors are the catalogue\'s: its residuals ask for {factor:.2f} times as much, and chances are too small.</p>'
-    return ""
+def _warnings(solution):
+    lines = [
+        f"{label}: {text}" if label == "warning" else text
+        for label, text in warnings_of(solution)
+        if label != "errors from"
+    ]
+    return f'<p class="warning">{escape(". ".join(lines))}.</p>' if lines else ""
 
 
 def _vectors(solution, truth):
-    rows = []
-    for name, vector in (("spin", solution.spin), ("acceleration", solution.acceleration)):
-        rows.append([name, *(f"{v:+.3f} ± {s:.3f}" for v, s in zip(vector.value, vector.sigma, strict=True))])
-        if name in truth:
-            true = truth[name].to_frame(vector.frame)
-            away = (true.value - vector.value) / vector.sigma
-            rows.append(
-                [f"truth of the {name}", *(f"{t:+.3f} ({d:+.1f} σ)" for t, d in zip(true.value, away, strict=True))]
-            )
-    return "<h2>Spin and acceleration</h2>" + _table(["[µas/yr]", "x", "y", "z"], rows)
+    rows = [
+        [f"truth of the {name}" if row.is_truth else row.name, *row.cells, row.amplitude]
+        for name in vectors_of(solution)
+        for row in vector_rows({name: vectors_of(solution)[name]}, truth)
+    ]
+    heads = ["[µas/yr]", "x", "y", "z", "amplitude"]
+    return "<h2>Spin and acceleration</h2>" + _table(heads, [[escape(cell) for cell in row] for row in rows])
 
 
 def _check(check):
     if check is None:
         return ""
-    rows = []
-    for name in ("spin", "acceleration"):
-        for solver, result in (("harmonics", check.harmonics), ("frame solver", check.direct)):
-            vector = getattr(result, name)
-            cells = (f"{v:+.3f} ± {s:.3f}" for v, s in zip(vector.value, vector.sigma, strict=True))
-            rows.append([f"{name}, {solver}", *cells])
-    return (
-        "<h2>Cross-check</h2><p>Degree 1 alone on the same sources, by two solvers without a common formula. Largest difference: "
-        f"{check.largest:.1e} σ.</p>" + _table(["[µas/yr]", "x", "y", "z"], rows)
+    said = "they agree" if check.largest < AGREE else "THEY DO NOT AGREE"
+    lead = (
+        "<h2>Cross-check</h2><p>Plain least squares of degree 1 on the same sources by two solvers without a common formula: "
+        f"{said}; largest difference {check.largest:.1e} σ.</p>"
     )
+    if check.largest < AGREE:
+        return lead
+    rows = [
+        [f"{name}, {solver}", *components(getattr(result, name))]
+        for name in ("spin", "acceleration")
+        for solver, result in (("harmonics", check.harmonics), ("frame solver", check.direct))
+    ]
+    return lead + _table(["[µas/yr]", "x", "y", "z"], rows)
 
 
 def _powers(solution):
+    both = is_scaled(solution)
     rows = [
         [
-            f"{d.kind}{d.l}",
-            f"{d.power:.5g}",
-            f"{d.debiased:.5g}",
-            f"{d.error:.3g}",
-            f"{d.p:.2g}",
-            f"{d.z:.2f}",
-            f"{d.mk_z:.2f}",
+            row.degree,
+            row.power,
+            row.debiased,
+            row.error,
+            escape(row.p),
+            *([escape(row.p_scaled)] if both else []),
+            row.z,
+            row.mk_z,
         ]
-        for d in spectrum(solution)
+        for row in power_rows(solution)
     ]
-    heads = ["degree", "power [(µas/yr)²]", "less noise", "±", "chance", "z", "M&amp;K Z"]
+    scaled = ["p, errors scaled"] if both else []
+    heads = ["degree", "power [(µas/yr)²]", "noise-debiased", "±", "p-value", *scaled, "z", "M&amp;K Z"]
     return "<h2>Power by degree</h2><p class='faint'>Click a heading to sort.</p>" + _table(heads, rows, sortable=True)
 
 

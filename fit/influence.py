@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from fit.normal import as_modes, normal_equations
+from fit.normal import normal_equations
 from fit.parameters import named
 from fit.predict import as_field
 from fit.solution import at_sources
 from fit.solve import solve
 from vsh import Coefficients
 from vsh.errors import FieldError, ParameterError
+from vsh.modes import as_modes
 
 
 def influence(sources, modes, pair, nside=16, of=None, sigma=None):

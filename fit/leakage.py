@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh
 
-from fit.normal import as_modes, normal_equations
+from fit.normal import normal_equations
 from fit.parameters import check_lower, correlation_of, named
 from fit.predict import as_field
 from fit.solve import solve
 from fit.storage import Stored
 from vsh import Coefficients, Modes
 from vsh.errors import DegeneracyError, ParameterError
+from vsh.modes import as_modes
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,7 +9,9 @@ from fit.compress import compressed_sums
 from fit.dipole import dipole_sums
 from fit.direct import direct_sums
 from vsh import Field, Modes
+from vsh.arguments import choice, float_array
 from vsh.errors import FieldError, FrameError, ModesError
+from vsh.modes import as_modes
 from vsh.notes import merge_notes
 
 #: A normal matrix beyond this is refused. [bytes]
@@ -119,8 +121,7 @@ def normal_equations(field, modes, method="auto", threads=None):
     >>> np.allclose(whole.matrix, normal_equations([field[:30], field[30:]], Modes(2)).matrix)
     True
     """
-    if method not in ("auto", "direct", "compressed"):
-        raise ValueError(f"unknown method {method!r}: choose one of auto, direct, compressed")
+    choice("method", method, ("auto", "direct", "compressed"))
     modes = as_modes(modes)
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or iter_fields")
@@ -130,8 +131,10 @@ def normal_equations(field, modes, method="auto", threads=None):
             f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax, or use fit.solve_matrix_free"
         )
     if not isinstance(field, Field):
+        if isinstance(field, np.ndarray) or not hasattr(field, "__iter__"):
+            raise FieldError(f"a Field, or a stream of them, is wanted, not {type(field).__name__}")
         total = sum(normal_equations(each, modes, method, threads) for each in field)
-        if total == 0:
+        if isinstance(total, int):
             raise FieldError("the stream of fields is empty: there are no sources to use")
         return total
     if method == "auto" and modes.lmax == 1:
@@ -141,11 +144,6 @@ def normal_equations(field, modes, method="auto", threads=None):
     else:
         sums = direct_sums(field, modes, threads)
     return NormalEquations(modes, *sums, 2 * len(field), field.frame, field.notes)
-
-
-def as_modes(modes):
-    """Modes, or a degree in their place."""
-    return modes if isinstance(modes, Modes) else Modes(modes)
 
 
 def direct_up_to(modes):
@@ -162,7 +160,7 @@ def gaussian_prior(modes, sigma, mean=0.0, frame=None):
 
     Parameters
     ----------
-    modes : Modes
+    modes : Modes, or the degree lmax
     sigma : float or (p,) array — standard deviations; inf says nothing [µas/yr]
     mean : float or (p,) array — [µas/yr]
     frame : str, optional — of the axes, where the prior knows directions
@@ -172,7 +170,9 @@ def gaussian_prior(modes, sigma, mean=0.0, frame=None):
     ModesError
         If a sigma is not positive.
     """
-    sigma, mean = (np.broadcast_to(np.asarray(x, float), len(modes)) for x in (sigma, mean))
+    modes = as_modes(modes)
+    sigma = float_array("sigma", sigma, (len(modes),), finite=False, broadcast=True)
+    mean = float_array("mean", mean, (len(modes),), broadcast=True)
     if not (sigma > 0).all():
         raise ModesError("the standard deviations of a prior must be positive")
     weight = 1 / sigma**2

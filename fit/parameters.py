@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.normal import as_modes
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import ModesError, ParameterError
-from vsh.modes import Modes
+from vsh.modes import Modes, as_modes
 
 FRAME_NAMES = tuple(f"{vector}_{axis}" for vector in ("omega", "a") for axis in "xyz")
 

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fit.drift import as_velocity
+from vsh.apex import velocity_along
 from vsh.cosmology import transverse_distance
 from vsh.errors import ParameterError
 from vsh.redshifts import FLOW_LIMIT
@@ -61,7 +61,7 @@ def plot_bins(binned, velocity="planck"):
 
 
 def _draw_prediction(binned, velocity, panels):
-    velocity = as_velocity(velocity, binned.frame)
+    velocity = velocity_along(velocity, binned.frame)
     try:
         acceleration, _ = binned.drift(velocity)
     except ParameterError:

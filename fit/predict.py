@@ -4,13 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fit.normal import as_modes, normal_equations
+from fit.normal import normal_equations
 from fit.parameters import correlation_of, named
 from fit.solution import Solution
 from fit.solve import solve
 from vsh import Coefficients, Field
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import FieldError
+from vsh.modes import as_modes
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -3,12 +3,13 @@
 import numpy as np
 
 from fit.binned import BinnedSolution, ChiSquare, Trend
-from fit.normal import NormalEquations, as_modes, normal_equations
+from fit.normal import NormalEquations, normal_equations
 from fit.shuffle import chances_by_shuffling
 from fit.solution import Solution
 from fit.solve import solve
 from vsh import Coefficients, Field
 from vsh.errors import DegeneracyError, ParameterError
+from vsh.modes import as_modes
 from vsh.redshifts import FLOW_LIMIT, usable, with_redshift
 
 __all__ = ["BinnedSolution", "ChiSquare", "Trend", "binned", "chances_by_shuffling", "equal_information"]

@@ -1,8 +1,7 @@
 """A solution as a page of text."""
 
-import numpy as np
-
-from fit.spectrum import spectrum
+from fit.rows import components, direction, is_scaled, power_rows, vector_rows, vectors_of
+from vsh.notes import printable
 
 WIDTH = 88
 
@@ -34,88 +33,84 @@ def _heading(solution, source):
     modes = solution.modes
     lines = ["Vector spherical harmonics of proper motions", "─" * WIDTH]
     if source:
-        lines.append(f"catalogue      {source}")
+        lines.append(f"catalogue      {printable(source)}")
     lines += [
         f"sources        {solution.n_data // 2}",
         f"frame          {solution.frame}",
         f"degree         1 to {modes.lmax}: {len(modes)} coefficients",
         f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}",
     ]
-    if solution.errors_from != "the catalogue":
-        lines.append(f"errors from    {solution.errors_from}")
-    elif solution.reduced_chi2 > 1.5:
-        factor = np.sqrt(solution.reduced_chi2)
-        lines.append(
-            f"careful        errors below are the catalogue's: its residuals ask for {factor:.2f} times as much,"
-        )
-        lines.append("               and so do chances, which are too small")
-    if solution.dof < len(solution.modes):
-        lines.append("careful        fewer numbers to spare than parameters: small errors here may mean little")
+    lines += [f"{label:15}{text}" for label, text in warnings_of(solution)]
     return "\n".join(lines)
+
+
+def warnings_of(solution):
+    """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
+    found = []
+    if solution.errors_from != "the catalogue":
+        found.append(("errors from", solution.errors_from))
+    said = solution.quality.warning()
+    if said and solution.errors_from == "the catalogue":
+        found.append(("warning", said))
+        if solution.quality.factor > 1:
+            found.append(("", "errors below are the catalogue's; p-values are given for both"))
+    if 0 < solution.dof < len(solution.modes):
+        found.append(
+            (
+                "warning",
+                f"{solution.dof} degrees of freedom for {len(solution.modes)} coefficients: χ² says little of the errors",
+            )
+        )
+    return found
 
 
 def _vectors(solution, truth):
-    header = f"{'[µas/yr]':14}{'x':>16}{'y':>16}{'z':>16}{'amplitude':>18}"
-    lines = [header]
-    for name, vector in (("spin", solution.spin), ("acceleration", solution.acceleration)):
-        lines.append(name.ljust(14) + _row(vector))
-        if name in truth:
-            true = truth[name].to_frame(vector.frame)
-            away = (vector.value - true.value) / vector.sigma
-            cells = "".join(f"{t:+9.3f} ({d:+.1f}σ)".rjust(16) for t, d in zip(true.value, away))
-            lines.append("  truth".ljust(14) + cells + f"{true.amplitude:9.3f}")
+    lines = [f"{'[µas/yr]':14}{'x':>16}{'y':>16}{'z':>16}{'amplitude':>22}"]
+    for row in vector_rows(vectors_of(solution), truth):
+        label = f"  {row.name}" if row.is_truth else row.name
+        lines.append(f"{label:14}" + "".join(f"{cell:>16}" for cell in row.cells) + f"{row.amplitude:>22}")
     lines.append("")
-    for name, vector in (("spin", solution.spin), ("acceleration", solution.acceleration)):
+    for name, vector in vectors_of(solution).items():
+        other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
         lines.append(f"{name:14}toward {direction(vector)}")
-        other = "galactic" if vector.frame != "galactic" else "icrs"
-        lines.append(
-            f"{'':14}       {direction(vector.to_frame(other))}; amplitude less noise {vector.debiased_amplitude:.3f}"
-        )
+        lines.append(f"{'':14}       {direction(other)}; noise-debiased amplitude {vector.debiased_amplitude:.3f}")
     return "\n".join(lines)
-
-
-def _row(vector):
-    return components(vector) + f"{vector.amplitude:9.3f} ±{vector.amplitude_error:6.3f}".rjust(18)
-
-
-def components(vector):
-    """Three components with their errors, in one line."""
-    return "".join(f" {v:+8.3f} ±{s:6.3f}".rjust(16) for v, s in zip(vector.value, vector.sigma))
-
-
-def direction(vector):
-    """Longitude and latitude with their errors, named after the frame."""
-    names = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}[vector.frame]
-    pairs = zip(names, vector.direction, vector.direction_error)
-    return ", ".join(f"{name} = {value:+6.1f} ± {error:.1f}°" for name, value, error in pairs)
 
 
 def _degrees(solution):
+    both = is_scaled(solution)
     lines = [
-        "Power by degree, ∫|V|²dΩ [(µas/yr)²]: as fitted, less what noise alone gives, its error;",
-        "chance of as much from noise (exact χ², any sky), and Mignard & Klioner's Z (even sky)",
-        f"{'':8}{'power':>13}{'less noise':>13}{'±':>11}{'√power':>9}{'chance':>11}{'z':>8}{'M&K Z':>8}",
-    ]
-    for d in spectrum(solution):
+        "Power by degree, ∫|V|²dΩ [(µas/yr)²]: as fitted, noise-debiased, its error; the p-value of as much",
+        "from noise alone (exact χ², any sky) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
+        *(["p scaled: with errors multiplied by √(χ²/dof)"] if both else []),
+        f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}"
+        + (f"{'p scaled':>11}" if both else "") + f"{'z':>8}{'M&K Z':>8}",
+    ]  # fmt: skip
+    for row in power_rows(solution):
         lines.append(
-            f"{d.kind}{d.l:<7}{d.power:13.5g}{d.debiased:13.5g}{d.error:11.3g}{np.sqrt(d.power):9.3g}"
-            f"{_chance(d.p):>11}{d.z:8.2f}{d.mk_z:8.2f}"
+            f"{row.degree:8}{row.power:>13}{row.debiased:>13}{row.error:>11}{row.root:>9}{row.p:>11}"
+            + (f"{row.p_scaled:>11}" if both else "")
+            + f"{row.z:>8}{row.mk_z:>8}"
         )
     return "\n".join(lines)
 
 
-def _chance(p):
-    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300"
-
-
 def _check(check):
+    if check.largest < AGREE:
+        return (
+            f"Cross-check: plain least squares of degree 1 by two solvers without a common formula, on the same "
+            f"{check.direct.n_data // 2} sources,\nwith the catalogue's errors: they agree to {check.largest:.0e} σ. "
+            "It tests the solvers, not the errors above."
+        )
     lines = [
-        f"Cross-check: plain least squares of degree 1 alone on the same {check.direct.n_data // 2} sources, with the catalogue's",
-        "errors, by two solvers without a common formula",
+        f"CROSS-CHECK FAILED: degree 1 on the same {check.direct.n_data // 2} sources by two solvers differs by {check.largest:.1e} σ",
         f"{'[µas/yr]':26}{'x':>16}{'y':>16}{'z':>16}",
     ]
     for name in ("spin", "acceleration"):
         for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.direct)):
-            lines.append(f"{name:14}{solver:12}{components(getattr(result, name))}")
-    lines.append(f"largest difference: {check.largest:.1e} σ")
+            lines.append(f"{name:14}{solver:12}" + "".join(f"{c:>16}" for c in components(getattr(result, name))))
     return "\n".join(lines)
+
+
+#: Differences of the two solvers below this are rounding. [σ]
+AGREE = 1e-6

@@ -11,9 +11,15 @@ from scipy.optimize import minimize_scalar
 from scipy.special import gamma, gammainc, gammaln
 
 from fit.normal import normal_equations
+from fit.sandwich import sandwich
 from fit.solution import Solution
 from fit.solve import solve
+from vsh.arguments import positive, whole
 from vsh.errors import ConvergenceError
+from vsh.modes import as_modes
+
+#: Rounds after which leverages are held fixed.
+_ADAPTING = 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +29,13 @@ class Reweighted:
     Attributes
     ----------
     solution : Solution
-        Its covariance holds for the scatter that was found, not for the catalogue's errors.
+        Its covariance is that of the residuals, source by source, not of the catalogue's errors.
     weights : (n,) array
         By how much each source's inverse covariance was multiplied, up to a common factor.
     rounds : int
         How many fits it took.
     inflation : float
-        Standard errors over those of plain least squares with the catalogue's errors.
+        Standard errors over those of plain least squares with the catalogue's errors, rms over the coefficients.
     dof : float or None
         Of the Student-t distribution.
     """
@@ -50,16 +56,19 @@ class Reweighted:
         return np.argsort(self.weights, kind="stable")[:count]
 
 
-def student_t(field, modes, dof=None, **options):
+def student_t(field, modes, dof=None, tolerance=1e-4, max_rounds=500):
     """Fit with a bivariate Student-t likelihood of each source's residual.
 
     Parameters
     ----------
     field : Field
-    modes : Modes
+    modes : Modes, or the degree lmax
     dof : float, optional
         Degrees of freedom of the distribution; estimated by maximum likelihood, between
         0.5 and 200, unless given.
+    tolerance : float
+        The fit has settled when no coefficient moves by so much of its error.
+    max_rounds : int
 
     Returns
     -------
@@ -69,14 +78,18 @@ def student_t(field, modes, dof=None, **options):
     ------
     ConvergenceError
         If the weights have not settled.
+    ParameterError
+        If dof, tolerance or max_rounds is not positive.
 
     Notes
     -----
-    Weights u = (ν + 2)/(ν + X²): Lange, Little & Taylor (1989, JASA 84, 881).
+    Weights u = (ν + 2)/(ν + X²): Lange, Little & Taylor (1989, JASA 84, 881), with X² divided by one less the
+    source's leverage, so that ν is estimated from residuals as large as the errors. The covariance is a
+    sandwich, source by source: right for symmetric errors of any distribution at any place (pulls within
+    5 % at degree 6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that
+    neighbours share.
     """
-    if dof is not None and not dof > 0:
-        raise ValueError(f"dof must be positive, not {dof}")
-    state = {"dof": dof or 4.0}
+    state = {"dof": 4.0 if dof is None else positive("dof", dof)}
 
     def weight(x2):
         if dof is None:
@@ -85,23 +98,34 @@ def student_t(field, modes, dof=None, **options):
         u = (nu + 2) / (nu + x2)
         return u, -u / (nu + x2)
 
-    found = _reweighted(field, modes, weight, "Student-t", **options)
+    found = _reweighted(field, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
     return replace(found, dof=float(state["dof"]))
 
 
-def permissive(field, modes, **options):
-    """Fit taking every error for a lower bound, after Sivia.
+def permissive(field, modes, tolerance=1e-4, max_rounds=500):
+    """Fit taking every error for a lower bound: Sivia's conservative formulation.
 
     The true errors are s ≥ 1 times the stated ones, with probability density 1/s². For two
     components with a common s the likelihood is ∫₀¹ t² exp(−X² t²/2) dt.
+
+    Parameters
+    ----------
+    field, modes, tolerance, max_rounds
+        As for `student_t`.
 
     Returns
     -------
     Reweighted
 
+    Raises
+    ------
+    ConvergenceError, ParameterError
+        As `student_t`.
+
     Notes
     -----
-    Sivia & Skilling (2006, Data Analysis, sect. 8.3.1), there for one component.
+    Sivia & Skilling (2006, Data Analysis, sect. 8.3.1), there for one component. The covariance is the same
+    sandwich as that of `student_t`.
     """
 
     def weight(x2):
@@ -109,15 +133,19 @@ def permissive(field, modes, **options):
         i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (1.5, 2.5, 3.5))
         return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
 
-    return _reweighted(field, modes, weight, "Sivia's permissive likelihood", **options)
+    return _reweighted(field, modes, weight, "Sivia's conservative likelihood", tolerance, max_rounds, 0.5)
 
 
-def _reweighted(field, modes, weight, name, tolerance=1e-4, max_rounds=200):
+def _reweighted(field, modes, weight, name, tolerance, max_rounds, power):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error."""
+    modes, tolerance = as_modes(modes), positive("tolerance", tolerance)
     plain = solve(normal_equations(field, modes))
     solution, values = plain, plain.coefficients.values
-    for rounds in range(1, max_rounds + 1):
-        u, slope = weight(solution.residuals(field).chi2)
+    u = np.ones(len(field))
+    for rounds in range(1, whole("max_rounds", max_rounds) + 1):
+        if rounds <= _ADAPTING:  # the share of each source in its own fit; held fixed later, so that all settles
+            own = np.minimum(len(modes) * u * field.information / np.sum(u * field.information) / 2, 0.9)
+        u, slope = weight(solution.residuals(field).chi2 / (1 - own))
         solution = solve(normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes))
         moved = np.max(np.abs(solution.coefficients.values - values) / plain.sigma)
         values = solution.coefficients.values
@@ -127,12 +155,11 @@ def _reweighted(field, modes, weight, name, tolerance=1e-4, max_rounds=200):
         raise ConvergenceError(
             f"the weights have not settled after {max_rounds} rounds: coefficients move by {moved:.1e} σ"
         )
-    x2 = solution.residuals(field).chi2
-    u, slope = weight(x2)
-    # Huber's sandwich, for residuals whose distribution does not depend on the place in the sky: the
-    # score has the variance mean(u² X²)/2 and the slope mean(u + u' X²), in units of the plain N.
-    inflation = float(np.sqrt(np.mean(u * u * x2) / 2) / np.mean(u + slope * x2))
-    covariance = plain.covariance * inflation**2
+    residual = solution.residuals(field)
+    x2 = residual.chi2 / (1 - own)
+    # ∂(uΔ)/∂Δ is u on average across Δ and u + 2u'X² along it.
+    covariance, _ = sandwich(field, modes, residual.motion, u, u + slope * x2, power)
+    inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
     least = np.argsort(u, kind="stable")[:5]
     label = field.name if field.name is not None else np.arange(len(field))
     effective = u.sum() ** 2 / (u * u).sum()
@@ -143,9 +170,9 @@ def _reweighted(field, modes, weight, name, tolerance=1e-4, max_rounds=200):
     solution = replace(
         solution,
         covariance=covariance,
-        chi2=float(x2.sum()),
+        chi2=float(residual.chi2.sum()),
         notes=(*plain.notes, said),
-        errors_from="the scatter that the robust fit found",
+        errors_from="the residuals of the robust fit, source by source",
     )
     return Reweighted(solution, u, rounds, inflation)
 

@@ -1,11 +1,12 @@
 """What a fit found, and all that can be read off it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtrc
 
+from fit.quality import Quality
 from fit.storage import Stored
 from vsh.coefficients import FIRST_DEGREE, Coefficients
 from vsh.errors import FrameError
@@ -66,9 +67,22 @@ class Solution(Stored):
         return self.n_data - len(self.modes)
 
     @property
+    def quality(self):
+        """What χ² says of the errors, a `fit.quality.Quality`."""
+        return Quality(self.chi2, self.dof)
+
+    @property
     def reduced_chi2(self):
         """χ² per degree of freedom; nan where there is none."""
-        return self.chi2 / self.dof if self.dof > 0 else float("nan")
+        return self.quality.reduced
+
+    @property
+    def scaled(self):
+        """The same solution with errors multiplied by √(χ²/dof) where χ² contradicts them, and only there."""
+        factor = self.quality.factor
+        if factor == 1.0 or self.errors_from != "the catalogue":
+            return self
+        return replace(self, covariance=self.covariance * factor**2, errors_from=f"the catalogue, times {factor:.3g}")
 
     @cached_property
     def sigma(self):
@@ -107,13 +121,16 @@ class Solution(Stored):
         """Standard error of the power. [(µas/yr)²]
 
         For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
-        2 of the power; µᵀ W C W µ is estimated without bias, and not below zero.
+        2 of the power; µᵀ W C W µ is estimated without bias, and taken for zero where the degree is not
+        significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
         """
         degree = self.modes.degree(kind, l)
         wc = self._weighted_covariance(kind, l)
         wcwc = np.trace(wc @ wc)
         wc_c = self._power_weights(l) * self.coefficients.values[degree]
         signal = max(0.0, wc_c @ self.covariance[degree, degree] @ wc_c - wcwc)
+        if self.significance(kind, l) > 0.05:
+            signal = 0.0
         return float(np.sqrt(4 * signal + 2 * wcwc))
 
     def significance(self, kind, l):

@@ -6,9 +6,11 @@ from scipy.linalg.lapack import dpocon
 
 from fit.normal import NormalEquations, normal_equations
 from fit.solution import Solution
-from vsh import Coefficients, Field, Modes
-from vsh.errors import DegeneracyError
+from vsh import Coefficients, Field
+from vsh.errors import DegeneracyError, ParameterError
+from vsh.modes import as_modes
 
+_LOST = "warning: motions are a million times their errors, so χ² is lost to rounding: take a model away first"
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
 MAX_CONDITION = 1e10
 
@@ -34,7 +36,7 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
 
     Examples
     --------
-    >>> from vsh import Field
+    >>> from vsh import Field, Modes
     >>> rng = np.random.default_rng(1)
     >>> lon, lat = rng.uniform(0, 6.28, 100), np.arcsin(rng.uniform(-1, 1, 100))
     >>> spin = Coefficients.from_vectors(rotation=(1, 2, 3)).at(lon, lat)
@@ -43,7 +45,7 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
     array([1., 2., 3.])
     """
     if not isinstance(normal, NormalEquations):
-        raise TypeError(
+        raise ParameterError(
             f"solve takes normal equations, not a {type(normal).__name__}: fit.normal_equations(field, modes)"
         )
     if prior is not None:
@@ -51,25 +53,38 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
     factor, scale = _factor(normal, max_condition)
     covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
     values = scale * cho_solve(factor, scale * normal.rhs)
+    chi2, notes = float(normal.chi2_zero - values @ normal.rhs), normal.notes
+    if chi2 < 1e-11 * normal.chi2_zero and normal.n_data > len(normal.modes):
+        # The difference of two numbers that are equal to eleven digits.
+        chi2, notes = max(chi2, 0.0), (*notes, _LOST)
     return Solution(
         Coefficients(normal.modes, values),
         (covariance + covariance.T) / 2,
-        chi2=float(normal.chi2_zero - values @ normal.rhs),
+        chi2=chi2,
         n_data=normal.n_data,
         frame=normal.frame or "icrs",
-        notes=normal.notes,
+        notes=notes,
     )
 
 
-def fit_field(field, lmax):
-    """Fit all modes to degree `lmax` to a field: normal equations, solved.
+def fit_field(field, modes):
+    """Fit all modes to a degree to a field: normal equations, solved.
+
+    Parameters
+    ----------
+    field : Field or iterable of Fields
+    modes : Modes, or the degree lmax
+
+    Returns
+    -------
+    Solution
 
     Raises
     ------
     DegeneracyError
         If the sources cannot tell the modes apart.
     """
-    modes = Modes(lmax)
+    modes = as_modes(modes)
     if isinstance(field, Field) and 2 * len(field) < len(modes):
         raise DegeneracyError(_too_few(len(field), modes))
     return solve(normal_equations(field, modes))

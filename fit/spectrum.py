@@ -3,7 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, ndtri
+
+from fit.quality import normal_deviate
 
 
 class Degree(NamedTuple):
@@ -42,17 +43,6 @@ def wilson_hilferty(w, n):
     2.4304
     """
     return np.sqrt(4.5 * n) * (np.cbrt(w / n) - (1 - 2 / (9 * n)))
-
-
-def normal_deviate(w, n):
-    """The exact counterpart: the z with the same tail probability as W on χ² with n degrees of freedom.
-
-    >>> round(float(normal_deviate(12, 3)), 4)
-    2.4381
-    """
-    # Each tail from its own small probability: 1 - p would round to 1.
-    upper, lower = chdtrc(n, w), chdtr(n, w)
-    return np.where(upper < lower, -ndtri(upper), ndtri(lower))[()]
 
 
 def _degree(solution, kind, l):

@@ -10,7 +10,7 @@ import fit
 import sim
 from vsh import Coefficients, Field, Modes
 from vsh.basis import harmonics
-from vsh.errors import DegeneracyError, FieldError, FrameError, ModesError
+from vsh.errors import DegeneracyError, FieldError, FrameError, ModesError, VshError
 
 
 def test_recovers_a_noiseless_truth():
@@ -187,7 +187,7 @@ def test_wrong_nouns_are_told_the_right_ones():
     field = random_field(100, seed=1)
     with pytest.raises(FieldError, match="is a path: read it first"):
         fit.normal_equations("catalogue.fits", 1)
-    with pytest.raises(TypeError, match="solve takes normal equations, not a Field"):
+    with pytest.raises(VshError, match="solve takes normal equations, not a Field"):
         fit.solve(field)
     with pytest.raises(ModesError, match="GiB: lower lmax, or use fit.solve_matrix_free"):
         fit.normal_equations(field, 200)

@@ -57,7 +57,7 @@ def test_the_worst_sources_are_named(method):
     assert found.weights.argmin() == 77
     assert "most downweighted: Q77 (" in found.solution.notes[-1]
     assert 0.5 * len(SKY) < found.effective < len(SKY)
-    assert found.solution.errors_from == "the scatter that the robust fit found"
+    assert found.solution.errors_from == "the residuals of the robust fit, source by source"
 
 
 def test_weights_are_those_of_the_likelihood():
@@ -72,7 +72,7 @@ def test_weights_are_those_of_the_likelihood():
     expected = -(log_permissive(x2 + step) - log_permissive(x2 - step)) / step
     seen = {}
     fit.reweight._reweighted, kept = (
-        lambda field, modes, weight, name: seen.update(weight=weight),
+        lambda field, modes, weight, *_: seen.update(weight=weight),
         fit.reweight._reweighted,
     )
     try:
@@ -95,7 +95,7 @@ def test_degrees_of_freedom_are_found():
     # Fisher's information of ν = 3 from 20 000 pairs: a few per cent.
     assert found.dof == pytest.approx(3, rel=0.1)
     assert fit.robust.student_t(heavy, Modes(1), dof=5).dof == 5
-    with pytest.raises(ValueError, match="dof must be positive"):
+    with pytest.raises(ValueError, match="dof must be above zero"):
         fit.robust.student_t(heavy, Modes(1), dof=0)
 
 

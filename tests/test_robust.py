@@ -61,7 +61,7 @@ def test_a_source_may_come_back():
 def test_an_unsettled_clip_is_never_returned():
     with pytest.raises(ConvergenceError, match="not settled after 1 rounds"):
         fit.robust.clip(noisy(5, outliers=100), Modes(1), max_rounds=1)
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(ValueError, match="kappa must be above zero"):
         fit.robust.clip(noisy(5), Modes(1), kappa=0)
 
 

@@ -50,11 +50,35 @@ def transverse_distance(redshift, cosmology=None, hubble=None):
             f"{(~good).sum()} of {redshift.size} redshifts give no distance: {count_unusable(redshift)}. "
             "Leave those sources out first: vsh.redshifts.with_redshift(field), or --on-bad drop"
         )
+    farthest = _exact(np.linspace(redshift.min(), redshift.max(), 64), cosmology)
+    if not (farthest > 0).all():
+        raise FieldError(
+            f"redshifts up to {redshift.max():.3g} reach beyond the antipode of this closed cosmology, where distances are not "
+            "positive: leave them out, or lower its densities"
+        )
     if redshift.size > _EXACT:
         distance = _interpolated(redshift, cosmology)
     else:
         distance = _exact(redshift, cosmology)
     return distance if hubble is None else distance * (hubble_of(cosmology) / hubble)
+
+
+def redshift_of(distance, cosmology=None):
+    """The redshift at each transverse comoving distance [Mpc], (n,); nan where the distance is.
+
+    To the antipode of a closed cosmology, and to z = 1000.
+
+    >>> redshift_of(transverse_distance(np.array([0.01, 1.0]))).round(6)
+    array([0.01, 1.  ])
+    """
+    cosmology = PAPER if cosmology is None else cosmology
+    grid = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
+    known = _exact(grid, cosmology)
+    rising = slice(0, int(np.argmax(known)) + 1)
+    spline = make_interp_spline(np.log(known[rising]), np.log(grid[rising]), k=3)
+    distance = np.asarray(distance, float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.exp(spline(np.clip(np.log(distance), np.log(known[0]), np.log(known[rising][-1]))))
 
 
 def flat(omega_m):

@@ -111,3 +111,19 @@ class Modes:
         """The slice that holds every order of one degree of one kind."""
         start = self.index(Mode(kind, l, 0))
         return slice(start, start + 2 * l + 1)
+
+
+def as_modes(modes):
+    """Modes, or the degree lmax in their place.
+
+    Raises
+    ------
+    ModesError
+        If it is neither.
+
+    Examples
+    --------
+    >>> as_modes(2) == as_modes(Modes(2))
+    True
+    """
+    return modes if isinstance(modes, Modes) else Modes(modes)

@@ -221,7 +221,7 @@ def identifiers(name, values, missing):
     said = []
     mask = np.zeros(len(values), bool) if missing is None else missing
     if values.dtype.kind == "f" and not mask.all():
-        said.append(f"careful: {name} is a column of floating-point numbers, so long identifiers have lost digits")
+        said.append(f"warning: {name} is a column of floating-point numbers, so long identifiers have lost digits")
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     if mask.any() or values.dtype.kind not in "iuU":
@@ -233,7 +233,7 @@ def identifiers(name, values, missing):
     )  # a sort is faster than np.unique's hash
     repeated = int(np.sum(named[1:] == named[:-1]))
     if repeated:
-        said.append(f"careful: {repeated} rows repeat the {name} of another and count again")
+        said.append(f"warning: {repeated} rows repeat the {name} of another and count again")
     return values, said
 
 

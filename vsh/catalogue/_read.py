@@ -144,7 +144,7 @@ class _maker:
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(**found, frame=self.frame, on_bad=self.on_bad, notes=said, first_row=first_row)
         for note in said:
-            if note.startswith("careful"):
+            if note.startswith("warning"):
                 warn(note, VshWarning, stacklevel=3)
         return field
 

@@ -1,0 +1,100 @@
+"""The one rule on χ²: when the residuals contradict the errors, and by how much errors would have to change.
+
+A χ² per degree of freedom of 1.4 means nothing for ten numbers and a great deal for ten thousand, so the
+rule is one of significance, not of size. Text, page, bins, velocity and posterior all ask here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtr, chdtrc, fdtrc, gammaln, ndtri_exp
+
+#: From so many standard deviations on, a χ² contradicts the errors.
+SIGNIFICANT = 3.0
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What a χ² says of the errors it was formed with.
+
+    Attributes
+    ----------
+    chi2 : float
+    dof : int
+    """
+
+    chi2: float
+    dof: int
+
+    @property
+    def reduced(self):
+        """χ² per degree of freedom; nan where there is none."""
+        return self.chi2 / self.dof if self.dof > 0 else float("nan")
+
+    @property
+    def deviations(self):
+        """How far χ² is from its expectation, as a normal deviate: positive where residuals are too large."""
+        return float(normal_deviate(self.chi2, self.dof)) if self.dof > 0 and self.chi2 >= 0 else 0.0
+
+    @property
+    def contradicted(self):
+        """Whether the residuals contradict the errors, in either direction."""
+        return abs(self.deviations) > SIGNIFICANT
+
+    @property
+    def factor(self):
+        """By what errors would have to be multiplied for χ² to be as expected; 1 where they are not contradicted."""
+        return float(np.sqrt(self.reduced)) if self.contradicted else 1.0
+
+    def warning(self):
+        """What a report says, or None."""
+        if self.dof <= 0:
+            return "no degrees of freedom are left: the residuals say nothing of the errors"
+        if not self.contradicted:
+            return None
+        size = f"{self.reduced:.3f} is {abs(self.deviations):.1f} standard deviations from 1"
+        if self.deviations > 0:
+            return f"χ²/dof {size}: the residuals suggest errors {self.factor:.3g} times as large"
+        return f"χ²/dof {size}: the errors seem too large, by {1 / self.factor:.3g}"
+
+
+def log_p_value(chi2, dof):
+    """Logarithm of the probability of as much χ² or more; exact where the probability itself is zero in double precision.
+
+    >>> round(float(log_p_value(2000.0, 3)), 2)
+    -996.42
+    """
+    p = chdtrc(dof, chi2)
+    if p > 1e-290:
+        return np.log(p)
+    # Q(a, x) = x^(a−1) e^{−x}/Γ(a) (1 + (a−1)/x + (a−1)(a−2)/x² + …), the terms as long as they fall.
+    a, x = dof / 2, chi2 / 2
+    term = total = 1.0
+    for k in range(1, 200):
+        before, term = term, term * (a - k) / x
+        if term == 0 or abs(term) > abs(before):
+            break
+        total += term
+    return (a - 1) * np.log(x) - x - gammaln(a) + np.log(total)
+
+
+def normal_deviate(chi2, dof):
+    """The z with the same tail probability as χ² with so many degrees of freedom, of any size.
+
+    >>> round(float(normal_deviate(12, 3)), 4), round(float(normal_deviate(2000, 3)), 1)
+    (2.4381, 44.5)
+    """
+    # Each tail from its own small probability: 1 − p would round to 1.
+    lower = chdtr(dof, chi2)
+    if lower < 0.5:
+        return ndtri_exp(np.log(max(lower, 1e-300)))
+    return -ndtri_exp(log_p_value(chi2, dof))
+
+
+def f_p_value(chi2, numerator, denominator):
+    """Probability of as much or more of χ² whose scale was estimated: chi2/numerator against F(numerator, denominator)."""
+    if not numerator:
+        return float("nan")
+    if not np.isfinite(denominator) or denominator > 1e8:
+        return float(chdtrc(numerator, chi2))
+    return float(fdtrc(numerator, denominator, chi2 / numerator))

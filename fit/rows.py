@@ -1,0 +1,124 @@
+"""What is printed of vectors and powers: the one place that text, page, notebook and LaTeX take their rows from."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fit.spectrum import spectrum
+
+#: From this signal to noise on, a length has a symmetric error.
+_SURE = 3.0
+_ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
+
+
+class VectorRow(NamedTuple):
+    """One line of the table of vectors.
+
+    Attributes
+    ----------
+    name : str
+    cells : tuple of three str
+        Components with their errors; of a truth, with how far the fit is from it in its errors.
+    amplitude : str
+    is_truth : bool
+    """
+
+    name: str
+    cells: tuple
+    amplitude: str
+    is_truth: bool
+
+
+def vector_rows(vectors, truth=None):
+    """Rows of the table of vectors.
+
+    Parameters
+    ----------
+    vectors : dict of str to Vector
+    truth : dict of str to Vector, optional — of a simulated catalogue, by the same names
+    """
+    rows = []
+    for name, vector in vectors.items():
+        rows.append(VectorRow(name, components(vector), amplitude(vector), False))
+        true = (truth or {}).get(name)
+        if true is not None:
+            true = true.to_frame(vector.frame)
+            cells = zip(true.value, pulls(vector, true), strict=True)
+            rows.append(
+                VectorRow("truth", tuple(f"{t:+.3f} ({d:+.1f}σ)" for t, d in cells), f"{true.amplitude:.3f}", True)
+            )
+    return rows
+
+
+def vectors_of(solution):
+    """Spin and acceleration of a solution by name."""
+    return {"spin": solution.spin, "acceleration": solution.acceleration}
+
+
+def pulls(vector, true):
+    """How far a fit is from the truth in its own errors, (3,): positive where the fit is larger."""
+    return (vector.value - true.to_frame(vector.frame).value) / vector.sigma
+
+
+def components(vector):
+    """Three components with their errors."""
+    return tuple(f"{v:+.3f} ± {s:.3f}" for v, s in zip(vector.value, vector.sigma, strict=True))
+
+
+def amplitude(vector, digits=3):
+    """Length with its error; at low signal to noise with its 68 % interval, or its upper limit where it is not significant."""
+    if not vector.amplitude_error > 0:
+        return f"{vector.amplitude:.{digits}f}"
+    if vector.amplitude >= _SURE * vector.amplitude_error:
+        return f"{vector.amplitude:.{digits}f} ± {vector.amplitude_error:.{digits}f}"
+    if vector.p_value > 0.05:
+        return f"< {vector.amplitude_limit(0.95):.{digits}f} (95 %)"
+    low, high = vector.amplitude_interval(0.68)
+    return f"{low:.{digits}f} … {high:.{digits}f} (68 %)"
+
+
+def direction(vector):
+    """Longitude and latitude, named after the frame, with their errors; at low signal to noise with a cone."""
+    names = _ANGLES[vector.frame]
+    errors = vector.direction_error
+    if vector.amplitude_error > 0 and (vector.amplitude < _SURE * vector.amplitude_error or max(errors) > 40):
+        place = ", ".join(f"{name} = {value:+.1f}°" for name, value in zip(names, vector.direction, strict=True))
+        if vector.p_value > 0.05:
+            return f"not determined (fitted toward {place})"
+        return f"{place}, within {vector.direction_cone():.0f}° (68 %)"
+    pairs = zip(names, vector.direction, errors, strict=True)
+    return ", ".join(f"{name} = {value:+6.1f} ± {error:.1f}°" for name, value, error in pairs)
+
+
+class PowerRow(NamedTuple):
+    """One line of the table of powers, as text."""
+
+    degree: str
+    power: str
+    debiased: str
+    error: str
+    root: str
+    p: str
+    p_scaled: str
+    z: str
+    mk_z: str
+
+
+def power_rows(solution):
+    """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it."""
+    scaled = spectrum(solution.scaled)
+    return [
+        PowerRow(f"{d.kind}{d.l}", f"{d.power:.5g}", f"{d.debiased:.5g}", f"{d.error:.3g}", f"{np.sqrt(d.power):.3g}",
+                 p_value(d.p), p_value(s.p), f"{d.z:.2f}", f"{d.mk_z:.2f}")
+        for d, s in zip(spectrum(solution), scaled, strict=True)
+    ]  # fmt: skip
+
+
+def p_value(p):
+    """A probability as it is printed."""
+    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300"
+
+
+def is_scaled(solution):
+    """Whether p-values are shown twice: as quoted, and with scaled errors."""
+    return solution.scaled is not solution
