@@ -6,11 +6,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
+from fit.normal import NormalEquations
 from fit.quality import Quality, f_p_value
-from fit.storage import Stored
-from vsh import tables
+from fit.solution import Solution
+from fit.storage import Stored, coefficient_columns, count, exact, number, words
+from vsh import Coefficients, Modes, tables
+from vsh.arguments import covariance, float_array
 from vsh.coefficients import FIRST_DEGREE
-from vsh.errors import ParameterError
+from vsh.errors import ParameterError, TableError
+from vsh.frames import check_frame
+from vsh.frozen import Frozen
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
 
@@ -30,7 +35,7 @@ class ChiSquare(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Trend:
+class Trend(Frozen):
     """Coefficients that change linearly: c(x) = c_0 + slope (x − x_0).
 
     Attributes
@@ -217,6 +222,52 @@ class BinnedSolution(Stored):
         from fit.plot_redshift import plot_bins
 
         return plot_bins(self, velocity)
+
+    def _pack(self):
+        p, bins, q = len(self.modes), len(self), len(self.free)
+        joint = np.full((bins * p, bins * q), np.nan)
+        joint[: bins * q] = self.covariance
+        each = coefficient_columns(self.modes)
+        columns = {"bin": np.repeat(np.arange(bins), p)} | {name: values * bins for name, values in each.items()}
+        columns |= {
+            "value": np.concatenate([s.coefficients.values for s in self.solutions]),
+            "covariance": np.concatenate([s.covariance for s in self.solutions]), "joint_covariance": joint,
+            "normal_matrix": np.concatenate([n.matrix for n in self.normals]),
+            "normal_rhs": np.concatenate([n.rhs for n in self.normals]),
+        }  # fmt: skip
+        rest = {name: [exact(x) for x in getattr(self, name)] for name in ("edges", "redshift", "nearness")}
+        rest |= {"counts": self.counts.tolist(), "free": self.free.tolist(), "notes": list(map(str, self.notes)),
+                 "lmax": self.modes.lmax, "frame": self.frame,
+                 "solutions": [[exact(s.chi2), int(s.n_data), list(map(str, s.notes)), s.errors_from] for s in self.solutions],
+                 "normals": [[exact(n.chi2_zero), int(n.n_data), list(map(str, n.notes))] for n in self.normals]}  # fmt: skip
+        return columns, rest, {"value": "uas / yr"}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        modes, frame = Modes(rest["lmax"]), check_frame(rest["frame"])
+        solutions, normals = [], []
+        for b, (solved, summed) in enumerate(zip(rest["solutions"], rest["normals"], strict=True)):
+            mine = columns["bin"] == b
+            chi2, n_data, notes, errors_from = solved
+            coefficients = Coefficients(modes, columns["value"][mine])
+            solutions.append(Solution(coefficients, columns["covariance"][mine], number(chi2), count(n_data), frame,
+                                      words(notes), str(errors_from)))  # fmt: skip
+            matrix = covariance("normal_matrix", columns["normal_matrix"][mine], len(modes))
+            rhs = float_array("normal_rhs", columns["normal_rhs"][mine], (len(modes),))
+            chi2_zero, n_data, notes = summed
+            normals.append(NormalEquations(modes, matrix, rhs, number(chi2_zero), count(n_data), frame, words(notes)))
+        bins = len(solutions)
+        edges, redshift, nearness = (
+            float_array(name, [number(x) for x in rest[name]], (size,), finite=name != "nearness")
+            for name, size in (("edges", bins + 1), ("redshift", bins), ("nearness", bins))
+        )
+        free = np.array([count(k) for k in rest["free"]], int)
+        if not (np.diff(edges) > 0).all() or len(rest["counts"]) != bins or (free >= len(modes)).any():
+            raise TableError("edges, counts or coefficients of the bins")
+        size = len(free) * bins
+        joint = covariance("joint_covariance", columns["joint_covariance"][:size], size)
+        return cls(edges, solutions, normals, redshift, np.array([count(k) for k in rest["counts"]], int), joint, free,
+                   nearness, words(rest["notes"]))  # fmt: skip
 
     def _chosen(self, kind, l):
         """Values (B, q) of some of the free coefficients, their covariance and which they are."""

@@ -4,10 +4,10 @@ import time
 
 import emcee
 import numpy as np
-from tqdm import tqdm
 
 from fit import checkpoint as checkpoints
 from vsh.errors import CheckpointError, ParameterError
+from vsh.progress import progress_bar
 
 
 def autocorrelation(chain):
@@ -54,9 +54,7 @@ class Run:
     def finish(self):
         last = time.monotonic()
         cost = 0.0
-        bar = tqdm(
-            total=len(self.chain), initial=self.done, desc="chain", delay=2, unit=" steps", disable=not self.progress
-        )
+        bar = progress_bar(None, len(self.chain), "chain", self.progress, " steps", initial=self.done)
         remaining = len(self.chain) - self.done
         if remaining == 0:
             return self.chain, self.log_probability

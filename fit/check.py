@@ -8,11 +8,12 @@ from fit.frame import FrameSolution, solve_frame
 from fit.normal import normal_equations
 from fit.solution import Solution
 from fit.solve import solve
+from vsh.frozen import Frozen
 from vsh.modes import Modes
 
 
 @dataclass(frozen=True, eq=False)
-class CrossCheck:
+class CrossCheck(Frozen):
     """Spin and acceleration by harmonics of degree 1 and by the direct frame solver.
 
     Attributes

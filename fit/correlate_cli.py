@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 import vsh
-from vsh import shell
+from vsh import outputs, shell
 
 
 def main(arguments=None):
     """Run `vsh-correlate`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
-    options = parser.parse_args(arguments)
+    options = shell.parse(parser, arguments)
     if options.leakage is not None and options.leakage <= options.lmax:
         parser.error(f"--leakage is the highest degree that is not fitted: more than --lmax {options.lmax}")
     if options.parameters == "frame" and options.lmax > 1:
@@ -23,15 +23,15 @@ def main(arguments=None):
 
 
 def _run(options):
-    folder = shell.folder(options.output) if options.output else None
+    if options.output:
+        outputs.check_folder(options.output, "vsh-correlate", options.overwrite)
     # Not before: --help should not wait for astropy.
     from fit import correlation
     from vsh.catalogue import read_sources
 
     paths = [path for path in (options.first, options.second) if path]
     fields = [
-        read_sources(path, options.columns, options.units, options.on_bad, options.sigma).to_frame(options.frame)
-        for path in paths
+        read_sources(path, sigma=options.sigma, **shell.reading(options)).to_frame(options.frame) for path in paths
     ]
     labels = _labels(paths)
     what = "frame" if options.parameters == "frame" else options.lmax
@@ -53,10 +53,13 @@ def _run(options):
             lines.append(_leak(leaks[-1][1], label, options))
     notes = [f"  - {label}: {note}" for field, label in zip(fields, labels, strict=True) for note in field.notes]
     text = "\n".join(lines + (["Notes", *notes, ""] if notes else []))
-    print(text)
-    if folder:
+    shell.say(text)
+    if options.output:
         meta = shell.provenance(paths, options, {"vsh-astrometry": vsh.__version__}, sources=[len(f) for f in fields])
-        _write(folder, text, found, influences, leaks, meta)
+        with outputs.results_folder(options.output, "vsh-correlate", meta, options.overwrite) as folder:
+            _write(folder, text, found, influences, leaks, meta)
+            listed = [x.name for x in folder.iterdir()]
+        shell.say(shell.written(options.output, listed))
 
 
 def _labels(paths):
@@ -71,7 +74,7 @@ def _sky(correlation, field, label, options):
     found = correlation.predict(field, options.lmax)
     lines.append(
         f"{label}: errors of a fit of degree {options.lmax}: spin {_three(found.spin.sigma)}, acceleration "
-        f"{_three(found.acceleration.sigma)} µas/yr; {100 * found.efficiency:.0f} % of what an even sky of the same weight tells"
+        f"{_three(found.acceleration.sigma)} µas/yr; {100 * found.efficiency:.0f} % of what an uniform sky of the same weight tells"
     )
     return "\n".join(lines) + "\n"
 
@@ -136,7 +139,6 @@ def _write(folder, text, found, influences, leaks, meta):
         tables.write_table(leak.table(), folder / f"leakage_{label}.ecsv", meta)
         figures[f"leakage_{label}"] = leak.plot()
     save_figures(figures, folder)
-    print(shell.written(folder))
 
 
 def _parser():

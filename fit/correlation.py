@@ -11,9 +11,11 @@ from fit.normal import normal_equations
 from fit.parameters import correlation_of, parameters
 from fit.predict import Prediction, as_field, plan, predict, predict_drift
 from fit.solve import solve
-from fit.storage import Stored
+from fit.storage import Stored, exact, number, words
 from fit.thin import Thinned, thin
-from vsh.errors import FrameError, ParameterError
+from vsh.arguments import covariance, float_array
+from vsh.errors import FrameError, ParameterError, TableError
+from vsh.frames import check_frame
 from vsh.sphere import triad
 
 __all__ = [
@@ -101,6 +103,28 @@ class CorrelationMap(Stored):
         from fit.plot_correlation import plot_matrix
 
         return plot_matrix(self)
+
+    def _pack(self):
+        columns = {"parameter": list(self.names)} | {f"matrix_{i}": matrix for i, matrix in enumerate(self.matrices)}
+        rest = {
+            "labels": list(self.labels),
+            "frame": self.frame,
+            "dipoles": [[exact(x) for x in d] for d in self.dipoles],
+        }
+        return columns, rest, {}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        labels, names = words(rest["labels"]), tuple(columns["parameter"].tolist())
+        dipoles = [float_array("dipole", [number(x) for x in d], (3,)) for d in rest["dipoles"]]
+        matrices = [covariance(f"matrix_{i}", columns[f"matrix_{i}"], len(names)) for i in range(len(labels))]
+        if (
+            len(dipoles) != len(labels)
+            or any((np.abs(m) > 1 + 1e-9).any() for m in matrices)
+            or len(set(names)) < len(names)
+        ):
+            raise TableError("labels, names or correlations")
+        return cls(names, matrices, labels, dipoles, check_frame(rest["frame"]))
 
     def _explanation(self, i):
         x, y, z = self.dipoles[i]

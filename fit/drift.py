@@ -40,8 +40,7 @@ class DriftSolution(NamedSolution):
     notes : tuple of str
     """
 
-    peculiar: float
-    notes: tuple = ()
+    peculiar: float = 750.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,41 +8,51 @@ from pathlib import Path
 import numpy as np
 
 import vsh
-from vsh import shell
+from vsh import outputs, shell
 from vsh.apex import PLANCK
 from vsh.errors import VshError
+from vsh.notes import dropped
 from vsh.vector import Vector
 
 
 def main(arguments=None):
     """Run `vsh-drift`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
-    options = parser.parse_args(arguments)
+    options = shell.parse(parser, arguments)
     if options.checkpoint and not options.posterior:
         parser.error("--checkpoint is for --posterior")
     if not (options.hubble or options.velocity or options.bins or options.posterior):
         parser.error("say what is wanted: --hubble H0, --velocity planck, --bins EDGES, --posterior")
+    if (
+        options.checkpoint
+        and options.output
+        and Path(options.output).resolve() in Path(options.checkpoint).resolve().parents
+    ):
+        parser.error("keep the checkpoint outside the folder of results, which is replaced as a whole")
     return shell.guarded("vsh-drift", lambda: _run(options))
 
 
 def _run(options):
-    folder = shell.folder(options.output) if options.output else None
+    if options.output:
+        outputs.check_folder(options.output, "vsh-drift", options.overwrite)
     # Not before: --help should not wait for astropy and emcee.
     from fit import drift, drift_report
     from vsh import catalogue, tables
     from vsh.redshifts import with_redshift
 
-    table = tables.read(options.catalogue)
-    whole = catalogue.read_field(table, options.columns, options.units, options.on_bad).to_frame(options.frame)
+    source = tables.open_table(options.catalogue)
+    whole = catalogue.read_field(source, **shell.reading(options)).to_frame(options.frame)
     if whole.redshift is None:
         raise VshError(
             f"{options.catalogue} has no column of redshifts: name it, --columns redshift=NAME. "
-            f"The table has {', '.join(table.colnames)}"
+            f"The table has {', '.join(source.names)}"
         )
+    refused = dropped(whole.notes)
+    counts = {"rows": len(whole) + refused, "rows_read": len(whole)}
     if options.clip:
         whole = _clipped(whole, options.clip)
     cosmology = _cosmology(options)
-    results, texts, truth = {}, [], catalogue.truth_of(table)
+    results, texts, truth = {}, [], catalogue.truth_of(source)
     if options.bins:
         results["bins"] = _binned(whole, options)
         texts.append(drift_report.report_bins(results["bins"], chances=_chances(whole, results["bins"])))
@@ -56,16 +66,17 @@ def _run(options):
         results["hubble"] = drift.hubble_constant(field, options.velocity, **common)
         texts.append(drift_report.report_drift(results["hubble"], options.catalogue, truth))
     for text in texts:
-        print(text)
+        shell.say(text)
     if options.posterior:
         results["posterior"] = _posterior(field, options, common)
         texts.append(results["posterior"].report() + "\n")
-        print(texts[-1])
-    if folder:
-        meta = shell.provenance(
-            options.catalogue, options, {"vsh-astrometry": vsh.__version__}, rows=len(table), rows_read=len(whole)
-        )
-        _write(results, "\n".join(texts), folder, meta)
+        shell.say(texts[-1])
+    if options.output:
+        meta = shell.provenance(options.catalogue, options, {"vsh-astrometry": vsh.__version__}, **counts)
+        with outputs.results_folder(options.output, "vsh-drift", meta, options.overwrite) as folder:
+            _write(results, "\n".join(texts), folder, meta)
+            listed = [x.name for x in folder.iterdir()]
+        shell.say(shell.written(options.output, listed))
 
 
 def _cosmology(options):
@@ -108,9 +119,11 @@ def _posterior(field, options, common):
         hubble = Flat(*options.hubble_range)
     if options.free_peculiar:
         common = common | {"peculiar": Flat(0.0, options.free_peculiar)}
-    return sample(
-        field, options.velocity or PLANCK, hubble, options.samples, options.seed, options.checkpoint, **common
-    )
+    prior = options.velocity or PLANCK
+    if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
+        l, b = prior.direction
+        prior = Vector.from_polar(prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s")
+    return sample(field, prior, hubble, options.samples, options.seed, options.checkpoint, **common)
 
 
 def _write(results, text, folder, meta):
@@ -140,7 +153,6 @@ def _write(results, text, folder, meta):
         results["posterior"].write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
         figures |= {"corner": results["posterior"].corner, "trace": results["posterior"].trace}
     save_figures({name: draw() for name, draw in figures.items()}, folder)
-    print(shell.written(Path(folder)))
 
 
 def _parser():
@@ -150,10 +162,10 @@ def _parser():
         "both, and spin and acceleration in bins of redshift, from a catalogue of proper motions and redshifts.",
         epilog="Example: vsh-drift galaxies.fits --hubble 67.4 --velocity planck --bins 0.001,0.01,0.03 --output results",
     )
-    parser.add_argument("catalogue", help="FITS, VOTable, ECSV, CSV or Parquet file")
+    parser.add_argument("catalogue", help="FITS, VOTable, ECSV, CSV or Parquet file, or a folder of them")
     parser.add_argument("--hubble", type=shell.positive, metavar="H0", help="km/s/Mpc: fit our velocity")
     parser.add_argument(
-        "--velocity", type=_velocity, metavar="planck|V,L,B", help="km/s, Galactic degrees of the apex: fit H0"
+        "--velocity", type=shell.velocity, metavar="planck|SPEED,L,B", help="km/s, Galactic degrees of the apex: fit H0"
     )
     parser.add_argument(
         "--bins", type=_edges, metavar="N|Z,Z,…", help="spin and acceleration in bins of redshift: edges, or how many"
@@ -185,18 +197,6 @@ def _parser():
     shell.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-drift {vsh.__version__}")
     return parser
-
-
-def _velocity(text):
-    if text == "planck":
-        return PLANCK
-    try:
-        amplitude, l, b = shell.vector(text)
-    except argparse.ArgumentTypeError:
-        amplitude, l, b = 0.0, 0.0, 0.0
-    if not (amplitude > 0 and abs(b) <= 90):
-        raise argparse.ArgumentTypeError(f"'planck', or a speed above zero with Galactic l,b, is wanted, not {text!r}")
-    return Vector.from_polar(amplitude, l, b, (1e-3 * amplitude, 1e-3, 1e-3), "galactic", "km/s")
 
 
 def _edges(text):

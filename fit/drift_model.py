@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.priors import PLANCK_HUBBLE, Flat, Normal, as_prior, velocity_prior
+from fit.priors import PLANCK_HUBBLE, Flat, Normal, as_prior, integrable_over_cube, velocity_prior
 from fit.ridge import Ridge, ridge
 from vsh.errors import ParameterError
 
@@ -79,13 +79,20 @@ def priors(velocity, hubble, peculiar, extra, frame):
     Raises
     ------
     ParameterError
-        If one is none, or if neither bounds the ridge: flat for the velocity and without limits for H0.
+        If one is none, if neither bounds the ridge (flat for the velocity and without limits for H0), or if
+        the posterior of H0 is not integrable.
     """
     velocity, hubble = velocity_prior(velocity, frame), as_prior(hubble, "H0", _HUBBLE_PRIORS)
     if not (velocity.proper or hubble.proper):
         raise ParameterError(
             "the data see only the product v · H0: with a flat prior on the velocity, that on H0 must be proper "
             "(Flat(low, high), Normal(mean, sigma)), or the other way round"
+        )
+    if velocity.name == "flat" and not integrable_over_cube(hubble):
+        raise ParameterError(
+            f"with a prior flat in the velocity the posterior of H0 goes as p(H0)/H0³, which for {hubble} has no integral: small H0 "
+            'would win by where the sampler stops. Take velocity_prior="flat-product" (flat in v · H0: the prior on H0 comes '
+            "back), or give H0 a lower limit, Normal(mean, sigma, low=…) or Flat(low, high)"
         )
     return Priors(velocity, hubble, _number_or_prior(peculiar, "peculiar"), _number_or_prior(extra, "extra"))
 
@@ -125,7 +132,9 @@ class DriftModel:
         return (theta[:, :3], theta[:, :3] / ratio) if self.along == "u" else (theta[:, :3] * ratio, theta[:, :3])
 
     def log_jacobian(self, ratio):
-        """log |∂v/∂(coordinates)|."""
+        """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u."""
+        if self.priors.velocity.in_product:
+            return 0.0 if self.along == "u" else 3 * np.log(ratio)
         return -3 * np.log(ratio) if self.along == "u" else 0.0
 
     def log_probability(self, theta):
@@ -167,6 +176,8 @@ class DriftModel:
         log = c - (misfit - np.einsum("ni,ni->n", pull, mean)) / 2 - np.linalg.slogdet(precision)[1] / 2
         if prior.proper:
             log += np.linalg.slogdet(prior.precision)[1] / 2
+        if prior.in_product:
+            log += 3 * np.log(ratio)
         return self.priors.log(numbers) + log, mean, covariance
 
     def start(self, rng, walkers):

@@ -50,7 +50,7 @@ def report_drift(solution, source=None, truth=None):
     lines += ["", *rows, ""]
     a = solution.acceleration
     lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| = {amplitude(a)} µas/yr")
-    lines.append(f"{'':14}toward {direction(a.to_frame('galactic'))}")
+    lines.append(f"{'':14}{direction(a.to_frame('galactic'))}")
     lines += ["", "Correlations", f"{'':8}" + "".join(f"{name:>8}" for name in solution.names)]
     for name, row in zip(solution.names, solution.correlation, strict=True):
         lines.append(f"{name:8}" + "".join(f"{value:+8.3f}" for value in row))
@@ -64,8 +64,8 @@ def _velocity(solution, quality):
     from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
     return [
         f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (sources drift toward the antapex) [km/s]",
-        f"{'velocity':14}{_cells(components(v))}  |v| = {amplitude(v, 1)}",
-        f"{'galactic':14}{_cells(components(galactic))}",
+        f"{'velocity':14}{_cells(components(v, 1))}  |v| = {amplitude(v, 1)}",
+        f"{'galactic':14}{_cells(components(galactic, 1))}",
         f"{'apex':14}{direction(galactic)}; noise-debiased |v| {v.debiased_amplitude:.1f}",
         f"no velocity at all: {_both(from_none, 3, quality)}",
         f"the microwave background's {PLANCK.amplitude:.1f} km/s: {_both(from_planck, 3, quality)}",
@@ -92,7 +92,7 @@ def _truth(solution, truth):
 
         expected = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
         away = pulls(solution.velocity, expected)
-        cells = _cells(f"{value:+.3f} ({d:+.1f}σ)" for value, d in zip(expected.value, away, strict=True))
+        cells = _cells(f"{value:+.1f} ({d:+.1f}σ)" for value, d in zip(expected.value, away, strict=True))
         note = "" if truth["hubble"] == solution.assumed_hubble else f" (simulated with H0 = {truth['hubble']:g})"
         return f"{'  truth':14}{cells}{note}"
     if not true.amplitude:
@@ -105,7 +105,7 @@ def _hubble(solution, quality):
     pull = solution.hubble / solution.hubble_error
     scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
     return [
-        f"for a velocity of {v.amplitude:.2f} km/s toward {direction(v)}",
+        f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
         f"{'H0':14}{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc, {pull:.1f} standard errors from none{scaled}",
     ]
 

@@ -16,7 +16,9 @@ import numpy as np
 from scipy.linalg import solve_triangular, svdvals
 
 from fit.named import NamedSolution
-from vsh.errors import DegeneracyError, FrameError
+from vsh.errors import DegeneracyError, FieldError, FrameError
+from vsh.field import Field
+from vsh.notes import merge_notes
 
 _AXES = "xyz"
 _ROWS = 100_000
@@ -36,6 +38,7 @@ class FrameSolution(NamedSolution):
     chi2 : float
     n_data : int
     frame : str
+    notes : tuple of str
     """
 
     @property
@@ -76,6 +79,8 @@ def solve_frame(motions, offsets=None):
     >>> found.spin.value.round(9), found.acceleration.value.round(9)
     (array([1., 2., 3.]), array([4., 5., 6.]))
     """
+    if not isinstance(motions, Field) or not isinstance(offsets, (Field, type(None))):
+        raise FieldError(f"the frame solver takes Fields, not {type(motions).__name__} and {type(offsets).__name__}")
     if offsets is not None and offsets.frame != motions.frame:
         raise FrameError(f"motions are in {motions.frame}, offsets in {offsets.frame}: take both to one frame")
     groups = [("omega", "a")] if offsets is None else [("epsilon",), ("omega", "a")]
@@ -94,7 +99,8 @@ def solve_frame(motions, offsets=None):
             triangle = np.linalg.qr(np.concatenate([triangle, wide]), mode="r")
         column += width
     n_data = 2 * sum(map(len, parts))
-    return _back_substitute(triangle, names, n_data, motions.frame)
+    notes = motions.notes if offsets is None else merge_notes(offsets.notes, motions.notes)
+    return _back_substitute(triangle, names, n_data, motions.frame, notes)
 
 
 def _equations(field, acceleration):
@@ -114,7 +120,7 @@ def _equations(field, acceleration):
     return np.concatenate([east / s1, north])
 
 
-def _back_substitute(triangle, names, n_data, frame):
+def _back_substitute(triangle, names, n_data, frame, notes):
     p = len(names)
     r, rhs = triangle[:p, :p], triangle[:p, p]
     lengths = np.linalg.norm(r, axis=0) if len(r) == p else np.zeros(p)
@@ -123,4 +129,4 @@ def _back_substitute(triangle, names, n_data, frame):
         raise DegeneracyError(f"{n_data // 2} sources cannot separate {', '.join(names)}: widen the sky coverage")
     inverse = solve_triangular(r, np.eye(p))
     chi2 = float(triangle[p, p] ** 2) if len(triangle) > p else 0.0
-    return FrameSolution(names, inverse @ rhs, inverse @ inverse.T, chi2, n_data, frame)
+    return FrameSolution(names, inverse @ rhs, inverse @ inverse.T, chi2, n_data, frame, notes)

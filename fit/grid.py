@@ -7,11 +7,12 @@ import numpy as np
 from fit.drift_model import drift_model, priors
 from fit.drift_rows import drift_rows
 from vsh.errors import ParameterError
+from vsh.frozen import Frozen
 from vsh.vector import Vector
 
 
 @dataclass(frozen=True, eq=False)
-class GridPosterior:
+class GridPosterior(Frozen):
     """Probabilities on a grid of H0 and perhaps one more, with the velocity integrated exactly.
 
     Attributes

@@ -114,7 +114,7 @@ def _cards(solution):
         galactic = vector.to_frame("galactic")
         cells.append(
             f'<div class="card">{name}<b>{escape(amplitude(vector, 2))} µas/yr</b>'
-            f'<span class="faint">toward {escape(direction(galactic))}; noise-debiased {vector.debiased_amplitude:.2f}</span></div>'
+            f'<span class="faint">{escape(direction(galactic))}; noise-debiased {vector.debiased_amplitude:.2f}</span></div>'
         )
     cells.append(
         f'<div class="card">χ² per degree of freedom<b>{solution.reduced_chi2:.3f}</b>'

@@ -9,9 +9,12 @@ from fit.normal import normal_equations
 from fit.parameters import check_lower, correlation_of, named
 from fit.predict import as_field
 from fit.solve import solve
-from fit.storage import Stored
+from fit.storage import Stored, words
 from vsh import Coefficients, Modes
-from vsh.errors import DegeneracyError, ParameterError
+from vsh.arguments import float_array
+from vsh.errors import DegeneracyError, ParameterError, TableError
+from vsh.frames import check_frame
+from vsh.frozen import Frozen
 from vsh.modes import as_modes
 
 
@@ -82,6 +85,22 @@ class Leakage(Stored):
         from fit.plot_correlation import plot_leakage
 
         return plot_leakage(self)
+
+    def _pack(self):
+        columns = {"coefficient": list(self.names), "matrix": self.matrix}
+        rest = {"fitted": self.fitted.lmax, "unmodelled": self.unmodelled.lmax, "names": list(self.unmodelled_names)}
+        return columns, rest | {"frame": self.frame}, {}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        fitted, unmodelled = Modes(rest["fitted"]), Modes(rest["unmodelled"])
+        check_lower(fitted, unmodelled)
+        expected = tuple(str(mode) for mode in unmodelled if mode.l > fitted.lmax)
+        names = tuple(columns["coefficient"].tolist())
+        if names != tuple(map(str, fitted)) or words(rest["names"]) != expected:
+            raise TableError("names of coefficients")
+        matrix = float_array("matrix", columns["matrix"], (len(names), len(expected)))
+        return cls(matrix, fitted, unmodelled, names, expected, check_frame(rest["frame"]))
 
     def _columns(self, values):
         return values[[i for i, mode in enumerate(self.unmodelled) if mode.l > self.fitted.lmax]]
@@ -190,7 +209,7 @@ def recommend_lmax(sources, max_condition=100.0, max_correlation=0.5, highest=10
 
 
 @dataclass(frozen=True, eq=False)
-class Eigenmodes:
+class Eigenmodes(Frozen):
     """Fields that a sky measures independently of each other, from the worst to the best.
 
     Attributes

@@ -10,13 +10,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh_tridiagonal
-from tqdm import tqdm
 
 from fit.compress import Rings, fourier_sums
 from fit.solution import Solution
 from vsh import Coefficients, Field, Modes
-from vsh.errors import ConvergenceError, CovarianceError, FieldError
+from vsh.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
+from vsh.modes import as_modes
 from vsh.notes import merge_notes
+from vsh.progress import progress_bar
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.
 LOW = 12
@@ -46,6 +47,15 @@ class MatrixFreeSolution(Solution):
     residual: float = 0.0
     condition: float = 1.0
 
+    def __post_init__(self):
+        """There is no covariance to check."""
+
+    def __eq__(self, other):
+        return self is other
+
+    def __hash__(self):
+        return id(self)
+
     def __getattribute__(self, name):
         if name == "covariance":
             raise CovarianceError(
@@ -63,7 +73,7 @@ def solve_matrix_free(
     Parameters
     ----------
     fields : Field or iterable of Fields
-    modes : Modes
+    modes : Modes, or the degree lmax
     prior_power : float, (lmax,) array or function of l, optional
         Expected power of one kind and degree under a Gaussian prior of mean zero, the same
         for T and S; inf says nothing. Needed where the sky leaves modes undetermined.
@@ -87,6 +97,7 @@ def solve_matrix_free(
         If it has not converged; the message says how ill-conditioned the problem is, which
         degrees still move, how much of the sky is empty, and what to do.
     """
+    modes = as_modes(modes)
     system = _System(fields, modes, prior_power, threads)
     values, iterations, residual, condition = _conjugate_gradients(
         system, system.rhs, tolerance, max_iterations, progress and f"degree {modes.lmax}"
@@ -123,7 +134,7 @@ def prior_precision(modes, power):
     power = np.array([power(each) for each in l] if callable(power) else power, float)
     power = np.broadcast_to(power, l.shape)
     if not (power > 0).all():
-        raise ValueError("the prior power must be positive at every degree")
+        raise ParameterError("the prior power must be positive at every degree")
     return ((2 * l + 1) / power)[modes.degrees - 1] * modes.multiplicity
 
 
@@ -192,7 +203,7 @@ def _conjugate_gradients(system, rhs, tolerance, max_iterations, words):
     z = system.precondition(r)
     p, rz = z.copy(), r @ z
     start, alphas, betas = rz, [], []
-    bar = tqdm(total=max_iterations, desc=words or None, delay=2, disable=not words, unit=" steps")
+    bar = progress_bar(None, max_iterations, words, bool(words), " steps")
     with bar:
         for iteration in range(1, max_iterations + 1):
             if rz <= tolerance**2 * start:

@@ -4,7 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.storage import Stored
+from fit.quality import Quality
+from fit.storage import Stored, count, exact, number
+from vsh.arguments import covariance, float_array
+from vsh.errors import TableError
+from vsh.frames import check_frame
 from vsh.vector import Vector
 
 
@@ -23,6 +27,8 @@ class NamedSolution(Stored):
         Two a source.
     frame : str
         Of the axes.
+    notes : tuple of str
+        What the reader should know of the data.
     """
 
     names: tuple
@@ -31,6 +37,50 @@ class NamedSolution(Stored):
     chi2: float
     n_data: int
     frame: str
+    notes: tuple = ()
+
+    def __post_init__(self):
+        """Check what a file or a caller may have mixed up.
+
+        Raises
+        ------
+        ParameterError
+            If values or covariance do not go with the names.
+        """
+        size = len(self.names)
+        object.__setattr__(self, "values", float_array("the values", self.values, (size,), finite=False))
+        object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, size))
+        super().__post_init__()
+
+    def _pack(self):
+        columns = {
+            "parameter": list(self.names),
+            "value": self.values,
+            "sigma": self.sigma,
+            "covariance": self.covariance,
+        }
+        rest = {name: _packed(getattr(self, name)) for name in self.__dataclass_fields__
+                if name not in ("names", "values", "covariance")}  # fmt: skip
+        return columns, rest, {}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        options = {name: _unpacked(rest[name]) for name in cls.__dataclass_fields__ if name in rest}
+        options["n_data"], options["frame"] = count(options["n_data"]), check_frame(options["frame"])
+        names = tuple(columns["parameter"].tolist())
+        if len(set(names)) < len(names):
+            raise TableError("names of parameters repeat")
+        return cls(names=names, values=columns["value"], covariance=columns["covariance"], **options)
+
+    @property
+    def quality(self):
+        """What χ² says of the errors, a `fit.quality.Quality`."""
+        return Quality(self.chi2, self.dof)
+
+    @property
+    def reduced_chi2(self):
+        """χ² per degree of freedom; nan where there is none."""
+        return self.quality.reduced
 
     @property
     def sigma(self):
@@ -60,3 +110,25 @@ class NamedSolution(Stored):
         start = self.names.index(f"{name}_x")
         part = slice(start, start + 3)
         return Vector(self.values[part], self.covariance[part, part], self.frame, unit)
+
+
+def _packed(value):
+    """A plain value, to the last bit."""
+    if isinstance(value, Vector):
+        return {"value": list(map(exact, value.value)), "covariance": [list(map(exact, row)) for row in value.covariance],
+                "frame": value.frame, "unit": value.unit}  # fmt: skip
+    if isinstance(value, (float, np.floating)):
+        return exact(value)
+    return list(map(str, value)) if isinstance(value, tuple) else value
+
+
+def _unpacked(value):
+    if isinstance(value, dict):
+        three = [number(x) for x in value["value"]]
+        return Vector(
+            three, [[number(x) for x in row] for row in value["covariance"]], value["frame"], str(value["unit"])
+        )
+    if isinstance(value, list):
+        return tuple(map(str, value))
+    is_hex = isinstance(value, str) and value.lstrip("-").startswith(("0x", "nan", "inf"))
+    return number(value) if is_hex else value

@@ -11,11 +11,12 @@ from fit.solution import Solution
 from fit.solve import solve
 from vsh.arguments import positive, whole
 from vsh.errors import ConvergenceError
+from vsh.frozen import Frozen
 from vsh.modes import as_modes
 
 
 @dataclass(frozen=True, eq=False)
-class ExtraNoise:
+class ExtraNoise(Frozen):
     """A fit with a variance added to every source.
 
     Attributes

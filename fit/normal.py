@@ -11,6 +11,7 @@ from fit.direct import direct_sums
 from vsh import Field, Modes
 from vsh.arguments import choice, float_array
 from vsh.errors import FieldError, FrameError, ModesError
+from vsh.frozen import Frozen
 from vsh.modes import as_modes
 from vsh.notes import merge_notes
 
@@ -19,7 +20,7 @@ MEMORY = 8 * 2**30
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class NormalEquations:
+class NormalEquations(Frozen):
     """N c = b, summed over data. They add: chunks, catalogues and priors alike.
 
     Attributes

@@ -6,13 +6,14 @@ import numpy as np
 
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import ModesError, ParameterError
+from vsh.frozen import Frozen
 from vsh.modes import Modes, as_modes
 
 FRAME_NAMES = tuple(f"{vector}_{axis}" for vector in ("omega", "a") for axis in "xyz")
 
 
 @dataclass(frozen=True, eq=False)
-class Parameters:
+class Parameters(Frozen):
     """Linear functions of coefficients.
 
     Attributes

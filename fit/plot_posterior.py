@@ -26,7 +26,7 @@ def plot_corner(posterior, names=None):
     """Every pair of quantities, with 68 and 95 % contours."""
     samples = posterior.samples
     if names is None:
-        names = [name for name in samples if not name.startswith(("a_", "omega_", "speed"))]
+        names = [name for name in samples if not name.startswith(("omega_", "speed"))]
     data = np.stack([samples[name] for name in names], axis=1)
     figure = corner.corner(
         data, labels=[label(name) for name in names], levels=(0.683, 0.954), quantiles=(0.15865525, 0.5, 0.84134475),

@@ -13,8 +13,10 @@ from fit.drift_rows import drift_rows
 from fit.grid import GridPosterior, grid
 from fit.mixture import MixtureModel
 from fit.priors import Density, Flat, Normal, as_prior
-from fit.summary import UNITS, Interval, intervals, text_of
+from fit.summary import FITS_UNITS, UNITS, Interval, intervals, text_of
+from vsh.arguments import generator
 from vsh.errors import ConvergenceError, ParameterError
+from vsh.frozen import Frozen
 from vsh.quiet import quiet_imports
 from vsh.vector import Vector
 
@@ -25,7 +27,7 @@ ENOUGH = 50
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Posterior:
+class Posterior(Frozen):
     """A chain and what it says.
 
     Attributes
@@ -112,7 +114,10 @@ class Posterior:
         about = {"type": "Posterior", "seed": self.seed, "notes": list(map(str, self.notes))}
         about = {"frame": self.frame, "RESULT": json.dumps(about | {"priors": self.model.priors.describe()})}
         tables.write(
-            path, self.samples, about | (meta or {}), {name: UNITS[name] for name in self.samples if UNITS.get(name)}
+            path,
+            self.samples,
+            about | (meta or {}),
+            {name: FITS_UNITS[UNITS[name]] for name in self.samples if UNITS.get(name)},
         )
 
     def to_arviz(self):
@@ -195,8 +200,10 @@ def sample(
     ----------
     field : Field
         With redshifts, none below the flow.
-    velocity_prior : "planck", "flat", Vector with covariance [km/s], or a function
-        A function takes velocities (n, 3) along the field's axes and returns log-densities (n,).
+    velocity_prior : "planck", "flat", "flat-product", Vector with covariance [km/s], or a function
+        "flat" is flat in v: p(H0) then goes as its prior over H0³, and a prior on H0 for which that has no
+        integral is refused. "flat-product" is flat in u = v H0, which is what the data see: the prior on H0
+        comes back. A function takes velocities (n, 3) along the field's axes and returns log-densities (n,).
     hubble_prior : "planck", "flat", (mean, σ), Flat, Normal or Density
         [km/s/Mpc] "flat" has no upper limit; the chain stays below 1000.
     n_samples : int
@@ -231,7 +238,7 @@ def sample(
     Raises
     ------
     ParameterError
-        If a prior is none, or neither of the two is proper.
+        If a prior is none, neither of the two is proper, or the posterior has no integral.
     CheckpointError
         If the checkpoint belongs to another run, or is damaged.
     DegeneracyError, FieldError
@@ -254,7 +261,7 @@ def sample(
     steps = -(-int(n_samples) // walkers)
     if steps < 2:
         raise ParameterError(f"{n_samples} samples are fewer than two steps of {walkers} walkers")
-    seed = int(np.random.default_rng(rng).integers(2**32))
+    seed = int(generator(rng).integers(2**32))
     begin = model.start(np.random.default_rng(seed), walkers)
     run = Run(model, begin, seed, steps, progress, save_every)
     if checkpoint is not None:

@@ -8,7 +8,9 @@ from fit.normal import normal_equations
 from fit.parameters import correlation_of, named
 from fit.solution import Solution
 from fit.solve import solve
+from fit.storage import exact, number
 from vsh import Coefficients, Field
+from vsh.arguments import covariance
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import FieldError
 from vsh.modes import as_modes
@@ -37,6 +39,19 @@ class Prediction(Solution):
         correlation = correlation_of(pair.covariance(self.covariance))
         i, j = np.unravel_index(np.argmax(np.abs(correlation - np.eye(6))), (6, 6))
         return float(correlation[i, j]), (pair.names[i], pair.names[j])
+
+    def _pack(self):
+        columns, rest, units = super()._pack()
+        return (
+            columns,
+            rest | {"weight": exact(self._weight), "alone": [[exact(x) for x in row] for row in self._alone]},
+            units,
+        )
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        alone = np.array([[number(x) for x in row] for row in rest["alone"]])
+        return cls(*cls._plain(columns, rest), number(rest["weight"]), covariance("alone", alone, 6))
 
     # What `predict` found on the way: total weight Σ tr W, and N of spin and acceleration alone.
     _weight: float = 0.0

@@ -66,12 +66,29 @@ class Density:
         return f"Density({_named(self.function)}, {self.low}, {self.high})"
 
     def log(self, x):
+        """Log-density at x, any shape."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, self.function(np.where(inside, x, (self.low + self.high) / 2)), -np.inf)
 
 
 #: Planck Collaboration (2020, A&A 641, A6): H0 from the microwave background. [km/s/Mpc]
 PLANCK_HUBBLE = Normal(67.4, 0.5)
+
+
+def integrable_over_cube(prior):
+    """Whether ∫ p(x)/x³ dx over x > 0 is finite at zero.
+
+    >>> integrable_over_cube(Flat(50.0, 80.0)), integrable_over_cube(Normal(67.3, 15.0))
+    (True, False)
+    """
+    if prior.low > 0:
+        return True
+    # The share of each decade must fall: x p(x)/x³ from 1e-2 down to 1e-8 of the prior's own scale.
+    scale = prior.high if np.isfinite(prior.high) else max(getattr(prior, "mean", 1.0), 1.0)
+    x = scale * np.geomspace(1e-2, 1e-8, 7)
+    with np.errstate(all="ignore"):
+        share = prior.log(x) - 2 * np.log(x)
+    return bool((np.diff(share) < -0.1).all() or np.isneginf(share).all())
 
 
 def as_prior(value, name, named=()):
@@ -105,16 +122,25 @@ class VelocityPrior:
     mean, precision : (3,) and (3, 3) arrays or None — of a Gaussian; None for others [km/s]
     function : callable or None — (n, 3) km/s → (n,) log-densities
     name : str
+        For the fingerprint of a chain.
+    words : str
+        For reports.
     """
 
     name: str
     mean: np.ndarray = None
     precision: np.ndarray = None
     function: callable = None
+    words: str = ""
 
     @property
     def proper(self):
-        return self.name != "flat"
+        return self.name not in ("flat", "flat-product")
+
+    @property
+    def in_product(self):
+        """Whether the density is flat in u = v H0, not in v: p(v, H0) = p(H0) H0³."""
+        return self.name == "flat-product"
 
     @property
     def gaussian(self):
@@ -135,11 +161,16 @@ def velocity_prior(value, frame):
 
     Parameters
     ----------
-    value : "planck", "flat", a Vector in km/s with its covariance, or a function from velocities
-        (n, 3), along the axes of `frame`, to log-densities (n,)
+    value : "planck", "flat", "flat-product", a Vector in km/s with its covariance, or a function from
+        velocities (n, 3), along the axes of `frame`, to log-densities (n,)
+
+    Raises
+    ------
+    ParameterError
+        If it is none of these, or a Vector without errors.
     """
-    if isinstance(value, str) and value == "flat":
-        return VelocityPrior("flat", np.zeros(3), np.zeros((3, 3)))
+    if isinstance(value, str) and value in ("flat", "flat-product"):
+        return VelocityPrior(value, np.zeros(3), np.zeros((3, 3)))
     if isinstance(value, str) and value == "planck":
         value = PLANCK
     if isinstance(value, Vector):
@@ -147,10 +178,14 @@ def velocity_prior(value, frame):
         if not np.linalg.eigvalsh(turned.covariance)[0] > 0:
             raise ParameterError("a Gaussian prior on the velocity needs errors in all three components")
         precision = np.linalg.inv(turned.covariance)
-        return VelocityPrior(f"Gaussian {value.value} {value.sigma} {value.frame}", turned.value, precision)
+        l, b = value.to_frame("galactic").direction
+        words = f"{value.amplitude:.2f} ± {value.amplitude_error:.2g} km/s toward l = {l:.2f}°, b = {b:+.2f}°"
+        return VelocityPrior(
+            f"Gaussian {value.value} {value.sigma} {value.frame}", turned.value, precision, words=words
+        )
     if callable(value):
         return VelocityPrior(f"function {_named(value)}", function=value)
-    raise ParameterError(f"a velocity prior is 'planck', 'flat', a Vector or a function, not {value!r}")
+    raise ParameterError(f"a velocity prior is 'planck', 'flat', 'flat-product', a Vector or a function, not {value!r}")
 
 
 def _named(function):

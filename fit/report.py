@@ -72,8 +72,8 @@ def _vectors(solution, truth):
     lines.append("")
     for name, vector in vectors_of(solution).items():
         other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
-        lines.append(f"{name:14}toward {direction(vector)}")
-        lines.append(f"{'':14}       {direction(other)}; noise-debiased amplitude {vector.debiased_amplitude:.3f}")
+        lines.append(f"{name:14}{direction(vector)}")
+        lines.append(f"{'':14}{direction(other)}; noise-debiased amplitude {vector.debiased_amplitude:.3f}")
     return "\n".join(lines)
 
 

@@ -16,6 +16,7 @@ from fit.solution import Solution
 from fit.solve import solve
 from vsh.arguments import positive, whole
 from vsh.errors import ConvergenceError
+from vsh.frozen import Frozen
 from vsh.modes import as_modes
 
 #: Rounds after which leverages are held fixed.
@@ -23,7 +24,7 @@ _ADAPTING = 15
 
 
 @dataclass(frozen=True, eq=False)
-class Reweighted:
+class Reweighted(Frozen):
     """A fit that trusts each source as far as the source deserves.
 
     Attributes

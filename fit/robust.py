@@ -11,13 +11,14 @@ from fit.solution import Solution
 from fit.solve import solve
 from vsh.arguments import positive, whole
 from vsh.errors import ConvergenceError
+from vsh.frozen import Frozen
 from vsh.modes import as_modes
 
 __all__ = ["Clipped", "ExtraNoise", "Reweighted", "clip", "extra_noise", "permissive", "student_t"]
 
 
 @dataclass(frozen=True, eq=False)
-class Clipped:
+class Clipped(Frozen):
     """A fit to the sources that agree with it.
 
     Attributes

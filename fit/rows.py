@@ -60,9 +60,9 @@ def pulls(vector, true):
     return (vector.value - true.to_frame(vector.frame).value) / vector.sigma
 
 
-def components(vector):
+def components(vector, digits=3):
     """Three components with their errors."""
-    return tuple(f"{v:+.3f} ± {s:.3f}" for v, s in zip(vector.value, vector.sigma, strict=True))
+    return tuple(f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in zip(vector.value, vector.sigma, strict=True))
 
 
 def amplitude(vector, digits=3):
@@ -78,16 +78,16 @@ def amplitude(vector, digits=3):
 
 
 def direction(vector):
-    """Longitude and latitude, named after the frame, with their errors; at low signal to noise with a cone."""
+    """Where a vector points: "toward …", named after the frame, with errors; at low signal to noise with a cone."""
     names = _ANGLES[vector.frame]
     errors = vector.direction_error
     if vector.amplitude_error > 0 and (vector.amplitude < _SURE * vector.amplitude_error or max(errors) > 40):
         place = ", ".join(f"{name} = {value:+.1f}°" for name, value in zip(names, vector.direction, strict=True))
         if vector.p_value > 0.05:
-            return f"not determined (fitted toward {place})"
-        return f"{place}, within {vector.direction_cone():.0f}° (68 %)"
+            return f"direction not determined (fitted: {place})"
+        return f"toward {place}, within {vector.direction_cone():.0f}° (68 %)"
     pairs = zip(names, vector.direction, errors, strict=True)
-    return ", ".join(f"{name} = {value:+6.1f} ± {error:.1f}°" for name, value, error in pairs)
+    return "toward " + ", ".join(f"{name} = {value:+6.1f} ± {error:.1f}°" for name, value, error in pairs)
 
 
 class PowerRow(NamedTuple):

@@ -7,9 +7,12 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.quality import Quality
-from fit.storage import Stored
+from fit.storage import Stored, coefficient_columns, count, exact, number, words
+from vsh.arguments import covariance
 from vsh.coefficients import FIRST_DEGREE, Coefficients
 from vsh.errors import FrameError
+from vsh.frames import check_frame
+from vsh.modes import Modes
 from vsh.vector import Vector
 
 
@@ -160,6 +163,36 @@ class Solution(Stored):
         if field.frame != self.frame:
             raise FrameError(f'the fit is in {self.frame}, the field in {field.frame}: use .to_frame("{self.frame}")')
         return field.minus(at_sources(self.coefficients, field))
+
+    def __post_init__(self):
+        """Check what a file or a caller may have mixed up.
+
+        Raises
+        ------
+        ParameterError
+            If the covariance is none of so many coefficients.
+        """
+        object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, len(self.modes)))
+        super().__post_init__()
+
+    def _pack(self):
+        columns = coefficient_columns(self.modes) | {
+            "value": self.coefficients.values, "sigma": self.sigma, "covariance": self.covariance,
+        }  # fmt: skip
+        rest = {"lmax": self.modes.lmax, "chi2": exact(self.chi2), "n_data": int(self.n_data), "frame": self.frame,
+                "notes": list(map(str, self.notes)), "errors_from": self.errors_from}  # fmt: skip
+        return columns, rest, dict.fromkeys(("value", "sigma"), "uas / yr") | {"covariance": "uas2 / yr2"}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        return cls(*cls._plain(columns, rest))
+
+    @staticmethod
+    def _plain(columns, rest):
+        """What every solution is made of, in the order of its attributes."""
+        coefficients = Coefficients(Modes(rest["lmax"]), columns["value"])
+        return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
+                words(rest["notes"]), str(rest["errors_from"]))  # fmt: skip
 
     def _vector(self, kind):
         # The rows of FIRST_DEGREE are orthogonal, but not of one length: the inverse, then.

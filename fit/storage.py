@@ -2,25 +2,39 @@
 
 What does not fit into columns stands as JSON under RESULT in the metadata: FITS headers keep
 neither all digits of a number nor letters beyond ASCII.
+
+Each kind of result says itself how it is packed; this file knows none of them by name. A file is
+checked as strictly as a field is: what was written is what comes back, or an error that says what is wrong.
 """
 
 import json
+import re
+from dataclasses import fields
 from importlib import import_module
 
 import numpy as np
 
-from vsh.errors import TableError
+from vsh.errors import TableError, VshError
+from vsh.frozen import Frozen
+from vsh.notes import printable
 
-#: Where each kind of result is defined.
-_HOMES = {
-    "Solution": "fit.solution", "Prediction": "fit.predict", "FrameSolution": "fit.frame", "VelocitySolution": "fit.drift",
-    "HubbleSolution": "fit.drift", "BinnedSolution": "fit.binned", "CorrelationMap": "fit.correlation", "Leakage": "fit.leakage",
-}  # fmt: skip
 _FORMATS = ("ascii.ecsv", "fits")
+#: Kinds of results whose modules have been imported, by name.
+_KINDS = {}
+#: A file names the module of its kind; none but ours is ever imported.
+_OURS = re.compile(r"fit(\.\w+)+")
 
 
-class Stored:
-    """A result that can be written to a file and read back."""
+class Stored(Frozen):
+    """A result that can be written to a file and read back.
+
+    A class gives `_pack()` → (columns, the rest as plain values, units of columns) and the class method
+    `_unpack(columns, rest)`, which may raise anything on what is not right.
+    """
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        _KINDS[cls.__name__] = cls
 
     def write(self, path, meta=None):
         """Write to an ECSV or FITS file, which takes its name when it is complete.
@@ -29,12 +43,17 @@ class Stored:
         ----------
         path : str or Path
         meta : dict, optional — provenance, plain values
+
+        Raises
+        ------
+        TableError
+            If the name ends otherwise.
         """
         from vsh import tables
 
         _check_format(path)
-        columns, rest, units = pack(self)
-        mark = json.dumps({"type": type(self).__name__} | rest)
+        columns, rest, units = self._pack()
+        mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | rest)
         plain = {key: value for key, value in (("frame", getattr(self, "frame", None)), ("n_data", getattr(self, "n_data", None)))
                  if value is not None}  # fmt: skip
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
@@ -48,14 +67,37 @@ class Stored:
         Raises
         ------
         TableError
-            If the file holds no result, or one of another kind.
+            If the file holds no result, one of another kind, or one that is not as it was written.
         """
         found = read(path)
         if not isinstance(found, cls):
             raise TableError(
-                f"{path} holds a {type(found).__name__}, not a {cls.__name__}: fit.storage.read takes either"
+                f"{printable(path)} holds a {type(found).__name__}, not a {cls.__name__}: fit.storage.read takes either"
             )
         return found
+
+    def __eq__(self, other):
+        """Whether two results are of one kind and the same in every number."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(same(getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
+
+    def __hash__(self):
+        return hash((type(self).__name__, repr(self)))
+
+
+def same(one, two):
+    """Whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
+    if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):
+        one, two = np.asarray(one), np.asarray(two)
+        return one.shape == two.shape and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
+    if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
+        return len(one) == len(two) and all(map(same, one, two))
+    if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
+        return bool(np.isnan(two))
+    if hasattr(one, "__dataclass_fields__") and type(one) is type(two):
+        return all(same(getattr(one, name), getattr(two, name)) for name in one.__dataclass_fields__)
+    return bool(one == two)
 
 
 def read(path):
@@ -64,46 +106,72 @@ def read(path):
     Raises
     ------
     TableError
-        If the file holds none.
+        If the file holds none, or one that is not as it was written.
     """
     from vsh import tables
 
     _check_format(path)
-    table = tables.read(path)
+    table, shown = tables.read(path), printable(path)
     try:
         rest = json.loads({key.upper(): value for key, value in table.meta.items()}["RESULT"])
-        kind = rest.pop("type")
-        home = import_module(_HOMES[kind])
-    except (KeyError, TypeError, ValueError):
-        raise TableError(f"{path} holds no result of a fit: it lacks its mark, RESULT, in the metadata") from None
-    columns = {name: _native(table[name]) for name in table.colnames}
-    return _UNPACK[_family(kind)](getattr(home, kind), columns, rest)
+        kind, module = rest.pop("type"), rest.pop("module")
+        home = _kind(kind, module)
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ImportError):
+        raise TableError(f"{shown} holds no result of a fit: it lacks its mark, RESULT, in the metadata") from None
+    try:
+        columns = {name: _native(name, table[name]) for name in table.colnames}
+        found = home._unpack(columns, rest)
+        _check_same(found, columns, table)
+    except (VshError, KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise TableError(
+            f"{shown} is damaged: its {kind} is not as it was written ({printable(what)[:300]})"
+        ) from error
+    return found
 
 
-def pack(result):
-    """Columns, the rest as plain values, and units of columns."""
-    return _PACK[_family(type(result).__name__)](result)
+def _kind(name, module):
+    if name not in _KINDS and _OURS.fullmatch(module):
+        import_module(module)
+    return _KINDS[name]
 
 
-def _family(kind):
-    if kind in ("FrameSolution", "VelocitySolution", "HubbleSolution"):
-        return "parameters"
-    return "solution" if kind == "Prediction" else kind.lower()
+def _check_same(found, columns, table):
+    """Packed again, the result must give the columns that were read, in their order and units."""
+    again, _, units = found._pack()
+    if set(again) != set(columns):
+        raise TableError(f"columns {', '.join(sorted(set(again) ^ set(columns)))}")
+    for name, values in again.items():
+        if not same(np.asarray(values).astype(columns[name].dtype), columns[name]):
+            raise TableError(f"column {name} does not go with the others")
+        unit = table[name].unit
+        wanted = units.get(name)
+        if (unit is None) != (wanted is None) or (wanted is not None and unit != _unit(wanted)):
+            raise TableError(f"column {name} is in {unit}, not in {wanted}")
+
+
+def _unit(text):
+    from astropy.units import Unit
+
+    return Unit(text)
 
 
 def _check_format(path):
     from vsh import tables
 
     if tables.format_of(path) not in _FORMATS:
-        raise TableError(f"{path}: results are written as .ecsv or .fits, which keep every bit")
+        raise TableError(f"{printable(path)}: results are written as .ecsv or .fits, which keep every bit")
 
 
-def _native(column):
+def _native(name, column):
+    if np.any(getattr(column, "mask", False)):
+        raise TableError(f"{np.sum(column.mask)} values of column {name} are missing")
     array = np.asarray(column)
     return array.astype(array.dtype.newbyteorder("=")) if array.dtype.kind in "fi" else array.astype(str)
 
 
-def _coefficient_columns(modes):
+def coefficient_columns(modes):
+    """The columns that name each coefficient."""
     modes = list(modes)
     return {
         "coefficient": [str(mode) for mode in modes], "kind": [mode.kind for mode in modes],
@@ -111,162 +179,25 @@ def _coefficient_columns(modes):
     }  # fmt: skip
 
 
-def _pack_solution(solution):
-    columns = _coefficient_columns(solution.modes) | {
-        "value": solution.coefficients.values, "sigma": solution.sigma, "covariance": solution.covariance,
-    }  # fmt: skip
-    rest = {"lmax": solution.modes.lmax, "chi2": _exact(solution.chi2), "n_data": int(solution.n_data), "frame": solution.frame,
-            "notes": list(map(str, solution.notes)), "errors_from": solution.errors_from}  # fmt: skip
-    if hasattr(solution, "_weight"):
-        rest |= {"weight": _exact(solution._weight), "alone": [[_exact(x) for x in row] for row in solution._alone]}
-    return columns, rest, dict.fromkeys(("value", "sigma"), "uas / yr") | {"covariance": "uas2 / yr2"}
-
-
-def _unpack_solution(kind, columns, rest):
-    from vsh import Coefficients, Modes
-
-    coefficients = Coefficients(Modes(rest["lmax"]), columns["value"])
-    extra = ()
-    if "weight" in rest:
-        extra = _number(rest["weight"]), np.array([[_number(x) for x in row] for row in rest["alone"]])
-    return kind(
-        coefficients, columns["covariance"], _number(rest["chi2"]), rest["n_data"], rest["frame"], tuple(rest["notes"]),
-        rest["errors_from"], *extra,
-    )  # fmt: skip
-
-
-def _pack_parameters(found):
-    from vsh.vector import Vector
-
-    columns = {
-        "parameter": list(found.names),
-        "value": found.values,
-        "sigma": found.sigma,
-        "covariance": found.covariance,
-    }
-    rest = {}
-    for name in found.__dataclass_fields__:
-        if name in ("names", "values", "covariance"):
-            continue
-        value = getattr(found, name)
-        if isinstance(value, Vector):
-            value = {"value": [_exact(x) for x in value.value], "covariance": [[_exact(x) for x in row] for row in value.covariance],
-                     "frame": value.frame, "unit": value.unit}  # fmt: skip
-        rest[name] = (
-            _exact(value) if isinstance(value, float) else list(map(str, value)) if isinstance(value, tuple) else value
-        )
-    return columns, rest, {}
-
-
-def _unpack_parameters(kind, columns, rest):
-    from vsh.vector import Vector
-
-    options = {}
-    for name, value in rest.items():
-        if isinstance(value, dict):
-            three, nine = (np.vectorize(_number)(value[key]) for key in ("value", "covariance"))
-            options[name] = Vector(three, nine, value["frame"], value["unit"])
-        else:
-            options[name] = tuple(value) if isinstance(value, list) else _number(value) if _is_hex(value) else value
-    return kind(
-        names=tuple(columns["parameter"].tolist()), values=columns["value"], covariance=columns["covariance"], **options
-    )
-
-
-def _pack_binnedsolution(binned):
-    p, bins, q = len(binned.modes), len(binned), len(binned.free)
-    joint = np.full((bins * p, bins * q), np.nan)
-    joint[: bins * q] = binned.covariance
-    each = _coefficient_columns(binned.modes)
-    columns = {"bin": np.repeat(np.arange(bins), p)} | {name: values * bins for name, values in each.items()}
-    columns |= {
-        "value": np.concatenate([s.coefficients.values for s in binned.solutions]),
-        "covariance": np.concatenate([s.covariance for s in binned.solutions]), "joint_covariance": joint,
-        "normal_matrix": np.concatenate([n.matrix for n in binned.normals]),
-        "normal_rhs": np.concatenate([n.rhs for n in binned.normals]),
-    }  # fmt: skip
-    rest = {name: [_exact(x) for x in getattr(binned, name)] for name in ("edges", "redshift", "nearness")}
-    rest |= {"counts": binned.counts.tolist(), "free": binned.free.tolist(), "notes": list(map(str, binned.notes)),
-             "lmax": binned.modes.lmax, "frame": binned.frame,
-             "solutions": [[_exact(s.chi2), int(s.n_data), list(map(str, s.notes)), s.errors_from] for s in binned.solutions],
-             "normals": [[_exact(n.chi2_zero), int(n.n_data), list(map(str, n.notes))] for n in binned.normals]}  # fmt: skip
-    return columns, rest, {"value": "uas / yr"}
-
-
-def _unpack_binnedsolution(kind, columns, rest):
-    from fit.normal import NormalEquations
-    from vsh import Coefficients, Modes
-
-    one = import_module(_HOMES["Solution"]).Solution
-    modes, frame = Modes(rest["lmax"]), rest["frame"]
-    solutions, normals = [], []
-    for b, (solved, summed) in enumerate(zip(rest["solutions"], rest["normals"], strict=True)):
-        mine = columns["bin"] == b
-        chi2, n_data, notes, errors_from = solved
-        coefficients = Coefficients(modes, columns["value"][mine])
-        solutions.append(
-            one(coefficients, columns["covariance"][mine], _number(chi2), n_data, frame, tuple(notes), errors_from)
-        )
-        matrix, rhs = columns["normal_matrix"][mine], columns["normal_rhs"][mine]
-        normals.append(NormalEquations(modes, matrix, rhs, _number(summed[0]), summed[1], frame, tuple(summed[2])))
-    edges, redshift, nearness = (
-        np.array([_number(x) for x in rest[name]]) for name in ("edges", "redshift", "nearness")
-    )
-    size = len(rest["free"]) * len(solutions)
-    return kind(
-        edges, solutions, normals, redshift, np.array(rest["counts"]), columns["joint_covariance"][:size],
-        np.array(rest["free"]), nearness, tuple(rest["notes"]),
-    )  # fmt: skip
-
-
-def _pack_correlationmap(found):
-    columns = {"parameter": list(found.names)} | {f"matrix_{i}": matrix for i, matrix in enumerate(found.matrices)}
-    rest = {
-        "labels": list(found.labels),
-        "frame": found.frame,
-        "dipoles": [[_exact(x) for x in d] for d in found.dipoles],
-    }
-    return columns, rest, {}
-
-
-def _unpack_correlationmap(kind, columns, rest):
-    labels = tuple(rest["labels"])
-    dipoles = [np.array([_number(x) for x in d]) for d in rest["dipoles"]]
-    matrices = [columns[f"matrix_{i}"] for i in range(len(labels))]
-    return kind(tuple(columns["parameter"].tolist()), matrices, labels, dipoles, rest["frame"])
-
-
-def _pack_leakage(found):
-    columns = {"coefficient": list(found.names), "matrix": found.matrix}
-    rest = {"fitted": found.fitted.lmax, "unmodelled": found.unmodelled.lmax, "names": list(found.unmodelled_names)}
-    return columns, rest | {"frame": found.frame}, {}
-
-
-def _unpack_leakage(kind, columns, rest):
-    from vsh import Modes
-
-    names = tuple(columns["coefficient"].tolist())
-    return kind(
-        columns["matrix"], Modes(rest["fitted"]), Modes(rest["unmodelled"]), names, tuple(rest["names"]), rest["frame"]
-    )
-
-
-def _exact(x):
+def exact(x):
     """A number in hexadecimal: every bit, nan and inf among them."""
     return float(x).hex()
 
 
-def _number(text):
+def number(text):
+    """What `exact` wrote, as a number; anything else as it is."""
     return float.fromhex(text) if isinstance(text, str) else text
 
 
-def _is_hex(value):
-    return isinstance(value, str) and value.lstrip("-").startswith(("0x", "nan", "inf"))
+def words(values):
+    """A list of strings, checked, as a tuple."""
+    if not isinstance(values, list) or not all(isinstance(each, str) for each in values):
+        raise TableError(f"{values!r} is no list of words")
+    return tuple(values)
 
 
-_PACK = {
-    name.removeprefix("_pack_"): function for name, function in list(globals().items()) if name.startswith("_pack_")
-}
-_UNPACK = {
-    name.removeprefix("_unpack_"): function for name, function in list(globals().items()) if name.startswith("_unpack_")
-}
+def count(value):
+    """A whole number of at least zero, checked."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise TableError(f"{value!r} is no count")
+    return value

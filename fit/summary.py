@@ -10,6 +10,9 @@ UNITS = {
     "omega_x": "µas/yr", "omega_y": "µas/yr", "omega_z": "µas/yr",
 }  # fmt: skip
 
+#: The same as standards for tables want them.
+FITS_UNITS = {"km/s": "km / s", "km/s/Mpc": "km / (Mpc s)", "µas/yr": "uas / yr"}
+
 
 class Interval(NamedTuple):
     """What samples say of one quantity; the intervals leave equal parts on both sides."""
@@ -41,10 +44,12 @@ def text_of(posterior):
     """A page of text on a posterior."""
     steps, walkers, _ = posterior.chain.shape
     slowest = max(posterior.autocorrelation.values())
-    said = posterior.model.priors.describe()
+    priors = posterior.model.priors
+    said = priors.describe()
     lines = [
         f"Posterior ({posterior.frame} axes, velocity toward the apex)",
-        f"priors         velocity: {said['velocity']}; H0: {said['hubble']}",
+        f"priors         velocity: {priors.velocity.words or said['velocity']}",
+        f"               H0: {said['hubble']} km/s/Mpc",
         f"               peculiar velocities: {said['peculiar']} km/s{_fixed(said['peculiar'])}",
         f"               extra noise: {said['extra']} µas/yr",
         f"chain          {steps} steps of {walkers} walkers = {steps / slowest:.0f} autocorrelation times",
@@ -56,10 +61,26 @@ def text_of(posterior):
             f"{name:18}{row.median:10.4g}{row.low68:11.4g} …{row.high68:9.4g}{row.low95:11.4g} …{row.high95:9.4g}  "
             f"{UNITS[name]}"
         )
-    top = posterior.model.priors.limits("H0")[1]
-    if np.mean(posterior.samples["H0"] > 0.98 * top) > 1e-3 and not posterior.model.priors.hubble.proper:
-        lines.append(f"careful        neither data nor priors keep H0 below {top:g}, where the chain was cut off")
-    return "\n".join(lines)
+    return "\n".join([*lines, *_at_limits(posterior)])
+
+
+def _at_limits(posterior, near=0.02, share=1e-3):
+    """Where the samples lean against a limit that neither data nor priors give."""
+    prior, samples = posterior.model.priors.hubble, posterior.samples["H0"]
+    low, high = posterior.model.priors.limits("H0")
+    lines = []
+    width = near * (high - low)
+    for limit, leaning, given in (
+        (low, samples < min(low + width, low * (1 + 5 * near)), prior.low),
+        (high, samples > high * (1 - near), prior.high),
+    ):
+        if np.mean(leaning) > share:
+            who = "of the prior" if limit == given else "of the sampler"
+            lines.append(
+                f"warning        {100 * np.mean(leaning):.2g} % of the samples lie next to H0 = {limit:g}, a limit {who}: the result "
+                "depends on where it is"
+            )
+    return lines
 
 
 def _fixed(peculiar):

@@ -9,11 +9,13 @@ from fit.parameters import correlation_of
 from fit.predict import Prediction, as_field, predict, reweighted
 from fit.solution import at_sources
 from vsh import Coefficients
+from vsh.arguments import generator
 from vsh.errors import ConvergenceError, ParameterError
+from vsh.frozen import Frozen
 
 
 @dataclass(frozen=True, eq=False)
-class Thinned:
+class Thinned(Frozen):
     """How much of each part of the sky to keep.
 
     Attributes
@@ -33,7 +35,7 @@ class Thinned:
 
     def mask(self, rng):
         """Which sources to keep, if whole ones are drawn with these shares: a mask (n,)."""
-        return np.random.default_rng(rng).uniform(size=len(self.factors)) < self.factors
+        return generator(rng).uniform(size=len(self.factors)) < self.factors
 
 
 def thin(sources, max_correlation, nside=4, sigma=None):

@@ -15,6 +15,9 @@ import numpy as np
 from sim.noise import parallax_error
 from sim.population import uniform_sky
 from sim.variability import markov_chain
+from vsh.arguments import generator
+from vsh.errors import ParameterError
+from vsh.frozen import Frozen
 
 #: Knots of the attitude, whose error all sources seen in between share. [yr]
 KNOT = 30.0 / (365.25 * 86400)
@@ -22,7 +25,7 @@ PARAMETERS = ("ra", "dec", "parallax", "pmra", "pmdec")
 
 
 @dataclass(frozen=True, eq=False)
-class Astrometry:
+class Astrometry(Frozen):
     """Five-parameter solutions.
 
     Attributes
@@ -64,7 +67,7 @@ def solve(transits, error, rng, years=5.0, variability=None, attitude=None, quot
     -------
     Astrometry
     """
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     error = np.asarray(error, float)
     n, source = len(error), transits.source
     sin, cos = np.sin(transits.angle), np.cos(transits.angle)
@@ -133,7 +136,7 @@ def unit_errors(law, n=2000, seed=1):
         rng = np.random.default_rng(seed)
         found = solve(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, law.years)
         if not found.solved.any():
-            raise ValueError(
+            raise ParameterError(
                 f"in {law.years:g} years no source has transits enough for five parameters: a longer mission is needed"
             )
         law.remembered[n, seed] = np.sqrt(np.einsum("nii->ni", found.covariance[found.solved])).mean(0)
@@ -159,4 +162,4 @@ def transit_error(magnitude, law, release="DR4", unit=None):
 
 def attitude_noise(law, sigma, rng):
     """Error of the attitude along scan in every interval between knots, (k,). [µas]"""
-    return sigma * np.random.default_rng(rng).standard_normal(int(np.ceil(law.years / KNOT)) + 1)
+    return sigma * generator(rng).standard_normal(int(np.ceil(law.years / KNOT)) + 1)

@@ -3,13 +3,12 @@
 import argparse
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 
 import sim
 import vsh
-from vsh import shell
+from vsh import outputs, shell
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
 ACCELERATION = "-0.235965,-3.755779,-2.080491"
@@ -18,7 +17,7 @@ ACCELERATION = "-0.235965,-3.755779,-2.080491"
 def main(arguments=None):
     """Run `vsh-sim`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
-    options = parser.parse_args(arguments)
+    options = shell.parse(parser, arguments)
     if options.selection and options.sky:
         parser.error("--sky and --selection exclude each other")
     if options.velocity is not None and options.what != "galaxies":
@@ -31,16 +30,15 @@ def main(arguments=None):
 def _run(options):
     from vsh import catalogue, tables
 
-    tables.format_of(options.output)  # a wrong name is better told before the work than after
-    if not Path(options.output).absolute().parent.is_dir():
-        raise ValueError(f"{options.output}: there is no such folder")
+    tables.check_writable(options.output)  # what cannot be written is better told before the work than after
+    outputs.check_file(options.output, options.overwrite)
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky, chosen, gaps, observed, wander = np.random.default_rng(options.seed).spawn(5)
     population = _population(options, sky, chosen)
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
+    velocity = np.zeros(3) if options.velocity is None else options.velocity.to_frame("icrs").value
     if options.what == "galaxies":
-        velocity = (0.0, 0.0, 0.0) if options.velocity is None else options.velocity
-        if np.any(velocity):
+        if velocity.any():
             signal += sim.drift(velocity, hubble=options.hubble)
         if options.peculiar:
             signal += sim.peculiar(options.peculiar, wander, hubble=options.hubble)
@@ -62,22 +60,26 @@ def _run(options):
     meta = {f"{name}_{axis}": float(value) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration))
             for axis, value in zip("XYZ", vector, strict=True)}  # fmt: skip
     if options.what == "galaxies":
-        velocity = (0.0, 0.0, 0.0) if options.velocity is None else options.velocity
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = options.hubble
     meta |= {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_plain(options))}
     catalogue.write_field(field, options.output, meta)
     for note in field.notes:
-        print(note)
-    print(f"written to {options.output}: {len(field)} sources")
+        shell.say(note)
+    if tables.format_of(options.output) == "ascii.csv":
+        shell.say("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
+    shell.say(f"written to {options.output}: {len(field)} sources")
 
 
 def _population(options, rng, chosen):
     sky, frame = options.sky or "uniform", "icrs"
     if options.selection:
-        from vsh.pixels import read_map
+        from vsh.pixels import missing_pixels, read_map
 
         sky, named = read_map(options.selection)
+        empty = missing_pixels(sky)
+        if empty:
+            shell.say(f"note: {empty} of {sky.size} pixels of {options.selection} have no value and hold no sources")
         frame = options.map_frame or named or "icrs"
     if options.what == "galaxies":
         return sim.galaxies(options.n, rng, sky, map_frame=frame)
@@ -88,7 +90,10 @@ def _population(options, rng, chosen):
 
 def _plain(options):
     """All options but those that change nothing."""
-    return {key: value for key, value in vars(options).items() if key not in ("output", "threads")}
+    kept = {key: value for key, value in vars(options).items() if key not in ("output", "threads", "overwrite")}
+    if options.velocity is not None:
+        kept["velocity"] = [options.velocity.amplitude, *options.velocity.to_frame("galactic").direction]
+    return kept
 
 
 def _parser():
@@ -103,6 +108,7 @@ def _parser():
     )
     parser.add_argument("--n", type=shell.count(1), default=10_000, help="how many (default: 10000)")
     parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
+    shell.add_overwrite(parser)
     parser.add_argument("--sky", choices=["uniform", "plane-avoiding", "gums", "igql"], help="default: uniform")
     parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
     parser.add_argument(
@@ -119,7 +125,10 @@ def _parser():
         "--orientation", type=shell.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas"
     )
     parser.add_argument(
-        "--velocity", type=shell.vector, metavar="X,Y,Z", help="galaxies: ours, towards the apex, ICRS, km/s"
+        "--velocity",
+        type=shell.velocity,
+        metavar="planck|SPEED,L,B",
+        help="galaxies: ours, km/s toward Galactic degrees",
     )
     parser.add_argument("--hubble", type=shell.positive, default=67.3, help="km/s/Mpc (default: 67.3)")
     parser.add_argument(

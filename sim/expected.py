@@ -5,6 +5,7 @@ import numpy as np
 from sim.astrometry import expected, solve, transit_error, unit_errors
 from sim.scanning import BLOCK
 from vsh.blocks import map_blocks
+from vsh.errors import FrameError, ParameterError
 
 _COLUMNS = {"motion": [3, 4], "position": [0, 1]}
 
@@ -37,9 +38,9 @@ def expected_covariances(
         too few transits. [µas² or (µas/yr)²]
     """
     if what not in _COLUMNS:
-        raise ValueError(f"covariances are of motion or position, not {what!r}")
+        raise ParameterError(f"covariances are of motion or position, not {what!r}")
     if population.frame != mission.frame:
-        raise ValueError(f"positions are in {population.frame}, the mission's in {mission.frame}")
+        raise FrameError(f"positions are in {population.frame}, the mission's in {mission.frame}")
     first, last = _COLUMNS[what]
     columns = slice(first, last + 1)
     error = np.hypot(transit_error(population.magnitude, mission, release, unit_errors(mission)), excess)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from vsh.errors import ParameterError
+
 #: For each release: the factor t on the parallax error, and σ_µα* and σ_µδ in parallax errors a year.
 #: "paper" is Bachchan et al.'s five-year mission: the t of DR4 (five and a half years) times 0.886, which
 #: brings the formal errors of their case A out of our magnitudes and scanning law.
@@ -19,7 +21,7 @@ def parallax_error(magnitude, release="DR3"):
     Gaia's published error model: √(40 + 800 z + 30 z²) · t with z = 10^{0.4 (max(G, 13) − 15)}.
     """
     if release not in RELEASES:
-        raise ValueError(f"unknown release {release!r}: choose one of {', '.join(RELEASES)}")
+        raise ParameterError(f"unknown release {release!r}: choose one of {', '.join(RELEASES)}")
     z = 10 ** (0.4 * (np.maximum(magnitude, 13.0) - 15.0))
     return np.sqrt(40 + 800 * z + 30 * z**2) * RELEASES[release][0]
 

@@ -7,7 +7,9 @@ from sim.noise import gaia_errors
 from sim.scanning import BLOCK
 from sim.signal import as_signal
 from vsh import Field
+from vsh.arguments import generator
 from vsh.blocks import map_blocks
+from vsh.errors import FrameError, ParameterError
 
 
 def observe(
@@ -68,7 +70,7 @@ def observe(
     >>> len(observe(quasars(100, rng=1), acceleration((5, 0, 0)), rng=2))
     100
     """
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     n = len(population)
     if mission is not None:
         errors, covariance, keep, notes = _through_mission(
@@ -87,7 +89,7 @@ def observe(
         population = population[keep]
         return _field(population, as_signal(signal), errors, covariance, notes)
     if variability is not None:
-        raise ValueError("variability needs a mission, at whose transits the photocentre wanders")
+        raise ParameterError("variability needs a mission, at whose transits the photocentre wanders")
     if sigma is None:
         sigma = gaia_errors(population.magnitude, release)
     sigma, rho = np.broadcast_to(sigma, (2, n)), np.broadcast_to(rho, n)
@@ -135,7 +137,7 @@ def observe_offsets(
     Field
         Of position offsets [µas] at the middle of the mission.
     """
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     errors, covariance, keep, notes = _through_mission(
         population, rng, release, mission, variability, attitude, 0.0, False, threads, progress, (0, 1)
     )
@@ -150,7 +152,7 @@ def _through_mission(
 ):
     """Errors (2, k) and covariances (k, 2, 2) of two of the five parameters; which sources have them."""
     if population.frame != mission.frame:
-        raise ValueError(f"positions are in {population.frame}, the mission's in {mission.frame}")
+        raise FrameError(f"positions are in {population.frame}, the mission's in {mission.frame}")
     columns = list(columns)
     # A seed of its own for every block: threads may take them in any order.
     seeds = rng.spawn(-(-len(population) // BLOCK) + 1)

@@ -4,6 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sim.variability import markov_chain
+from vsh.arguments import generator
 from vsh.cosmology import PAPER, transverse_distance
 from vsh.frames import rotation_matrix
 from vsh.pixels import mean_map, pixels_of
@@ -63,7 +64,7 @@ def plot_tracks(times, variability, rng, count=3):
     variability : Variability
     rng : Generator or int
     """
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     figure, ax = plt.subplots(figsize=(5.5, 5.5), layout="constrained")
     for _ in range(count):
         x, y = (markov_chain(times, variability.sigma, variability.tau, rng) for _ in range(2))

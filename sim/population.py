@@ -4,8 +4,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from vsh.errors import FieldError, TableError
+from vsh.arguments import generator
+from vsh.errors import FieldError, ParameterError, TableError
 from vsh.frames import check_frame
+from vsh.frozen import Frozen
 from vsh.gate import as_floats
 from vsh.sphere import angles, triad
 
@@ -14,7 +16,7 @@ _BRIGHTER_THAN = {18.0: 29_200, 19.0: 175_814, 20.0: 665_975, 21.0: 1_215_942}
 
 
 @dataclass(frozen=True, eq=False)
-class Population:
+class Population(Frozen):
     """Sources as they are, before anybody observes them.
 
     Attributes
@@ -50,7 +52,7 @@ def uniform_sky(n, rng):
     >>> lon.shape, bool(abs(np.sin(lat).mean()) < 0.1)
     ((1000,), True)
     """
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     return rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
 
 
@@ -58,7 +60,7 @@ def plane_avoiding_sky(n, rng, latitude=15.0):
     """n positions in ICRS, uniform over the sphere but for the Galactic plane, |b| < `latitude` degrees. [rad]"""
     from vsh.frames import rotation_matrix
 
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     l = rng.uniform(0, 2 * np.pi, n)
     b = np.arcsin(rng.uniform(np.sin(np.radians(latitude)), 1, n)) * rng.choice([-1, 1], n)
     return tuple(angles(rotation_matrix("galactic", "icrs") @ triad(l, b)[2]))
@@ -83,10 +85,10 @@ def quasars(n, rng, sky="uniform", faintest=20.0, map_frame="icrs"):
 
     Raises
     ------
-    ValueError
+    ParameterError
         If n is not positive, the sky unknown or the map no map.
     """
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     lon, lat = _positions(n, rng, sky, map_frame)
     # Redshifts from a stream of their own: they shift nothing that is drawn later.
     return Population(lon, lat, quasar_magnitudes(n, rng, faintest), quasar_redshifts(n, rng.spawn(1)[0]))
@@ -95,8 +97,8 @@ def quasars(n, rng, sky="uniform", faintest=20.0, map_frame="icrs"):
 def vlbi_quasars(quasars, n, rng):
     """n of the quasars, at random: those whose positions VLBI knows (the paper has 3300 of 500 000)."""
     if not 0 < n <= len(quasars):
-        raise ValueError(f"{n} of {len(quasars)} quasars cannot be chosen")
-    return quasars[np.sort(np.random.default_rng(rng).choice(len(quasars), n, replace=False))]
+        raise ParameterError(f"{n} of {len(quasars)} quasars cannot be chosen")
+    return quasars[np.sort(generator(rng).choice(len(quasars), n, replace=False))]
 
 
 def galaxies(
@@ -123,8 +125,8 @@ def galaxies(
     from vsh.cosmology import transverse_distance
 
     if not 0 < nearest < farthest:
-        raise ValueError(f"redshifts must rise from above zero, not from {nearest} to {farthest}")
-    rng = np.random.default_rng(rng)
+        raise ParameterError(f"redshifts must rise from above zero, not from {nearest} to {farthest}")
+    rng = generator(rng)
     lon, lat = _positions(n, rng, sky, map_frame)
     grid = np.linspace(nearest, farthest, 2000)
     distance = transverse_distance(grid)
@@ -184,25 +186,25 @@ def quasar_magnitudes(n, rng, faintest=20.0):
     Brighter than G = 18 the first slope is continued.
     """
     if not 18 < faintest <= 21:
-        raise ValueError(f"the counts are known for 18 < G ≤ 21, not to {faintest}")
+        raise ParameterError(f"the counts are known for 18 < G ≤ 21, not to {faintest}")
     magnitude, log_count = np.array(list(_BRIGHTER_THAN)), np.log10(list(_BRIGHTER_THAN.values()))
     slope = log_count[1] - log_count[0]
     magnitude, log_count = np.insert(magnitude, 0, 12.0), np.insert(log_count, 0, log_count[0] - 6 * slope)
     top = np.interp(faintest, magnitude, log_count)
-    drawn = top + np.log10(1 - np.random.default_rng(rng).uniform(0, 1, n))
+    drawn = top + np.log10(1 - generator(rng).uniform(0, 1, n))
     return np.interp(drawn, log_count, magnitude)
 
 
 def quasar_redshifts(n, rng, scale=0.55, shape=2.7):
     """n redshifts from a gamma distribution of mean 1.5, about that of Gaia's and SDSS' quasars; at least 0.05."""
-    return np.maximum(np.random.default_rng(rng).gamma(shape, scale, n), 0.05)
+    return np.maximum(generator(rng).gamma(shape, scale, n), 0.05)
 
 
 def _positions(n, rng, sky, map_frame):
     from sim.skies import draw_positions  # healpy
 
     if n < 1:
-        raise ValueError(f"a population has at least one member, not {n}")
+        raise ParameterError(f"a population has at least one member, not {n}")
     exact = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
     if isinstance(sky, str) and sky in exact:
         return exact[sky](n, rng)

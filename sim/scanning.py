@@ -17,17 +17,22 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from sim.sun import YEAR, sun_position, sun_rate
+from vsh.arguments import between, generator, number, positive
 from vsh.blocks import map_blocks
-from vsh.frames import rotation_matrix
+from vsh.errors import ParameterError
+from vsh.frames import check_frame, rotation_matrix
+from vsh.frozen import Frozen
 from vsh.sphere import triad
 from vsh.units import DEGREE
 
+#: Longer missions are typing errors; Gaia's lasted 10.5. [yr]
+MAX_YEARS = 100
 #: Sources looked at together; each with every spin of the mission.
 BLOCK = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Transits:
+class Transits(Frozen):
     """Passages of sources over a field of view, ordered by source and, for each, by time.
 
     Attributes
@@ -56,7 +61,7 @@ class Transits:
 
 
 @dataclass(frozen=True, eq=False)
-class NominalScanningLaw:
+class NominalScanningLaw(Frozen):
     """Where Gaia looks.
 
     Parameters
@@ -78,7 +83,7 @@ class NominalScanningLaw:
 
     Raises
     ------
-    ValueError
+    ParameterError
         If a parameter is out of its range.
 
     Examples
@@ -106,12 +111,22 @@ class NominalScanningLaw:
     _state: dict = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self):
-        if not self.years > 0:
-            raise ValueError(f"a mission lasts longer than {self.years} years")
-        if not 0 <= self.dead_time < 1:
-            raise ValueError(f"the dead time is a fraction between 0 and 1, not {self.dead_time}")
+        positive("years, the length of a mission,", self.years)
+        if self.years > MAX_YEARS:
+            raise ParameterError(f"years, the length of a mission, must be at most {MAX_YEARS}, not {self.years}")
+        for name in ("start", "precession_phase", "spin_phase", "pole_days"):
+            number(name, getattr(self, name))
+        for name in ("precessions", "spin_rate", "half_height"):
+            positive(name, getattr(self, name))
+        between("solar_aspect", self.solar_aspect, 0, np.pi / 2)
+        between("basic_angle", self.basic_angle, 0, np.pi)
+        if not 0 <= number("dead_time", self.dead_time) < 1:
+            raise ParameterError(
+                f"dead_time is a fraction of the mission, at least 0 and below 1, not {self.dead_time}"
+            )
         if self.dead_time and self.rng is None:
-            raise ValueError("a dead time needs rng, which draws its gaps")
+            raise ParameterError("a dead time needs rng, which draws its gaps")
+        check_frame(self.frame)
         self._integrate()
         if self.dead_time:
             self._state["gaps"] = self._draw_gaps()
@@ -139,7 +154,7 @@ class NominalScanningLaw:
         """
         time = np.asarray(time, float)
         z, u, w = self._axes(time)
-        phase = self._state["omega"](time)
+        phase = self._phase(time)
         views = [u * np.cos(phase + a) + w * np.sin(phase + a) for a in (self.basic_angle / 2, -self.basic_angle / 2)]
         back = rotation_matrix("ecliptic", self.frame)
         return tuple(back @ v for v in (z, *views))
@@ -233,18 +248,19 @@ class NominalScanningLaw:
         slow = CubicSpline(grid, solved.y[1])
         nu = CubicSpline(grid, solved.y[0])
 
-        def omega(time):
-            return self.spin_phase + rate * time + slow(time)
-
-        self._state.update(speed=speed, nu=nu, omega=omega)
-        spins = int(np.floor(omega(self.years) / (2 * np.pi)))
-        first = int(np.ceil(omega(0.0) / (2 * np.pi)))
+        self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
+        spins = int(np.floor(self._phase(self.years) / (2 * np.pi)))
+        first = int(np.ceil(self._phase(0.0) / (2 * np.pi)))
         turns = 2 * np.pi * np.arange(first, spins + 1)
         times = (turns - self.spin_phase) / rate
         for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
-            times -= (omega(times) - turns) / (rate + slow(times, 1))
+            times -= (self._phase(times) - turns) / (rate + slow(times, 1))
         z, u, w = self._axes(times)
         self._state.update(times=times, z=z, u=u, w=w)
+
+    def _phase(self, time):
+        """Ω, the phase of the spin. [rad]"""
+        return self.spin_phase + self._state["rate"] * time + self._state["slow"](time)
 
     def _axes(self, time):
         """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic."""
@@ -258,7 +274,7 @@ class NominalScanningLaw:
 
     def _draw_gaps(self):
         """Starts and ends of the lost intervals, exponential in length about six hours, [yr]."""
-        rng = np.random.default_rng(self.rng)
+        rng = generator(self.rng)
         mean = 0.25 / YEAR
         number = max(1, round(self.years * self.dead_time / mean))
         lengths = rng.exponential(mean, number)

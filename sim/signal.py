@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsh import Coefficients, Modes
-from vsh.errors import FieldError
+from vsh.arguments import float_array, generator, not_negative, number, positive, whole
+from vsh.errors import FieldError, ParameterError
 from vsh.gate import as_floats
 from vsh.sphere import triad
 from vsh.units import AU_PER_YEAR
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Signal:
     """A true field of motions: called as signal(lon, lat, redshift) → (2, n) µas/yr, added with +.
 
@@ -29,21 +30,112 @@ class Signal:
     parts: tuple
 
     def __call__(self, lon, lat, redshift=None):
-        lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
+        lon, lat = np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat))
         return sum(part(lon, lat, redshift) for part in self.parts)
+
+    def __repr__(self):
+        return f"<Signal: {' + '.join(type(part).__name__ for part in self.parts)}>"
 
     def __add__(self, other):
         return Signal(self.parts + as_signal(other).parts)
 
 
 def as_signal(truth):
-    """Coefficients and Signals alike as a Signal."""
-    return field(truth) if isinstance(truth, Coefficients) else truth
+    """Coefficients and Signals alike as a Signal.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither.
+    """
+    if isinstance(truth, Coefficients):
+        return field(truth)
+    if not isinstance(truth, Signal):
+        raise ParameterError(f"a true field is a Signal or Coefficients, not {type(truth).__name__}")
+    return truth
+
+
+@dataclass(frozen=True)
+class BandLimited:
+    """A field of harmonics."""
+
+    coefficients: Coefficients
+
+    def __call__(self, lon, lat, redshift):
+        return self.coefficients.at(lon, lat)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Parallax by our velocity [km/s, toward the apex]."""
+
+    velocity: np.ndarray
+    cosmology: object
+    hubble: float | None
+
+    def __call__(self, lon, lat, redshift):
+        p, q, _ = triad(lon, lat)
+        distance = _distance(redshift, self.cosmology, self.hubble)
+        return -np.stack([self.velocity @ p, self.velocity @ q]) / (AU_PER_YEAR * distance)
+
+
+@dataclass(frozen=True)
+class Peculiar:
+    """Random velocities [km/s], the same sky from the same seed."""
+
+    sigma: float
+    seed: int
+    length: float | None
+    cosmology: object
+    hubble: float | None
+    waves: int
+
+    def __call__(self, lon, lat, redshift):
+        draw = np.random.default_rng(self.seed)
+        distance = _distance(redshift, self.cosmology, self.hubble)
+        p, q, r = triad(lon, lat)
+        if self.length is None:
+            return self.sigma * draw.standard_normal((2, len(lon))) / (AU_PER_YEAR * distance)
+        numbers = draw.standard_normal((self.waves, 3)) / self.length
+        phases = draw.uniform(0, 2 * np.pi, self.waves)
+        amplitudes = draw.standard_normal((3, self.waves)) * self.sigma * np.sqrt(2 / self.waves)
+        velocity = np.empty((3, len(lon)))
+        for start in range(0, len(lon), 8192):
+            block = slice(start, start + 8192)
+            velocity[:, block] = amplitudes @ np.cos(numbers @ (r * distance)[:, block] + phases[:, None])
+        return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]) / (AU_PER_YEAR * distance)
+
+
+@dataclass(frozen=True)
+class Shear:
+    """Axes that expand at different rates [µas/yr]."""
+
+    matrix: np.ndarray
+
+    def __call__(self, lon, lat, redshift):
+        p, q, r = triad(lon, lat)
+        return np.stack([np.sum(p * (self.matrix @ r), 0), np.sum(q * (self.matrix @ r), 0)])
+
+
+@dataclass(frozen=True)
+class Void:
+    """A dipole that grows with redshift to `peak` and fades again."""
+
+    glide: Coefficients
+    peak: float
+
+    def __call__(self, lon, lat, redshift):
+        if redshift is None:
+            raise FieldError("the void's dipole depends on redshift, and these sources have none")
+        x = np.asarray(redshift, float) / self.peak
+        return self.glide.at(lon, lat) * x * np.exp(1 - x)
 
 
 def field(coefficients):
     """Any band-limited field."""
-    return Signal((lambda lon, lat, redshift: coefficients.at(lon, lat),))
+    if not isinstance(coefficients, Coefficients):
+        raise ParameterError(f"a field is made of Coefficients, not {type(coefficients).__name__}")
+    return Signal((BandLimited(coefficients),))
 
 
 def spin(vector):
@@ -70,13 +162,8 @@ def drift(velocity, cosmology=None, hubble=None):
     -----
     Bachchan, Hobbs & Lindegren (2016), sect. 2.3.
     """
-    velocity = _vector(velocity, "velocity", "km / s")
-
-    def part(lon, lat, redshift):
-        p, q, _ = triad(lon, lat)
-        return -np.stack([velocity @ p, velocity @ q]) / (AU_PER_YEAR * _distance(redshift, cosmology, hubble))
-
-    return Signal((part,))
+    hubble = None if hubble is None else positive("hubble", hubble)
+    return Signal((Drift(_vector(velocity, "velocity", "km / s"), cosmology, hubble),))
 
 
 def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, waves=256):
@@ -92,23 +179,10 @@ def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, waves=256):
         As for `drift`.
     waves : int — plane waves that make up a correlated field
     """
-    seed = int(np.random.default_rng(rng).integers(2**63))
-
-    def part(lon, lat, redshift):
-        draw = np.random.default_rng(seed)
-        distance = _distance(redshift, cosmology, hubble)
-        p, q, r = triad(lon, lat)
-        if length is None:
-            return sigma * draw.standard_normal((2, len(lon))) / (AU_PER_YEAR * distance)
-        numbers, phases = draw.standard_normal((waves, 3)) / length, draw.uniform(0, 2 * np.pi, waves)
-        amplitudes = draw.standard_normal((3, waves)) * sigma * np.sqrt(2 / waves)
-        velocity = np.empty((3, len(lon)))
-        for start in range(0, len(lon), 8192):
-            block = slice(start, start + 8192)
-            velocity[:, block] = amplitudes @ np.cos(numbers @ (r * distance)[:, block] + phases[:, None])
-        return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]) / (AU_PER_YEAR * distance)
-
-    return Signal((part,))
+    length = None if length is None else positive("length", length)
+    hubble = None if hubble is None else positive("hubble", hubble)
+    seed = int(generator(rng).integers(2**63))
+    return Signal((Peculiar(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("waves", waves)),))
 
 
 def isotropic(power, rng):
@@ -119,11 +193,13 @@ def isotropic(power, rng):
     power : (lmax,) array — ∫ |V_l|² dΩ of one kind, on average [(µas/yr)²]
     rng : Generator or int
     """
-    power = np.asarray(power, float)
+    power = float_array("power", power)
+    if power.ndim != 1 or not len(power) or (power < 0).any():
+        raise ParameterError("power is one number of at least zero for each degree from 1 on")
     modes = Modes(len(power))
     l = modes.degrees
     sigma = np.sqrt(power[l - 1] / (2 * l + 1) / modes.multiplicity)
-    return field(Coefficients(modes, sigma * np.random.default_rng(rng).standard_normal(len(modes))))
+    return field(Coefficients(modes, sigma * generator(rng).standard_normal(len(modes))))
 
 
 def wave_fractions(lmax):
@@ -151,9 +227,7 @@ def waves(omega, rng, hubble=70.0, lmax=12):
     rng : Generator or int
     hubble : float — [km/s/Mpc]
     """
-    if not omega >= 0:
-        raise ValueError(f"Ω_GW cannot be {omega}")
-    total = 4 * np.pi * omega * hubble_rate(hubble) ** 2
+    total = 4 * np.pi * not_negative("omega", omega) * hubble_rate(hubble) ** 2
     return isotropic(total * wave_fractions(lmax) / 2, rng)
 
 
@@ -179,15 +253,10 @@ def anisotropic_expansion(shear):
     -----
     The 0.2 µas/yr of Bachchan et al. (2016) is Quercellini et al.'s (2009) for 1 %.
     """
-    shear = np.asarray(shear, float)
-    if shear.shape != (3, 3) or not np.allclose(shear, shear.T):
-        raise ValueError("the shear must be a symmetric 3 × 3 matrix")
-
-    def part(lon, lat, redshift):
-        p, q, r = triad(lon, lat)
-        return np.stack([np.sum(p * (shear @ r), 0), np.sum(q * (shear @ r), 0)])
-
-    return Signal((part,))
+    shear = float_array("shear", shear, (3, 3))
+    if not np.allclose(shear, shear.T):
+        raise ParameterError("the shear must be a symmetric 3 × 3 matrix")
+    return Signal((Shear(shear),))
 
 
 def void(direction, amplitude=0.02, peak=1.0):
@@ -204,15 +273,8 @@ def void(direction, amplitude=0.02, peak=1.0):
     peak : float — z_p, the redshift of the largest motion
     """
     direction = _vector(direction, "direction")
-    glide = acceleration(amplitude * direction / np.linalg.norm(direction))
-
-    def part(lon, lat, redshift):
-        if redshift is None:
-            raise FieldError("the void's dipole depends on redshift, and these sources have none")
-        x = np.asarray(redshift, float) / peak
-        return glide(lon, lat) * x * np.exp(1 - x)
-
-    return Signal((part,))
+    glide = number("amplitude", amplitude) * direction / np.linalg.norm(direction)
+    return Signal((Void(Coefficients.from_vectors(glide=glide), positive("peak", peak)),))
 
 
 def _three(value, name, unit=""):

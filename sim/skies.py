@@ -8,6 +8,7 @@ the Initial Gaia Quasar List is a sum of surveys, each with its footprint.
 
 import numpy as np
 
+from vsh.errors import ParameterError
 from vsh.frames import rotation_matrix
 from vsh.pixels import centres, random_positions
 from vsh.sphere import angles, triad
@@ -43,12 +44,12 @@ def sky_map(sky):
 
     Raises
     ------
-    ValueError
+    ParameterError
         If the name is unknown.
     """
     makers = {"uniform": _uniform, "plane-avoiding": _plane_avoiding, "gums": _gums, "igql": _igql}
     if sky not in makers:
-        raise ValueError(f"unknown sky {sky!r}: choose one of {', '.join(makers)}, or give a HEALPix map")
+        raise ParameterError(f"unknown sky {sky!r}: choose one of {', '.join(makers)}, or give a HEALPix map")
     return makers[sky](), "galactic"
 
 

@@ -9,6 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from vsh.arguments import generator
+from vsh.errors import ParameterError
+
 
 @dataclass(frozen=True)
 class Variability:
@@ -25,7 +28,7 @@ class Variability:
 
     def __post_init__(self):
         if not (self.sigma >= 0 and self.tau > 0):
-            raise ValueError(f"σ_var must not be negative and τ must be positive, not {self.sigma} and {self.tau}")
+            raise ParameterError(f"σ_var must not be negative and τ must be positive, not {self.sigma} and {self.tau}")
 
     def covariance(self, times):
         """Covariance of one coordinate at given times, (k, k). [µas²]"""
@@ -48,7 +51,7 @@ def markov_chain(times, sigma, tau, rng, source=None):
 
     Raises
     ------
-    ValueError
+    ParameterError
         If the times of a source fall.
 
     Examples
@@ -60,11 +63,11 @@ def markov_chain(times, sigma, tau, rng, source=None):
     Variability(sigma, tau)
     times = np.asarray(times, float)
     source = np.zeros(times.shape, int) if source is None else np.asarray(source)
-    draws = np.random.default_rng(rng).standard_normal(len(times))
+    draws = generator(rng).standard_normal(len(times))
     first = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
     gap = np.diff(times, prepend=0.0)
     if (gap[~first] < 0).any():
-        raise ValueError("the times of a chain must rise")
+        raise ParameterError("the times of a chain must rise")
     keep = np.where(first, 0.0, np.exp(-np.where(first, 0.0, gap) / tau))
     out = sigma * np.sqrt(1 - keep**2) * draws
     # All chains take their j-th step together.

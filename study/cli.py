@@ -12,7 +12,7 @@ from vsh import shell
 def main(arguments=None):
     """Run `vsh-study`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
-    options = parser.parse_args(arguments)
+    options = shell.parse(parser, arguments)
     if bool(options.configuration) == options.paper:
         parser.error("name a configuration, or say --paper")
     return shell.guarded("vsh-study", lambda: _run(options))
@@ -29,17 +29,20 @@ def _run(options):
         from study.paper import write_paper
 
         write_paper(study, folder, count)
-    print((folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, folder, count))
-    print(shell.written(Path(folder)))
+    shell.say((folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, folder, count))
+    shell.say(shell.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
 
 
 def _text(study, folder, count):
     from study.results import read_realisations, summary
 
-    lines = [f"{'case':6}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}"]
+    width = max(6, *(len(case["name"]) + 2 for case in study.cases))
+    lines = [
+        f"{'case':{width}}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}"
+    ]
     for row in summary(study, read_realisations(study, Path(folder), count)):
         lines.append(
-            f"{row['case']:6}{row['parameter']:14}{row['truth']:10.3f}{row['mean']:12.4f}{row['std']:12.4f}{row['sigma']:12.4f}"
+            f"{row['case']:{width}}{row['parameter']:14}{row['truth']:10.3f}{row['mean']:12.4f}{row['std']:12.4f}{row['sigma']:12.4f}"
             f"{row['off']:+10.2f}"
         )
     return "\n".join(lines)

@@ -5,8 +5,12 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from vsh.errors import VshError
+import numpy as np
+
+from vsh.apex import NAMED, velocity_from_apex
+from vsh.errors import ParameterError, VshError
 from vsh.frames import FRAMES
+from vsh.notes import printable
 
 
 class StudyError(VshError, ValueError):
@@ -81,14 +85,16 @@ def load(source):
         try:
             source = tomllib.loads(Path(source).read_text(encoding="utf-8"))
         except OSError as error:
-            raise StudyError(f"{source} cannot be read: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise StudyError(f"{source} is not TOML: {error}") from error
+            raise StudyError(f"{printable(source)} cannot be read: {error.strerror}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise StudyError(f"{printable(source)} is not TOML: {error}") from error
     unknown = set(source) - {*_SECTIONS, "case"}
     if unknown:
         raise StudyError(f"unknown sections {', '.join(sorted(unknown))}: there are {', '.join(_SECTIONS)}, case")
     sections = {name: _section(name, source.get(name, {}), keys) for name, keys in _SECTIONS.items()}
     cases = source.get("case", [])
+    if not isinstance(cases, list) or not all(isinstance(case, dict) for case in cases):
+        raise StudyError("cases are written [[case]], in double brackets")
     if not cases:
         raise StudyError("a study needs at least one [[case]]")
     checked = [_case(case) for case in cases]
@@ -114,6 +120,8 @@ def _case(case):
 
 
 def _section(name, given, keys):
+    if not isinstance(given, dict):
+        raise StudyError(f"{name} is a section, [{name}], not {given!r}")
     unknown = set(given) - set(keys)
     if unknown:
         raise StudyError(f"{name}: unknown key {', '.join(sorted(unknown))}; there are {', '.join(keys)}")
@@ -121,21 +129,47 @@ def _section(name, given, keys):
     if missing:
         raise StudyError(f"{name}: {', '.join(missing)} must be given")
     section = {key: given.get(key, default) for key, default in keys.items()}
-    for key, value in section.items():
+    for key, value in tuple(section.items()):
         default = keys[key]
         wanted = int if key == "n" or isinstance(default, int) else type(default) if default is not None else str
-        if wanted is float and isinstance(value, int):
+        if key == "velocity":
+            section[key] = _velocity(value)
+            continue
+        if wanted is float and isinstance(value, int) and not isinstance(value, bool):
             section[key] = value = float(value)
+        if wanted is float and isinstance(value, float) and not np.isfinite(value):
+            raise StudyError(f"{name}: {key} is a finite number, not {value!r}")
         if wanted is list:
-            if not (isinstance(value, list) and len(value) == 3 and all(isinstance(x, (int, float)) for x in value)):
-                raise StudyError(f"{name}: {key} is three numbers, not {value!r}")
-            section[key] = [float(x) for x in value]
+            section[key] = _three(name, key, value)
         elif not isinstance(value, wanted) or isinstance(value, bool):
             raise StudyError(f"{name}: {key} is a {wanted.__name__}, not {value!r}")
     return section
 
 
+def _three(name, key, value):
+    numbers = isinstance(value, list) and all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in value)
+    if not numbers or len(value) != 3 or not np.isfinite(value).all():
+        raise StudyError(f"{name}: {key} is three finite numbers, not {value!r}")
+    return [float(x) for x in value]
+
+
+def _velocity(value):
+    """A name, or SPEED, L, B; no velocity is a speed of zero."""
+    if isinstance(value, str) and value in NAMED:
+        named = NAMED[value]
+        return [named.amplitude, *named.to_frame("galactic").direction]
+    found = _three("truth", f"velocity ({' or '.join(map(repr, NAMED))}, or speed, l, b)", value)
+    if found[0] != 0:
+        try:
+            velocity_from_apex(*found)
+        except ParameterError as error:
+            raise StudyError(f"truth: {error}") from None
+    return found
+
+
 def _check(sections):
+    if sections["mission"]["years"] > 100 or sections["mission"]["dead_time"] >= 1:
+        raise StudyError("mission: years are at most 100, and dead_time is a fraction below 1")
     if sections["study"]["frame"] not in FRAMES:
         raise StudyError(f"study: frame is one of {', '.join(FRAMES)}, not {sections['study']['frame']!r}")
     for section, key, least in (
@@ -143,6 +177,8 @@ def _check(sections):
         ("study", "harmonics", 1),
         ("truth", "hubble", 1e-9),
         ("mission", "years", 1e-9),
+        ("mission", "dead_time", 0),
+        ("mission", "attitude", 0),
     ):
-        if sections[section][key] < least:
+        if not sections[section][key] >= least:
             raise StudyError(f"{section}: {key} must be at least {least:g}, not {sections[section][key]}")

@@ -9,6 +9,7 @@ from sim.astrometry import transit_error
 from sim.plot import plot_density, plot_distance_and_drift
 from sim.variability import markov_chain
 from vsh.cosmology import transverse_distance
+from vsh.files import replacing
 from vsh.units import AU_PER_YEAR
 
 
@@ -27,7 +28,9 @@ def write_figures(study, folder):
         figure = draw()
         for ending in ("png", "pdf"):
             paths.append(folder / f"{name}.{ending}")
-            figure.savefig(paths[-1], dpi=150, metadata={"CreationDate": None} if ending == "pdf" else None)
+            options = {"metadata": {"CreationDate": None}} if ending == "pdf" else {}
+            with replacing(paths[-1]) as new:
+                figure.savefig(new, format=ending, dpi=150, **options)
         plt.close(figure)
     return paths
 

@@ -9,6 +9,7 @@ from sim.effects import attractions, effects
 from study.published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEEDS, published
 from study.results import read_realisations, summary
 from vsh import Field, Vector, tables
+from vsh.files import replacing
 
 _BIAS_D = (
     "correlations alone do not bias (docs/leakage.md): ours is unbiased with the same correlations; a field of degrees 2 to 4 of "
@@ -33,13 +34,18 @@ def write_paper(study, folder, count, draw=True):
     folder = Path(folder)
     rows = summary(study, read_realisations(study, folder, count))
     correlations = {name: _correlation(study, folder, name) for name in ("A", "D")}
-    (folder / "tables.md").write_text(_tables(rows, correlations, count), encoding="utf-8")
+    _write_text(folder / "tables.md", _tables(rows, correlations, count))
     tables.write(folder / "tables.ecsv", {key: [row[key] for row in rows] for key in rows[0]}, {"realisations": count})
-    (folder / "comparison.md").write_text(_comparison(rows, correlations, count), encoding="utf-8")
+    _write_text(folder / "comparison.md", _comparison(rows, correlations, count))
     if draw:
         from study.figures import write_figures
 
         write_figures(study, folder)
+
+
+def _write_text(path, text):
+    with replacing(path) as new:
+        new.write_text(text, encoding="utf-8")
 
 
 def _correlation(study, folder, name):

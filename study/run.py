@@ -6,14 +6,15 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
-from tqdm import tqdm
 
 from study.config import StudyError
 from study.prepare import prepared
 from study.realise import realise
 from study.results import write_results
 from vsh.blocks import cores
-from vsh.files import replacing
+from vsh.files import remove_unfinished, replacing
+from vsh.notes import printable
+from vsh.progress import progress_bar
 
 
 def run(study, folder, realisations=None, workers=None, progress=True):
@@ -40,6 +41,7 @@ def run(study, folder, realisations=None, workers=None, progress=True):
         If the folder belongs to another configuration; the message names the difference.
     """
     folder = Path(folder)
+    _check_folder(folder)
     try:
         for each in ("prepared", *(f"realisations/{case['name']}" for case in study.cases)):
             (folder / each).mkdir(parents=True, exist_ok=True)
@@ -53,14 +55,13 @@ def run(study, folder, realisations=None, workers=None, progress=True):
         tasks += [(index, files, number) for number in range(count) if not _path(folder, case, number).exists()]
     tasks.sort(key=lambda task: (task[2], task[0]))  # every case gets on alike
     _work(study, folder, tasks, workers or cores(), progress)
-    for unfinished in folder.rglob(".*-*"):  # what a killed run was writing
-        unfinished.unlink(missing_ok=True)
+    remove_unfinished(folder)  # what a killed run was writing
     write_results(study, folder, count)
     return folder
 
 
 def _work(study, folder, tasks, workers, progress):
-    bar = tqdm(total=len(tasks), desc="realisations", delay=2, disable=not progress, smoothing=0.05)
+    bar = progress_bar(None, len(tasks), "realisations", progress, smoothing=0.05)
     if not tasks:
         return
     with bar, ProcessPoolExecutor(min(workers, len(tasks)), mp_context=get_context("spawn")) as pool:
@@ -97,6 +98,15 @@ def _path(folder, case, number):
     return folder / "realisations" / case["name"] / f"{number:05d}.json"
 
 
+def _check_folder(folder):
+    """Raise StudyError if a folder holds anything but a study."""
+    shown = printable(folder)
+    if folder.exists() and not folder.is_dir():
+        raise StudyError(f"{shown} is a file, not a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / "study.json").is_file():
+        raise StudyError(f"{shown} holds files that are no study's: name a new folder")
+
+
 def _claim(study, folder):
     """Write the configuration into a new folder; compare it with that of an old one."""
     path, plain = folder / "study.json", study.plain()
@@ -106,7 +116,7 @@ def _claim(study, folder):
         return
     try:
         old = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
+    except (ValueError, RecursionError):
         raise StudyError(f"{path} is damaged: take another folder, or delete this one") from None
     differences = list(_differences(old, plain))
     if differences:

@@ -6,7 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
 from threadpoolctl import ThreadpoolController
-from tqdm import tqdm
+
+from vsh.progress import progress_bar
 
 
 def cores(threads=None):
@@ -42,7 +43,7 @@ def map_blocks(function, n, size, threads=None, progress=None):
     """
     slices = [slice(start, min(start + size, n)) for start in range(0, n, size)]
     threads = min(cores(threads), len(slices))
-    bar = tqdm(total=n, desc=progress, delay=2, disable=progress is None, unit=" sources")
+    bar = progress_bar(total=n, words=progress, shown=progress is not None, unit=" sources")
     with bar, _libraries().limit(limits=1, user_api="blas"):
         if threads <= 1:
             for each in slices:

@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsh.arguments import float_array
 from vsh.basis import harmonics
 from vsh.blocks import map_blocks
 from vsh.errors import ModesError
-from vsh.modes import Modes
+from vsh.frozen import Frozen
+from vsh.modes import Modes, as_modes
 
 #: Degree 1 is a rigid rotation (T) or a glide (S): rows (1,0), (1,1,re), (1,1,im) of its
 #: coefficients from x, y, z of the vector (docs/conventions.md).
@@ -16,7 +18,7 @@ FIRST_DEGREE.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)
-class Coefficients:
+class Coefficients(Frozen):
     """A band-limited vector field on the sphere.
 
     Attributes
@@ -46,7 +48,12 @@ class Coefficients:
     values: np.ndarray
 
     def __post_init__(self):
-        values = np.array(self.values, float)
+        modes = as_modes(self.modes)
+        object.__setattr__(self, "modes", modes)
+        # nan stands for coefficients to come, in predictions.
+        values = np.array(float_array("the coefficients", self.values, finite=False))
+        if np.isinf(values).any():
+            raise ModesError(f"{np.isinf(values).sum()} of {values.size} coefficients are infinite")
         if values.shape != (len(self.modes),):
             raise ModesError(
                 f"degree {self.modes.lmax} has {len(self.modes)} coefficients; an array of shape {values.shape} was given"
@@ -57,10 +64,10 @@ class Coefficients:
     @classmethod
     def from_vectors(cls, rotation=(0, 0, 0), glide=(0, 0, 0), lmax=1):
         """The rotation ω × r plus the glide g - (g·r) r, vectors in µas/yr."""
-        modes = Modes(lmax)
+        modes = as_modes(lmax)
         values = np.zeros(len(modes))
-        values[modes.degree("T", 1)] = FIRST_DEGREE @ np.asarray(rotation, float)
-        values[modes.degree("S", 1)] = FIRST_DEGREE @ np.asarray(glide, float)
+        values[modes.degree("T", 1)] = FIRST_DEGREE @ float_array("rotation", rotation, (3,))
+        values[modes.degree("S", 1)] = FIRST_DEGREE @ float_array("glide", glide, (3,))
         return cls(modes, values)
 
     @property
@@ -99,10 +106,10 @@ class Coefficients:
 
     def to_degree(self, lmax):
         """The same field with modes to another degree: new ones are zero, those above are cut off."""
-        modes = Modes(lmax)
+        modes = as_modes(lmax)
         values = np.zeros(len(modes))
         for kind in "TS":
-            for l in range(1, min(lmax, self.modes.lmax) + 1):
+            for l in range(1, min(modes.lmax, self.modes.lmax) + 1):
                 values[modes.degree(kind, l)] = self.values[self.modes.degree(kind, l)]
         return Coefficients(modes, values)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 #: So many different notes are listed when tables are added up; the others are counted.
 MAX_NOTES = 9
-_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+_CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 
 class DroppedRows(str):

@@ -1,9 +1,14 @@
 """HEALPix: which part of the sky a source is in (the only healpy)."""
 
+import warnings
+
 import healpy
 import numpy as np
 
+from vsh.arguments import generator
 from vsh.errors import FieldError, TableError
+from vsh.notes import printable
+from vsh.tables._fits import first_line
 
 
 def pixels_of(lon, lat, nside):
@@ -44,7 +49,8 @@ def random_positions(density, n, rng):
 
     Parameters
     ----------
-    density : (12 nside²,) array, ring order — not negative; nan counts as none
+    density : (12 nside²,) array, ring order — not negative; pixels without a value (nan, masked, healpy's
+        UNSEEN) hold no sources
     n : int
     rng : Generator or int
 
@@ -55,10 +61,13 @@ def random_positions(density, n, rng):
     Raises
     ------
     FieldError
-        If it is no HEALPix map, or negative, or empty.
+        If it is no HEALPix map, or negative, infinite or empty.
     """
-    rng = np.random.default_rng(rng)
-    density = np.nan_to_num(np.ma.filled(np.ma.asarray(density, float), 0.0).ravel())
+    rng = generator(rng)
+    density = np.ma.filled(np.ma.asarray(density, float), 0.0).ravel()
+    if np.isinf(density).any():
+        raise FieldError(f"{np.isinf(density).sum()} pixels of the map are infinite: all sources would stand there")
+    density = np.where(_valueless(density), 0.0, density)
     nside = round(np.sqrt(density.size / 12))
     if nside < 1 or 12 * nside**2 != density.size:
         raise FieldError(f"a map of {density.size} pixels is no HEALPix map")
@@ -74,12 +83,36 @@ def random_positions(density, n, rng):
     return phi, np.pi / 2 - theta
 
 
+def missing_pixels(values):
+    """How many pixels of a map have no value: nan, masked, or healpy's UNSEEN."""
+    return int(_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
+
+
+def _valueless(values):
+    return np.isnan(values) | (values < -1e30)
+
+
 def read_map(path):
-    """A HEALPix map from a FITS file, in ring order, and the frame its header names (or None)."""
-    try:
-        values, header = healpy.read_map(path, h=True)
-    except (OSError, KeyError, ValueError, IndexError, TypeError) as error:
-        raise TableError(f"{path} cannot be read as a HEALPix map: {error}") from error
+    """A HEALPix map from a FITS file, in ring order, and the frame its header names (or None).
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, is damaged, or holds no map.
+    """
+    from vsh.tables import fits_checked  # astropy
+
+    label = printable(path)
+    with fits_checked(path, label) as plain:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                values, header = healpy.read_map(plain, h=True)
+        except Exception as error:  # whatever a damaged file makes of healpy
+            raise TableError(f"{label} cannot be read as a HEALPix map: {first_line(error)}") from error
+    values = np.asarray(values)
+    if values.ndim != 1 or values.dtype.kind not in "fiu":
+        raise TableError(f"{label} cannot be read as a HEALPix map: it holds {values.ndim} maps of {values.dtype}")
     frames = {"C": "icrs", "G": "galactic", "E": "ecliptic", "ICRS": "icrs", "GALACTIC": "galactic"}
     named = str(dict(header).get("COORDSYS", "")).strip().upper()
     return values, frames.get(named)

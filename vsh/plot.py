@@ -5,6 +5,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from vsh.files import replacing
 from vsh.sphere import angles, triad
 
 _AXES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
@@ -147,7 +148,8 @@ def save_figures(figures, folder):
     paths = []
     for name, figure in figures.items():
         paths.append(Path(folder) / f"{name}.png")
-        figure.savefig(paths[-1], dpi=150)
+        with replacing(paths[-1]) as new:
+            figure.savefig(new, format="png", dpi=150)
         plt.close(figure)
     return paths
 

@@ -1,16 +1,33 @@
-"""What the commands share: arguments and their types, exit status, folders, provenance."""
+"""What the commands share: arguments and their types, exit status, provenance."""
 
 import argparse
 import hashlib
 import platform
+import re
 import sys
 import warnings
 from pathlib import Path
 
 import numpy as np
 
-from vsh.errors import VshError, VshWarning
+from vsh.apex import NAMED, velocity_from_apex
+from vsh.errors import ParameterError, VshError, VshWarning
 from vsh.frames import FRAMES
+from vsh.notes import printable
+
+_NEGATIVE = re.compile(r"-[\d.]")
+
+
+def parse(parser, arguments=None):
+    """The options of a command; a negative number behind an option is its value, with or without an equals sign."""
+    words = list(sys.argv[1:] if arguments is None else map(str, arguments))
+    joined = []
+    for word in words:
+        if joined and _NEGATIVE.match(word) and joined[-1].startswith("--") and "=" not in joined[-1]:
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return parser.parse_args(joined)
 
 
 def guarded(program, action):
@@ -21,7 +38,10 @@ def guarded(program, action):
             action()
     except MemoryError:
         return _failed(program, "error: not enough memory: lower the degree, or read fewer sources")
-    except (VshError, OSError, ValueError) as error:
+    except BrokenPipeError:  # whoever read our output has seen enough
+        sys.stdout = None
+        return 0
+    except (VshError, OSError) as error:
         return _failed(program, f"error: {error}")
     except KeyboardInterrupt:
         return _failed(program, "interrupted")
@@ -29,22 +49,18 @@ def guarded(program, action):
 
 
 def _failed(program, said):
-    print(f"{program}: {said}", file=sys.stderr)
+    print(f"{program}: {printable(said)}", file=sys.stderr)
     return 1
 
 
-def folder(path):
-    """A folder to write to, made before the work rather than after it."""
-    try:
-        Path(path).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise VshError(f"--output {path} cannot be made a folder: {error.strerror}") from error
-    return Path(path)
+def say(text):
+    """Print text without the control characters that file and column names may bring along."""
+    print("\n".join(printable(line) for line in str(text).split("\n")))
 
 
-def written(path):
+def written(path, files):
     """What the last line of a command says of its folder."""
-    return f"written to {path}: {', '.join(sorted(x.name for x in path.iterdir() if x.is_file()))}"
+    return f"written to {path}: {', '.join(sorted(files))}"
 
 
 def provenance(paths, options, versions, **counts):
@@ -60,18 +76,28 @@ def provenance(paths, options, versions, **counts):
     import scipy
 
     paths = [Path(str(path)) for path in (paths if isinstance(paths, list) else [paths])]
-    hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths]
+    hashes = [_hash(path) for path in paths]
     one = len(paths) == 1
     return {
         "catalogue": paths[0].name if one else [path.name for path in paths],
         "sha256": hashes[0] if one else hashes,
         **counts,
-        "options": {key: _plain(value) for key, value in vars(options).items() if value is not None and key != "output"},
+        "options": {key: _plain(value) for key, value in vars(options).items() if value is not None and key not in ("output", "html", "overwrite")},
         "versions": versions | {
             "python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__,
             "astropy": astropy.__version__,
         },
     }  # fmt: skip
+
+
+def _hash(path):
+    """SHA-256 of a file, or of the names and hashes of all files of a folder."""
+    if path.is_dir():
+        inside = sorted(file for file in path.rglob("*") if file.is_file())
+        digest = hashlib.sha256("\n".join(f"{f.relative_to(path)} {_hash(f)}" for f in inside).encode())
+        return digest.hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _plain(value):
@@ -82,6 +108,9 @@ def add_reading(parser):
     """The options of every command that reads a catalogue."""
     parser.add_argument("--frame", choices=list(FRAMES), default="icrs", help="axes of the result (default: icrs)")
     parser.add_argument(
+        "--catalogue-frame", choices=list(FRAMES), help="axes of the catalogue's positions and motions (default: icrs)"
+    )
+    parser.add_argument(
         "--columns", type=pairs, metavar="ROLE=NAME,…", help="where the table keeps what: pmra=mu_ra,redshift=z"
     )
     parser.add_argument("--units", type=pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
@@ -89,6 +118,22 @@ def add_reading(parser):
         "--on-bad", choices=["raise", "drop"], default="raise", help="rows that cannot be used (default: raise)"
     )
     parser.add_argument("--output", metavar="DIR", type=_named, help="write report, tables and figures to this folder")
+    add_overwrite(parser)
+
+
+def add_overwrite(parser):
+    """The option without which no result of before is replaced."""
+    parser.add_argument("--overwrite", action="store_true", help="replace results of the same command that are there")
+
+
+def reading(options):
+    """The arguments of `read_field` that `add_reading` asks for."""
+    return {
+        "columns": options.columns,
+        "units": options.units,
+        "on_bad": options.on_bad,
+        "frame": options.catalogue_frame,
+    }
 
 
 def count(least):
@@ -145,8 +190,21 @@ def vector(text):
     except argparse.ArgumentTypeError:
         found = ()
     if len(found) != 3:
-        raise argparse.ArgumentTypeError(f"three numbers x,y,z are wanted, not {text!r}")
+        raise argparse.ArgumentTypeError(f"three numbers separated by commas are wanted, not {text!r}")
     return found
+
+
+def velocity(text):
+    """Our velocity as every command takes it: a name, or SPEED,L,B."""
+    if text in NAMED:
+        return NAMED[text]
+    try:
+        return velocity_from_apex(*vector(text))
+    except (argparse.ArgumentTypeError, ParameterError):
+        raise argparse.ArgumentTypeError(
+            f"{' or '.join(NAMED)}, or SPEED,L,B is wanted (km/s above zero; Galactic longitude and latitude of the apex, "
+            f"degrees), not {text!r}"
+        ) from None
 
 
 def pairs(text):

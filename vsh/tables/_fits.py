@@ -222,3 +222,14 @@ def first_line(error):
     """The first line of what an error says."""
     text = str(error).strip()
     return text.splitlines()[0].rstrip(".") if text else type(error).__name__
+
+
+@contextmanager
+def fits_checked(path, label):
+    """The name of a FITS file, unpacked where it was packed, whose layout has been checked."""
+    try:
+        plain = plain_file(path, label)
+        check_layout(plain.name, label)
+    except OSError as error:
+        raise TableError(f"{label} cannot be read: {error.strerror or error}") from error
+    yield plain.name

@@ -79,7 +79,25 @@ def write_table(table, path, meta=None):
     kind = format_of(path)
     with replacing(path) as new, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # units that a format spells in its own way
-        table.write(new, format=kind, overwrite=True)
+        if kind == "votable":
+            _write_votable(table, new)
+        else:
+            table.write(new, format=kind, overwrite=True)
+
+
+def _write_votable(table, path):
+    """With plain metadata as parameters, which astropy's own writer leaves out."""
+    from astropy.io.votable import from_table
+    from astropy.io.votable.tree import Param
+
+    document = from_table(table)
+    first = document.get_first_table()
+    for key, value in table.meta.items():
+        if isinstance(value, (bool, int, float, str, np.floating, np.integer)):
+            number = not isinstance(value, (str, bool))
+            options = {"datatype": "double"} if number else {"datatype": "unicodeChar", "arraysize": "*"}
+            first.params.append(Param(document, name=key, value=value if number else str(value), **options))
+    document.to_xml(str(path))
 
 
 def check_writable(path):

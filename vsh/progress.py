@@ -1,0 +1,18 @@
+"""Progress bars: after two seconds, and only where somebody looks on."""
+
+from tqdm import tqdm
+
+
+def progress_bar(things=None, total=None, words=None, shown=True, unit="it", **options):
+    """A tqdm bar on stderr; none in a log file or a pipe.
+
+    Parameters
+    ----------
+    things : iterable, optional
+    total : int, optional
+    words : str — beside the bar
+    shown : bool
+    unit : str
+    """
+    # With None tqdm looks whether stderr is a terminal.
+    return tqdm(things, total=total, desc=words or None, delay=2, disable=None if shown else True, unit=unit, **options)
