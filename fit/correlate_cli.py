@@ -74,7 +74,7 @@ def _sky(correlation, field, label, options):
     found = correlation.predict(field, options.lmax)
     lines.append(
         f"{label}: errors of a fit of degree {options.lmax}: spin {_three(found.spin.sigma)}, acceleration "
-        f"{_three(found.acceleration.sigma)} µas/yr; {100 * found.efficiency:.0f} % of what an uniform sky of the same weight tells"
+        f"{_three(found.acceleration.sigma)} µas/yr; {100 * found.efficiency:.0f} % of what a uniform sky of the same weight tells"
     )
     return "\n".join(lines) + "\n"
 

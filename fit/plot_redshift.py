@@ -26,7 +26,8 @@ def plot_bins(binned, velocity="planck"):
     matplotlib figure
     """
     figure, panels = plt.subplots(2, 2, figsize=(11, 7.5), sharex=True, layout="constrained")
-    z, edges = binned.redshift, binned.edges
+    # A bin measures the mean of 1/d, and that is where its marker stands.
+    z, edges = np.clip(binned.effective_redshift, binned.edges[:-1], binned.edges[1:]), binned.edges
     logarithmic = edges[0] > 0 and edges[-1] > 5 * edges[0]
     for (components, amplitude), name, symbol in zip(panels, ("acceleration", "spin"), ("ã", "ω"), strict=True):
         vectors = [getattr(solution, name) for solution in binned.solutions]
@@ -43,7 +44,7 @@ def plot_bins(binned, velocity="planck"):
             xerr=[z - edges[:-1], edges[1:] - z], fmt="s", color="0.25", capsize=3, label="as fitted",
         )  # fmt: skip
         amplitude.plot(
-            z, [v.debiased_amplitude for v in vectors], "_", color="#c55a11", ms=14, mew=2, label="less noise"
+            z, [v.debiased_amplitude for v in vectors], "_", color="#c55a11", ms=14, mew=2, label="noise-debiased"
         )
         amplitude.set_ylabel(f"|{symbol}|  [µas/yr]", fontsize=13)
         amplitude.set_ylim(bottom=0)
@@ -72,6 +73,10 @@ def _draw_prediction(binned, velocity, panels):
     curves = acceleration.value[:, None] - np.outer(velocity.value, 1 / (AU_PER_YEAR * transverse_distance(grid)))
     for curve, colour in zip(curves, _COLOURS, strict=True):
         panels[0].plot(grid, curve, color=colour, linestyle="--", linewidth=1, zorder=0.5)
+    # What the test compares with: one value a bin.
+    steps = acceleration.value[:, None] - np.outer(velocity.value, binned.nearness) / AU_PER_YEAR
+    for step, colour in zip(steps, _COLOURS, strict=True):
+        panels[0].hlines(step, edges[:-1], edges[1:], color=colour, linewidth=2, alpha=0.35, zorder=0.6)
     panels[0].plot([], [], color="0.4", linestyle="--", label=f"ã − v/d, |v| = {velocity.amplitude:.0f} km/s")
     panels[1].plot(grid, np.linalg.norm(curves, axis=0), color="0.4", linestyle="--", linewidth=1, label="ã − v/d")
     # The curves may run off where there are few sources: the data set the scale.

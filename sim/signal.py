@@ -41,7 +41,7 @@ class Signal:
 
 
 def as_signal(truth):
-    """Coefficients and Signals alike as a Signal.
+    """Coefficients, Signals, and functions of (lon, lat, redshift) that give (2, n) µas/yr, as a Signal.
 
     Raises
     ------
@@ -50,9 +50,9 @@ def as_signal(truth):
     """
     if isinstance(truth, Coefficients):
         return field(truth)
-    if not isinstance(truth, Signal):
+    if not callable(truth):
         raise ParameterError(f"a true field is a Signal or Coefficients, not {type(truth).__name__}")
-    return truth
+    return truth if isinstance(truth, Signal) else Signal((truth,))
 
 
 @dataclass(frozen=True)

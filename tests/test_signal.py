@@ -116,7 +116,7 @@ def test_waves_have_their_power():
     assert s == pytest.approx(expected, rel=4 * error)
     assert dipole < 1e-20
     assert 1.2 / (4 * np.pi * hubble_rate(70) ** 2) == pytest.approx(4.37944e-4, rel=1e-5)
-    with pytest.raises(ValueError, match="Ω_GW cannot be -1"):
+    with pytest.raises(ValueError, match="omega must be zero or more, not -1"):
         sim.waves(-1, 1)
 
 

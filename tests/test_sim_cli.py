@@ -44,12 +44,13 @@ def test_same_seed_same_bytes(tmp_path, ending):
 
 def test_galaxies_vlbi_and_the_short_way(tmp_path):
     out = str(tmp_path / "t.ecsv")
-    assert main(["galaxies", "--n", "500", "--velocity", "100,-200,300", "--peculiar", "750", "--output", out]) == 0
+    assert main(["galaxies", "--n", "500", "--velocity", "374,-63,53", "--peculiar", "750", "--output", out]) == 0
     assert np.isfinite(read_field(out).redshift).all()
-    assert main(["vlbi", "--n", "200", "--orientation", "10,20,30", "--output", out]) == 0
+    assert main(["vlbi", "--n", "200", "--orientation", "-10,20,30", "--output", out, "--overwrite"]) == 0
     assert len(read_field(out)) == 200
-    assert main(["quasars", "--n", "500", "--short", "--output", out]) == 0
-    assert main(["quasars", "--n", "500", "--short", "--acceleration=-1,2,3", "--output", out]) == 0
+    assert main(["quasars", "--n", "500", "--short", "--output", out]) == 1  # it is there already
+    assert main(["quasars", "--n", "500", "--short", "--output", out, "--overwrite"]) == 0
+    assert main(["quasars", "--n", "500", "--short", "--acceleration", "-1,2,3", "--output", out, "--overwrite"]) == 0
     assert Table.read(out).meta["ACC_X"] == -1
 
 

@@ -89,7 +89,7 @@ def test_selection_functions():
 
 def test_bad_maps(tmp_path):
     (tmp_path / "map.fits").write_text("no map")
-    with pytest.raises(TableError, match="cannot be read as a HEALPix map"):
+    with pytest.raises(TableError, match="is damaged or not FITS"):
         read_map(tmp_path / "map.fits")
     with pytest.raises(FieldError, match="no HEALPix map"):
         draw_positions(1, 1, np.ones(5))

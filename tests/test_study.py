@@ -97,10 +97,14 @@ def test_what_is_finished_is_not_done_again_and_leftovers_go(finished):
     before = {
         path: path.stat().st_mtime_ns for path in finished.rglob("*.*") if path.parent.name in ("A", "D", "prepared")
     }
-    left = finished / "realisations" / "A" / ".12345-00003.json"
+    left = finished / "realisations" / "A" / ".vsh-unfinished-abc-00003.json"
     left.write_text("{")
+    foreign = finished / ".pre-commit-config.yaml"  # fault B1: a user's hidden files went too
+    foreign.write_text("mine")
     study.run(study.load(SMALL), finished, progress=False)
     assert not left.exists()
+    assert foreign.read_text() == "mine"
+    foreign.unlink()
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert len(before) == 48 + 4
 
@@ -142,7 +146,7 @@ def test_another_configuration_is_refused(finished, tmp_path):
     with pytest.raises(StudyError, match="is damaged"):
         study.run(study.load(SMALL), tmp_path, progress=False)
     (tmp_path / "file").write_text("")
-    with pytest.raises(StudyError, match="cannot be made a folder"):
+    with pytest.raises(StudyError, match="is a file, not a folder"):
         study.run(study.load(SMALL), tmp_path / "file", progress=False)
 
 
@@ -162,7 +166,7 @@ def test_more_realisations_go_on_from_the_first(finished, tmp_path):
         (lambda c: c["study"].update(realisations=0), "realisations must be at least 1"),
         (lambda c: c["study"].update(realisations="many"), "realisations is a int, not 'many'"),
         (lambda c: c["study"].update(frame="icrf"), "frame is one of icrs, galactic, ecliptic"),
-        (lambda c: c["truth"].update(spin=[1, 2]), "spin is three numbers"),
+        (lambda c: c["truth"].update(spin=[1, 2]), "spin is three finite numbers"),
         (lambda c: c["truth"].update(hubble=-1), "hubble must be at least"),
         (lambda c: c["case"][0].update(stars={}), "case A: unknown stars"),
         (lambda c: c["case"][0].pop("quasars"), "case A has no quasars"),

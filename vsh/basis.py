@@ -13,6 +13,7 @@ function itself is below 1e-100.
 
 import numpy as np
 
+from vsh.modes import as_modes
 from vsh.sphere import multiples, sin_cos
 
 
@@ -22,7 +23,7 @@ def harmonics(lon, lat, modes):
     Parameters
     ----------
     lon, lat : (n,) arrays — positions [rad]
-    modes : Modes — which modes, in which order; p of them
+    modes : Modes, or the degree lmax — which modes, in which order; p of them
 
     Returns
     -------
@@ -35,7 +36,7 @@ def harmonics(lon, lat, modes):
     >>> harmonics(np.zeros(5), np.zeros(5), Modes(3)).shape
     (30, 2, 5)
     """
-    toroidal = toroidal_harmonics(lon, lat, modes.lmax)
+    toroidal = toroidal_harmonics(lon, lat, as_modes(modes).lmax)
     return np.concatenate([toroidal, spheroidal_twin(toroidal)])
 
 

@@ -28,7 +28,7 @@ def check_folder(path, command, overwrite=False):
     path, shown = Path(path), f"--output {printable(path)}"
     if path.exists() and not path.is_dir():
         raise VshError(f"{shown} is a file, not a folder")
-    _check_parent(path, shown)
+    _check_parent(path, shown, made=True)
     if not path.exists() or not any(path.iterdir()):
         return
     mark = _read_mark(path)
@@ -68,6 +68,7 @@ def results_folder(path, command, provenance, overwrite=False):
     overwrite : bool
     """
     check_folder(path, command, overwrite)
+    Path(os.path.realpath(path)).parent.mkdir(parents=True, exist_ok=True)
     with replacing_folder(path) as folder:
         yield folder
         files = sorted(x.name for x in folder.iterdir())
@@ -82,8 +83,10 @@ def claims(path, command):
     return mark is not None and mark.get("command") == command
 
 
-def _check_parent(path, shown):
+def _check_parent(path, shown, made=False):
     parent = Path(os.path.realpath(path)).parent
+    while made and not parent.exists():
+        parent = parent.parent
     if not parent.is_dir():
         raise VshError(f"{shown}: there is no folder {printable(parent)}")
     if not os.access(parent, os.W_OK):

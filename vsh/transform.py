@@ -10,6 +10,7 @@ import numpy as np
 from vsh.blocks import cores
 from vsh.conventions import from_healpy, to_healpy
 from vsh.errors import FieldError
+from vsh.modes import as_modes
 
 #: Relative accuracy asked of ducc0; it reaches 2e-13 at best in double precision.
 EPSILON = 5e-13
@@ -53,7 +54,7 @@ def adjoint(modes, lon, lat, motion, threads=None):
 
     Parameters
     ----------
-    modes : Modes — p of them
+    modes : Modes, or the degree lmax — p of them
     lon, lat : (n,) arrays — positions [rad]
     motion : (2, n) array — east and north component
 
@@ -75,7 +76,7 @@ def adjoint(modes, lon, lat, motion, threads=None):
     >>> bool(g[0] > 0.3), bool(abs(g[1:]).max() < 1e-12)
     (True, True)
     """
-    loc = _locations(lon, lat)
+    loc, modes = _locations(lon, lat), as_modes(modes)
     motion = np.asarray(motion, float)
     if motion.shape != (2, len(loc)):
         raise FieldError(f"motion has shape {motion.shape}, expected {(2, len(loc))}")
