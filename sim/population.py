@@ -35,6 +35,10 @@ class Population(Frozen):
 
     def __post_init__(self):
         check_frame(self.frame)
+        for name in ("lon", "lat", "magnitude", "redshift"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, np.array(as_floats(name, getattr(self, name))[0]))
+        super().__post_init__()
 
     def __len__(self):
         return len(self.lon)

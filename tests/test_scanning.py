@@ -10,8 +10,7 @@ from vsh.sphere import triad
 
 LAW = NominalScanningLaw()
 #: Mean counts in five years after 6 % loss, by |sin β| (docs/conventions.md).
-# The Gaia Science Performance table of geometrical factors, as PyGaia 1 carried it (pygaia.astrometry.coordinates,
-# `_scalingFactors`): mean number of transits by |sin β|, with 6 % of dead time.
+#: From the Gaia Science Performance table of geometrical factors, which PyGaia 1 carried.
 PUBLISHED = {0.025: 61, 0.125: 62, 0.225: 63, 0.325: 66, 0.425: 71, 0.525: 80, 0.575: 87, 0.625: 98, 0.675: 122,
              0.725: 144, 0.775: 106, 0.825: 93, 0.875: 85, 0.925: 80, 0.975: 75}  # fmt: skip
 

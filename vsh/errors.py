@@ -1,8 +1,13 @@
 """What can go wrong, each with the remedy in its message."""
 
+from vsh.notes import printable
+
 
 class VshError(Exception):
     """Base of every error this project raises on purpose; every one of them is a ValueError too."""
+
+    def __str__(self):
+        return printable(super().__str__())  # what files and columns are called must not steer a terminal
 
 
 class ModesError(VshError, ValueError):

@@ -13,6 +13,8 @@ from vsh.notes import merge_notes
 from vsh.sphere import angles, triad
 from vsh.units import DEGREE, MAS
 
+#: Beyond these a number stands for a missing value, or is none.
+_PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0)}
 _NUMBERS = ("lat", "motion", "sigma", "rho", "redshift", "magnitude")
 _MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
 
@@ -129,9 +131,13 @@ class Field(Frozen):
         motion = MAS * np.stack([columns["pmra"], columns["pmdec"]])
         sigma = MAS * np.stack([columns["pmra_error"], columns["pmdec_error"]])
         rho = columns["pmra_pmdec_corr"]
-        for column in ("redshift", "magnitude"):
+        for column, (low, high) in _PLAUSIBLE.items():
             if column in columns:
-                columns[column] = np.where(missing[column], np.nan, columns[column])
+                values = np.where(missing[column], np.nan, columns[column])
+                odd = np.isfinite(values) & ~((values > low) & (values < high))
+                if odd.any():
+                    notes = (*notes, f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing")
+                columns[column] = np.where(odd | np.isinf(values), np.nan, values)
         found = faults(lon, lat, motion, sigma, rho, missing, placeholders({c: columns[c] for c in _MOTIONS}), turns=1)
         keep, said = refuse(found, n, on_bad, first_row, (lon, lat))
         extras = {c: columns[c][keep] for c in ("redshift", "magnitude", "name") if c in columns}

@@ -82,7 +82,7 @@ def provenance(paths, options, versions, **counts):
         "catalogue": paths[0].name if one else [path.name for path in paths],
         "sha256": hashes[0] if one else hashes,
         **counts,
-        "options": {key: _plain(value) for key, value in vars(options).items() if value is not None and key not in ("output", "html", "overwrite")},
+        "options": {key: _plain(value, paths) for key, value in vars(options).items() if value is not None and key not in ("output", "html", "overwrite")},
         "versions": versions | {
             "python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__,
             "astropy": astropy.__version__,
@@ -100,7 +100,9 @@ def _hash(path):
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _plain(value):
+def _plain(value, paths):
+    if isinstance(value, str) and value in map(str, paths):
+        return Path(value).name  # results are handed round: names of files, not where they lie on this disk
     return value if isinstance(value, (str, int, float, tuple, list, dict)) else str(value)
 
 

@@ -32,6 +32,8 @@ def open_fits(path, label):
         found = list(hdus[chosen].columns)
         meta = _meta(hdus[chosen].header)
     names = [column.name for column in found]
+    if not names or not all(names):
+        raise TableError(f"{label} is damaged: {'its table has no columns' if not names else 'a column has no name'}")
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise TableError(f"{label} is damaged: several columns are called {', '.join(repeated)}")
@@ -43,6 +45,8 @@ def open_fits(path, label):
         with hdus:
             for start in range(0, max(1, units[chosen]["NAXIS2"]), rows):
                 with _guarded(label):
+                    if hdus[chosen].data is None:
+                        raise TableError(f"{label} is damaged: its table holds no data")
                     part = hdus[chosen].data[start : start + rows]
                     block = {name: _column(part, hdus[chosen].columns[name]) for name in wanted}
                 yield block

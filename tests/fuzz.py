@@ -1,0 +1,275 @@
+"""Damaged files for every reader: what is refused in our words, what is taken, what breaks.
+
+`python tests/fuzz.py 8000` shares so many mutants among the readers and prints a table; it ends with status 1 if
+any mutant gave a traceback of a library, hung, crashed, or took more memory than four times its file and 500 MB.
+The same seed gives the same mutants.
+"""
+
+import gzip
+import multiprocessing
+import resource
+import signal
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from vsh.errors import VshError
+
+#: A reader that takes longer hangs. [s]
+SECONDS = 20
+#: Beyond four times the file a reader may take so much. [bytes]
+MEMORY = 500 * 2**20
+ROWS = 40
+
+
+def make_files(folder):
+    """A whole file for each reader: a dict of name to (path, function that reads it)."""
+    import fit
+    import sim
+    import study
+    from fit import checkpoint, storage
+    from fit.correlation import correlation_map, leakage, predict
+    from fit.drift import observer_velocity
+    from fit.redshift import binned
+    from vsh import catalogue, pixels
+
+    field = sim.observe(sim.galaxies(ROWS, 1), sim.spin((1, 2, 3)), rng=2, sigma=50.0)
+    files = {}
+
+    for ending in ("fits", "fits.gz", "ecsv", "ecsv.gz", "csv", "csv.gz", "vot", "parquet"):
+        path = folder / f"field.{ending}"
+        catalogue.write_field(field, path, {"SPIN_X": 1.0})
+        files[f"read_field {ending}"] = path, _field
+        files[f"iter_fields {ending}"] = path, _stream
+        files[f"tables.read {ending}"] = path, _table
+    bins = binned(field, 1, 2)
+    results = {
+        "Solution": fit.fit_field(field, 2), "FrameSolution": fit.solve_frame(field), "BinnedSolution": bins,
+        "VelocitySolution": observer_velocity(field, 70.0), "Prediction": predict(field, 1),
+        "CorrelationMap": correlation_map(field), "Leakage": leakage(field, 1, 2),
+    }  # fmt: skip
+    for name, result in results.items():
+        for ending in ("ecsv", "fits"):
+            path = folder / f"{name}.{ending}"
+            result.write(path)
+            files[f"{name}.{ending}"] = path, storage.read
+    icrf = "ICRF J{0:02d}0020.3-3221{0:02d} 2357-326   D   {0:02d} 00 20.39996890 -32 {0:02d} 01.2335800 0.00002000 0.0003000 0.1000\n"
+    (folder / "icrf.txt").write_text("heading\n" + "".join(icrf.format(k) for k in range(20)))
+    files["read_icrf"] = folder / "icrf.txt", _icrf
+    import healpy
+
+    healpy.write_map(str(folder / "map.fits"), np.arange(12.0 * 16), dtype=float, overwrite=True)
+    files["read_map"] = folder / "map.fits", pixels.read_map
+    text = "[study]\nname = 'x'\nrealisations = 3\n[mission]\nyears = 5.0\n[truth]\nvelocity = [300, 10, 20]\n[[case]]\nname = 'A'\nquasars = { n = 100 }\n"
+    (folder / "study.toml").write_text(text)
+    files["study.load"] = folder / "study.toml", study.load
+    marks = {"data": "x"}
+    chain = np.random.default_rng(1).normal(size=(20, 8, 4))
+    checkpoint.save(folder / "chain.npz", marks, chain, chain[..., 0], np.random.RandomState(1).get_state())
+    files["checkpoint"] = folder / "chain.npz", _checkpoint
+    return files
+
+
+def _field(path):
+    from vsh.catalogue import read_field
+
+    return read_field(path)
+
+
+def _stream(path):
+    from vsh.catalogue import iter_fields
+
+    return list(iter_fields(path, rows=16))
+
+
+def _table(path):
+    from vsh import tables
+
+    return tables.read(path)
+
+
+def _icrf(path):
+    from vsh.catalogue import read_icrf
+
+    return read_icrf(path)
+
+
+def _checkpoint(path):
+    from fit import checkpoint
+
+    return checkpoint.load(path, {"data": "x"})
+
+
+def mutate(content, rng):
+    """One or two kinds of damage, at places drawn by rng."""
+    packed = content[:2] == b"\x1f\x8b" and rng.random() < 0.7
+    if packed:  # damage what is inside as well, or the checksum sees everything
+        content = gzip.decompress(content)
+    data = bytearray(content)
+    for _ in range(rng.integers(1, 3)):
+        kind, n = rng.integers(8), max(len(data), 1)
+        at = int(rng.integers(n)) if rng.random() < 0.5 else int(rng.integers(min(n, 6000)))
+        if kind == 0:
+            data[at : at + 1] = bytes([rng.integers(256)])
+        elif kind == 1:
+            data = data[:at]
+        elif kind == 2:
+            del data[at : at + int(rng.integers(1, 200))]
+        elif kind == 3:
+            data[at:at] = data[at : at + int(rng.integers(1, 200))]
+        elif kind == 4:
+            data[at:at] = bytes(rng.integers(256, size=int(rng.integers(1, 50)), dtype=np.uint8))
+        elif kind == 5:  # a number becomes another, of a size that no file has
+            digits = [i for i in range(at, min(at + 500, len(data))) if 48 <= data[i] < 58]
+            for i in digits[: int(rng.integers(1, 20))]:
+                data[i] = 48 + int(rng.choice([0, 9, int(rng.integers(10))]))
+        elif kind == 6:
+            word = rng.choice(
+                [b"nan", b"-9999", b"1e400", b"inf", b"null", b"\x1b[31m", b"9999999999999999", b'"', b"\x00" * 20]
+            )
+            data[at : at + len(word)] = word
+        else:
+            words = bytes(data).split(b"\n")
+            i, j = rng.integers(len(words), size=2)
+            words[i], words[j] = words[j], words[i]
+            data = bytearray(b"\n".join(words))
+    return gzip.compress(bytes(data), mtime=0) if packed else bytes(data)
+
+
+def outcome(read, path, whole):
+    """What a reader makes of a file: "refused", "same", "changed", or the name of what it should not raise."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = read(path)
+    except VshError as error:
+        message = str(error)
+        return "refused" if len(message) > 10 and "\x1b" not in message else f"bare: {message!r}"
+    except Exception as error:  # noqa: BLE001 (that none comes is what is tried)
+        return f"traceback: {type(error).__name__}: {str(error)[:100]}"
+    now = describe(found)
+    return "same" if now == whole else f"changed: {difference(whole, now)}"
+
+
+def difference(whole, now):
+    """In which way a result that was taken differs: fewer or other rows, other numbers, names, notes or metadata."""
+    if isinstance(whole, dict) and isinstance(now, dict):
+        if set(whole) != set(now):
+            return "names"
+        return " ".join(sorted({f"{key}" for key in whole if whole[key] != now[key]}))[:60]
+    if isinstance(whole, (list, tuple)) and isinstance(now, (list, tuple)):
+        if len(whole) != len(now):
+            return "rows"
+        return next((difference(a, b) for a, b in zip(whole, now, strict=True) if a != b), "")
+    if isinstance(whole, bytes) and isinstance(now, bytes) and len(whole) != len(now):
+        return "rows"
+    return "values"
+
+
+def describe(found):
+    """Something that is equal where two results are."""
+    if isinstance(found, list):
+        return [describe(each) for each in found]
+    if isinstance(found, tuple):
+        return tuple(describe(each) for each in found)
+    if isinstance(found, np.ndarray):
+        return found.tobytes()
+    if hasattr(found, "colnames"):
+        return {name: (str(found[name].unit), np.asarray(found[name]).tobytes()) for name in found.colnames}
+    if hasattr(found, "__dataclass_fields__"):
+        return {name: describe(getattr(found, name)) for name in found.__dataclass_fields__}
+    return repr(found)
+
+
+def mutants(seed, name, content, n):
+    """n damaged copies of a file; the same for the same seed and name."""
+    for k in range(n):
+        yield k, mutate(content, np.random.default_rng([seed, *name.encode(), k]))
+
+
+def work(seed, names, n, queue):
+    """One process: whole files of its own, then the mutants of some readers."""
+    resource.setrlimit(resource.RLIMIT_AS, (12 * 2**30, 12 * 2**30))
+    with tempfile.TemporaryDirectory() as folder:
+        files = make_files(Path(folder))
+        for name in names:
+            path, read = files[name]
+            whole, content = describe(read(path)), path.read_bytes()
+            damaged = path.with_name(f"mutant-{path.name}")
+            for k, mutant in mutants(seed, name, content, n):
+                damaged.write_bytes(mutant)
+                queue.put(("begin", name, k, None))
+                before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.monotonic()
+                signal.setitimer(signal.ITIMER_REAL, SECONDS)
+                try:
+                    said = outcome(read, damaged, whole)
+                except TimeoutError:
+                    said = "hang"
+                finally:
+                    signal.setitimer(signal.ITIMER_REAL, 0)
+                taken = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+                if taken > 4 * len(mutant) + MEMORY:
+                    said = f"memory: {taken / 2**20:.0f} MiB"
+                if time.monotonic() - start > SECONDS:
+                    said = "hang"
+                queue.put(("end", name, k, said))
+    queue.put(("done", None, None, None))
+
+
+def _alarm(*_):
+    raise TimeoutError
+
+
+def main(total=8000, seed=1, processes=2):
+    signal.signal(signal.SIGALRM, _alarm)
+    from queue import Empty
+
+    with tempfile.TemporaryDirectory() as folder:
+        names = list(make_files(Path(folder)))
+    n = -(-total // len(names))
+    context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
+    found, bad = {name: Counter() for name in names}, []
+    queues = []
+    for i in range(processes):
+        queue = context.Queue()
+        process = context.Process(target=work, args=(seed, names[i::processes], n, queue), daemon=True)
+        process.start()
+        queues.append((process, queue))
+    start = time.monotonic()
+    for process, queue in queues:
+        last = None
+        while True:
+            try:
+                kind, name, k, said = queue.get(timeout=SECONDS * 3)
+            except (Empty, EOFError):
+                bad.append((*last, f"crash, exit code {process.exitcode}"))
+                process.kill()
+                break
+            if kind == "done":
+                break
+            last = name, k
+            if kind == "end":
+                plain = said.split(":")[0]
+                found[name][plain] += 1
+                if plain == "changed" and len(sys.argv) > 3:
+                    print("CHANGED", name, k, said)
+                if plain not in ("refused", "same", "changed"):
+                    bad.append((name, k, said))
+    print(f"{'reader':28}{'refused':>9}{'same':>7}{'changed':>9}{'broken':>8}")
+    for name, counts in found.items():
+        broken = sum(counts.values()) - counts["refused"] - counts["same"] - counts["changed"]
+        print(f"{name:28}{counts['refused']:9}{counts['same']:7}{counts['changed']:9}{broken:8}")
+    totals = sum(found.values(), Counter())
+    print(f"{sum(totals.values())} mutants in {time.monotonic() - start:.0f} s: {dict(totals)}")
+    for row in bad[:60]:
+        print("BROKEN", *row)
+    return bool(bad)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:3])))

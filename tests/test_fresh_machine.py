@@ -1,0 +1,43 @@
+"""Nothing depends on what yesterday's run left in a cache."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+
+@pytest.mark.parametrize(
+    "code", ["import fit.plot_posterior", "import fit; fit.posterior", "import vsh.plot, sim.plot, study"]
+)
+def test_imports_warn_of_nothing_in_an_empty_home(code, tmp_path):
+    """Fault A1: arviz, which corner imports, warns once a day by a stamp in the user's cache."""
+    home = {"HOME": str(tmp_path), "PATH": os.environ["PATH"]}
+    # Warnings by our own modules; numpy and others may have theirs.
+    command = [sys.executable, "-W", "error::FutureWarning", "-c", code]
+    done = subprocess.run(command, cwd=ROOT, env=home, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+
+
+def test_versions_are_locked_and_floors_are_tested():
+    """Fault A2: `make test-oldest` installs the lowest versions that setup.cfg declares."""
+    floors = dict(re.findall(r"^ {4}(\w[\w-]*)>=([\d.]+)$", (ROOT / "setup.cfg").read_text(), re.MULTILINE))
+    oldest = dict(re.findall(r"^([\w-]+)==([\d.]+)$", (ROOT / "requirements" / "oldest.txt").read_text(), re.MULTILINE))
+    for name in (
+        "numpy",
+        "scipy",
+        "astropy",
+        "healpy",
+        "ducc0",
+        "emcee",
+        "matplotlib",
+        "tqdm",
+        "threadpoolctl",
+        "corner",
+    ):
+        assert oldest[name].removesuffix(".0").startswith(floors[name].removesuffix(".0")), name
+    newest = (ROOT / "requirements" / "newest.txt").read_text()
+    assert all(f"\n{name}==" in newest for name in floors if name != "uv")
