@@ -1,11 +1,11 @@
 """Solutions in bins of redshift, and the questions one asks of them."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
 
+from fit.contrasts import ChiSquare, gls, information, slope_of, welch
 from fit.normal import NormalEquations
 from fit.quality import Quality, f_p_value
 from fit.solution import Solution
@@ -18,20 +18,6 @@ from vsh.frames import check_frame
 from vsh.frozen import Frozen
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
-
-
-class ChiSquare(NamedTuple):
-    """A χ² with its degrees of freedom, and the probability of as much or more.
-
-    `chi2` and `p` are with the errors of each bin multiplied by the root of its own χ²/dof, which makes them
-    right whatever their scale is in each bin; `quoted` and `p_quoted` with the catalogue's errors as they are.
-    """
-
-    chi2: float
-    dof: int
-    p: float
-    quoted: float = float("nan")
-    p_quoted: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,13 +156,13 @@ class BinnedSolution(Stored):
         values, covariance, free = self._chosen(None, None)
         q = values.shape[1]
         line = np.stack([np.ones(len(self)), x - x.mean()], 1)
-        theta, _, spread = _gls(values, covariance, line)
+        theta, _, spread = gls(values, covariance, line)
         slopes, error = theta[q:], spread[q:, q:]
         vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in "TS"]
         misfit, scaled, quoted = self._compared(None, None, line)
-        explained = _slope_chi2(*scaled, q), _slope_chi2(*quoted, q)
+        explained = slope_of(*scaled, q), slope_of(*quoted, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
-        weight, dof = _information(self)
+        weight, dof = information(self)
         part = weight * (x - weight @ x / weight.sum()) ** 2
         p = f_p_value(explained[0], q, part.sum() ** 2 / np.sum(part**2 / dof))
         test = ChiSquare(explained[0], q, p, explained[1], float(chdtrc(q, explained[1])))
@@ -199,7 +185,7 @@ class BinnedSolution(Stored):
         values, covariance, free = self._chosen("S", 1)
         rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
         constant, drifts = np.ones((len(self), 1)), np.outer(self.nearness, rows)
-        theta, _, spread = _gls(values - drifts, covariance, constant)
+        theta, _, spread = gls(values - drifts, covariance, constant)
         test, _, _ = self._compared("S", 1, constant, drifts)
         return _vector(self.modes, "S", theta, spread, free, self.frame), test
 
@@ -288,65 +274,18 @@ class BinnedSolution(Stored):
         values, covariance, _ = self._chosen(kind, l)
         q = values.shape[1]
         root = np.repeat(np.sqrt(self.scales), q)
-        scaled = _gls(values - model, covariance * np.outer(root, root), design)
-        quoted = _gls(values - model, covariance, design)
+        scaled = gls(values - model, covariance * np.outer(root, root), design)
+        quoted = gls(values - model, covariance, design)
         steps = len(self) - design.shape[1]
         return self._test(scaled[1], quoted[1], steps * q, steps), scaled, quoted
 
     def _test(self, scaled, quoted, dof, steps):
         if not dof:
             return ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
-        factor, denominator = _welch(self, steps)
+        factor, denominator = welch(self, steps)
         return ChiSquare(
             scaled / factor, dof, f_p_value(scaled / factor, dof, denominator), quoted, float(chdtrc(dof, quoted))
         )
-
-
-def _welch(binned, steps):
-    """By what a scaled χ² is divided, and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
-    weight, dof = _information(binned)
-    share = weight / weight.sum()
-    spread = np.sum((1 - share) ** 2 / dof)
-    k = steps + 1
-    return 1 + 2 * (k - 2) / (k * k - 1) * spread, (k * k - 1) / (3 * spread)
-
-
-def _information(binned):
-    """Weight of each bin with scaled errors, and the degrees of freedom of its scale."""
-    weight = np.array([1 / np.trace(s.covariance) for s in binned.solutions]) / binned.scales
-    return weight, np.array([max(s.dof, 1) for s in binned.solutions])
-
-
-def _slope_chi2(theta, least, spread, q):
-    return float(theta[q:] @ np.linalg.solve(spread[q:, q:], theta[q:]))
-
-
-def equality_chi2(values, covariance):
-    """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
-    weight = np.linalg.inv(covariance)
-    pull = np.einsum("bij,bj->bi", weight, values)
-    return float(np.sum(values * pull) - pull.sum(0) @ np.linalg.solve(weight.sum(0), pull.sum(0)))
-
-
-def slope_chi2(values, covariance, x):
-    """χ² that a straight line takes away from independent bins: that of no slope."""
-    weight = np.linalg.inv(covariance)
-    design = np.stack([np.ones_like(x), x - x.mean()])
-    normal = np.einsum("kb,lb,bij->kilj", design, design, weight).reshape(2 * weight.shape[1], -1)
-    rhs = np.einsum("kb,bij,bj->ki", design, weight, values)
-    return float(rhs.ravel() @ np.linalg.solve(normal, rhs.ravel()) - rhs[0] @ np.linalg.solve(weight.sum(0), rhs[0]))
-
-
-def _gls(values, covariance, design):
-    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and θ's covariance."""
-    q = values.shape[1]
-    full = np.kron(design, np.eye(q))
-    y = values.ravel()
-    weighted = np.linalg.solve(covariance, np.column_stack([full, y]))
-    spread = np.linalg.inv(full.T @ weighted[:, :-1])
-    theta = spread @ (full.T @ weighted[:, -1])
-    least = float(y @ weighted[:, -1] - theta @ (full.T @ weighted[:, -1]))
-    return theta, least, spread
 
 
 def _vector(modes, kind, values, covariance, free, frame):

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from fit.binned import BinnedSolution, ChiSquare, Trend
+from fit.binned import BinnedSolution, Trend
+from fit.contrasts import ChiSquare
 from fit.normal import NormalEquations, normal_equations
 from fit.shuffle import chances_by_shuffling
 from fit.solution import Solution

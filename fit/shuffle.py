@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fit.binned import equality_chi2, slope_chi2
+from fit.contrasts import equality_chi2, slope_chi2
 from vsh.apex import velocity_along
 from vsh.arguments import generator, whole
 from vsh.basis import harmonics

@@ -8,7 +8,7 @@ from scipy.special import chdtrc
 
 from fit.quality import Quality
 from fit.storage import Stored, coefficient_columns, count, exact, number, words
-from vsh.arguments import covariance
+from vsh.arguments import covariance, float_array
 from vsh.coefficients import FIRST_DEGREE, Coefficients
 from vsh.errors import FrameError
 from vsh.frames import check_frame
@@ -185,6 +185,7 @@ class Solution(Stored):
 
     @classmethod
     def _unpack(cls, columns, rest):
+        float_array("value", columns["value"])
         return cls(*cls._plain(columns, rest))
 
     @staticmethod

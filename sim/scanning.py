@@ -25,8 +25,7 @@ from vsh.frozen import Frozen
 from vsh.sphere import triad
 from vsh.units import DEGREE
 
-#: Longer missions are typing errors; Gaia's lasted 10.5. [yr]
-MAX_YEARS = 100
+MAX_YEARS = 100  # longer missions are typing errors
 #: Sources looked at together; each with every spin of the mission.
 BLOCK = 1000
 
@@ -121,9 +120,7 @@ class NominalScanningLaw(Frozen):
         between("solar_aspect", self.solar_aspect, 0, np.pi / 2)
         between("basic_angle", self.basic_angle, 0, np.pi)
         if not 0 <= number("dead_time", self.dead_time) < 1:
-            raise ParameterError(
-                f"dead_time is a fraction of the mission, at least 0 and below 1, not {self.dead_time}"
-            )
+            raise ParameterError(f"dead_time is a fraction, at least 0 and below 1, not {self.dead_time}")
         if self.dead_time and self.rng is None:
             raise ParameterError("a dead time needs rng, which draws its gaps")
         check_frame(self.frame)

@@ -52,6 +52,7 @@ HEAVY = {
         "vsh/catalogue/_columns.py",
         "vsh/frames.py",
         "vsh/shell.py",
+        "fit/storage.py",
     },
 }
 

@@ -173,3 +173,30 @@ def test_a_prior_that_differs_by_its_numbers_only_is_told(field, tmp_path):
     sample(field, **COMMON | {"hubble_prior": Normal(70, 5)}, checkpoint=path)
     with pytest.raises(CheckpointError, match="hubble: there"):
         sample(field, **COMMON | {"hubble_prior": Normal(70, 6)}, checkpoint=path)
+
+
+@pytest.mark.parametrize("column", ["lon", "lat", "motion", "sigma", "rho", "redshift"])
+def test_every_column_is_in_the_fingerprint(field, column):
+    """A survivor of deliberate breaks: redshift out of the fingerprint."""
+    from fit.checkpoint import fingerprint
+
+    columns = {name: np.array(getattr(field, name)) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")}
+    columns[column] = columns[column] + 1e-9
+    changed = type(field)(**columns)
+    assert fingerprint(changed, {})["data"] != fingerprint(field, {})["data"]
+
+
+def test_burn_in_and_thinning_interval():
+    """A survivor of deliberate breaks: five autocorrelation times of the slowest, half of the quickest."""
+    from types import SimpleNamespace
+
+    from fit.posterior import Posterior
+
+    rng = np.random.default_rng(1)
+    chain = np.zeros((4000, 8, 2))
+    for t in range(1, 4000):  # autoregressive: integrated times (1 + a)/(1 − a), 19 and 3
+        chain[t] = np.array([0.9, 0.5]) * chain[t - 1] + rng.normal(size=(8, 2))
+    found = Posterior(chain, chain[..., 0], SimpleNamespace(names=("slow", "quick")), "icrs", (), 1)
+    assert found.autocorrelation["slow"] == pytest.approx(19, rel=0.25)
+    assert found.burn_in == int(np.ceil(5 * found.autocorrelation["slow"]))
+    assert found.thin == max(1, int(found.autocorrelation["quick"] / 2))

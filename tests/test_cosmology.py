@@ -4,7 +4,7 @@ from astropy.cosmology import FlatLambdaCDM, Flatw0waCDM, LambdaCDM
 
 from vsh.apex import PAPER as PAPER_APEX
 from vsh.apex import PLANCK
-from vsh.cosmology import PAPER, transverse_distance
+from vsh.cosmology import PAPER, redshift_of, transverse_distance
 from vsh.errors import FieldError
 from vsh.redshifts import with_redshift
 from vsh.units import AU_PER_YEAR
@@ -94,3 +94,20 @@ def test_our_velocity():
     assert PLANCK.amplitude_error == pytest.approx(0.11)
     # The paper tabulates the antapex.
     np.testing.assert_allclose(-PAPER_APEX.value, (25.7, 244.3, -275.3), atol=0.06)
+
+
+def test_beyond_the_antipode_of_a_closed_cosmology():
+    """Fault C10: negative distances."""
+    from astropy.cosmology import LambdaCDM
+
+    closed = LambdaCDM(H0=70, Om0=3.0, Ode0=3.0)
+    assert (transverse_distance(np.array([0.1, 0.5]), closed) > 0).all()
+    for z in (np.array([0.1, 50.0]), np.geomspace(0.1, 50, 2000)):
+        with pytest.raises(FieldError, match="beyond the antipode"):
+            transverse_distance(z, closed)
+
+
+def test_redshifts_from_distances():
+    z = np.array([2e-4, 0.01, 0.3, 1.0, 7.0])
+    np.testing.assert_allclose(redshift_of(transverse_distance(z)), z, rtol=1e-6)
+    assert np.isnan(redshift_of(np.array([np.nan])))[0]

@@ -24,7 +24,13 @@ def test_a_prediction_is_the_covariance_of_the_fit_to_come():
     np.testing.assert_allclose(found.spin.sigma, solution.spin.sigma)
     assert np.isnan(found.coefficients.values).all()
     assert np.isnan(found.chi2)
-    assert 0 < found.efficiency < 1
+    # By its definition: the sixth root of the ratio of determinants, against the same weight spread evenly.
+    alone = fit.normal_equations(field, 1)
+    even = np.diag(np.r_[1, 2, 2, 1, 2, 2] * field.information.sum() / (8 * np.pi))
+    ratio = np.linalg.slogdet(alone.matrix)[1] - np.linalg.slogdet(even)[1]
+    assert found.efficiency == pytest.approx(np.exp(ratio / 6), rel=1e-6)
+    evenly = fit.correlation.predict(sim.Population(*sim.uniform_sky(50_000, 1), None), 1, sigma=1.0)
+    assert evenly.efficiency == pytest.approx(1, abs=1e-3)
     assert "Prediction: degree 3" in repr(found)
     value, pair = predict(field, 1).worst
     assert value == pytest.approx(correlation_map(field).worst(0)[0])

@@ -9,8 +9,10 @@ import sim
 from fit.drift_report import report_bins
 from fit.redshift import binned, chances_by_shuffling, equal_information
 from vsh import Modes, Vector, catalogue
-from vsh.apex import PAPER
+from vsh.apex import PAPER, PLANCK
+from vsh.cosmology import transverse_distance
 from vsh.errors import DegeneracyError, FieldError, ParameterError
+from vsh.units import AU_PER_YEAR
 
 EDGES = [0.001, 0.005, 0.01, 0.03]
 
@@ -204,7 +206,7 @@ def test_shuffling_keeps_its_promise_with_wrong_errors():
 def test_shuffling_begins_with_the_same_chi2():
     field = quasars(500, 11)
     found = binned(field, 1, 3)
-    from fit.binned import equality_chi2, slope_chi2
+    from fit.contrasts import equality_chi2, slope_chi2
 
     values = np.stack([s.coefficients.values for s in found.solutions])
     covariance = np.stack([s.covariance for s in found.solutions])
@@ -223,3 +225,19 @@ def test_a_real_catalogue_claims_nothing():
     assert "  contradicted" not in text
     assert "the residuals suggest errors 2.77 times as large" in text
     assert found.trend().test.p_quoted < 1e-9  # what the catalogue's errors alone would have claimed
+
+
+def test_markers_stand_where_a_bin_measures():
+    """Fault C11: at the mean redshift, points lay 4 to 5 σ off a curve that the test accepted."""
+    galaxies = sim.galaxies(20_000, 1, nearest=0.001, farthest=0.03)
+    velocity = PLANCK.to_frame("icrs")
+    field = sim.observe(galaxies, sim.drift(velocity.value), 2, sigma=0.5)
+    found = binned(field, 1, [0.001, 0.006, 0.03])
+    predicted = -np.outer(1 / (AU_PER_YEAR * transverse_distance(found.effective_redshift)), velocity.value)
+    at_mean = -np.outer(1 / (AU_PER_YEAR * transverse_distance(found.redshift)), velocity.value)
+    for b, solution in enumerate(found.solutions):
+        a = solution.acceleration
+        assert np.abs((a.value - predicted[b]) / a.sigma).max() < 4
+        assert found.edges[b] < found.effective_redshift[b] < found.redshift[b]
+    first = found.solutions[0].acceleration
+    assert np.abs((first.value - at_mean[0]) / first.sigma).max() > 4

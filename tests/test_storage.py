@@ -92,3 +92,43 @@ def test_for_notebooks_and_papers():
     assert latex.count(r"\\") == 1 + 2 + 1 + 6
     assert f"{solution.spin.value[0]:+.3f}" in latex
     assert "e+" not in latex
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "words"),
+    [
+        (
+            lambda table: table.__setitem__("value", table["value"] * np.r_[np.nan, np.ones(15)]),
+            "1 of 16 values of value are not finite",
+        ),
+        (lambda table: table["covariance"].__setitem__((0, 0), -1.0), "negative variances"),
+        (lambda table: table["covariance"].__setitem__((0, 1), 1e3), "not symmetric"),
+        (lambda table: table.__setitem__("sigma", table["sigma"] * 2), "column sigma"),
+        (lambda table: table["value"].__setattr__("unit", "mas / yr"), "column value is in mas"),
+        (lambda table: table.__setitem__("coefficient", table["coefficient"][::-1]), "column coefficient"),
+        (lambda table: table.reverse(), "negative variances"),
+        (lambda table: table.remove_column("sigma"), "columns sigma"),
+        (lambda table: table.__setitem__("value", np.ma.masked_array(table["value"], np.arange(16) == 3)), "missing"),
+    ],
+    ids=[
+        "nan",
+        "negative variance",
+        "asymmetric",
+        "sigma",
+        "unit",
+        "names permuted",
+        "rows permuted",
+        "a column less",
+        "masked",
+    ],
+)
+def test_stored_results_are_checked(spoiled, words, tmp_path):
+    """Fault F3: each was read without a word."""
+    field = random_field(100, 1)
+    solution = fit.fit_field(field, 2)
+    solution.write(tmp_path / "s.ecsv")
+    table = Table.read(tmp_path / "s.ecsv")
+    spoiled(table)
+    table.write(tmp_path / "s.ecsv", overwrite=True)
+    with pytest.raises(TableError, match=rf"is damaged: its Solution is not as it was written.*{words}"):
+        read(tmp_path / "s.ecsv")

@@ -1,0 +1,66 @@
+"""Tests of estimates in bins: least squares with a joint covariance, and p-values whose scales were estimated."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class ChiSquare(NamedTuple):
+    """A χ² with its degrees of freedom, and the probability of as much or more.
+
+    `chi2` and `p` are with the errors of each bin multiplied by the root of its own χ²/dof, which makes them
+    right whatever their scale is in each bin; `quoted` and `p_quoted` with the catalogue's errors as they are.
+    """
+
+    chi2: float
+    dof: int
+    p: float
+    quoted: float = float("nan")
+    p_quoted: float = float("nan")
+
+
+def welch(binned, steps):
+    """By what a scaled χ² is divided, and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
+    weight, dof = information(binned)
+    share = weight / weight.sum()
+    spread = np.sum((1 - share) ** 2 / dof)
+    k = steps + 1
+    return 1 + 2 * (k - 2) / (k * k - 1) * spread, (k * k - 1) / (3 * spread)
+
+
+def information(binned):
+    """Weight of each bin with scaled errors, and the degrees of freedom of its scale."""
+    weight = np.array([1 / np.trace(s.covariance) for s in binned.solutions]) / binned.scales
+    return weight, np.array([max(s.dof, 1) for s in binned.solutions])
+
+
+def slope_of(theta, least, spread, q):
+    return float(theta[q:] @ np.linalg.solve(spread[q:, q:], theta[q:]))
+
+
+def equality_chi2(values, covariance):
+    """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
+    weight = np.linalg.inv(covariance)
+    pull = np.einsum("bij,bj->bi", weight, values)
+    return float(np.sum(values * pull) - pull.sum(0) @ np.linalg.solve(weight.sum(0), pull.sum(0)))
+
+
+def slope_chi2(values, covariance, x):
+    """χ² that a straight line takes away from independent bins: that of no slope."""
+    weight = np.linalg.inv(covariance)
+    design = np.stack([np.ones_like(x), x - x.mean()])
+    normal = np.einsum("kb,lb,bij->kilj", design, design, weight).reshape(2 * weight.shape[1], -1)
+    rhs = np.einsum("kb,bij,bj->ki", design, weight, values)
+    return float(rhs.ravel() @ np.linalg.solve(normal, rhs.ravel()) - rhs[0] @ np.linalg.solve(weight.sum(0), rhs[0]))
+
+
+def gls(values, covariance, design):
+    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and θ's covariance."""
+    q = values.shape[1]
+    full = np.kron(design, np.eye(q))
+    y = values.ravel()
+    weighted = np.linalg.solve(covariance, np.column_stack([full, y]))
+    spread = np.linalg.inv(full.T @ weighted[:, :-1])
+    theta = spread @ (full.T @ weighted[:, -1])
+    least = float(y @ weighted[:, -1] - theta @ (full.T @ weighted[:, -1]))
+    return theta, least, spread
