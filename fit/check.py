@@ -8,6 +8,8 @@ from fit.frame import FrameSolution, solve_frame
 from fit.normal import normal_equations
 from fit.solution import Solution
 from fit.solve import solve
+from vsh import arguments
+from vsh.field import Field
 from vsh.frozen import Frozen
 from vsh.modes import Modes
 
@@ -29,6 +31,7 @@ class CrossCheck(Frozen):
     largest: float
 
 
+@arguments.accepts(field=arguments.a(Field))
 def cross_check(field):
     """Fit degree 1 to a field by both solvers and compare.
 

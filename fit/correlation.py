@@ -171,6 +171,8 @@ def correlation_map(fields, modes_or_frame="frame", labels=None, offsets=None, s
     if isinstance(fields, dict):
         labels, fields = list(fields), list(fields.values())
     fields = [as_field(field, sigma) for field in (fields if isinstance(fields, (list, tuple)) else [fields])]
+    if not fields:
+        raise ParameterError("there are no catalogues to take correlations of")
     labels = tuple(labels or (f"catalogue {i + 1}" for i in range(len(fields))))
     if len(labels) != len(fields):
         raise ParameterError(f"{len(labels)} labels for {len(fields)} catalogues")

@@ -11,9 +11,11 @@ from scipy.special import chdtrc
 
 from fit.drift_rows import OMEGA, A, U, check_determined, drift_rows
 from fit.named import NamedSolution
+from vsh import arguments
 from vsh.apex import PLANCK, velocity_along
 from vsh.arguments import not_negative, positive
 from vsh.errors import DegeneracyError, ParameterError
+from vsh.field import Field
 from vsh.vector import Vector
 
 _PRODUCT = "the motions of sources see only the product of our velocity and the Hubble constant, v · H0"
@@ -82,6 +84,9 @@ class HubbleSolution(DriftSolution):
         return float(self.sigma[0])
 
 
+@arguments.accepts(
+    field=arguments.a(Field), hubble=arguments.positive, extra=arguments.not_negative, peculiar=arguments.not_negative
+)
 def observer_velocity(field, hubble=None, cosmology=None, peculiar=750.0, spin=None, extra=0.0):
     """Our velocity and the acceleration, θ = (v, ã), for a known Hubble constant.
 
@@ -130,6 +135,9 @@ def observer_velocity(field, hubble=None, cosmology=None, peculiar=750.0, spin=N
     return VelocitySolution(**found, peculiar=peculiar, assumed_hubble=hubble)
 
 
+@arguments.accepts(
+    field=arguments.a(Field), hubble=arguments.positive, extra=arguments.not_negative, peculiar=arguments.not_negative
+)
 def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=None, extra=0.0, hubble=None):
     """The Hubble constant and the acceleration, θ = (H0, ã), for a known velocity.
 

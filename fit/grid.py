@@ -6,7 +6,9 @@ import numpy as np
 
 from fit.drift_model import drift_model, priors
 from fit.drift_rows import drift_rows
+from vsh import arguments
 from vsh.errors import ParameterError
+from vsh.field import Field
 from vsh.frozen import Frozen
 from vsh.vector import Vector
 
@@ -49,6 +51,7 @@ class GridPosterior(Frozen):
         return float(np.sqrt((x - x @ p) ** 2 @ p))
 
 
+@arguments.accepts(field=arguments.a(Field), points=arguments.whole)
 def grid(
     field,
     velocity_prior="planck",

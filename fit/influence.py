@@ -7,11 +7,12 @@ from fit.parameters import named
 from fit.predict import as_field
 from fit.solution import at_sources
 from fit.solve import solve
-from vsh import Coefficients
+from vsh import Coefficients, arguments
 from vsh.errors import FieldError, ParameterError
 from vsh.modes import as_modes
 
 
+@arguments.accepts(nside=arguments.whole)
 def influence(sources, modes, pair, nside=16, of=None, sigma=None):
     """How a result changes with the weight of each HEALPix pixel; exact, from the normal matrix.
 
@@ -48,6 +49,7 @@ def influence(sources, modes, pair, nside=16, of=None, sigma=None):
     return np.bincount(pixels, _by_source(field, modes, pair, of), 12 * nside**2)
 
 
+@arguments.accepts(nside=arguments.whole, new=arguments.positive, sigma=arguments.positive)
 def gain(sources, modes, pair, nside=16, new=1000, sigma=None, of=None):
     """How a result would change if new sources were added in each pixel.
 
@@ -102,6 +104,8 @@ def _change(covariance, first, second, g, h, product):
 
 
 def _prepared(field, modes, pair):
+    if not isinstance(pair, (str, tuple, list)) or not all(isinstance(name, str) for name in pair):
+        raise ParameterError(f"one or two names of parameters are wanted, not {pair!r}")
     names = (pair,) if isinstance(pair, str) else tuple(pair)
     if len(names) not in (1, 2) or len(set(names)) != len(names):
         raise ParameterError(f"one or two different parameters are wanted, not {pair!r}")

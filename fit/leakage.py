@@ -10,7 +10,7 @@ from fit.parameters import check_lower, correlation_of, named
 from fit.predict import as_field
 from fit.solve import solve
 from fit.storage import Stored, words
-from vsh import Coefficients, Modes
+from vsh import Coefficients, Modes, arguments
 from vsh.arguments import float_array
 from vsh.errors import DegeneracyError, ParameterError, TableError
 from vsh.frames import check_frame
@@ -128,6 +128,7 @@ class Leakage(Stored):
         return spectrum[kinds, degrees] / (2 * degrees + 1) / modes.multiplicity
 
 
+@arguments.accepts(fitted=arguments.modes, unmodelled=arguments.modes)
 def leakage(sources, fitted, unmodelled, sigma=None):
     """The matrix that carries unmodelled degrees into the fitted ones.
 
@@ -154,6 +155,7 @@ def leakage(sources, fitted, unmodelled, sigma=None):
     return Leakage(matrix, fitted, unmodelled, tuple(names[inside]), tuple(names[~inside]), field.frame)
 
 
+@arguments.accepts(highest=arguments.whole)
 def lmax_table(sources, highest=10, sigma=None):
     """Condition and largest correlation of fits of every degree: rows of (lmax, condition, correlation).
 
@@ -176,6 +178,7 @@ def lmax_table(sources, highest=10, sigma=None):
     return rows
 
 
+@arguments.accepts(max_condition=arguments.positive, max_correlation=arguments.positive, highest=arguments.whole)
 def recommend_lmax(sources, max_condition=100.0, max_correlation=0.5, highest=10, sigma=None):
     """The largest degree whose fit, and that of every lower one, stays under both bounds.
 
@@ -233,6 +236,7 @@ class Eigenmodes(Frozen):
         return plot_eigenmodes(self, most)
 
 
+@arguments.accepts(modes=arguments.modes)
 def eigenmodes(sources, modes, sigma=None):
     """An orthogonal basis on the given sky.
 

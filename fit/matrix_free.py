@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve, eigvalsh_tridiagonal
 
 from fit.compress import Rings, fourier_sums
 from fit.solution import Solution
-from vsh import Coefficients, Field, Modes
+from vsh import Coefficients, Field, Modes, arguments
 from vsh.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
 from vsh.modes import as_modes
 from vsh.notes import merge_notes
@@ -65,6 +65,9 @@ class MatrixFreeSolution(Solution):
         return super().__getattribute__(name)
 
 
+@arguments.accepts(
+    fields=arguments.fields, modes=arguments.modes, tolerance=arguments.positive, max_iterations=arguments.whole
+)
 def solve_matrix_free(
     fields, modes, prior_power=None, errors_of=(), tolerance=1e-8, max_iterations=500, threads=None, progress=True
 ):

@@ -9,8 +9,10 @@ from fit.normal import normal_equations
 from fit.sandwich import sandwich, weighted_matrix
 from fit.solution import Solution
 from fit.solve import solve
+from vsh import arguments
 from vsh.arguments import positive, whole
 from vsh.errors import ConvergenceError
+from vsh.field import Field
 from vsh.frozen import Frozen
 from vsh.modes import as_modes
 
@@ -39,6 +41,9 @@ class ExtraNoise(Frozen):
     rounds: int
 
 
+@arguments.accepts(
+    field=arguments.a(Field), modes=arguments.modes, tolerance=arguments.positive, max_rounds=arguments.whole
+)
 def extra_noise(field, modes, scale=False, tolerance=1e-4, max_rounds=100):
     """Fit with C + s² I for every source's covariance, s by restricted maximum likelihood.
 

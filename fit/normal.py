@@ -8,7 +8,7 @@ import numpy as np
 from fit.compress import compressed_sums
 from fit.dipole import dipole_sums
 from fit.direct import direct_sums
-from vsh import Field, Modes
+from vsh import Field, Modes, arguments
 from vsh.arguments import choice, float_array
 from vsh.errors import FieldError, FrameError, ModesError
 from vsh.frozen import Frozen
@@ -85,6 +85,7 @@ class NormalEquations(Frozen):
         )
 
 
+@arguments.accepts(modes=arguments.modes)
 def normal_equations(field, modes, method="auto", threads=None):
     """Sum a field, or a stream of fields, into normal equations.
 
@@ -156,6 +157,7 @@ def direct_up_to(modes):
     return max(1000, 2**18 // modes.lmax**2)
 
 
+@arguments.accepts(modes=arguments.modes)
 def gaussian_prior(modes, sigma, mean=0.0, frame=None):
     """The prior c ~ N(mean, sigma²), as data: one number for each coefficient it bears on.
 

@@ -14,8 +14,10 @@ from fit.grid import GridPosterior, grid
 from fit.mixture import MixtureModel
 from fit.priors import Density, Flat, Normal, as_prior
 from fit.summary import FITS_UNITS, UNITS, Interval, intervals, text_of
+from vsh import arguments
 from vsh.arguments import generator
 from vsh.errors import ConvergenceError, ParameterError
+from vsh.field import Field
 from vsh.frozen import Frozen
 from vsh.quiet import quiet_imports
 from vsh.vector import Vector
@@ -176,6 +178,7 @@ def read_samples(path):
     return {name: np.asarray(table[name], float) for name in table.colnames}
 
 
+@arguments.accepts(field=arguments.a(Field), n_samples=arguments.whole, rng=arguments.seed, walkers=arguments.whole)
 def sample(
     field,
     velocity_prior="planck",

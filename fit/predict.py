@@ -9,10 +9,10 @@ from fit.parameters import correlation_of, named
 from fit.solution import Solution
 from fit.solve import solve
 from fit.storage import exact, number
-from vsh import Coefficients, Field
+from vsh import Coefficients, Field, arguments
 from vsh.arguments import covariance
 from vsh.coefficients import FIRST_DEGREE
-from vsh.errors import FieldError
+from vsh.errors import FieldError, ParameterError
 from vsh.modes import as_modes
 
 
@@ -58,6 +58,7 @@ class Prediction(Solution):
     _alone: np.ndarray = None
 
 
+@arguments.accepts(modes=arguments.modes)
 def predict(sources, modes=1, sigma=None):
     """The covariance that a fit to these sources would have.
 
@@ -93,6 +94,7 @@ def predict(sources, modes=1, sigma=None):
     )  # fmt: skip
 
 
+@arguments.accepts(cases=arguments.a(dict), modes=arguments.modes)
 def plan(sources, cases, modes=1, sigma=None):
     """What a cut, a mask or a reweighting would give, side by side.
 
@@ -109,6 +111,8 @@ def plan(sources, cases, modes=1, sigma=None):
     """
     from vsh import tables
 
+    if not cases:
+        raise ParameterError("there are no cases to compare")
     field = as_field(sources, sigma)
     rows = []
     for name, case in cases.items():
@@ -128,6 +132,8 @@ def reweighted(field, case):
     if case is None:
         return field
     case = np.asarray(case)
+    if case.dtype.kind not in "bif":
+        raise FieldError(f"a case is None, a mask or factors on weights, not {case.dtype}")
     if case.shape != (len(field),):
         raise FieldError(f"a mask or weights have one value a source, {len(field)}, not shape {case.shape}")
     if case.dtype == bool:
@@ -142,6 +148,8 @@ def as_field(sources, sigma=None):
     """Positions and errors as a Field whose motions are zero; a Field as it is."""
     if isinstance(sources, Field):
         return sources if sigma is None else sources.with_errors(np.broadcast_to(sigma, (2, len(sources))))
+    if not (hasattr(sources, "lon") and hasattr(sources, "lat")):
+        raise FieldError(f"sources are a Field, or positions with lon and lat, not {type(sources).__name__}")
     sigma = getattr(sources, "sigma", None) if sigma is None else sigma
     if sigma is None:
         raise FieldError("sources without errors need sigma=, in µas/yr")

@@ -10,6 +10,13 @@ from vsh.errors import ParameterError
 from vsh.vector import Vector
 
 
+def _limit(name, value):
+    """A number, which may be infinite; whole ones stay whole."""
+    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and value == value:  # noqa: PLR0124 (nan)
+        return value
+    raise ParameterError(f"{name} of a prior must be a number, not {value!r}")
+
+
 @dataclass(frozen=True)
 class Flat:
     """Equal density between two limits; improper (and then unnormalised) where one is infinite."""
@@ -18,6 +25,8 @@ class Flat:
     high: float = np.inf
 
     def __post_init__(self):
+        for name in ("low", "high"):
+            object.__setattr__(self, name, _limit(name, getattr(self, name)))
         if not self.low < self.high:
             raise ParameterError(f"a flat prior needs limits that rise, not {self.low} and {self.high}")
 
@@ -43,6 +52,8 @@ class Normal:
     proper = True
 
     def __post_init__(self):
+        for name in ("mean", "sigma", "low", "high"):
+            object.__setattr__(self, name, _limit(name, getattr(self, name)))
         if not (self.sigma > 0 and np.isfinite(self.sigma) and np.isfinite(self.mean)):
             raise ParameterError(f"a Gaussian prior needs a finite mean and σ > 0, not {self.mean} ± {self.sigma}")
 

@@ -8,7 +8,7 @@ from fit.normal import NormalEquations, normal_equations
 from fit.shuffle import chances_by_shuffling
 from fit.solution import Solution
 from fit.solve import solve
-from vsh import Coefficients, Field
+from vsh import Coefficients, Field, arguments
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import as_modes
 from vsh.redshifts import FLOW_LIMIT, usable, with_redshift
@@ -16,6 +16,7 @@ from vsh.redshifts import FLOW_LIMIT, usable, with_redshift
 __all__ = ["BinnedSolution", "ChiSquare", "Trend", "binned", "chances_by_shuffling", "equal_information"]
 
 
+@arguments.accepts(field=arguments.fields, modes=arguments.modes)
 def binned(field, modes, edges, common=None, threads=None):
     """Fit the same modes in bins of redshift.
 
@@ -46,11 +47,11 @@ def binned(field, modes, edges, common=None, threads=None):
     if common not in (None, "higher"):
         raise ParameterError(f'common is None or "higher", not {common!r}')
     fields = [field] if isinstance(field, Field) else field
-    if np.ndim(edges) == 0:
+    if isinstance(edges, (str, dict)) or np.ndim(edges) == 0:
         if not isinstance(field, Field):
             raise ParameterError("bins of equal information need the whole field: give their edges")
         edges = equal_information(field, edges)
-    edges = np.asarray(edges, float)
+    edges = arguments.float_array("edges", edges)
     if edges.ndim != 1 or len(edges) < 2:
         raise ParameterError(
             f"the edges of redshift bins rise from one to the next: two at least, not {edges.tolist()}"
@@ -90,6 +91,7 @@ def binned(field, modes, edges, common=None, threads=None):
     )
 
 
+@arguments.accepts(field=arguments.a(Field), bins=arguments.whole)
 def equal_information(field, bins):
     """Edges of redshift bins that hold the same weight of motions, (bins + 1,)."""
     bins = int(bins)

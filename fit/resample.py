@@ -17,8 +17,10 @@ from scipy.special import stdtrit
 from fit.normal import NormalEquations, normal_equations
 from fit.solution import Solution
 from fit.solve import solve
+from vsh import arguments
 from vsh.arguments import between, generator, whole
 from vsh.errors import DegeneracyError
+from vsh.field import Field
 from vsh.frozen import Frozen
 from vsh.modes import as_modes
 from vsh.pixels import pixels_of
@@ -87,6 +89,7 @@ class Resampled(Frozen):
         return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
 
 
+@arguments.accepts(field=arguments.a(Field), modes=arguments.modes, n=arguments.whole, rng=arguments.seed)
 def bootstrap(field, modes, n, rng, progress=True):
     """Draw the sources again, each a Poisson number of times with mean 1.
 
@@ -116,6 +119,7 @@ def bootstrap(field, modes, n, rng, progress=True):
     return Resampled("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
+@arguments.accepts(field=arguments.a(Field), modes=arguments.modes, n=arguments.whole, rng=arguments.seed)
 def parametric_bootstrap(field, modes, n, rng):
     """Draw the motions again, from the fit and the catalogue's errors.
 
@@ -134,6 +138,9 @@ def parametric_bootstrap(field, modes, n, rng):
     return Resampled("parametric bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
+@arguments.accepts(
+    field=arguments.a(Field), modes=arguments.modes, nside=arguments.whole, n=arguments.whole, rng=arguments.seed
+)
 def block_bootstrap(field, modes, nside, n, rng, progress=True):
     """Draw HEALPix blocks of the sky again: errors that allow for what neighbours share.
 
@@ -169,6 +176,7 @@ def block_bootstrap(field, modes, nside, n, rng, progress=True):
     return Resampled("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
+@arguments.accepts(field=arguments.a(Field), modes=arguments.modes, nside=arguments.whole)
 def jackknife(field, modes, nside, progress=True):
     """Leave out one HEALPix block of the sky after the other.
 
@@ -216,6 +224,7 @@ class BlockLength(NamedTuple):
     resampled: Resampled
 
 
+@arguments.accepts(field=arguments.a(Field), modes=arguments.modes)
 def compare_blocks(field, modes, nsides=(8, 4, 2, 1), progress=True):
     """Jackknife errors with blocks of several sizes, side by side: which are long enough?
 

@@ -14,8 +14,10 @@ from fit.normal import normal_equations
 from fit.sandwich import sandwich
 from fit.solution import Solution
 from fit.solve import solve
+from vsh import arguments
 from vsh.arguments import positive, whole
 from vsh.errors import ConvergenceError
+from vsh.field import Field
 from vsh.frozen import Frozen
 from vsh.modes import as_modes
 
@@ -57,6 +59,13 @@ class Reweighted(Frozen):
         return np.argsort(self.weights, kind="stable")[:count]
 
 
+@arguments.accepts(
+    field=arguments.a(Field),
+    modes=arguments.modes,
+    dof=arguments.positive,
+    tolerance=arguments.positive,
+    max_rounds=arguments.whole,
+)
 def student_t(field, modes, dof=None, tolerance=1e-4, max_rounds=500):
     """Fit with a bivariate Student-t likelihood of each source's residual.
 
@@ -103,6 +112,9 @@ def student_t(field, modes, dof=None, tolerance=1e-4, max_rounds=500):
     return replace(found, dof=float(state["dof"]))
 
 
+@arguments.accepts(
+    field=arguments.a(Field), modes=arguments.modes, tolerance=arguments.positive, max_rounds=arguments.whole
+)
 def permissive(field, modes, tolerance=1e-4, max_rounds=500):
     """Fit taking every error for a lower bound: Sivia's conservative formulation.
 

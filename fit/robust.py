@@ -9,8 +9,10 @@ from fit.normal import normal_equations
 from fit.reweight import Reweighted, permissive, student_t
 from fit.solution import Solution
 from fit.solve import solve
+from vsh import arguments
 from vsh.arguments import positive, whole
 from vsh.errors import ConvergenceError
+from vsh.field import Field
 from vsh.frozen import Frozen
 from vsh.modes import as_modes
 
@@ -43,6 +45,13 @@ class Clipped(Frozen):
     factor: float = 1.0
 
 
+@arguments.accepts(
+    field=arguments.a(Field),
+    modes=arguments.modes,
+    kappa=arguments.positive,
+    threshold=arguments.positive,
+    max_rounds=arguments.whole,
+)
 def clip(field, modes, kappa=3.0, threshold=None, max_rounds=100):
     """Fit, leave out what lies too far from the fit, and fit again until nothing changes.
 

@@ -2,17 +2,23 @@
 
 import numpy as np
 
+from fit.binned import BinnedSolution
 from fit.contrasts import equality_chi2, slope_chi2
+from vsh import arguments
 from vsh.apex import velocity_along
 from vsh.arguments import generator, whole
 from vsh.basis import harmonics
 from vsh.errors import ParameterError
+from vsh.field import Field
 from vsh.modes import Modes
 from vsh.redshifts import FLOW_LIMIT, with_redshift
 from vsh.sphere import triad
 from vsh.units import AU_PER_YEAR
 
 
+@arguments.accepts(
+    field=arguments.a(Field), binned=arguments.a(BinnedSolution), rounds=arguments.whole, rng=arguments.seed
+)
 def chances_by_shuffling(field, binned, rounds=1000, rng=1, velocity=None):
     """p-values by permutation: how often redshifts that mean nothing give bins as unlike as these.
 

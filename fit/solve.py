@@ -6,7 +6,7 @@ from scipy.linalg.lapack import dpocon
 
 from fit.normal import NormalEquations, normal_equations
 from fit.solution import Solution
-from vsh import Coefficients, Field
+from vsh import Coefficients, Field, arguments
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import as_modes
 
@@ -15,6 +15,7 @@ _LOST = "warning: motions are a million times their errors, so χ² is lost to r
 MAX_CONDITION = 1e10
 
 
+@arguments.accepts(prior=arguments.a(NormalEquations), max_condition=arguments.positive)
 def solve(normal, prior=None, max_condition=MAX_CONDITION):
     """Solve normal equations for the coefficients and their covariance.
 
@@ -67,6 +68,7 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
     )
 
 
+@arguments.accepts(modes=arguments.modes)
 def fit_field(field, modes):
     """Fit all modes to a degree to a field: normal equations, solved.
 

@@ -18,7 +18,6 @@ from vsh.errors import TableError, VshError
 from vsh.frozen import Frozen
 from vsh.notes import printable
 
-_FORMATS = ("ascii.ecsv", "fits")
 #: Kinds of results whose modules have been imported, by name.
 _KINDS = {}
 #: A file names the module of its kind; none but ours is ever imported.
@@ -157,9 +156,8 @@ def _unit(text):
 
 
 def _check_format(path):
-    from vsh import tables
-
-    if tables.format_of(path) not in _FORMATS:
+    name = str(path).lower().removesuffix(".gz")
+    if not name.endswith((".ecsv", ".fits", ".fit")):
         raise TableError(f"{printable(path)}: results are written as .ecsv or .fits, which keep every bit")
 
 

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from fit.parameters import correlation_of
 from fit.predict import Prediction, as_field, predict, reweighted
 from fit.solution import at_sources
-from vsh import Coefficients
+from vsh import Coefficients, arguments
 from vsh.arguments import generator
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.frozen import Frozen
@@ -38,6 +38,7 @@ class Thinned(Frozen):
         return generator(rng).uniform(size=len(self.factors)) < self.factors
 
 
+@arguments.accepts(max_correlation=arguments.number, nside=arguments.whole)
 def thin(sources, max_correlation, nside=4, sigma=None):
     """Shares of the weight in each pixel that bring all correlations of spin and acceleration under a bound.
 

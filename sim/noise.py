@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vsh import arguments
 from vsh.errors import ParameterError
 
 #: For each release: the factor t on the parallax error, and σ_µα* and σ_µδ in parallax errors a year.
@@ -26,6 +27,7 @@ def parallax_error(magnitude, release="DR3"):
     return np.sqrt(40 + 800 * z + 30 * z**2) * RELEASES[release][0]
 
 
+@arguments.accepts(magnitude=arguments.float_array)
 def gaia_errors(magnitude, release="DR3"):
     """Sky-mean standard errors of µ_α* and µ_δ, (2, n). [µas/yr]
 

@@ -4,14 +4,16 @@ import numpy as np
 
 from sim.astrometry import attitude_noise, solve, transit_error, unit_errors
 from sim.noise import gaia_errors
+from sim.population import Population
 from sim.scanning import BLOCK
 from sim.signal import as_signal
-from vsh import Field
+from vsh import Field, arguments
 from vsh.arguments import generator
 from vsh.blocks import map_blocks
 from vsh.errors import FrameError, ParameterError
 
 
+@arguments.accepts(population=arguments.a(Population), rng=arguments.seed)
 def observe(
     population,
     signal,
@@ -92,7 +94,10 @@ def observe(
         raise ParameterError("variability needs a mission, at whose transits the photocentre wanders")
     if sigma is None:
         sigma = gaia_errors(population.magnitude, release)
-    sigma, rho = np.broadcast_to(sigma, (2, n)), np.broadcast_to(rho, n)
+    sigma = arguments.float_array("sigma", sigma, (2, n), broadcast=True)
+    rho = arguments.float_array("rho", rho, (n,), broadcast=True)
+    if not ((sigma > 0).all() and (np.abs(rho) < 1).all()):
+        raise ParameterError("sigma must be above zero, and rho between −1 and 1")
     unit = rng.standard_normal((2, n))
     noise = sigma * np.stack([unit[0], rho * unit[0] + np.sqrt(1 - rho**2) * unit[1]])
     motion = as_signal(signal)(population.lon, population.lat, population.redshift) + noise

@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from vsh import arguments
 from vsh.arguments import generator
 from vsh.errors import FieldError, ParameterError, TableError
 from vsh.frames import check_frame
@@ -49,6 +50,7 @@ class Population(Frozen):
         return Population(**{k: v[keep] if isinstance(v, np.ndarray) else v for k, v in columns.items()})
 
 
+@arguments.accepts(n=arguments.whole, rng=arguments.seed)
 def uniform_sky(n, rng):
     """n positions, uniform over the sphere: longitude and latitude. [rad]
 
@@ -70,6 +72,7 @@ def plane_avoiding_sky(n, rng, latitude=15.0):
     return tuple(angles(rotation_matrix("galactic", "icrs") @ triad(l, b)[2]))
 
 
+@arguments.accepts(n=arguments.whole, rng=arguments.seed, faintest=arguments.number)
 def quasars(n, rng, sky="uniform", faintest=20.0, map_frame="icrs"):
     """n quasars with Gaia's distribution of magnitudes.
 
@@ -98,6 +101,7 @@ def quasars(n, rng, sky="uniform", faintest=20.0, map_frame="icrs"):
     return Population(lon, lat, quasar_magnitudes(n, rng, faintest), quasar_redshifts(n, rng.spawn(1)[0]))
 
 
+@arguments.accepts(quasars=arguments.a(Population), n=arguments.whole, rng=arguments.seed)
 def vlbi_quasars(quasars, n, rng):
     """n of the quasars, at random: those whose positions VLBI knows (the paper has 3300 of 500 000)."""
     if not 0 < n <= len(quasars):
@@ -105,6 +109,15 @@ def vlbi_quasars(quasars, n, rng):
     return quasars[np.sort(generator(rng).choice(len(quasars), n, replace=False))]
 
 
+@arguments.accepts(
+    n=arguments.whole,
+    rng=arguments.seed,
+    nearest=arguments.positive,
+    farthest=arguments.positive,
+    faintest=arguments.number,
+    absolute=arguments.number,
+    spread=arguments.positive,
+)
 def galaxies(
     n, rng, sky="uniform", nearest=0.001, farthest=0.03, faintest=20.0, absolute=-18.0, spread=1.5, map_frame="icrs"
 ):
@@ -210,6 +223,8 @@ def _positions(n, rng, sky, map_frame):
     if n < 1:
         raise ParameterError(f"a population has at least one member, not {n}")
     exact = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
+    if not isinstance(sky, (str, np.ndarray)):
+        raise ParameterError(f"a sky is a name or a HEALPix map, not {type(sky).__name__}")
     if isinstance(sky, str) and sky in exact:
         return exact[sky](n, rng)
     return draw_positions(n, rng, sky, map_frame)

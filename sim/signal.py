@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsh import Coefficients, Modes
+from vsh import Coefficients, Modes, arguments
 from vsh.arguments import float_array, generator, not_negative, number, positive, whole
 from vsh.errors import FieldError, ParameterError
 from vsh.gate import as_floats
@@ -166,6 +166,7 @@ def drift(velocity, cosmology=None, hubble=None):
     return Signal((Drift(_vector(velocity, "velocity", "km / s"), cosmology, hubble),))
 
 
+@arguments.accepts(rng=arguments.seed)
 def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, waves=256):
     """Random velocities of the galaxies, in each component a Gaussian of standard deviation `sigma`.
 
@@ -185,6 +186,7 @@ def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, waves=256):
     return Signal((Peculiar(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("waves", waves)),))
 
 
+@arguments.accepts(rng=arguments.seed)
 def isotropic(power, rng):
     """A Gaussian random field with a given power of each degree, the same for T and S.
 

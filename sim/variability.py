@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from vsh.arguments import generator
+from vsh.arguments import generator, not_negative, positive
 from vsh.errors import ParameterError
 
 
@@ -27,8 +27,8 @@ class Variability:
     tau: float
 
     def __post_init__(self):
-        if not (self.sigma >= 0 and self.tau > 0):
-            raise ParameterError(f"σ_var must not be negative and τ must be positive, not {self.sigma} and {self.tau}")
+        not_negative("sigma", self.sigma)
+        positive("tau", self.tau)
 
     def covariance(self, times):
         """Covariance of one coordinate at given times, (k, k). [µas²]"""

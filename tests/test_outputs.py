@@ -242,3 +242,75 @@ def test_folders_that_cannot_be(tmp_path):
     (tmp_path / "shut").mkdir(mode=0o500)
     with pytest.raises(VshError, match="cannot be written to"):
         outputs.check_folder(tmp_path / "shut" / "out", "vsh-fit")
+
+
+def interrupted(command, seconds):
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(seconds)
+    process.send_signal(signal.SIGINT)
+    return process.communicate(timeout=60)
+
+
+@pytest.mark.parametrize("tries", [4, pytest.param(24, marks=pytest.mark.slow)])
+def test_interrupts_end_in_one_line(tries, catalogue, tmp_path):
+    """Fault F11: 4 of 24 ended in a traceback."""
+    code = "import sys, _vsh_commands; sys.argv = ['vsh-fit', *sys.argv[1:]]; _vsh_commands.fit()"
+    rng = np.random.default_rng(1)
+    for _ in range(tries):
+        command = [sys.executable, "-c", code, catalogue, "--lmax", "1", "--bootstrap", "20000"]
+        _, errors = interrupted(command, rng.uniform(0.15, 3.0))
+        assert "Traceback" not in errors, errors
+        assert errors.strip().endswith("interrupted")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["vsh-sim", "vsh-drift"])
+def test_twenty_kills_of_other_commands(name, tmp_path):
+    """Every file whole, old or new; a chain goes on from its checkpoint."""
+    from vsh import tables
+
+    galaxies = tmp_path / "galaxies.fits"
+    make = [
+        "galaxies",
+        "--n",
+        "20000",
+        "--short",
+        "--velocity",
+        "planck",
+        "--overwrite",
+        "--output",
+        str(galaxies),
+        "--seed",
+    ]
+    simulate = [sys.executable, "-m", "sim.cli", *make]
+    wanted = {}
+    for seed in "12":
+        subprocess.run([*simulate, seed], cwd=ROOT, check=True, capture_output=True)
+        wanted[galaxies.read_bytes()] = seed
+    out, chain = tmp_path / "out", tmp_path / "chain.npz"
+    drift = [sys.executable, "-m", "fit.drift_cli", str(galaxies), "--hubble", "67.4", "--bins", "2", "--posterior",
+             "--samples", "60000", "--checkpoint", str(chain), "--output", str(out), "--overwrite"]  # fmt: skip
+    command = [*simulate, "1"] if name == "vsh-sim" else drift
+    start = time.monotonic()
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    whole = time.monotonic() - start
+    samples = (out / "samples.fits").read_bytes() if name == "vsh-drift" else b""
+    rng = np.random.default_rng(2)
+    for k in range(20):
+        if name == "vsh-sim":
+            command = [*simulate, "12"[k % 2]]
+        elif k % 4 == 0:
+            chain.unlink(missing_ok=True)
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(rng.uniform(0.3, 1.05) * whole)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert galaxies.read_bytes() in wanted
+        if name == "vsh-drift":
+            mark = json.loads((out / "provenance.json").read_text())
+            assert set(mark["files"]) | {"provenance.json"} == {x.name for x in out.iterdir()}
+            assert (out / "samples.fits").read_bytes() == samples
+    assert len(tables.read(galaxies)) == 20_000
+    if name == "vsh-drift":
+        subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+        assert (out / "samples.fits").read_bytes() == samples

@@ -76,7 +76,7 @@ def test_weights_are_those_of_the_likelihood():
         fit.reweight._reweighted,
     )
     try:
-        fit.robust.permissive(None, None)
+        fit.robust.permissive(spoilt(1), 1)
     finally:
         fit.reweight._reweighted = kept
     u, slope = seen["weight"](x2)

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from vsh.arguments import number
 from vsh.errors import ParameterError
+from vsh.frames import check_frame
 from vsh.vector import Vector
 
 #: Planck Collaboration (2020, A&A 641, A1), table 3: toward the apex. [km/s]
@@ -33,6 +35,7 @@ def velocity_along(value, frame):
     ParameterError
         If it is none of these, or has no direction.
     """
+    check_frame(frame)
     if isinstance(value, str):
         if value not in NAMED:
             raise ParameterError(
@@ -62,7 +65,7 @@ def velocity_from_apex(speed, l, b):
     ParameterError
         If the speed is not above zero, or the direction is none.
     """
-    speed, l, b = (float(x) for x in (speed, l, b))
+    speed, l, b = (number(name, x) for name, x in (("speed", speed), ("l", l), ("b", b)))
     if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
         raise ParameterError(
             f"a velocity is SPEED,L,B: km/s above zero, Galactic longitude and latitude of the apex in degrees; not "

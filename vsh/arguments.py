@@ -1,6 +1,8 @@
 """Arguments checked where they come in, each refusal a `ParameterError` that names the argument."""
 
 from contextlib import suppress
+from functools import wraps
+from inspect import signature
 from operator import index
 
 import numpy as np
@@ -15,10 +17,10 @@ def number(name, value):
     3.0
     """
     try:
-        found = float(value)
+        found = float(value) if np.ndim(value) == 0 and not isinstance(value, (str, bytes)) else np.nan
     except (TypeError, ValueError):
         found = np.nan
-    if isinstance(value, (str, bytes)) or not np.isfinite(found):
+    if not np.isfinite(found):
         raise ParameterError(f"{name} must be a finite number, not {value!r}")
     return found
 
@@ -41,7 +43,7 @@ def not_negative(name, value):
 
 def between(name, value, low, high):
     """A number low < x < high, as a float."""
-    found = number(name, value)
+    found, low, high = number(name, value), number("low", low), number("high", high)
     if not low < found < high:
         raise ParameterError(f"{name} must lie between {low:g} and {high:g}, not at {value!r}")
     return found
@@ -50,7 +52,7 @@ def between(name, value, low, high):
 def whole(name, value, least=1):
     """A whole number of at least `least`, as an int."""
     try:
-        found = index(value)
+        found = index(value) if np.ndim(value) == 0 else None
     except TypeError:
         found = None
     if found is None or isinstance(value, (bool, np.bool_)) or found < least:
@@ -64,8 +66,10 @@ def choice(name, value, choices):
     >>> choice("common", "higher", (None, "higher"))
     'higher'
     """
+    if not isinstance(choices, (tuple, list)):
+        raise ParameterError(f"choices are a tuple, not {type(choices).__name__}")
     for each in choices:
-        if value is each or (isinstance(value, str) and value == each):
+        if value is each or (isinstance(value, (str, int)) and type(value) is type(each) and value == each):
             return value
     words = ", ".join(map(repr, choices))
     raise ParameterError(f"{name} must be one of {words}, not {value!r}")
@@ -113,3 +117,110 @@ def generator(rng):
         return np.random.default_rng(rng)
     except (TypeError, ValueError):
         raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {rng!r}") from None
+
+
+def accepts(**checks):
+    """Check some arguments of a function before it begins, each by a function of (name, value).
+
+    What a check returns takes the argument's place. An argument that is left at its default is not checked.
+
+    Examples
+    --------
+    >>> @accepts(x=positive)
+    ... def root(x):
+    ...     return x ** 0.5
+    >>> root("four")
+    Traceback (most recent call last):
+    vsh.errors.ParameterError: x must be a finite number, not 'four'
+    """
+
+    def decorate(function):
+        known = signature(function)
+
+        @wraps(function)
+        def checked(*arguments, **options):
+            bound = known.bind(*arguments, **options)
+            for name, check in checks.items():
+                if name in bound.arguments and bound.arguments[name] is not known.parameters[name].default:
+                    bound.arguments[name] = check(name, bound.arguments[name])
+            return function(*bound.args, **bound.kwargs)
+
+        return checked
+
+    return decorate
+
+
+def a(*kinds):
+    """A check that a value is of one of some classes.
+
+    >>> a(int)("n", "three")
+    Traceback (most recent call last):
+    vsh.errors.ParameterError: n must be int, not str
+    """
+
+    def check(name, value):
+        if not isinstance(value, kinds):
+            wanted = " or ".join(kind.__name__ for kind in kinds)
+            raise ParameterError(f"{name} must be {wanted}, not {type(value).__name__}")
+        return value
+
+    return check
+
+
+def either(*checks):
+    """A check that passes where one of several does; the last one says what is wrong."""
+
+    def check(name, value):
+        for each in checks[:-1]:
+            with suppress(ParameterError):
+                return each(name, value)
+        return checks[-1](name, value)
+
+    return check
+
+
+def modes(name, value):
+    """A check for `Modes`, or a degree in their place."""
+    from vsh.modes import as_modes
+
+    return as_modes(value)
+
+
+def fields(name, value):
+    """A Field, or a list, tuple or stream of Fields."""
+    from vsh.field import Field
+
+    if isinstance(value, Field):
+        return value
+    if isinstance(value, (list, tuple)) and value and all(isinstance(each, Field) for each in value):
+        return value
+    if hasattr(value, "__next__"):
+        return value
+    raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")
+
+
+def dimension(size):
+    """A check for a float array of so many dimensions."""
+
+    def check(name, value):
+        found = float_array(name, value, finite=False)
+        if found.ndim != size:
+            raise ParameterError(
+                f"{name} must be an array of {size} dimension{'s' * (size > 1)}, not of shape {found.shape}"
+            )
+        return found
+
+    return check
+
+
+def three(name, value):
+    """Three finite numbers."""
+    return float_array(name, value, (3,))
+
+
+def seed(name, value):
+    """A NumPy Generator, or a whole number of at least zero."""
+    if isinstance(value, (bool, float, str)) or value is None:
+        raise ParameterError(f"{name} is a NumPy Generator or a whole number that seeds one, not {value!r}")
+    generator(value)
+    return value

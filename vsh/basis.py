@@ -13,10 +13,12 @@ function itself is below 1e-100.
 
 import numpy as np
 
-from vsh.modes import as_modes
+from vsh import arguments
+from vsh.errors import ParameterError
 from vsh.sphere import multiples, sin_cos
 
 
+@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), modes=arguments.modes)
 def harmonics(lon, lat, modes):
     """The field of each mode at each source: the design matrix.
 
@@ -36,7 +38,9 @@ def harmonics(lon, lat, modes):
     >>> harmonics(np.zeros(5), np.zeros(5), Modes(3)).shape
     (30, 2, 5)
     """
-    toroidal = toroidal_harmonics(lon, lat, as_modes(modes).lmax)
+    if lon.shape != lat.shape:
+        raise ParameterError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
+    toroidal = toroidal_harmonics(lon, lat, modes.lmax)
     return np.concatenate([toroidal, spheroidal_twin(toroidal)])
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from astropy.cosmology import FlatLambdaCDM
 from scipy.interpolate import make_interp_spline
 
+from vsh.arguments import float_array
 from vsh.errors import ConvergenceError, FieldError
 from vsh.redshifts import FLOW_LIMIT, count_unusable, usable
 
@@ -43,7 +44,9 @@ def transverse_distance(redshift, cosmology=None, hubble=None):
     if redshift is None:
         raise FieldError("these sources have no redshifts, which a distance needs")
     cosmology = PAPER if cosmology is None else cosmology
-    redshift = np.asarray(redshift, float)
+    redshift = float_array("redshift", redshift, finite=False)
+    if not redshift.size:
+        raise FieldError("there are no redshifts to take distances of")
     good = usable(redshift)
     if not good.all():
         raise FieldError(

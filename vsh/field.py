@@ -119,6 +119,9 @@ class Field(Frozen):
         given |= {"pmra_error": pmra_error, "pmdec_error": pmdec_error, "pmra_pmdec_corr": pmra_pmdec_corr}
         given |= {"redshift": redshift, "magnitude": magnitude}
         units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr")
+        absent = [c for c in ("ra", "dec", *_MOTIONS) if given[c] is None]
+        if absent:
+            raise FieldError(f"{', '.join(absent)} must be given")
         pairs = {c: as_floats(c, v, units.get(c, "")) for c, v in given.items() if v is not None}
         columns, missing = ({c: pair[i] for c, pair in pairs.items()} for i in (0, 1))
         columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))

@@ -12,12 +12,11 @@ FRAMES = {"icrs": "icrs", "galactic": "galactic", "ecliptic": "barycentricmeanec
 
 def check_frame(name):
     """Return `name` if it is a known frame; raise FrameError otherwise."""
-    if name not in FRAMES:
+    if not isinstance(name, str) or name not in FRAMES:
         raise FrameError(f"unknown frame {name!r}: choose one of {', '.join(FRAMES)}")
     return name
 
 
-@lru_cache
 def rotation_matrix(frame, to):
     """The matrix A of r' = A r, from the axes of `frame` to those of `to`.
 
@@ -37,10 +36,15 @@ def rotation_matrix(frame, to):
     >>> rotation_matrix("galactic", "icrs")[:, 0].round(4)
     array([-0.0549, -0.8734, -0.4838])
     """
-    # A heavy friend, met only by those who change frames.
+    return _rotation(check_frame(frame), check_frame(to))
+
+
+@lru_cache
+def _rotation(frame, to):
+    # Heavy: for those who change frames.
     from astropy.coordinates import CartesianRepresentation, SkyCoord
 
-    axes = SkyCoord(CartesianRepresentation(np.eye(3)), frame=FRAMES[check_frame(frame)])
-    matrix = axes.transform_to(FRAMES[check_frame(to)]).cartesian.xyz.value
+    axes = SkyCoord(CartesianRepresentation(np.eye(3)), frame=FRAMES[frame])
+    matrix = axes.transform_to(FRAMES[to]).cartesian.xyz.value
     matrix.flags.writeable = False
     return matrix

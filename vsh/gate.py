@@ -25,6 +25,8 @@ def as_floats(column, value, unit=None):
     FieldError
         If it holds anything but real numbers, or its unit does not fit.
     """
+    if callable(value) or isinstance(value, dict) or value is None:
+        raise FieldError(f"{column} must be a column of numbers, not {type(value).__name__}")
     if hasattr(value, "to_value"):  # a Quantity, bare or masked, without importing astropy
         try:
             value = value.to_value(unit or "")
@@ -136,6 +138,9 @@ def checked_columns(noun, floats, others):
     FieldError
         If shapes disagree or a source cannot be used.
     """
+    for column in ("lon", "lat", "sigma", *({"motion"} if hasattr(noun, "magnitude") else ())):
+        if getattr(noun, column) is None:
+            raise FieldError(f"{column} is missing")
     lon = as_floats("lon", noun.lon)[0]
     arrays = {"lon": lon, "rho": np.zeros(lon.shape)}
     for column in floats:

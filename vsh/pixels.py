@@ -5,12 +5,14 @@ import warnings
 import healpy
 import numpy as np
 
+from vsh import arguments
 from vsh.arguments import generator
 from vsh.errors import FieldError, TableError
 from vsh.notes import printable
 from vsh.tables._fits import first_line
 
 
+@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), nside=arguments.whole)
 def pixels_of(lon, lat, nside):
     """The HEALPix pixel (ring order) of each position, (n,).
 
@@ -26,6 +28,8 @@ def pixels_of(lon, lat, nside):
     """
     check_nside(nside)
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
+    if lon.shape != lat.shape:
+        raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
     if not (np.isfinite(lon).all() and (np.abs(lat) <= np.pi / 2 * (1 + 1e-14)).all()):
         raise FieldError("positions are not finite, or beyond a pole")
     return healpy.ang2pix(nside, np.clip(np.pi / 2 - lat, 0, np.pi), lon)
@@ -44,6 +48,7 @@ def centres(nside):
     return phi, np.pi / 2 - theta
 
 
+@arguments.accepts(density=arguments.dimension(1), n=arguments.whole, rng=arguments.seed)
 def random_positions(density, n, rng):
     """n positions drawn with the density of a HEALPix map, evenly within each pixel.
 

@@ -9,11 +9,13 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
+from vsh import arguments
 from vsh.coefficients import Coefficients
 from vsh.errors import FrameError, ModesError
 from vsh.frames import rotation_matrix
 
 
+@arguments.accepts(coefficients=arguments.a(Coefficients))
 def rotate(coefficients, to, covariance=None, frame="icrs"):
     """The same field along the axes of another frame.
 
@@ -89,7 +91,10 @@ def degree_matrix(l, vector):
 
 
 def _checked(matrix):
-    matrix = np.asarray(matrix, float)
+    try:
+        matrix = np.asarray(matrix, float)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
     if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-10) or np.linalg.det(matrix) < 0:
         raise FrameError("to is neither the name of a frame nor a 3 × 3 rotation matrix")
     return matrix

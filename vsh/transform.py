@@ -7,7 +7,9 @@ short array out of bounds, and go on over the pole in silence.
 import ducc0
 import numpy as np
 
+from vsh import arguments
 from vsh.blocks import cores
+from vsh.coefficients import Coefficients
 from vsh.conventions import from_healpy, to_healpy
 from vsh.errors import FieldError
 from vsh.modes import as_modes
@@ -16,6 +18,7 @@ from vsh.modes import as_modes
 EPSILON = 5e-13
 
 
+@arguments.accepts(coefficients=arguments.a(Coefficients), lon=arguments.float_array, lat=arguments.float_array)
 def synthesis(coefficients, lon, lat, threads=None):
     """The field at each position, as `Coefficients.at` gives it, to 1e-12 of its size.
 
@@ -49,6 +52,9 @@ def synthesis(coefficients, lon, lat, threads=None):
     return np.stack([east, -south])
 
 
+@arguments.accepts(
+    modes=arguments.modes, lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array
+)
 def adjoint(modes, lon, lat, motion, threads=None):
     """Σ over the sources of motion · V_i for every mode i: Aᵀ y for the design matrix A.
 

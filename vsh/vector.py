@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtr, chdtrc, chndtr, log_ndtr
 
-from vsh.arguments import between, covariance, float_array, read_only
+from vsh.arguments import between, covariance, float_array, number, read_only
 from vsh.errors import ParameterError
 from vsh.frames import check_frame, rotation_matrix
 from vsh.frozen import Frozen
@@ -66,6 +66,8 @@ class Vector(Frozen):
         >>> Vector.from_polar(4.3, 0, 0, frame="galactic").value
         array([4.3, 0. , 0. ])
         """
+        amplitude, lon, lat = number("amplitude", amplitude), number("lon", lon), number("lat", lat)
+        errors = float_array("errors", errors, (3,))
         p, q, r = triad(np.radians(lon), np.radians(lat))
         along, east, north = errors[0], *(np.radians(errors[1:]) * amplitude)
         steps = np.stack([along * r, east * np.cos(np.radians(lat)) * p, north * q])

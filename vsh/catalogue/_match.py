@@ -47,7 +47,7 @@ def match(a, b, by="name", radius=None):
         )
     if a.frame != b.frame:
         raise FrameError(f"the catalogues are in {a.frame} and {b.frame}: take both to one frame")
-    if by not in ("name", "position"):
+    if not isinstance(by, str) or by not in ("name", "position"):
         raise FieldError(f'match by "name" or "position", not {by!r}')
     positions = kinds == {Positions}
     if positions:

@@ -1,0 +1,43 @@
+"""Where the commands begin: an interrupt ends them quietly from the first moment on, while libraries are still being imported."""
+
+import os
+import signal
+import sys
+
+
+def _run(module):
+    def interrupted(*_):
+        os.write(2, b"interrupted\n")
+        os._exit(1)
+
+    signal.signal(signal.SIGINT, interrupted)
+    from importlib import import_module
+
+    main = import_module(module).main
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.shell.guarded` sees it
+    sys.exit(main())
+
+
+def fit():
+    """`vsh-fit`."""
+    _run("fit.cli")
+
+
+def sim():
+    """`vsh-sim`."""
+    _run("sim.cli")
+
+
+def drift():
+    """`vsh-drift`."""
+    _run("fit.drift_cli")
+
+
+def correlate():
+    """`vsh-correlate`."""
+    _run("fit.correlate_cli")
+
+
+def study():
+    """`vsh-study`."""
+    _run("study.cli")
