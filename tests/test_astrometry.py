@@ -43,7 +43,7 @@ def test_the_chain_is_its_recursion():
 def test_bad_chains_are_refused():
     with pytest.raises(ValueError, match="must rise"):
         markov_chain([1.0, 0.5], 1.0, 1.0, rng=1)
-    with pytest.raises(ValueError, match="τ must be positive"):
+    with pytest.raises(ValueError, match="tau must be above zero"):
         Variability(100.0, 0.0)
     assert len(markov_chain([], 1.0, 1.0, rng=1)) == 0
 

@@ -74,20 +74,20 @@ def test_errors_with_few_sources_a_coefficient(estimate, options):
 @pytest.mark.parametrize("estimate", [extra_noise, student_t, permissive])
 def test_errors_wrong_by_place(estimate):
     """Fault C6: pulls 1.55 where errors are five times too small on half the sky."""
-    found, _ = pulls(lambda field: estimate(field, 1), 1000, 120, half=5.0)
+    found, _ = pulls(lambda field: estimate(field, 1), 600, 120, half=5.0)
     assert found.std() == pytest.approx(1, abs=0.07)  # 720 pulls: 0.026
 
 
 def test_extra_noise_is_unbiased():
     """Fault C5: 0.871 for 1 with 96 of 800 numbers fitted."""
     for extra in (1.0, 5.0):
-        found = [extra_noise(sky(400, seed, extra=extra), 6) for seed in range(25)]
+        found = [extra_noise(sky(400, seed, extra=extra), 5) for seed in range(25)]
         mean, error = np.mean([x.extra for x in found]), np.std([x.extra for x in found]) / 5
         assert abs(mean - extra) < 3 * error + 0.01
         assert np.mean([x.extra_error for x in found]) == pytest.approx(5 * error, rel=0.45)  # a scatter of 25: 14 %
-    both = [extra_noise(sky(1500, seed, wrong=1.3, extra=5.0), 3, scale=True) for seed in range(12)]
-    assert np.mean([x.scale for x in both]) == pytest.approx(1.3, abs=0.04)
-    assert np.mean([x.extra for x in both]) == pytest.approx(5.0, abs=0.12)
+    both = [extra_noise(sky(800, seed, wrong=1.3, extra=5.0), 2, scale=True) for seed in range(16)]
+    assert np.mean([x.scale for x in both]) == pytest.approx(1.3, abs=0.05)
+    assert np.mean([x.extra for x in both]) == pytest.approx(5.0, abs=0.15)
 
 
 def test_the_sandwich_by_its_definition():

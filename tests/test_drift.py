@@ -166,7 +166,7 @@ def test_the_background_as_a_test():
     [
         (lambda f: observer_velocity(f), DegeneracyError, r"only the product .* v · H0: give hubble="),
         (lambda f: hubble_constant(f), DegeneracyError, r"only the product"),
-        (lambda f: observer_velocity(f, 0.0), ParameterError, "Hubble constant must be above zero, not 0.0"),
+        (lambda f: observer_velocity(f, 0.0), ParameterError, "hubble must be above zero, not 0.0"),
         (lambda f: observer_velocity(f, -67.0), ParameterError, "must be (above zero|a finite number)"),
         (lambda f: observer_velocity(f, np.nan), ParameterError, "must be (above zero|a finite number)"),
         (lambda f: hubble_constant(f, (0, 0, 0)), ParameterError, "has no direction"),

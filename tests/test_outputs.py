@@ -120,7 +120,7 @@ def test_only_our_own_leftovers_go(tmp_path):
     assert {x.name for x in tmp_path.iterdir()} == {".pre-commit-config.yaml", ".env-production"}
 
 
-@pytest.mark.parametrize("kills", [3, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [2, pytest.param(60, marks=pytest.mark.slow)])
 def test_kills_leave_whole_folders(kills, catalogue, tmp_path):
     """Fault F9: of 12 kills over an old folder 8 left old and new files mixed."""
     out, page = tmp_path / "out", tmp_path / "page.html"
@@ -251,7 +251,7 @@ def interrupted(command, seconds):
     return process.communicate(timeout=60)
 
 
-@pytest.mark.parametrize("tries", [4, pytest.param(24, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tries", [2, pytest.param(24, marks=pytest.mark.slow)])
 def test_interrupts_end_in_one_line(tries, catalogue, tmp_path):
     """Fault F11: 4 of 24 ended in a traceback."""
     code = "import sys, _vsh_commands; sys.argv = ['vsh-fit', *sys.argv[1:]]; _vsh_commands.fit()"

@@ -29,7 +29,10 @@ METHODS = {
 }
 
 
-@pytest.mark.parametrize("method", METHODS)
+SLOW = [pytest.param(name, marks=pytest.mark.slow if name == "bootstrap" else ()) for name in METHODS]
+
+
+@pytest.mark.parametrize("method", SLOW)
 def test_intervals_cover_the_truth(method):
     """68 % intervals of 300 skies hold the truth in 68 ± 5 %."""
     inside = []

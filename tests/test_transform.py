@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import sim
 from vsh import Coefficients, Modes
 from vsh.basis import harmonics
-from vsh.errors import FieldError
+from vsh.errors import FieldError, VshError
 from vsh.transform import adjoint, adjoint_on_rings, fourier_moments, synthesis, synthesis_on_rings
 
 
@@ -69,14 +69,14 @@ def test_fourier_moments_are_their_definition():
 @pytest.mark.parametrize(
     ("lon", "lat", "message"),
     [
-        ([0.0, np.nan], [0.0, 0.0], "1 positions are not finite"),
+        ([0.0, np.nan], [0.0, 0.0], "1 of 2 values of lon are not finite"),
         ([0.0], [1.6], "beyond a pole: are they in radians"),
         ([0.0, 1.0], [0.0], "one of each for a source"),
         ([[0.0]], [[0.0]], "one of each for a source"),
     ],
 )
 def test_ducc_never_sees_bad_positions(lon, lat, message):
-    with pytest.raises(FieldError, match=message):
+    with pytest.raises(VshError, match=message):
         synthesis(random_coefficients(2, 1), lon, lat)
     with pytest.raises(FieldError, match=message):
         adjoint(Modes(2), lon, lat, np.zeros((2, 1)))
