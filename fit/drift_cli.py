@@ -10,7 +10,7 @@ import numpy as np
 import vsh
 from vsh import outputs, shell
 from vsh.apex import PLANCK
-from vsh.errors import VshError
+from vsh.errors import ConvergenceError, VshError
 from vsh.notes import dropped
 from vsh.vector import Vector
 
@@ -67,9 +67,15 @@ def _run(options):
         texts.append(drift_report.report_drift(results["hubble"], options.catalogue, truth))
     for text in texts:
         shell.say(text)
+    unfinished = None
     if options.posterior:
-        results["posterior"] = _posterior(field, options, common)
-        texts.append(results["posterior"].report() + "\n")
+        try:
+            found = _posterior(field, options, common)
+            texts.append(found.report() + "\n")
+            results["posterior"] = found
+        except ConvergenceError as error:  # what else was found is written all the same
+            unfinished = error
+            texts.append(f"posterior: {error}\n")
         shell.say(texts[-1])
     if options.output:
         meta = shell.provenance(options.catalogue, options, {"vsh-astrometry": vsh.__version__}, **counts)
@@ -77,6 +83,8 @@ def _run(options):
             _write(results, "\n".join(texts), folder, meta)
             listed = [x.name for x in folder.iterdir()]
         shell.say(shell.written(options.output, listed))
+    if unfinished is not None:
+        raise unfinished
 
 
 def _cosmology(options):

@@ -33,6 +33,7 @@ def plot_corner(posterior, names=None):
         show_titles=True, titles=[_LABELS.get(name, name) for name in names], title_fmt=".3g", title_kwargs={"fontsize": 10}, label_kwargs={"fontsize": 13},
         color="#0b5394", plot_datapoints=False, smooth=1.0, bins=30, max_n_ticks=4,
     )  # fmt: skip
+    figure.subplots_adjust(left=0.1, bottom=0.1)  # else corner cuts the labels off
     figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right", fontsize=13)
     return figure
 
