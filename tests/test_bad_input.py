@@ -1,6 +1,7 @@
 """Every kind of bad table, and what its owner is told. None may end in a library's traceback."""
 
 import gzip
+import re
 
 import numpy as np
 import pytest
@@ -119,7 +120,7 @@ def truncated_gzip(tmp_path):
 
 def unknown_unit(tmp_path):
     path = written(table(), tmp_path / "odd.vot", format="votable")
-    path.write_text(path.read_text().replace('name="pmra" unit="mas.yr**-1"', 'name="pmra" unit="furlong.yr**-1"'))
+    path.write_text(re.sub(r'name="pmra" unit="[^"]*"', 'name="pmra" unit="furlong.yr**-1"', path.read_text()))
     assert "furlong" in path.read_text()
     return path
 
@@ -204,7 +205,7 @@ def test_a_small_field_in_degrees_is_fine():
     ("arguments", "message"),
     [
         ({"units": {"pmx": "mas/yr"}}, "units: no column 'pmx'. .*nearest: pmra|units: no column 'pmx'"),
-        ({"units": {"pmra": "lightyears"}}, "'lightyears', given for pmra, is no unit that astropy knows"),
+        ({"units": {"pmra": "parsnips"}}, "'parsnips', given for pmra, is no unit that astropy knows"),
         ({"columns": {"pm_ra": "pmra"}}, "nothing is called pm_ra; there are ra, dec, pmra"),
         ({"columns": {"redshift": "zed"}}, "no column 'zed'.*Say which it is: columns="),
         ({"on_bad": "ignore"}, "on_bad is 'raise' or 'drop', not 'ignore'"),

@@ -10,7 +10,7 @@ from conftest import ROOT, real_catalogue
 def run(name, *arguments, folder):
     environment = os.environ | {"MPLBACKEND": "agg", "PYTHONIOENCODING": "utf-8"}
     done = subprocess.run(
-        [sys.executable, "-W", "error", ROOT / "examples" / name, *arguments],
+        [sys.executable, "-W", "error:::__main__", ROOT / "examples" / name, *arguments],
         cwd=folder, env=environment, capture_output=True, text=True, encoding="utf-8", check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
