@@ -289,7 +289,7 @@ def test_twenty_kills_of_other_commands(name, tmp_path):
         wanted[galaxies.read_bytes()] = seed
     out, chain = tmp_path / "out", tmp_path / "chain.npz"
     drift = [sys.executable, "-m", "fit.drift_cli", str(galaxies), "--hubble", "67.4", "--bins", "2", "--posterior",
-             "--samples", "60000", "--checkpoint", str(chain), "--output", str(out), "--overwrite"]  # fmt: skip
+             "--samples", "120000", "--checkpoint", str(chain), "--output", str(out), "--overwrite"]  # fmt: skip
     command = [*simulate, "1"] if name == "vsh-sim" else drift
     start = time.monotonic()
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
