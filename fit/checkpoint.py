@@ -59,7 +59,7 @@ def load(path, marks):
     except Exception as error:  # whatever a damaged file makes of zip and NumPy's headers
         raise CheckpointError(
             f"{path} is no chain of this program, or damaged ({type(error).__name__}): name another file, or delete it"
-        ) from None
+        ) from error
     other = [key for key in sorted({*marks, *stored}) if marks.get(key) != stored.get(key)]
     if other:
         said = "; ".join(f"{key}: there {stored.get(key)}, here {marks.get(key)}" for key in other)
