@@ -4,10 +4,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fit.summary import UNITS
-from vsh.quiet import quiet_imports
+from vsh.quiet import import_quietly
 
-with quiet_imports():
-    import corner
+corner = import_quietly("corner")
 
 _LABELS = {
     "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$", "sigma_pec": r"$\sigma_{\rm pec}$",

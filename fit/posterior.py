@@ -19,7 +19,7 @@ from vsh.arguments import generator
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
 from vsh.frozen import Frozen
-from vsh.quiet import quiet_imports
+from vsh.quiet import import_quietly
 from vsh.vector import Vector
 
 __all__ = ["Density", "Flat", "GridPosterior", "Interval", "Normal", "Posterior", "grid", "read_samples", "sample"]
@@ -125,8 +125,7 @@ class Posterior(Frozen):
     def to_arviz(self):
         """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker."""
         try:
-            with quiet_imports():
-                import arviz
+            arviz = import_quietly("arviz")
         except ImportError:
             raise ImportError("arviz is not installed: pip install 'vsh-astrometry[arviz]'") from None
         self._check_length()

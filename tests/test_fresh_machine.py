@@ -41,3 +41,15 @@ def test_versions_are_locked_and_floors_are_tested():
         assert oldest[name].removesuffix(".0").startswith(floors[name].removesuffix(".0")), name
     newest = (ROOT / "requirements" / "newest.txt").read_text()
     assert all(f"\n{name}==" in newest for name in floors if name != "uv")
+
+
+def test_two_processes_at_once_in_an_empty_home(tmp_path):
+    """arviz' stamp is written under one temporary name: of two first imports one failed now and then."""
+    code = "import fit.plot_posterior"
+    for k in range(3):
+        home = {"HOME": str(tmp_path / str(k)), "PATH": os.environ["PATH"]}
+        (tmp_path / str(k)).mkdir()
+        both = [
+            subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, env=home, stderr=subprocess.PIPE) for _ in range(3)
+        ]
+        assert [(p.communicate(timeout=60)[1], p.returncode)[1] for p in both] == [0, 0, 0]

@@ -1,16 +1,23 @@
-"""Other people's warnings, where our users can do nothing about them."""
+"""Other people's libraries, imported without what they say of themselves."""
 
+import time
 import warnings
-from contextlib import contextmanager
+from importlib import import_module
 
 
-@contextmanager
-def quiet_imports():
-    """Import a library within this, and what it says of itself when imported is not shown.
+def import_quietly(name, tries=5):
+    """Import a library, and show none of its warnings.
 
     arviz, which corner imports too, warns of its own next version once a day by a stamp in the
     user's cache: a test run that passed yesterday would fail today, and a report begin with it.
+    Two processes that write the stamp at once are in each other's way; the second try finds it there.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
+    for attempt in range(tries):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return import_module(name)
+        except FileNotFoundError:
+            if attempt == tries - 1:
+                raise
+            time.sleep(0.2)
