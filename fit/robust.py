@@ -10,11 +10,10 @@ from fit.reweight import Reweighted, permissive, student_t
 from fit.solution import Solution
 from fit.solve import solve
 from vsh import arguments
-from vsh.arguments import positive, whole
+from vsh.arguments import positive
 from vsh.errors import ConvergenceError
 from vsh.field import Field
 from vsh.frozen import Frozen
-from vsh.modes import as_modes
 
 __all__ = ["Clipped", "ExtraNoise", "Reweighted", "clip", "extra_noise", "permissive", "student_t"]
 
@@ -48,7 +47,6 @@ class Clipped(Frozen):
 @arguments.accepts(
     field=arguments.a(Field),
     modes=arguments.modes,
-    kappa=arguments.positive,
     threshold=arguments.positive,
     max_rounds=arguments.whole,
 )
@@ -86,9 +84,7 @@ def clip(field, modes, kappa=3.0, threshold=None, max_rounds=100):
     1 − q e^−q/(1 − e^−q). Both hold for Gaussian errors, of the size quoted or all wrong by one factor; the
     square root of the first is 1.006, 1.108, 1.308 for κ = 3, 2, 1.5 (pulls within 5 % of 1).
     """
-    modes = as_modes(modes)
     given = positive("kappa" if threshold is None else "threshold", kappa if threshold is None else threshold)
-    max_rounds = whole("max_rounds", max_rounds)
     kept, seen = np.ones(len(field), bool), {}
     for rounds in range(1, max_rounds + 1):
         solution = solve(normal_equations(field[kept], modes))

@@ -138,6 +138,11 @@ def test_careless_spelling(tmp_path, capsys):
     assert "c.fits is a file, not a folder" in capsys.readouterr().err
 
 
+def test_a_threshold_takes_the_place_of_kappa(capsys):
+    assert main(["--demo", "--lmax", "1", "--threshold", "3"]) == 0
+    assert "with X > 3 (the given threshold" in capsys.readouterr().out
+
+
 def test_clipped_is_not_refused(tmp_path):
     wild = table()
     wild["pmra"][3] = 1000.0
