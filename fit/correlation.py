@@ -201,5 +201,5 @@ def correlation_map(fields, modes_or_frame="frame", labels=None, offsets=None, s
 
 def dipole(field):
     """Mean direction of the sources by weight, (3,): zero on an even sky."""
-    weight = field.weights[:2].sum(0)
+    weight = field.information
     return triad(field.lon, field.lat)[2] @ weight / weight.sum()

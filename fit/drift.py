@@ -13,7 +13,6 @@ from fit.drift_rows import OMEGA, A, U, check_determined, drift_rows
 from fit.named import NamedSolution
 from vsh import arguments
 from vsh.apex import PLANCK, velocity_along
-from vsh.arguments import not_negative, positive
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.field import Field
 from vsh.vector import Vector
@@ -124,10 +123,9 @@ def observer_velocity(field, hubble=None, cosmology=None, peculiar=750.0, spin=N
         raise DegeneracyError(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.drift.hubble_constant, or priors to fit.posterior.sample"
         )
-    hubble = positive("the Hubble constant", hubble)
     rows = drift_rows(field, cosmology)
     ratio = hubble / rows.hubble
-    sums = rows.sums(not_negative("peculiar", peculiar) * ratio, not_negative("extra", extra))
+    sums = rows.sums(peculiar * ratio, extra)
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
@@ -168,8 +166,8 @@ def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=N
         )
     velocity = velocity_along(velocity, field.frame)
     rows = drift_rows(field, cosmology)
-    ratio = 1.0 if hubble is None else positive("the Hubble constant", hubble) / rows.hubble
-    sums = rows.sums(not_negative("peculiar", peculiar) * ratio, not_negative("extra", extra))
+    ratio = 1.0 if hubble is None else hubble / rows.hubble
+    sums = rows.sums(peculiar * ratio, extra)
     names = ("H0", "a_x", "a_y", "a_z")
 
     def given(v):

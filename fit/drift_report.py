@@ -1,9 +1,10 @@
 """Velocities, Hubble constants and redshift bins as text."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.quality import Quality
 from fit.report import WIDTH
 from fit.rows import amplitude, components, direction, p_value, pulls
 from vsh.apex import PLANCK
@@ -33,7 +34,7 @@ def report_drift(solution, source=None, truth=None):
     lines += ["─" * WIDTH]
     if source:
         lines.append(f"catalogue      {printable(source)}")
-    quality = Quality(solution.chi2, solution.dof)
+    quality = solution.quality
     lines += [
         f"sources        {solution.n_data // 2}",
         f"frame          {solution.frame}",
@@ -88,8 +89,6 @@ def _truth(solution, truth):
     """The true value in the units of the result: of the product, for what was assumed."""
     true = truth["velocity"].to_frame(solution.frame)
     if hasattr(solution, "velocity"):
-        from dataclasses import replace
-
         expected = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
         away = pulls(solution.velocity, expected)
         cells = _cells(f"{value:+.1f} ({d:+.1f}σ)" for value, d in zip(expected.value, away, strict=True))

@@ -251,10 +251,9 @@ def eigenmodes(sources, modes, sigma=None):
         Solutions of N v = λ M v, M the normal matrix of an even sky of the same total weight.
     """
     field = as_field(sources, sigma)
-    modes = as_modes(modes)
     normal = normal_equations(field, modes).matrix
     # ∫ |V|² dΩ = Σ multiplicity c²; an even sky sees its mean, by half the trace of the weights.
     norm = np.diag(modes.multiplicity.astype(float))
     values, vectors = eigh(normal, norm)
-    even = field.weights[:2].sum() / 2 / (4 * np.pi)
+    even = field.information.sum() / 2 / (4 * np.pi)
     return Eigenmodes(values / even, [Coefficients(modes, v) for v in vectors.T], field.frame)

@@ -15,7 +15,6 @@ from fit.compress import Rings, fourier_sums
 from fit.solution import Solution
 from vsh import Coefficients, Field, Modes, arguments
 from vsh.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
-from vsh.modes import as_modes
 from vsh.notes import merge_notes
 from vsh.progress import progress_bar
 
@@ -100,7 +99,6 @@ def solve_matrix_free(
         If it has not converged; the message says how ill-conditioned the problem is, which
         degrees still move, how much of the sky is empty, and what to do.
     """
-    modes = as_modes(modes)
     system = _System(fields, modes, prior_power, threads)
     values, iterations, residual, condition = _conjugate_gradients(
         system, system.rhs, tolerance, max_iterations, progress and f"degree {modes.lmax}"

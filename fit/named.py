@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.quality import Quality
+from fit.quality import Judged
 from fit.storage import Stored, count, exact, number
 from vsh.arguments import covariance, float_array
 from vsh.errors import TableError
@@ -13,7 +13,7 @@ from vsh.vector import Vector
 
 
 @dataclass(frozen=True, eq=False)
-class NamedSolution(Stored):
+class NamedSolution(Judged, Stored):
     """A least-squares solution for named parameters.
 
     Attributes
@@ -71,16 +71,6 @@ class NamedSolution(Stored):
         if len(set(names)) < len(names):
             raise TableError("names of parameters repeat")
         return cls(names=names, values=columns["value"], covariance=columns["covariance"], **options)
-
-    @property
-    def quality(self):
-        """What χ² says of the errors, a `fit.quality.Quality`."""
-        return Quality(self.chi2, self.dof)
-
-    @property
-    def reduced_chi2(self):
-        """χ² per degree of freedom; nan where there is none."""
-        return self.quality.reduced
 
     @property
     def sigma(self):

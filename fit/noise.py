@@ -10,11 +10,9 @@ from fit.sandwich import sandwich, weighted_matrix
 from fit.solution import Solution
 from fit.solve import solve
 from vsh import arguments
-from vsh.arguments import positive, whole
 from vsh.errors import ConvergenceError
 from vsh.field import Field
 from vsh.frozen import Frozen
-from vsh.modes import as_modes
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +72,6 @@ def extra_noise(field, modes, scale=False, tolerance=1e-4, max_rounds=100):
     (pulls within 5 % at degree 6 on 400 sources, and with errors 5 times too small on half the sky). It is
     not right where errors of neighbours are correlated: `fit.resample` tells.
     """
-    modes = as_modes(modes)
-    positive("tolerance", tolerance)
-    max_rounds = whole("max_rounds", max_rounds)
     problem = _Restricted(field, modes, bool(scale))
     start = np.array([1e-2, 1.0][: 1 + bool(scale)])
     bounds = [(0.0, None), (1e-6, None)][: len(start)]

@@ -12,7 +12,6 @@ from vsh import Field, Modes, arguments
 from vsh.arguments import choice, float_array
 from vsh.errors import FieldError, FrameError, ModesError
 from vsh.frozen import Frozen
-from vsh.modes import as_modes
 from vsh.notes import merge_notes
 
 #: A normal matrix beyond this is refused. [bytes]
@@ -124,7 +123,6 @@ def normal_equations(field, modes, method="auto", threads=None):
     True
     """
     choice("method", method, ("auto", "direct", "compressed"))
-    modes = as_modes(modes)
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or iter_fields")
     if len(modes) ** 2 * 8 > MEMORY:
@@ -173,7 +171,6 @@ def gaussian_prior(modes, sigma, mean=0.0, frame=None):
     ModesError
         If a sigma is not positive.
     """
-    modes = as_modes(modes)
     sigma = float_array("sigma", sigma, (len(modes),), finite=False, broadcast=True)
     mean = float_array("mean", mean, (len(modes),), broadcast=True)
     if not (sigma > 0).all():

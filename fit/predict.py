@@ -13,7 +13,6 @@ from vsh import Coefficients, Field, arguments
 from vsh.arguments import covariance
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import FieldError, ParameterError
-from vsh.modes import as_modes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,7 +79,6 @@ def predict(sources, modes=1, sigma=None):
         If the sources cannot tell the modes apart.
     """
     field = as_field(sources, sigma)
-    modes = as_modes(modes)
     normal = normal_equations(field, modes)
     solution = solve(normal)
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
@@ -89,7 +87,7 @@ def predict(sources, modes=1, sigma=None):
         to_coefficients[modes.degree(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
     return Prediction(
         Coefficients(modes, np.full(len(modes), np.nan)), solution.covariance, float("nan"), solution.n_data,
-        solution.frame, solution.notes, "the predicted weights", float(field.weights[:2].sum()),
+        solution.frame, solution.notes, "the predicted weights", float(field.information.sum()),
         to_coefficients.T @ normal.matrix @ to_coefficients,
     )  # fmt: skip
 

@@ -43,7 +43,6 @@ def binned(field, modes, edges, common=None, threads=None):
     FieldError
         If there are no redshifts.
     """
-    modes = as_modes(modes)
     if common not in (None, "higher"):
         raise ParameterError(f'common is None or "higher", not {common!r}')
     fields = [field] if isinstance(field, Field) else field
@@ -101,7 +100,7 @@ def equal_information(field, bins):
     if len(field) < bins:
         raise DegeneracyError(f"{len(field)} sources do not fill {bins} bins")
     order = np.argsort(field.redshift, kind="stable")
-    z, weight = field.redshift[order], np.cumsum(field.weights[:2].sum(0)[order])
+    z, weight = field.redshift[order], np.cumsum(field.information[order])
     inner = z[np.searchsorted(weight, weight[-1] * np.arange(1, bins) / bins)]
     edges = np.r_[z[0], inner, np.nextafter(z[-1], np.inf)]
     if not (np.diff(edges) > 0).all():
@@ -113,7 +112,7 @@ def equal_information(field, bins):
 
 def _moments(field):
     """Sources, Σw, Σwz, and beyond the flow Σw/d and Σw."""
-    weight, z = field.weights[:2].sum(0) / 2, field.redshift
+    weight, z = field.information / 2, field.redshift
     far = z >= FLOW_LIMIT
     near = 0.0
     if far.any():

@@ -22,7 +22,6 @@ from vsh.arguments import between, generator, whole
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.frozen import Frozen
-from vsh.modes import as_modes
 from vsh.pixels import pixels_of
 from vsh.progress import progress_bar
 
@@ -111,7 +110,7 @@ def bootstrap(field, modes, n, rng, progress=True):
     -------
     Resampled
     """
-    rng, modes = generator(rng), as_modes(modes)
+    rng = generator(rng)
     solution = solve(normal_equations(field, modes))
     replicates = np.empty((whole("n", n, 2), len(modes)))
     for replicate in _bar(replicates, progress, "bootstrap"):
@@ -135,7 +134,6 @@ def parametric_bootstrap(field, modes, n, rng):
     field, modes, n, rng
         As for `bootstrap`.
     """
-    modes = as_modes(modes)
     solution = solve(normal_equations(field, modes))
     draws = generator(rng).standard_normal((whole("n", n, 2), len(modes)))
     replicates = solution.coefficients.values + draws @ np.linalg.cholesky(solution.covariance).T
@@ -159,7 +157,7 @@ def block_bootstrap(field, modes, nside, n, rng, progress=True):
     DegeneracyError
         If fewer than two blocks hold sources, or their matrices do not fit into memory.
     """
-    rng, modes, n = generator(rng), as_modes(modes), whole("n", n, 2)
+    rng, n = generator(rng), whole("n", n, 2)
     parts = _blocks(field, nside)
     p = len(modes)
     if len(parts) * p * p * 8 > MEMORY:
@@ -202,7 +200,6 @@ def jackknife(field, modes, nside, progress=True):
     DegeneracyError
         If fewer than two blocks hold sources, or the rest cannot do without one.
     """
-    modes = as_modes(modes)
     parts = _blocks(field, nside)
     whole_sky = normal_equations(field, modes)
     replicates = np.empty((len(parts), len(modes)))

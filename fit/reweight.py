@@ -15,11 +15,9 @@ from fit.sandwich import sandwich
 from fit.solution import Solution
 from fit.solve import solve
 from vsh import arguments
-from vsh.arguments import positive, whole
 from vsh.errors import ConvergenceError
 from vsh.field import Field
 from vsh.frozen import Frozen
-from vsh.modes import as_modes
 
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
@@ -99,7 +97,7 @@ def student_t(field, modes, dof=None, tolerance=1e-4, max_rounds=500):
     5 % at degree 6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that
     neighbours share.
     """
-    state = {"dof": 4.0 if dof is None else positive("dof", dof)}
+    state = {"dof": 4.0 if dof is None else dof}
 
     def weight(x2):
         if dof is None:
@@ -151,11 +149,10 @@ def permissive(field, modes, tolerance=1e-4, max_rounds=500):
 
 def _reweighted(field, modes, weight, name, tolerance, max_rounds, power):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error."""
-    modes, tolerance = as_modes(modes), positive("tolerance", tolerance)
     plain = solve(normal_equations(field, modes))
     solution, values = plain, plain.coefficients.values
     u = np.ones(len(field))
-    for rounds in range(1, whole("max_rounds", max_rounds) + 1):
+    for rounds in range(1, max_rounds + 1):
         if rounds <= _ADAPTING:  # the share of each source in its own fit; held fixed later, so that all settles
             own = np.minimum(len(modes) * u * field.information / np.sum(u * field.information) / 2, 0.9)
         u, slope = weight(solution.residuals(field).chi2 / (1 - own))

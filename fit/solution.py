@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.quality import Quality
+from fit.quality import Judged
 from fit.storage import Stored, coefficient_columns, count, exact, number, words
 from vsh.arguments import covariance, float_array
 from vsh.coefficients import FIRST_DEGREE, Coefficients
@@ -17,7 +17,7 @@ from vsh.vector import Vector
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(Stored):
+class Solution(Judged, Stored):
     """Coefficients with their covariance.
 
     Attributes
@@ -68,16 +68,6 @@ class Solution(Stored):
     def dof(self):
         """Degrees of freedom: numbers fitted less parameters."""
         return self.n_data - len(self.modes)
-
-    @property
-    def quality(self):
-        """What χ² says of the errors, a `fit.quality.Quality`."""
-        return Quality(self.chi2, self.dof)
-
-    @property
-    def reduced_chi2(self):
-        """χ² per degree of freedom; nan where there is none."""
-        return self.quality.reduced
 
     @property
     def scaled(self):

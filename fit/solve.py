@@ -8,7 +8,6 @@ from fit.normal import NormalEquations, normal_equations
 from fit.solution import Solution
 from vsh import Coefficients, Field, arguments
 from vsh.errors import DegeneracyError, ParameterError
-from vsh.modes import as_modes
 
 _LOST = "warning: motions are a million times their errors, so χ² is lost to rounding: take a model away first"
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
@@ -86,7 +85,6 @@ def fit_field(field, modes):
     DegeneracyError
         If the sources cannot tell the modes apart.
     """
-    modes = as_modes(modes)
     if isinstance(field, Field) and 2 * len(field) < len(modes):
         raise DegeneracyError(_too_few(len(field), modes))
     return solve(normal_equations(field, modes))

@@ -122,7 +122,8 @@ def generator(rng):
 def accepts(**checks):
     """Check some arguments of a function before it begins, each by a function of (name, value).
 
-    What a check returns takes the argument's place. An argument that is left at its default is not checked.
+    What a check returns takes the argument's place, defaults among them. None is not checked where it is the
+    default: the argument is not given then.
 
     Examples
     --------
@@ -140,9 +141,11 @@ def accepts(**checks):
         @wraps(function)
         def checked(*arguments, **options):
             bound = known.bind(*arguments, **options)
+            bound.apply_defaults()
             for name, check in checks.items():
-                if name in bound.arguments and bound.arguments[name] is not known.parameters[name].default:
-                    bound.arguments[name] = check(name, bound.arguments[name])
+                value = bound.arguments[name]
+                if not (value is None and known.parameters[name].default is None):
+                    bound.arguments[name] = check(name, value)
             return function(*bound.args, **bound.kwargs)
 
         return checked
@@ -163,18 +166,6 @@ def a(*kinds):
             wanted = " or ".join(kind.__name__ for kind in kinds)
             raise ParameterError(f"{name} must be {wanted}, not {type(value).__name__}")
         return value
-
-    return check
-
-
-def either(*checks):
-    """A check that passes where one of several does; the last one says what is wrong."""
-
-    def check(name, value):
-        for each in checks[:-1]:
-            with suppress(ParameterError):
-                return each(name, value)
-        return checks[-1](name, value)
 
     return check
 
@@ -211,11 +202,6 @@ def dimension(size):
         return found
 
     return check
-
-
-def three(name, value):
-    """Three finite numbers."""
-    return float_array(name, value, (3,))
 
 
 def seed(name, value):

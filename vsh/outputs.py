@@ -77,12 +77,6 @@ def results_folder(path, command, provenance, overwrite=False):
         check_folder(path, command, overwrite)  # somebody else may have written meanwhile
 
 
-def claims(path, command):
-    """Whether a folder was made by a command."""
-    mark = _read_mark(Path(path))
-    return mark is not None and mark.get("command") == command
-
-
 def _check_parent(path, shown, made=False):
     parent = Path(os.path.realpath(path)).parent
     while made and not parent.exists():
