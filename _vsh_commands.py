@@ -20,24 +20,24 @@ def _run(module):
 
 def fit():
     """`vsh-fit`."""
-    _run("fit.cli")
+    _run("fit.commands.fit")
 
 
 def sim():
     """`vsh-sim`."""
-    _run("sim.cli")
+    _run("sim.command")
 
 
 def drift():
     """`vsh-drift`."""
-    _run("fit.drift_cli")
+    _run("fit.commands.redshift")
 
 
 def correlate():
     """`vsh-correlate`."""
-    _run("fit.correlate_cli")
+    _run("fit.commands.correlate")
 
 
 def study():
     """`vsh-study`."""
-    _run("study.cli")
+    _run("study.command")

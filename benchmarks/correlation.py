@@ -5,11 +5,12 @@ import time
 import numpy as np
 
 import sim
-from fit.correlation import as_field, correlation_map, influence, leakage
+from fit.correlation import correlation_map, influence, leakage
+from vsh import Field
 
 
 def main(n=1_600_000):
-    field = as_field(sim.quasars(n, 1, "igql"), 300.0)
+    field = Field.without_motions(sim.quasars(n, 1, "igql"), 300.0)
     total = time.perf_counter()
     for words, call in (
         ("correlation map, degree 10", lambda: correlation_map(field, 10)),

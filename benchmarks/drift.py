@@ -10,13 +10,13 @@ import time
 import numpy as np
 
 import sim
-from fit.drift import hubble_constant, observer_velocity
 from fit.posterior import Flat, grid, sample
-from vsh.apex import PAPER, PLANCK
+from fit.secular_parallax import hubble_constant, observer_velocity
+from vsh.cosmology import PLANCK_2013, PLANCK_2018
 
 SKIES = int(sys.argv[1]) if len(sys.argv) > 1 else 100
 ACCELERATION = np.array([-0.236, -3.756, -2.080])
-VELOCITY = PAPER.to_frame("icrs").value
+VELOCITY = PLANCK_2013.to_frame("icrs").value
 #: Bachchan et al. (2016), table 7 (velocity, H0, galaxies), case A: mean formal errors and standard deviations.
 PAPER_ERRORS = {"v_x": 98.7, "v_y": 97.8, "v_z": 97.2, "H0": 18.15, "a_x": 0.270, "a_y": 0.270, "a_z": 0.270}
 
@@ -31,11 +31,11 @@ def main():
     for sky in range(SKIES):
         truth = steady + sim.peculiar(750.0, rng=[4, sky])
         field = sim.observe(galaxies, truth, rng=[5, sky], sigma=measured.sigma, rho=measured.rho)
-        velocity, hubble = observer_velocity(field.to_frame("galactic"), 67.3), hubble_constant(field, PAPER)
+        velocity, hubble = observer_velocity(field.to_frame("galactic"), 67.3), hubble_constant(field, PLANCK_2013)
         rows.append(([*velocity.values[:3], hubble.hubble, *velocity.values[3:]],
                      [*velocity.sigma[:3], hubble.hubble_error, *velocity.sigma[3:]]))  # fmt: skip
     values, errors = (np.array(each) for each in zip(*rows, strict=True))
-    truths = [*PAPER.value, 67.3, 4.3, 0.0, 0.0]
+    truths = [*PLANCK_2013.value, 67.3, 4.3, 0.0, 0.0]
     pulls = (values.mean(0) - truths) / (values.std(0, ddof=1) / np.sqrt(SKIES))
     print(f"{SKIES} skies of 100 000 galaxies, Galactic axes")
     print(f"{'':6}{'truth':>10}{'mean':>10}{'off/s.e.':>10}{'scatter':>10}{'formal':>10}{'ratio':>8}{'paper':>8}")
@@ -52,12 +52,12 @@ def main():
     for words, options in (("v and H0", {}), ("v, H0 and the dispersion", {"peculiar": Flat(0, 2000)}),
                            ("v, H0, dispersion, extra error", {"peculiar": Flat(0, 2000), "extra": Flat(0, 50)})):  # fmt: skip
         begin = time.perf_counter()
-        found = sample(field, PLANCK, Flat(20, 150), 1_000_000, rng=6, progress=False, **options)
+        found = sample(field, PLANCK_2018, Flat(20, 150), 1_000_000, rng=6, progress=False, **options)
         seconds = time.perf_counter() - begin
         slowest = max(found.autocorrelation.values())
         print(f"10⁶ samples of {words}: {seconds:.1f} s; {len(found.chain) / slowest:.0f} autocorrelation times")
         if len(options) < 2:
-            on_grid = grid(field, PLANCK, Flat(20, 150), **options)
+            on_grid = grid(field, PLANCK_2018, Flat(20, 150), **options)
             h = found.samples["H0"]
             print(
                 f"   H0 {h.mean():.2f} ± {h.std():.2f}; on a grid {on_grid.mean('H0'):.2f} ± {on_grid.sigma('H0'):.2f}"

@@ -18,8 +18,8 @@ import sim
 from vsh import Modes
 from vsh.catalogue import match, read_icrf
 from vsh.conventions import ICRF3, from_icrf3, to_icrf3
-from vsh.plot import plot_field
-from vsh.positions import Positions
+from vsh.sky.plot import plot_field
+from vsh.sky.positions import Positions
 from vsh.units import UAS
 
 TRUTH = {"R1": 12.0, "R2": 15.0, "R3": -2.0, "D1": -20.0, "D2": -65.0, "D3": -95.0, "E20": 45.0}

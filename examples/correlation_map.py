@@ -11,8 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import sim
-from fit.correlation import correlation_map, influence, leakage, plan, thin
-from fit.plot_correlation import plot_influence
+from fit.correlation import correlation_map, influence, leakage, plan, plot_influence, thin
 from sim.expected import scanned_errors
 from vsh import Field
 

@@ -37,7 +37,7 @@ import matplotlib.pyplot as plt
 import fit
 from vsh import Modes
 from vsh.catalogue import Columns, read_field
-from vsh.plot import plot_field
+from vsh.sky.plot import plot_field
 
 if len(sys.argv) != 2:
     sys.exit("usage: python examples/real_catalogue.py PATH")

@@ -10,15 +10,14 @@ H0; with neither, only the product, along which a posterior is a ridge.
 import matplotlib.pyplot as plt
 
 import sim
-from fit.drift import hubble_constant, observer_velocity
-from fit.drift_report import report_drift
 from fit.posterior import Flat, Normal, grid, sample
-from vsh.apex import PLANCK
+from fit.secular_parallax import hubble_constant, observer_velocity, report_drift
+from vsh.cosmology import PLANCK_2018
 
 # %%
 # The truth: Planck's velocity, H0 = 70, galaxies that wander by 300 km/s.
 truth = (
-    sim.drift(PLANCK.to_frame("icrs").value, hubble=70.0)
+    sim.drift(PLANCK_2018.to_frame("icrs").value, hubble=70.0)
     + sim.peculiar(300.0, rng=1, hubble=70.0)
     + sim.acceleration((-0.28, -4.41, -2.44))
 )
@@ -27,17 +26,17 @@ field = sim.observe(sim.galaxies(50_000, rng=2), truth, rng=6, sigma=8.0)
 # %%
 # Either, by least squares.
 velocity = observer_velocity(field, hubble=70.0, peculiar=300.0)
-hubble = hubble_constant(field, PLANCK, peculiar=300.0)
+hubble = hubble_constant(field, PLANCK_2018, peculiar=300.0)
 print(report_drift(velocity))
 print(report_drift(hubble))
-pulls = (velocity.velocity.value - PLANCK.to_frame("icrs").value) / velocity.velocity.sigma
+pulls = (velocity.velocity.value - PLANCK_2018.to_frame("icrs").value) / velocity.velocity.sigma
 print("velocity: found − true, in standard errors:", pulls.round(2))
 print(f"H0:       found − true, in standard errors: [{(hubble.hubble - 70.0) / hubble.hubble_error:.2f}]")
 
 # %%
 # Both, by their posterior: the velocity as Planck has it, H0 flat, the dispersion of the galaxies
 # free within 300 ± 100 km/s. Their scatter is then a second ruler of H0. A grid must agree.
-given = {"velocity_prior": PLANCK, "hubble_prior": Flat(20, 150), "peculiar": Normal(300, 100, low=1.0)}
+given = {"velocity_prior": PLANCK_2018, "hubble_prior": Flat(20, 150), "peculiar": Normal(300, 100, low=1.0)}
 posterior = sample(field, n_samples=600_000, rng=4, **given)
 print(posterior.report())
 on_grid = grid(field, **given)

@@ -1,16 +1,21 @@
 """From a field to what it says: normal equations, their solution, its report."""
 
-from importlib import import_module
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 from fit import frame, robust, spectrum
 from fit.check import CrossCheck, cross_check
 from fit.frame import FrameSolution, solve_frame
 from fit.matrix_free import MatrixFreeSolution, solve_matrix_free
 from fit.normal import NormalEquations, gaussian_prior, normal_equations
-from fit.report import report
+from fit.output import report
 from fit.robust import Clipped, clip
 from fit.solution import Solution
 from fit.solve import fit_field, solve
+
+if TYPE_CHECKING:
+    from fit import correlation, output, posterior, redshift, resample, secular_parallax
 
 __all__ = [
     "Clipped",
@@ -20,28 +25,29 @@ __all__ = [
     "NormalEquations",
     "Solution",
     "clip",
+    "correlation",
     "cross_check",
     "fit_field",
     "frame",
     "gaussian_prior",
     "normal_equations",
+    "output",
+    "posterior",
+    "redshift",
     "report",
+    "resample",
     "robust",
+    "secular_parallax",
     "solve",
     "solve_frame",
     "solve_matrix_free",
     "spectrum",
 ]
 
-# Rooms with heavy friends open on the first visit.
-_LAZY = {"correlation", "drift", "export", "plot", "posterior", "redshift", "resample"}
+# Imported when first asked for: emcee, healpy and matplotlib come with them.
+_LATER = ["correlation", "output", "posterior", "redshift", "resample", "secular_parallax"]
+__getattr__, _, _ = lazy_loader.attach(__name__, _LATER)
 
 
-def __getattr__(name):
-    if name in _LAZY:
-        return import_module(f"fit.{name}")
-    raise AttributeError(f"module 'fit' has no attribute {name!r}")
-
-
-def __dir__():
-    return sorted({*globals(), *_LAZY})
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

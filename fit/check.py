@@ -8,9 +8,9 @@ from fit.frame import FrameSolution, solve_frame
 from fit.normal import normal_equations
 from fit.solution import Solution
 from fit.solve import solve
-from vsh import arguments
+from vsh.checks import arguments
+from vsh.checks.frozen import Frozen
 from vsh.field import Field
-from vsh.frozen import Frozen
 from vsh.modes import Modes
 
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular, svdvals
 
-from fit.named import NamedSolution
+from fit.named_solution import NamedSolution
+from vsh.checks.notes import merge_notes
 from vsh.errors import DegeneracyError, FieldError, FrameError
 from vsh.field import Field
-from vsh.notes import merge_notes
 
 _AXES = "xyz"
 _ROWS = 100_000

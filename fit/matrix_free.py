@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh_tridiagonal
 
-from fit.compress import Rings, fourier_sums
 from fit.solution import Solution
-from vsh import Coefficients, Field, Modes, arguments
+from fit.sums import Rings, fourier_sums
+from vsh import Coefficients, Field, Modes
+from vsh.checks import arguments, nouns
+from vsh.checks.notes import merge_notes
 from vsh.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
-from vsh.notes import merge_notes
-from vsh.progress import progress_bar
+from vsh.system.progress import progress_bar
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.
 LOW = 12
@@ -64,9 +65,7 @@ class MatrixFreeSolution(Solution):
         return super().__getattribute__(name)
 
 
-@arguments.accepts(
-    fields=arguments.fields, modes=arguments.modes, tolerance=arguments.positive, max_iterations=arguments.whole
-)
+@arguments.accepts(fields=nouns.fields, modes=nouns.modes, tolerance=arguments.positive, max_iterations=arguments.whole)
 def solve_matrix_free(
     fields, modes, prior_power=None, errors_of=(), tolerance=1e-8, max_iterations=500, threads=None, progress=True
 ):

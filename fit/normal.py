@@ -5,14 +5,13 @@ from os import PathLike
 
 import numpy as np
 
-from fit.compress import compressed_sums
-from fit.dipole import dipole_sums
-from fit.direct import direct_sums
-from vsh import Field, Modes, arguments
-from vsh.arguments import choice, float_array
+from fit.sums import compressed_sums, dipole_sums, direct_sums, direct_up_to
+from vsh import Field, Modes
+from vsh.checks import arguments, nouns
+from vsh.checks.arguments import choice, float_array
+from vsh.checks.frozen import Frozen
+from vsh.checks.notes import merge_notes
 from vsh.errors import FieldError, FrameError, ModesError
-from vsh.frozen import Frozen
-from vsh.notes import merge_notes
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30
@@ -84,7 +83,7 @@ class NormalEquations(Frozen):
         )
 
 
-@arguments.accepts(modes=arguments.modes)
+@arguments.accepts(modes=nouns.modes)
 def normal_equations(field, modes, method="auto", threads=None):
     """Sum a field, or a stream of fields, into normal equations.
 
@@ -146,16 +145,7 @@ def normal_equations(field, modes, method="auto", threads=None):
     return NormalEquations(modes, *sums, 2 * len(field), field.frame, field.notes)
 
 
-def direct_up_to(modes):
-    """The number of sources up to which the direct sum is the faster one.
-
-    As measured (docs/performance.md): below it the fixed cost of the rings tells, above it
-    the design matrix.
-    """
-    return max(1000, 2**18 // modes.lmax**2)
-
-
-@arguments.accepts(modes=arguments.modes)
+@arguments.accepts(modes=nouns.modes)
 def gaussian_prior(modes, sigma, mean=0.0, frame=None):
     """The prior c ~ N(mean, sigma²), as data: one number for each coefficient it bears on.
 

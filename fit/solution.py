@@ -8,11 +8,11 @@ from scipy.special import chdtrc
 
 from fit.quality import Judged
 from fit.storage import Stored, coefficient_columns, count, exact, number, words
-from vsh.arguments import covariance, float_array
+from vsh.checks.arguments import covariance, float_array
 from vsh.coefficients import FIRST_DEGREE, Coefficients
 from vsh.errors import FrameError
-from vsh.frames import check_frame
 from vsh.modes import Modes
+from vsh.sky.frames import check_frame
 from vsh.vector import Vector
 
 
@@ -50,13 +50,13 @@ class Solution(Judged, Stored):
         return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
 
     def _repr_html_(self):
-        from fit.present import html_of
+        from fit.output import html_of
 
         return html_of(self)
 
     def latex(self):
         """Spin, acceleration and powers as a LaTeX table (booktabs)."""
-        from fit.present import latex_of
+        from fit.output import latex_of
 
         return latex_of(self)
 

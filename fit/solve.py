@@ -6,7 +6,8 @@ from scipy.linalg.lapack import dpocon
 
 from fit.normal import NormalEquations, normal_equations
 from fit.solution import Solution
-from vsh import Coefficients, Field, arguments
+from vsh import Coefficients, Field
+from vsh.checks import arguments, nouns
 from vsh.errors import DegeneracyError, ParameterError
 
 _LOST = "warning: motions are a million times their errors, so χ² is lost to rounding: take a model away first"
@@ -67,7 +68,7 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
     )
 
 
-@arguments.accepts(modes=arguments.modes)
+@arguments.accepts(modes=nouns.modes)
 def fit_field(field, modes):
     """Fit all modes to a degree to a field: normal equations, solved.
 

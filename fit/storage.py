@@ -14,9 +14,9 @@ from importlib import import_module
 
 import numpy as np
 
+from vsh.checks.frozen import Frozen
+from vsh.checks.notes import printable
 from vsh.errors import TableError, VshError
-from vsh.frozen import Frozen
-from vsh.notes import printable
 
 #: Kinds of results whose modules have been imported, by name.
 _KINDS = {}

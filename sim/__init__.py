@@ -1,6 +1,8 @@
 """Skies with a known truth."""
 
-from importlib import import_module
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 from sim import astrometry, population, scanning, signal, variability
 from sim.expected import expected_covariances
@@ -8,19 +10,11 @@ from sim.noise import gaia_errors
 from sim.observe import observe, observe_offsets
 from sim.population import Population, galaxies, plane_avoiding_sky, quasars, uniform_sky, vlbi_quasars
 from sim.scanning import NominalScanningLaw
-from sim.signal import (
-    Signal,
-    acceleration,
-    anisotropic_expansion,
-    drift,
-    field,
-    isotropic,
-    peculiar,
-    spin,
-    void,
-    waves,
-)
+from sim.signal import Signal, acceleration, anisotropic_expansion, drift, field, isotropic, peculiar, spin, void, waves
 from sim.variability import Variability
+
+if TYPE_CHECKING:
+    from sim import effects, plot, skies
 
 __all__ = [
     "NominalScanningLaw",
@@ -31,6 +25,7 @@ __all__ = [
     "anisotropic_expansion",
     "astrometry",
     "drift",
+    "effects",
     "expected_covariances",
     "field",
     "gaia_errors",
@@ -39,11 +34,13 @@ __all__ = [
     "observe",
     "observe_offsets",
     "peculiar",
+    "plot",
     "plane_avoiding_sky",
     "population",
     "quasars",
     "scanning",
     "signal",
+    "skies",
     "spin",
     "uniform_sky",
     "variability",
@@ -52,15 +49,9 @@ __all__ = [
     "waves",
 ]
 
-# Rooms with heavy friends open on the first visit.
-_LAZY = {"effects", "plot", "skies"}
+# Imported when first asked for: astropy, healpy and matplotlib come with them.
+__getattr__, _, _ = lazy_loader.attach(__name__, ["effects", "plot", "skies"])
 
 
-def __getattr__(name):
-    if name in _LAZY:
-        return import_module(f"sim.{name}")
-    raise AttributeError(f"module 'sim' has no attribute {name!r}")
-
-
-def __dir__():
-    return sorted({*globals(), *_LAZY})
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -15,9 +15,9 @@ import numpy as np
 from sim.noise import parallax_error
 from sim.population import uniform_sky
 from sim.variability import markov_chain
-from vsh.arguments import generator
+from vsh.checks.arguments import generator
+from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
-from vsh.frozen import Frozen
 
 #: Knots of the attitude, whose error all sources seen in between share. [yr]
 KNOT = 30.0 / (365.25 * 86400)

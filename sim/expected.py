@@ -4,8 +4,8 @@ import numpy as np
 
 from sim.astrometry import expected, solve, transit_error, unit_errors
 from sim.scanning import BLOCK
-from vsh.blocks import map_blocks
 from vsh.errors import FrameError, ParameterError
+from vsh.system.parallel import map_blocks
 
 _COLUMNS = {"motion": [3, 4], "position": [0, 1]}
 
@@ -72,7 +72,7 @@ def scanned_errors(magnitude, lon, lat, law, release="DR3", nside=16):
     sigma : (2, n) array [µas/yr]
     rho : (n,) array
     """
-    from vsh.pixels import centres, pixels_of  # healpy
+    from vsh.sky.pixels import centres, pixels_of  # healpy
 
     pixel = pixels_of(lon, lat, nside)
     there = solve(law.transits(*centres(nside)), np.ones(12 * nside**2), 0, law.years)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vsh import arguments
+from vsh.checks import arguments
 from vsh.errors import ParameterError
 
 #: For each release: the factor t on the parallax error, and σ_µα* and σ_µδ in parallax errors a year.

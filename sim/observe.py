@@ -7,10 +7,11 @@ from sim.noise import gaia_errors
 from sim.population import Population
 from sim.scanning import BLOCK
 from sim.signal import as_signal
-from vsh import Field, arguments
-from vsh.arguments import generator
-from vsh.blocks import map_blocks
+from vsh import Field
+from vsh.checks import arguments
+from vsh.checks.arguments import generator
 from vsh.errors import FrameError, ParameterError
+from vsh.system.parallel import map_blocks
 
 
 @arguments.accepts(population=arguments.a(Population), rng=arguments.seed)

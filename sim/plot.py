@@ -4,12 +4,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sim.variability import markov_chain
-from vsh.arguments import generator
-from vsh.cosmology import PAPER, transverse_distance
-from vsh.frames import rotation_matrix
-from vsh.pixels import mean_map, pixels_of
-from vsh.plot import draw_map, on_map, sky_axes
-from vsh.sphere import angles, triad
+from vsh.checks.arguments import generator
+from vsh.cosmology import PLANCK_2013, transverse_distance
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.pixels import mean_map, pixels_of
+from vsh.sky.plot import draw_map, on_map, sky_axes
+from vsh.sky.sphere import angles, triad
 from vsh.units import AU_PER_YEAR
 
 
@@ -76,7 +76,7 @@ def plot_tracks(times, variability, rng, count=3):
     return figure
 
 
-def plot_distance_and_drift(speed=369.0, cosmology=PAPER):
+def plot_distance_and_drift(speed=369.0, cosmology=PLANCK_2013):
     """Comoving distance and the drift by our velocity, against redshift. Returns the figure."""
     z = np.geomspace(1e-3, 6, 400)
     distance = transverse_distance(z, cosmology)

@@ -4,13 +4,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from vsh import arguments
-from vsh.arguments import generator
+from vsh.checks import arguments
+from vsh.checks.arguments import generator
+from vsh.checks.frozen import Frozen
+from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, ParameterError, TableError
-from vsh.frames import check_frame
-from vsh.frozen import Frozen
-from vsh.gate import as_floats
-from vsh.sphere import angles, triad
+from vsh.sky.frames import check_frame
+from vsh.sky.sphere import angles, triad
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
 _BRIGHTER_THAN = {18.0: 29_200, 19.0: 175_814, 20.0: 665_975, 21.0: 1_215_942}
@@ -64,7 +64,7 @@ def uniform_sky(n, rng):
 
 def plane_avoiding_sky(n, rng, latitude=15.0):
     """n positions in ICRS, uniform over the sphere but for the Galactic plane, |b| < `latitude` degrees. [rad]"""
-    from vsh.frames import rotation_matrix
+    from vsh.sky.frames import rotation_matrix
 
     rng = generator(rng)
     l = rng.uniform(0, 2 * np.pi, n)

@@ -9,9 +9,9 @@ the Initial Gaia Quasar List is a sum of surveys, each with its footprint.
 import numpy as np
 
 from vsh.errors import ParameterError
-from vsh.frames import rotation_matrix
-from vsh.pixels import centres, random_positions
-from vsh.sphere import angles, triad
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.pixels import centres, random_positions
+from vsh.sky.sphere import angles, triad
 
 NSIDE = 64
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from vsh.arguments import generator, not_negative, positive
+from vsh.checks.arguments import generator, not_negative, positive
 from vsh.errors import ParameterError
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from vsh.apex import NAMED, velocity_from_apex
+from vsh.checks.notes import printable
+from vsh.cosmology import VELOCITIES, velocity_from_apex
 from vsh.errors import ParameterError, VshError
-from vsh.frames import FRAMES
-from vsh.notes import printable
+from vsh.sky.frames import FRAMES
 
 
 class StudyError(VshError, ValueError):
@@ -155,10 +155,10 @@ def _three(name, key, value):
 
 def _velocity(value):
     """A name, or SPEED, L, B; no velocity is a speed of zero."""
-    if isinstance(value, str) and value in NAMED:
-        named = NAMED[value]
+    if isinstance(value, str) and value in VELOCITIES:
+        named = VELOCITIES[value]
         return [named.amplitude, *named.to_frame("galactic").direction]
-    found = _three("truth", f"velocity ({' or '.join(map(repr, NAMED))}, or speed, l, b)", value)
+    found = _three("truth", f"velocity ({' or '.join(map(repr, VELOCITIES))}, or speed, l, b)", value)
     if found[0] != 0:
         try:
             velocity_from_apex(*found)

@@ -9,7 +9,7 @@ from sim.astrometry import transit_error
 from sim.plot import plot_density, plot_distance_and_drift
 from sim.variability import markov_chain
 from vsh.cosmology import transverse_distance
-from vsh.files import replacing
+from vsh.system.files import replacing
 from vsh.units import AU_PER_YEAR
 
 

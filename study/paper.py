@@ -9,7 +9,7 @@ from sim.effects import attractions, effects
 from study.published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEEDS, published
 from study.results import read_realisations, summary
 from vsh import Field, Vector, tables
-from vsh.files import replacing
+from vsh.system.files import replacing
 
 #: What was set to the paper's own numbers, and so agrees by construction: marked † in the tables.
 _SET = {

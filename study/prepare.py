@@ -8,7 +8,7 @@ import numpy as np
 import sim
 from study.config import StudyError
 from vsh import Field
-from vsh.files import replacing
+from vsh.system.files import replacing
 
 
 def prepared(study, case, kind, folder, progress=True):

@@ -6,7 +6,7 @@ import numpy as np
 
 import fit
 import sim
-from fit.drift import hubble_constant, observer_velocity
+from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Field, Modes, Vector
 
 _KINDS = ("quasars", "vlbi", "galaxies")

@@ -11,10 +11,10 @@ from study.config import StudyError
 from study.prepare import prepared
 from study.realise import realise
 from study.results import write_results
-from vsh.blocks import cores
-from vsh.files import remove_unfinished, replacing
-from vsh.notes import printable
-from vsh.progress import progress_bar
+from vsh.checks.notes import printable
+from vsh.system.files import remove_unfinished, replacing
+from vsh.system.parallel import cores
+from vsh.system.progress import progress_bar
 
 
 def run(study, folder, realisations=None, workers=None, progress=True):

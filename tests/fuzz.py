@@ -32,11 +32,13 @@ def make_files(folder):
     import fit
     import sim
     import study
-    from fit import checkpoint, storage
+    from fit import storage
     from fit.correlation import correlation_map, leakage, predict
-    from fit.drift import observer_velocity
     from fit.redshift import binned
-    from vsh import catalogue, pixels
+    from fit.sampling import _checkpoint
+    from fit.secular_parallax import observer_velocity
+    from vsh import catalogue
+    from vsh.sky import pixels
 
     field = sim.observe(sim.galaxies(ROWS, 1), sim.spin((1, 2, 3)), rng=2, sigma=50.0)
     files = {}
@@ -70,8 +72,8 @@ def make_files(folder):
     files["study.load"] = folder / "study.toml", study.load
     marks = {"data": "x"}
     chain = np.random.default_rng(1).normal(size=(20, 8, 4))
-    checkpoint.save(folder / "chain.npz", marks, chain, chain[..., 0], np.random.RandomState(1).get_state())
-    files["checkpoint"] = folder / "chain.npz", _checkpoint
+    _checkpoint.save(folder / "chain.npz", marks, chain, chain[..., 0], np.random.RandomState(1).get_state())
+    files["checkpoint"] = folder / "chain.npz", _chain
     return files
 
 
@@ -99,10 +101,10 @@ def _icrf(path):
     return read_icrf(path)
 
 
-def _checkpoint(path):
-    from fit import checkpoint
+def _chain(path):
+    from fit.sampling import _checkpoint
 
-    return checkpoint.load(path, {"data": "x"})
+    return _checkpoint.load(path, {"data": "x"})
 
 
 def mutate(content, rng):

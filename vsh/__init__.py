@@ -1,40 +1,66 @@
-"""Vector spherical harmonics on the sky: the nouns and the mathematics.
+"""Vector spherical harmonics of proper motions: coefficients, fields and catalogues.
 
-Angles are in radians and proper motions in µas/yr, everywhere below this line.
+Inside, angles are in radians and proper motions in µas/yr.
 """
 
-from importlib import import_module
+from typing import TYPE_CHECKING
 
-from vsh import apex, conventions, redshifts
+import lazy_loader
+
+from vsh import conventions
 from vsh.coefficients import Coefficients
-from vsh.errors import VshError, VshWarning
+from vsh.errors import (
+    CheckpointError,
+    ConvergenceError,
+    CovarianceError,
+    DegeneracyError,
+    FieldError,
+    FrameError,
+    ModesError,
+    NothingLeftError,
+    ParameterError,
+    TableError,
+    VshError,
+    VshWarning,
+)
 from vsh.field import Field
 from vsh.modes import Mode, Modes
 from vsh.vector import Vector
 
+if TYPE_CHECKING:
+    from vsh import catalogue, cosmology, rotate, sky, tables, transform
+
 __version__ = "0.1.0"
 __all__ = [
+    "CheckpointError",
     "Coefficients",
+    "ConvergenceError",
+    "CovarianceError",
+    "DegeneracyError",
     "Field",
+    "FieldError",
+    "FrameError",
     "Mode",
     "Modes",
+    "ModesError",
+    "NothingLeftError",
+    "ParameterError",
+    "TableError",
     "Vector",
     "VshError",
     "VshWarning",
-    "apex",
+    "catalogue",
     "conventions",
-    "redshifts",
+    "cosmology",
+    "rotate",
+    "sky",
+    "tables",
+    "transform",
 ]
 
-# Rooms with heavy friends open on the first visit: `vsh.catalogue` imports astropy then.
-_LAZY = {"catalogue", "cosmology", "pixels", "plot", "rotate", "tables", "transform"}
+# Imported when first asked for: astropy, healpy, ducc0 and matplotlib come with them.
+__getattr__, _, _ = lazy_loader.attach(__name__, ["catalogue", "cosmology", "rotate", "sky", "tables", "transform"])
 
 
-def __getattr__(name):
-    if name in _LAZY:
-        return import_module(f"vsh.{name}")
-    raise AttributeError(f"module 'vsh' has no attribute {name!r}")
-
-
-def __dir__():
-    return sorted({*globals(), *_LAZY})
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -13,12 +13,12 @@ function itself is below 1e-100.
 
 import numpy as np
 
-from vsh import arguments
+from vsh.checks import arguments, nouns
 from vsh.errors import ParameterError
-from vsh.sphere import multiples, sin_cos
+from vsh.sky.sphere import multiples, sin_cos
 
 
-@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), modes=arguments.modes)
+@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), modes=nouns.modes)
 def harmonics(lon, lat, modes):
     """The field of each mode at each source: the design matrix.
 

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsh.arguments import float_array
 from vsh.basis import harmonics
-from vsh.blocks import map_blocks
+from vsh.checks.arguments import float_array
+from vsh.checks.frozen import Frozen
 from vsh.errors import ModesError
-from vsh.frozen import Frozen
 from vsh.modes import Modes, as_modes
+from vsh.system.parallel import map_blocks
 
 #: Degree 1 is a rigid rotation (T) or a glide (S): rows (1,0), (1,1,re), (1,1,im) of its
 #: coefficients from x, y, z of the vector (docs/conventions.md).

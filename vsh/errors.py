@@ -1,6 +1,6 @@
 """What can go wrong, each with the remedy in its message."""
 
-from vsh.notes import printable
+from vsh.checks.notes import printable
 
 
 class VshError(Exception):
@@ -60,3 +60,9 @@ class CheckpointError(VshError, ValueError):
 
 class VshWarning(UserWarning):
     """Base of every warning: the answer stands, but read it with care."""
+
+
+def first_line(error):
+    """The first line of what an error says."""
+    text = str(error).strip()
+    return text.splitlines()[0].rstrip(".") if text else type(error).__name__

@@ -4,13 +4,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from vsh.arguments import float_array
+from vsh.checks.arguments import float_array
+from vsh.checks.frozen import Frozen
+from vsh.checks.notes import merge_notes
+from vsh.checks.validation import as_floats, check_shapes, checked_columns, faults, placeholders, refuse
 from vsh.errors import FieldError
-from vsh.frames import check_frame, rotation_matrix
-from vsh.frozen import Frozen
-from vsh.gate import as_floats, check_shapes, checked_columns, faults, placeholders, refuse
-from vsh.notes import merge_notes
-from vsh.sphere import angles, triad
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.sphere import angles, triad
 from vsh.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.
@@ -147,6 +147,33 @@ class Field(Frozen):
         return cls(
             lon[keep], lat[keep], motion[:, keep], sigma[:, keep], rho[keep],
             frame=frame, notes=(*notes, *said), **extras,
+        )  # fmt: skip
+
+    @classmethod
+    def without_motions(cls, sources, sigma=None):
+        """Positions and errors as a Field whose motions are zero; a Field as it is.
+
+        Parameters
+        ----------
+        sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
+        sigma : float or (2, n) array, optional — errors in place of the sources' own [µas/yr]
+
+        Raises
+        ------
+        FieldError
+            If the sources have no positions, or no errors and none are given.
+        """
+        if isinstance(sources, Field):
+            return sources if sigma is None else sources.with_errors(np.broadcast_to(sigma, (2, len(sources))))
+        if not (hasattr(sources, "lon") and hasattr(sources, "lat")):
+            raise FieldError(f"sources are a Field, or positions with lon and lat, not {type(sources).__name__}")
+        sigma = getattr(sources, "sigma", None) if sigma is None else sigma
+        if sigma is None:
+            raise FieldError("sources without errors need sigma=, in µas/yr")
+        lon = np.asarray(sources.lon, float)
+        return cls(
+            lon, sources.lat, np.zeros((2, lon.size)), np.broadcast_to(sigma, (2, lon.size)),
+            getattr(sources, "rho", None), getattr(sources, "redshift", None), frame=getattr(sources, "frame", "icrs"),
         )  # fmt: skip
 
     def __len__(self):

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from vsh import arguments
+from vsh.checks import arguments
 from vsh.coefficients import Coefficients
 from vsh.errors import FrameError, ModesError
-from vsh.frames import rotation_matrix
+from vsh.sky.frames import rotation_matrix
 
 
 @arguments.accepts(coefficients=arguments.a(Coefficients))

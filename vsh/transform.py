@@ -7,12 +7,12 @@ short array out of bounds, and go on over the pole in silence.
 import ducc0
 import numpy as np
 
-from vsh import arguments
-from vsh.blocks import cores
+from vsh.checks import arguments, nouns
 from vsh.coefficients import Coefficients
 from vsh.conventions import from_healpy, to_healpy
 from vsh.errors import FieldError
 from vsh.modes import as_modes
+from vsh.system.parallel import cores
 
 #: Relative accuracy asked of ducc0; it reaches 2e-13 at best in double precision.
 EPSILON = 5e-13
@@ -53,7 +53,7 @@ def synthesis(coefficients, lon, lat, threads=None):
 
 
 @arguments.accepts(
-    modes=arguments.modes, lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array
+    modes=nouns.modes, lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array
 )
 def adjoint(modes, lon, lat, motion, threads=None):
     """Σ over the sources of motion · V_i for every mode i: Aᵀ y for the design matrix A.

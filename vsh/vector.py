@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtr, chdtrc, chndtr, log_ndtr
 
-from vsh.arguments import between, covariance, float_array, number, read_only
+from vsh.checks.arguments import between, covariance, float_array, number, read_only
+from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
-from vsh.frames import check_frame, rotation_matrix
-from vsh.frozen import Frozen
-from vsh.sphere import angles, triad
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.sphere import angles, triad
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,3 +207,9 @@ class Vector(Frozen):
     def _unit_vector(self):
         with np.errstate(invalid="ignore"):
             return self.value / np.linalg.norm(self.value)
+
+
+def correlation_of(covariance):
+    """The correlation matrix of a covariance."""
+    sigma = np.sqrt(np.diag(covariance))
+    return covariance / np.outer(sigma, sigma)

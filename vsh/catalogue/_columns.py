@@ -6,10 +6,10 @@ from difflib import get_close_matches
 import numpy as np
 from astropy import units as u
 
+from vsh.checks.notes import printable
+from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, TableError
-from vsh.frames import check_frame
-from vsh.gate import as_floats
-from vsh.notes import printable
+from vsh.sky.frames import check_frame
 
 
 @dataclass(frozen=True)

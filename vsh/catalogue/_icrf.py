@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from vsh.checks.notes import printable
 from vsh.errors import TableError
-from vsh.notes import printable
-from vsh.positions import Positions
+from vsh.sky.positions import Positions
 
 
 def read_icrf(path, name="icrf"):

@@ -5,8 +5,8 @@ from scipy.spatial import cKDTree
 
 from vsh.errors import FieldError, FrameError, TableError
 from vsh.field import Field
-from vsh.positions import Positions
-from vsh.sphere import triad
+from vsh.sky.positions import Positions
+from vsh.sky.sphere import triad
 from vsh.units import DEGREE, UAS
 
 __all__ = ["match"]

@@ -5,7 +5,6 @@ from warnings import warn
 import numpy as np
 
 from vsh import tables
-from vsh.arguments import whole
 from vsh.catalogue._columns import (
     REQUIRED,
     UNITS,
@@ -17,9 +16,10 @@ from vsh.catalogue._columns import (
     locate,
     plain,
 )
+from vsh.checks.arguments import whole
+from vsh.checks.notes import DroppedRows, merge_notes, printable
 from vsh.errors import NothingLeftError, VshWarning
 from vsh.field import Field
-from vsh.notes import DroppedRows, merge_notes, printable
 from vsh.units import MAS
 
 

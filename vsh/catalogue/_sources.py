@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from vsh import tables
-from vsh.arguments import positive
 from vsh.catalogue._columns import Columns, as_columns
 from vsh.catalogue._read import read_field
+from vsh.checks.arguments import positive
 
 _MOTIONS = ("pmra", "pmdec")
 _ERRORS = ("pmra_error", "pmdec_error")

@@ -4,8 +4,7 @@ import re
 
 import numpy as np
 
-from vsh.errors import TableError
-from vsh.tables._fits import first_line
+from vsh.errors import TableError, first_line
 from vsh.tables._source import TableSource
 
 

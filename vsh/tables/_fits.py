@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from vsh.errors import TableError
+from vsh.errors import TableError, first_line
 from vsh.tables._source import TableSource
 
 _BLOCK, _CARD = 2880, 80
@@ -220,12 +220,6 @@ def _meta(header):
         r"(XTENSION|BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|EXTNAME|CHECKSUM|DATASUM|T(TYPE|FORM|UNIT|NULL|SCAL|ZERO|DISP|DIM|BCOL)\d+)$"
     )
     return {key: value for key, value in header.items() if key and not structure.match(key)}
-
-
-def first_line(error):
-    """The first line of what an error says."""
-    text = str(error).strip()
-    return text.splitlines()[0].rstrip(".") if text else type(error).__name__
 
 
 @contextmanager

@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
+from vsh.checks.notes import printable
 from vsh.errors import TableError
-from vsh.notes import printable
 from vsh.tables._arrow import open_parquet, open_stream
 from vsh.tables._fits import open_fits
 from vsh.tables._memory import is_frame, open_astropy, open_frame, open_other

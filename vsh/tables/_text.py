@@ -9,8 +9,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from vsh.errors import TableError
-from vsh.tables._fits import first_line
+from vsh.errors import TableError, first_line
 from vsh.tables._source import TableSource
 
 #: Longer lines are damage, or no table. [characters]

@@ -5,8 +5,8 @@ import warnings
 
 import numpy as np
 
-from vsh.errors import TableError
-from vsh.tables._fits import first_line, plain_file
+from vsh.errors import TableError, first_line
+from vsh.tables._fits import plain_file
 from vsh.tables._source import TableSource
 
 _SIZE = re.compile(rb"""\b(arraysize|nrows|width)\s*=\s*["']\s*([0-9][0-9x]*)""")

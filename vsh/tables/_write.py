@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from vsh.errors import TableError
-from vsh.files import replacing
-from vsh.notes import printable
-from vsh.tables._fits import first_line
+from vsh.checks.notes import printable
+from vsh.errors import TableError, first_line
+from vsh.system.files import replacing
 from vsh.tables._open import format_of, open_table
 
 

@@ -1,0 +1,1 @@
+"""The commands `vsh-fit`, `vsh-redshift` and `vsh-correlate`."""

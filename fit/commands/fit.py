@@ -1,0 +1,151 @@
+"""`vsh-fit`: from a catalogue to spin and acceleration, on the command line."""
+
+import argparse
+import sys
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
+import fit
+import vsh
+from vsh.checks.notes import dropped
+from vsh.commands import outputs, shell
+
+DEMO = "demo.fits"
+
+
+def main(arguments=None):
+    """Run `vsh-fit`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
+    parser = _parser()
+    options = shell.parse(parser, arguments)
+    if bool(options.catalogue) == options.demo:
+        parser.error("name one catalogue, or say --demo")
+    words = sys.argv[1:] if arguments is None else list(map(str, arguments))
+    return shell.guarded("vsh-fit", lambda: _run(options, words))
+
+
+def _run(options, words):
+    if options.output:
+        outputs.check_folder(options.output, "vsh-fit", options.overwrite)
+    if options.html:
+        outputs.check_file(options.html, options.overwrite, "--html")
+    path = files("fit") / DEMO if options.demo else options.catalogue
+    # Not before: --help should not wait for astropy.
+    from vsh import catalogue, tables
+
+    source = tables.open_table(str(path))
+    whole = catalogue.read_field(source, **shell.reading(options))
+    field = whole.to_frame(options.frame)
+    solution, kept = _fit(field, vsh.Modes(options.lmax), options)
+    name = "the simulated catalogue of the demo" if options.demo else str(path)
+    check, truth = fit.cross_check(kept), catalogue.truth_of(source)
+    text = fit.report(solution, check, truth, name)
+    shell.say(text)
+    if not (options.output or options.html):
+        return
+    import matplotlib
+
+    matplotlib.use("agg")  # files, no windows
+    refused = dropped(whole.notes)
+    counts = {
+        "rows": len(whole) + refused, "rows_used": len(kept), "rows_refused": refused, "rows_clipped": len(field) - len(kept),
+    }  # fmt: skip
+    meta = shell.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
+    if options.output:
+        with outputs.results_folder(options.output, "vsh-fit", meta, options.overwrite) as folder:
+            (folder / "report.txt").write_text(text, encoding="utf-8")
+            solution.write(folder / "solution.ecsv", meta)
+            fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
+            fit.output.write_figures(solution, kept, folder)
+            listed = [x.name for x in folder.iterdir()]
+        shell.say(shell.written(options.output, listed))
+    if options.html:
+        about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta}
+        # The page is handed round: names of files, not where they lie on this disk.
+        command = [
+            "vsh-fit",
+            *(Path(word).name if "/" in word and not word.startswith("-") else word for word in words),
+        ]
+        fit.output.write_html(solution, kept, options.html, command=command, **about)
+        shell.say(f"written to {options.html}")
+
+
+def _fit(field, modes, options):
+    """The solution that was asked for, and the sources that went into it."""
+    solution, chosen = None, 1.0
+    if options.clip is not None or options.threshold is not None:
+        clipped = fit.robust.clip(field, modes, options.clip, options.threshold)
+        solution, field = clipped.solution, field[clipped.kept].add_note(clipped.solution.notes[-1])
+        # Whoever estimates errors from sources that were kept because they fit finds them too small twice:
+        # their scatter is, and so seems their influence.
+        chosen = clipped.factor**4
+    if options.extra_noise:
+        solution = fit.robust.extra_noise(field, modes, scale=options.extra_noise == "scale").solution
+    elif options.robust:
+        method = {"student": fit.robust.student_t, "permissive": fit.robust.permissive}[options.robust]
+        solution = method(field, modes).solution
+    elif options.bootstrap:
+        solution = fit.resample.bootstrap(field, modes, options.bootstrap, options.seed).resampled_solution
+    elif options.jackknife == 0:
+        _, best, advice = fit.resample.compare_blocks(field, modes)
+        solution = best.resampled.resampled_solution
+        solution = replace(solution, notes=(*solution.notes, advice))
+    elif options.jackknife:
+        solution = fit.resample.jackknife(field, modes, options.jackknife).resampled_solution
+    elif solution is None:
+        return fit.fit_field(field, modes), field
+    else:
+        return solution, field
+    return replace(solution, covariance=solution.covariance * chosen), field
+
+
+def _parser():
+    parser = argparse.ArgumentParser(
+        prog="vsh-fit",
+        description="Fit vector spherical harmonics to a catalogue of proper motions: the spin of its frame, the "
+        "acceleration of the Solar System, and the power of every degree.",
+        epilog="Example: vsh-fit catalogue.fits --lmax 3 --clip 3 --frame galactic --output results",
+    )
+    parser.add_argument("catalogue", nargs="?", help="FITS, VOTable, ECSV, CSV or Parquet file, or a folder of them")
+    parser.add_argument("--demo", action="store_true", help="run on a simulated catalogue that comes with the package")
+    parser.add_argument("--lmax", type=_degree, default=3, help="highest degree (default: 3)")
+    clips = parser.add_mutually_exclusive_group()
+    clips.add_argument(
+        "--clip", type=shell.positive, metavar="KAPPA", help="leave out sources farther from the fit than KAPPA medians"
+    )
+    clips.add_argument(
+        "--threshold", type=shell.positive, metavar="X", help="leave out sources farther than X, in errors"
+    )
+    errors = parser.add_mutually_exclusive_group()
+    errors.add_argument(
+        "--robust", choices=["student", "permissive"], help="a likelihood that expects some errors to be wrong"
+    )
+    errors.add_argument(
+        "--extra-noise",
+        nargs="?",
+        const="add",
+        choices=["add", "scale"],
+        help="add a variance to every source, by maximum likelihood; with 'scale', a factor on its errors too",
+    )
+    errors.add_argument("--bootstrap", type=shell.count(2), metavar="N", help="errors from N draws of the sources")
+    errors.add_argument(
+        "--jackknife", type=shell.nside, nargs="?", const=0, metavar="NSIDE",
+        help="errors from leaving out HEALPix blocks; without NSIDE several sizes are compared and the report says which is "
+        "long enough",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
+    shell.add_reading(parser)
+    parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
+    parser.add_argument("--version", action="version", version=f"vsh-fit {vsh.__version__}")
+    return parser
+
+
+def _degree(text):
+    try:
+        return vsh.Modes(int(text)).lmax
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"a whole number of at least 1 is wanted, not {text!r}") from None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

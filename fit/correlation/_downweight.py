@@ -1,0 +1,131 @@
+"""Thinning a dense survey until spin and acceleration come apart, at the least cost in error."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from fit.correlation._forecast import Prediction, predict, reweighted
+from fit.solution import at_sources
+from vsh import Coefficients
+from vsh.checks import arguments
+from vsh.checks.arguments import generator
+from vsh.checks.frozen import Frozen
+from vsh.errors import ConvergenceError, ParameterError
+from vsh.field import Field
+from vsh.vector import correlation_of
+
+
+@dataclass(frozen=True, eq=False)
+class Thinned(Frozen):
+    """How much of each part of the sky to keep.
+
+    Attributes
+    ----------
+    keep : (12 nside²,) array
+        Share of the weight of each pixel, 0 to 1; nan where there are no sources.
+    factors : (n,) array
+        The same for each source: factors on its weight.
+    before, after : Prediction
+        Of degree 1.
+    """
+
+    keep: np.ndarray
+    factors: np.ndarray
+    before: Prediction
+    after: Prediction
+
+    def mask(self, rng):
+        """Which sources to keep, if whole ones are drawn with these shares: a mask (n,)."""
+        return generator(rng).uniform(size=len(self.factors)) < self.factors
+
+
+@arguments.accepts(max_correlation=arguments.number, nside=arguments.whole)
+def thin(sources, max_correlation, nside=4, sigma=None):
+    """Shares of the weight in each pixel that bring all correlations of spin and acceleration under a bound.
+
+    Parameters
+    ----------
+    sources : Field, or positions with errors
+    max_correlation : float — between 0 and 1
+    nside : int — of the pixels
+
+    Returns
+    -------
+    Thinned
+
+    Raises
+    ------
+    ConvergenceError
+        If no thinning reaches the bound.
+
+    Notes
+    -----
+    Minimises log det of the covariance of the six components over the shares, under
+    |ρ| ≤ bound for all pairs, by sequential quadratic programming with exact derivatives.
+    """
+    from vsh.sky.pixels import pixels_of
+
+    if not 0 < max_correlation < 1:
+        raise ParameterError(f"a bound on correlations lies between 0 and 1, not at {max_correlation}")
+    field = Field.without_motions(sources, sigma)
+    pixels = pixels_of(field.lon, field.lat, nside)
+    used, index = np.unique(pixels, return_inverse=True)
+    parts = _normal_by_pixel(field, index, len(used))
+    parts /= np.trace(parts.sum(0)) / 6
+    pairs = np.triu_indices(6, 1)
+
+    def covariance(keep):
+        return np.linalg.inv(np.tensordot(keep, parts, 1))
+
+    def cost(keep):
+        c = covariance(keep)
+        return np.linalg.slogdet(c)[1], -np.einsum("ij,kji->k", c, parts)
+
+    def slack(keep):
+        c = covariance(keep)
+        sigma = np.sqrt(np.diag(c))
+        rho = (c / np.outer(sigma, sigma))[pairs]
+        return np.concatenate([limit - rho, limit + rho])
+
+    def slope(keep):
+        c = covariance(keep)
+        sigma = np.sqrt(np.diag(c))
+        change = -c @ parts @ c
+        rho = c / np.outer(sigma, sigma)
+        relative = np.einsum("kii->ki", change) / np.diag(c)
+        d_rho = change / np.outer(sigma, sigma) - rho / 2 * (relative[:, :, None] + relative[:, None, :])
+        d_rho = d_rho[:, pairs[0], pairs[1]].T
+        return np.concatenate([-d_rho, d_rho])
+
+    # The bound is lowered step by step, each from the last solution: at once, it is often out of sight.
+    keep, limit = np.full(len(used), 0.999), np.array(max_correlation)
+    first = np.abs(correlation_of(covariance(keep))[pairs]).max()
+    for bound in np.geomspace(max(first, max_correlation), max_correlation, 12):
+        limit[()] = bound
+        found = minimize(
+            cost, keep, jac=True, method="SLSQP", bounds=[(1e-6, 1.0)] * len(used),
+            constraints={"type": "ineq", "fun": slack, "jac": slope}, options={"maxiter": 200, "ftol": 1e-8},
+        )  # fmt: skip
+        keep = np.clip(found.x, 1e-6, 1.0)
+    keep[keep < 1e-5] = 0.0
+    if slack(keep).min() < -1e-3:
+        raise ConvergenceError(
+            f"no thinning brings all correlations under {max_correlation:g} ({found.message}): take a larger bound"
+        )
+    full = np.full(12 * nside**2, np.nan)
+    full[used] = keep
+    return Thinned(full, keep[index], predict(field, 1), predict(reweighted(field, keep[index]), 1))
+
+
+def _normal_by_pixel(field, index, count):
+    """N of spin and acceleration from the sources of each pixel, (count, 6, 6)."""
+    axes = np.eye(3)
+    vectors = [Coefficients.from_vectors(rotation=axis) for axis in axes]
+    vectors += [Coefficients.from_vectors(glide=axis) for axis in axes]
+    basis = [at_sources(vector, field) for vector in vectors]
+    parts = np.empty((count, 6, 6))
+    for i in range(6):
+        for j in range(i + 1):
+            parts[:, i, j] = parts[:, j, i] = np.bincount(index, field.inner(basis[i], basis[j]), count)
+    return parts

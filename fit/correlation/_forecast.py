@@ -1,0 +1,144 @@
+"""What a catalogue will tell, before anybody has measured it: covariances without data."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fit.correlation._parameters import named
+from fit.normal import normal_equations
+from fit.solution import Solution
+from fit.solve import solve
+from fit.storage import exact, number
+from vsh import Coefficients, Field
+from vsh.checks import arguments, nouns
+from vsh.checks.arguments import covariance
+from vsh.coefficients import FIRST_DEGREE
+from vsh.errors import FieldError, ParameterError
+from vsh.vector import correlation_of
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Solution):
+    """A solution without coefficients: they are nan, its covariance is that of the fit to come."""
+
+    def __repr__(self):
+        return f"<Prediction: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}>"
+
+    @property
+    def efficiency(self):
+        """Share of the weight that spin and acceleration keep, against the same weight spread evenly: 0 to 1.
+
+        The sixth root of the ratio of determinants of their normal equations of degree 1 alone.
+        """
+        even = self._weight / 3 * np.eye(6)  # N of degree 1 on an even sky: two thirds of the mean weight a source
+        return float(np.exp((np.linalg.slogdet(self._alone)[1] - np.linalg.slogdet(even)[1]) / 6))
+
+    @property
+    def worst(self):
+        """The largest correlation among spin and acceleration, and the pair it is of."""
+        pair = named([f"{v}_{axis}" for v in ("omega", "a") for axis in "xyz"], self.modes)
+        correlation = correlation_of(pair.covariance(self.covariance))
+        i, j = np.unravel_index(np.argmax(np.abs(correlation - np.eye(6))), (6, 6))
+        return float(correlation[i, j]), (pair.names[i], pair.names[j])
+
+    def _pack(self):
+        columns, rest, units = super()._pack()
+        return (
+            columns,
+            rest | {"weight": exact(self._weight), "alone": [[exact(x) for x in row] for row in self._alone]},
+            units,
+        )
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        alone = np.array([[number(x) for x in row] for row in rest["alone"]])
+        return cls(*cls._plain(columns, rest), number(rest["weight"]), covariance("alone", alone, 6))
+
+    # What `predict` found on the way: total weight Σ tr W, and N of spin and acceleration alone.
+    _weight: float = 0.0
+    _alone: np.ndarray = None
+
+
+@arguments.accepts(modes=nouns.modes)
+def predict(sources, modes=1, sigma=None):
+    """The covariance that a fit to these sources would have.
+
+    Parameters
+    ----------
+    sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
+    modes : Modes, or the degree lmax
+    sigma : float, (2, n) array or None — errors in place of the sources' own [µas/yr]; needed
+        where they have none
+
+    Returns
+    -------
+    Prediction
+        A Solution whose coefficients and χ² are nan.
+
+    Raises
+    ------
+    DegeneracyError
+        If the sources cannot tell the modes apart.
+    """
+    field = Field.without_motions(sources, sigma)
+    normal = normal_equations(field, modes)
+    solution = solve(normal)
+    # N of the six vectors, from that of the degree-1 coefficients: c = F v.
+    to_coefficients = np.zeros((len(modes), 6))
+    for k, kind in enumerate("TS"):
+        to_coefficients[modes.degree(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
+    return Prediction(
+        Coefficients(modes, np.full(len(modes), np.nan)), solution.covariance, float("nan"), solution.n_data,
+        solution.frame, solution.notes, "the predicted weights", float(field.information.sum()),
+        to_coefficients.T @ normal.matrix @ to_coefficients,
+    )  # fmt: skip
+
+
+@arguments.accepts(cases=arguments.a(dict), modes=nouns.modes)
+def plan(sources, cases, modes=1, sigma=None):
+    """What a cut, a mask or a reweighting would give, side by side.
+
+    Parameters
+    ----------
+    sources : as for `predict`
+    cases : dict of str to None, mask (n,), or factors (n,) on the weights
+        None takes all; a factor of zero leaves a source out.
+
+    Returns
+    -------
+    astropy Table
+        A row a case: sources, mean errors of spin and acceleration, worst correlation, efficiency.
+    """
+    from vsh import tables
+
+    if not cases:
+        raise ParameterError("there are no cases to compare")
+    field = Field.without_motions(sources, sigma)
+    rows = []
+    for name, case in cases.items():
+        found = predict(reweighted(field, case), modes)
+        worst, pair = found.worst
+        rows.append((
+            name, found.n_data // 2, *(np.sqrt(np.mean(getattr(found, v).sigma ** 2)) for v in ("spin", "acceleration")),
+            worst, " ".join(pair), found.efficiency,
+        ))  # fmt: skip
+    names = ("case", "sources", "sigma_spin", "sigma_acceleration", "worst_correlation", "of", "efficiency")
+    return tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)),
+                           units=dict.fromkeys(("sigma_spin", "sigma_acceleration"), "uas / yr"))  # fmt: skip
+
+
+def reweighted(field, case):
+    """The field with a mask, or factors on its weights, or as it is."""
+    if case is None:
+        return field
+    case = np.asarray(case)
+    if case.dtype.kind not in "bif":
+        raise FieldError(f"a case is None, a mask or factors on weights, not {case.dtype}")
+    if case.shape != (len(field),):
+        raise FieldError(f"a mask or weights have one value a source, {len(field)}, not shape {case.shape}")
+    if case.dtype == bool:
+        return field[case]
+    if not (np.isfinite(case) & (case >= 0)).all():
+        raise FieldError("factors on weights are finite and not negative")
+    kept = field[case > 0]
+    return kept.with_errors(kept.sigma / np.sqrt(case[case > 0]))

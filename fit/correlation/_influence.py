@@ -1,0 +1,133 @@
+"""Which part of the sky is to blame: the derivative of a result by the weight of each pixel."""
+
+import numpy as np
+
+from fit.correlation._parameters import named
+from fit.normal import normal_equations
+from fit.solution import at_sources
+from fit.solve import solve
+from vsh import Coefficients
+from vsh.checks import arguments
+from vsh.errors import FieldError, ParameterError
+from vsh.field import Field
+from vsh.modes import as_modes
+
+
+@arguments.accepts(nside=arguments.whole)
+def influence(sources, modes, pair, nside=16, of=None, sigma=None):
+    """How a result changes with the weight of each HEALPix pixel; exact, from the normal matrix.
+
+    Parameters
+    ----------
+    sources : Field, or positions with errors as for `fit.correlation.predict`
+    modes : Modes, or the degree lmax, or "frame" (degree 1)
+    pair : (str, str) or str
+        Two names of parameters ("omega_y", "a_x", "t(2,0)"): their correlation. One: its variance.
+    nside : int
+    of : "value", optional — of one parameter, in place of its variance; needs motions
+
+    Returns
+    -------
+    (12 nside²,) array, ring order, axes of the sources
+        d ρ / d ln w, d ln σ² / d ln w or dθ/d ln w [µas/yr], w the weight of all sources in a pixel:
+        what doubling them would change, to first order.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown.
+
+    Notes
+    -----
+    With C = N⁻¹ and N = Σ wₖ Nₖ, ∂C/∂wₖ = −C Nₖ C. Between two parameters that is −Σ gᵢᵀ W gⱼ over the
+    sources of the pixel, where gᵢ is the vector field whose coefficients are the column of C that
+    belongs to parameter i.
+    """
+    from vsh.sky.pixels import pixels_of
+
+    field = Field.without_motions(sources, sigma)
+    pixels = pixels_of(field.lon, field.lat, nside)
+    return np.bincount(pixels, _by_source(field, modes, pair, of), 12 * nside**2)
+
+
+@arguments.accepts(nside=arguments.whole, new=arguments.positive, sigma=arguments.positive)
+def gain(sources, modes, pair, nside=16, new=1000, sigma=None, of=None):
+    """How a result would change if new sources were added in each pixel.
+
+    Parameters
+    ----------
+    sources, modes, pair, nside
+        As for `influence`.
+    new : int — how many
+    sigma : float, optional — their errors; the median of those there unless given [µas/yr]
+
+    Returns
+    -------
+    (12 nside²,) array
+        Of the correlation, or of ln σ², to first order in `new`.
+    """
+    from vsh.sky.pixels import centres
+
+    if of == "value":
+        raise ParameterError("sources that are not there yet have no motions: a value cannot be foretold")
+    field = Field.without_motions(sources)
+    sigma = float(np.median(field.sigma)) if sigma is None else float(sigma)
+    lon, lat = centres(nside)
+    covariance, first, second, chosen = _prepared(field, modes, pair)
+    g = Coefficients(chosen.modes, covariance @ first).at(lon, lat)
+    h = None if second is None else Coefficients(chosen.modes, covariance @ second).at(lon, lat)
+    return _change(covariance, first, second, g, h, lambda x, y: np.sum(x * y, 0)) * (new / sigma**2)
+
+
+def _by_source(field, modes, pair, of):
+    """The derivative by each source's own weight, (n,)."""
+    covariance, first, second, chosen = _prepared(field, modes, pair)
+    g = at_sources(Coefficients(chosen.modes, covariance @ first), field)
+    if of == "value":
+        if len(chosen) != 1:
+            raise ParameterError('of="value" is of one parameter')
+        residual = solve(normal_equations(field, chosen.modes)).residuals(field).motion
+        return field.inner(g, residual)
+    if of is not None:
+        raise ParameterError(f'of is None or "value", not {of!r}')
+    h = None if second is None else at_sources(Coefficients(chosen.modes, covariance @ second), field)
+    return _change(covariance, first, second, g, h, field.inner)
+
+
+def _change(covariance, first, second, g, h, product):
+    """dρ, or d ln σ² where there is one parameter only."""
+    c_ii = first @ covariance @ first
+    if second is None:
+        return -product(g, g) / c_ii
+    c_jj, c_ij = second @ covariance @ second, first @ covariance @ second
+    rho = c_ij / np.sqrt(c_ii * c_jj)
+    return -product(g, h) / np.sqrt(c_ii * c_jj) + rho / 2 * (product(g, g) / c_ii + product(h, h) / c_jj)
+
+
+def _prepared(field, modes, pair):
+    if not isinstance(pair, (str, tuple, list)) or not all(isinstance(name, str) for name in pair):
+        raise ParameterError(f"one or two names of parameters are wanted, not {pair!r}")
+    names = (pair,) if isinstance(pair, str) else tuple(pair)
+    if len(names) not in (1, 2) or len(set(names)) != len(names):
+        raise ParameterError(f"one or two different parameters are wanted, not {pair!r}")
+    modes = as_modes(1 if isinstance(modes, str) and modes == "frame" else modes)
+    chosen = named(names, modes)
+    covariance = solve(normal_equations(field, modes)).covariance
+    return covariance, chosen.rows[0], chosen.rows[1] if len(names) == 2 else None, chosen
+
+
+def blamed(map_of_influence, share=0.5):
+    """The pixels that hold the largest part of an influence of one sign: a mask (12 nside²,).
+
+    Those with the largest influence of the sign that prevails, until they hold `share` of it.
+    """
+    m = np.asarray(map_of_influence, float)
+    if not 0 < share <= 1:
+        raise FieldError(f"a share lies between 0 and 1, not at {share}")
+    positive, negative = m[m > 0].sum(), -m[m < 0].sum()
+    signed = m if positive >= negative else -m
+    order = np.argsort(-signed)
+    held = np.cumsum(np.maximum(signed[order], 0))
+    mask = np.zeros(m.size, bool)
+    mask[order[: np.searchsorted(held, share * held[-1]) + 1]] = True
+    return mask & (signed > 0)

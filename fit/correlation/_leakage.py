@@ -1,0 +1,261 @@
+"""What is not fitted leaks into what is: on an uneven sky the harmonics are not orthogonal."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import eigh
+
+from fit.correlation._parameters import check_lower, named
+from fit.normal import normal_equations
+from fit.solve import solve
+from fit.storage import Stored, words
+from vsh import Coefficients, Modes
+from vsh.checks import arguments, nouns
+from vsh.checks.arguments import float_array
+from vsh.checks.frozen import Frozen
+from vsh.errors import DegeneracyError, ParameterError, TableError
+from vsh.field import Field
+from vsh.modes import as_modes
+from vsh.sky.frames import check_frame
+from vsh.vector import correlation_of
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Leakage(Stored):
+    """How unmodelled coefficients c_u change the fitted ones: bias = matrix · c_u.
+
+    Attributes
+    ----------
+    matrix : (p, p') array
+        N_ff⁻¹ N_fu.
+    fitted, unmodelled : Modes
+        The second to the highest unmodelled degree; its columns begin above `fitted`.
+    names, unmodelled_names : tuples of str
+        Of rows and columns.
+    frame : str
+    """
+
+    matrix: np.ndarray
+    fitted: Modes
+    unmodelled: Modes
+    names: tuple
+    unmodelled_names: tuple
+    frame: str
+
+    def __repr__(self):
+        return f"<Leakage of degrees {self.fitted.lmax + 1} to {self.unmodelled.lmax} into 1 to {self.fitted.lmax}>"
+
+    def of(self, coefficients):
+        """The bias that a given field causes, as Coefficients; its fitted degrees do not count."""
+        return Coefficients(
+            self.fitted, self.matrix @ self._columns(coefficients.to_degree(self.unmodelled.lmax).values)
+        )
+
+    def covariance(self, power):
+        """Covariance of the biases, (p, p), for a Gaussian random field. [(µas/yr)²]
+
+        Parameters
+        ----------
+        power : float, dict or array
+            ∫ |V_l|² dΩ of one kind and degree on average: the same for all, by degree {l: power}, an array
+            from the first unmodelled degree on, or two rows of it, T and S. [(µas/yr)²]
+        """
+        variance = self._columns(self._variances(power))
+        return (self.matrix * variance) @ self.matrix.T
+
+    def bias(self, power):
+        """Rms bias of each fitted coefficient, (p,), for a Gaussian random field. [µas/yr]
+
+        `power` as for `covariance`.
+        """
+        return np.sqrt(np.diag(self.covariance(power)))
+
+    def bias_of(self, names, power):
+        """Rms bias of parameters by name: omega_x … a_z, or coefficients. A dict. [µas/yr]"""
+        chosen = named(names, self.fitted)
+        return dict(zip(names, np.sqrt(np.diag(chosen.covariance(self.covariance(power)))).tolist(), strict=True))
+
+    def table(self):
+        """The matrix as an astropy Table: a row a fitted coefficient."""
+        from vsh import tables
+
+        columns = {"coefficient": list(self.names)} | dict(zip(self.unmodelled_names, self.matrix.T, strict=True))
+        return tables.table_of(columns, {"frame": self.frame})
+
+    def plot(self):
+        """The matrix as a figure."""
+        from fit.correlation._plot import plot_leakage
+
+        return plot_leakage(self)
+
+    def _pack(self):
+        columns = {"coefficient": list(self.names), "matrix": self.matrix}
+        rest = {"fitted": self.fitted.lmax, "unmodelled": self.unmodelled.lmax, "names": list(self.unmodelled_names)}
+        return columns, rest | {"frame": self.frame}, {}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        fitted, unmodelled = Modes(rest["fitted"]), Modes(rest["unmodelled"])
+        check_lower(fitted, unmodelled)
+        expected = tuple(str(mode) for mode in unmodelled if mode.l > fitted.lmax)
+        names = tuple(columns["coefficient"].tolist())
+        if names != tuple(map(str, fitted)) or words(rest["names"]) != expected:
+            raise TableError("names of coefficients")
+        matrix = float_array("matrix", columns["matrix"], (len(names), len(expected)))
+        return cls(matrix, fitted, unmodelled, names, expected, check_frame(rest["frame"]))
+
+    def _columns(self, values):
+        return values[[i for i, mode in enumerate(self.unmodelled) if mode.l > self.fitted.lmax]]
+
+    def _variances(self, power):
+        modes = self.unmodelled
+        first = self.fitted.lmax + 1
+        spectrum = np.zeros((2, modes.lmax + 1))
+        if isinstance(power, dict):
+            for l, value in power.items():
+                if not first <= l <= modes.lmax:
+                    raise ParameterError(f"degree {l} is not among the unmodelled ones, {first} to {modes.lmax}")
+                spectrum[:, l] = value
+        else:
+            power = np.asarray(power, float)
+            if power.ndim and power.shape[-1] != modes.lmax + 1 - first:
+                raise ParameterError(
+                    f"a power for each degree from {first} to {modes.lmax} is wanted, not {power.shape}"
+                )
+            spectrum[:, first:] = power
+        if not (spectrum >= 0).all():
+            raise ParameterError("a power cannot be negative")
+        kinds = np.array([mode.kind == "S" for mode in modes], int)
+        degrees = np.array([mode.l for mode in modes])
+        return spectrum[kinds, degrees] / (2 * degrees + 1) / modes.multiplicity
+
+
+@arguments.accepts(fitted=nouns.modes, unmodelled=nouns.modes)
+def leakage(sources, fitted, unmodelled, sigma=None):
+    """The matrix that carries unmodelled degrees into the fitted ones.
+
+    Parameters
+    ----------
+    sources : Field, or positions with errors as for `fit.correlation.predict`
+    fitted, unmodelled : Modes, or degrees
+        Fitted to the first, with a true field up to the second.
+
+    Returns
+    -------
+    Leakage
+    """
+    fitted, unmodelled = as_modes(fitted), as_modes(unmodelled)
+    check_lower(fitted, unmodelled)
+    field = Field.without_motions(sources, sigma)
+    normal = normal_equations(field, unmodelled)
+    inside = np.array([mode.l <= fitted.lmax for mode in unmodelled])
+    own = normal.matrix[np.ix_(inside, inside)]
+    part = replace(normal, modes=fitted, matrix=own, rhs=normal.rhs[inside])
+    solve(part)  # tells what such a fit cannot separate
+    matrix = np.linalg.solve(own, normal.matrix[np.ix_(inside, ~inside)])
+    names = np.array([str(mode) for mode in unmodelled])
+    return Leakage(matrix, fitted, unmodelled, tuple(names[inside]), tuple(names[~inside]), field.frame)
+
+
+@arguments.accepts(highest=arguments.whole)
+def lmax_table(sources, highest=10, sigma=None):
+    """Condition and largest correlation of fits of every degree: rows of (lmax, condition, correlation).
+
+    The condition is that of the correlation matrix; inf for a fit that the sources do not bear.
+    """
+    field = Field.without_motions(sources, sigma)
+    modes = Modes(highest)
+    matrix = normal_equations(field, modes).matrix
+    rows = []
+    for lmax in range(1, highest + 1):
+        inside = np.array([mode.l <= lmax for mode in modes])
+        part = matrix[np.ix_(inside, inside)]
+        diagonal = np.sqrt(np.diag(part))
+        values = np.linalg.eigvalsh(part / np.outer(diagonal, diagonal)) if (diagonal > 0).all() else np.zeros(2)
+        if values[0] <= 1e-12 * values[-1] or 2 * len(field) < inside.sum():
+            rows.append((lmax, float("inf"), 1.0))
+            continue
+        correlation = correlation_of(np.linalg.inv(part))
+        rows.append((lmax, float(values[-1] / values[0]), float(np.abs(correlation - np.eye(len(part))).max())))
+    return rows
+
+
+@arguments.accepts(max_condition=arguments.positive, max_correlation=arguments.positive, highest=arguments.whole)
+def recommend_lmax(sources, max_condition=100.0, max_correlation=0.5, highest=10, sigma=None):
+    """The largest degree whose fit, and that of every lower one, stays under both bounds.
+
+    Parameters
+    ----------
+    sources : as for `leakage`
+    max_condition : float — of the scaled normal matrix
+    max_correlation : float — of any two coefficients
+    highest : int — where to stop looking
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    DegeneracyError
+        If not even degree 1 does.
+    """
+    best = 0
+    for lmax, condition, correlation in lmax_table(sources, highest, sigma):
+        if condition > max_condition or correlation > max_correlation:
+            break
+        best = lmax
+    if not best:
+        raise DegeneracyError(
+            f"not even degree 1 stays under a condition of {max_condition:g} and correlations of {max_correlation:g} on "
+            f"this sky: they are {condition:.3g} and {correlation:.2f}"
+        )
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class Eigenmodes(Frozen):
+    """Fields that a sky measures independently of each other, from the worst to the best.
+
+    Attributes
+    ----------
+    information : (p,) array
+        Rising. How well each is measured against an even sky of the same weight: 1 is as well, 0.01 with
+        ten times the error.
+    fields : list of Coefficients
+        Each of ∫|V|² dΩ = 1.
+    frame : str
+    """
+
+    information: np.ndarray
+    fields: list
+    frame: str
+
+    def plot(self, most=2):
+        """The worst and the best as maps of arrows; a matplotlib figure."""
+        from fit.correlation._plot import plot_eigenmodes
+
+        return plot_eigenmodes(self, most)
+
+
+@arguments.accepts(modes=nouns.modes)
+def eigenmodes(sources, modes, sigma=None):
+    """An orthogonal basis on the given sky.
+
+    Parameters
+    ----------
+    sources : as for `leakage`
+    modes : Modes, or the degree lmax
+
+    Returns
+    -------
+    Eigenmodes
+        Solutions of N v = λ M v, M the normal matrix of an even sky of the same total weight.
+    """
+    field = Field.without_motions(sources, sigma)
+    normal = normal_equations(field, modes).matrix
+    # ∫ |V|² dΩ = Σ multiplicity c²; an even sky sees its mean, by half the trace of the weights.
+    norm = np.diag(modes.multiplicity.astype(float))
+    values, vectors = eigh(normal, norm)
+    even = field.information.sum() / 2 / (4 * np.pi)
+    return Eigenmodes(values / even, [Coefficients(modes, v) for v in vectors.T], field.frame)

@@ -1,0 +1,200 @@
+"""Which parameters a sky cannot tell apart, which part of it is to blame, and what to do about it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fit.correlation._parameters import parameters
+from fit.frame import solve_frame
+from fit.normal import normal_equations
+from fit.solve import solve
+from fit.storage import Stored, exact, number, words
+from vsh.checks.arguments import covariance, float_array
+from vsh.errors import FrameError, ParameterError, TableError
+from vsh.field import Field
+from vsh.sky.frames import check_frame
+from vsh.sky.sphere import triad
+from vsh.vector import correlation_of
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CorrelationMap(Stored):
+    """Correlations of the same parameters on one or several skies.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the parameters.
+    matrices : list of (k, k) arrays
+    labels : tuple of str
+        Of the catalogues.
+    dipoles : list of (3,) arrays
+        r̄, the mean direction of each catalogue's sources by weight. To first order, on a sky of even
+        errors, it is what ties spin to acceleration: corr(ω_i, ã_j) = −(3/2) [r̄]ₓ.
+    frame : str
+    """
+
+    names: tuple
+    matrices: list
+    labels: tuple
+    dipoles: list
+    frame: str
+
+    def __repr__(self):
+        return f"<CorrelationMap: {', '.join(self.labels)}; {len(self.names)} parameters, {self.frame}>"
+
+    def matrix(self, i=0):
+        """The correlation matrix of one catalogue, (k, k)."""
+        return self.matrices[i]
+
+    def both(self, upper=0, lower=1):
+        """Two catalogues in one matrix, one in each triangle."""
+        if len(self.matrices) == 1:
+            return self.matrices[0]
+        k = len(self.names)
+        return np.triu(self.matrices[upper], 1) + np.tril(self.matrices[lower], -1) + np.eye(k)
+
+    def explained(self, i=0):
+        """−(3/2) [r̄]ₓ: the block ω–ã that the catalogue's dipole alone would give, (3, 3)."""
+        x, y, z = self.dipoles[i]
+        return -1.5 * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+    def worst(self, i=0):
+        """The largest correlation of a catalogue and the pair it is of."""
+        off = np.abs(self.matrices[i] - np.eye(len(self.names)))
+        row, column = np.unravel_index(np.argmax(off), off.shape)
+        row, column = sorted((row, column))
+        return float(self.matrices[i][row, column]), (self.names[row], self.names[column])
+
+    def table(self):
+        """The matrix, of two catalogues in its two triangles, as an astropy Table."""
+        from vsh import tables
+
+        meta = {"frame": self.frame, "upper": self.labels[0], "lower": self.labels[min(1, len(self.labels) - 1)]}
+        return tables.table_of(
+            {"parameter": list(self.names)} | dict(zip(self.names, self.both().T, strict=True)), meta
+        )
+
+    def text(self, most=12):
+        """The matrix as text, if it is not too large, and what explains its largest elements."""
+        lines = [f"Correlations in {self.frame} axes: " + ("upper {}, lower {}".format(*self.labels[:2])
+                 if len(self.labels) > 1 else self.labels[0])]  # fmt: skip
+        if len(self.names) <= most:
+            width = max(9, max(map(len, self.names)) + 2)
+            lines.append(" " * width + "".join(f"{name:>{width}}" for name in self.names))
+            for name, row in zip(self.names, self.both(), strict=True):
+                lines.append(f"{name:{width}}" + "".join(f"{value:{width}.3f}" for value in row))
+        for i, label in enumerate(self.labels):
+            value, pair = self.worst(i)
+            lines.append(f"{label}: largest {value:+.3f}, of {pair[0]} and {pair[1]}")
+            if {"omega_x", "a_x"} <= set(self.names):
+                lines += self._explanation(i)
+        return "\n".join(lines) + "\n"
+
+    def plot(self):
+        """The matrix as a figure, one or two catalogues in it."""
+        from fit.correlation._plot import plot_matrix
+
+        return plot_matrix(self)
+
+    def _pack(self):
+        columns = {"parameter": list(self.names)} | {f"matrix_{i}": matrix for i, matrix in enumerate(self.matrices)}
+        rest = {
+            "labels": list(self.labels),
+            "frame": self.frame,
+            "dipoles": [[exact(x) for x in d] for d in self.dipoles],
+        }
+        return columns, rest, {}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        labels, names = words(rest["labels"]), tuple(columns["parameter"].tolist())
+        dipoles = [float_array("dipole", [number(x) for x in d], (3,)) for d in rest["dipoles"]]
+        matrices = [covariance(f"matrix_{i}", columns[f"matrix_{i}"], len(names)) for i in range(len(labels))]
+        if (
+            len(dipoles) != len(labels)
+            or any((np.abs(m) > 1 + 1e-9).any() for m in matrices)
+            or len(set(names)) < len(names)
+        ):
+            raise TableError("labels, names or correlations")
+        return cls(names, matrices, labels, dipoles, check_frame(rest["frame"]))
+
+    def _explanation(self, i):
+        x, y, z = self.dipoles[i]
+        start, end = self.names.index("omega_x"), self.names.index("a_x")
+        block = self.matrices[i][start : start + 3, end : end + 3]
+        lines = [f"  mean direction of its weight: ({x:+.3f}, {y:+.3f}, {z:+.3f}); what that dipole explains:"]
+        explained = self.explained(i)
+        order = np.argsort(-np.abs(block), axis=None)[:3]
+        for row, column in zip(*np.unravel_index(order, (3, 3)), strict=True):
+            third = "xyz"[3 - row - column] if row != column else "none"
+            lines.append(
+                f"  omega_{'xyz'[row]} and a_{'xyz'[column]}: {block[row, column]:+.3f}, of which {explained[row, column]:+.3f} by "
+                f"the dipole along {third}"
+            )
+        return lines
+
+
+def correlation_map(fields, modes_or_frame="frame", labels=None, offsets=None, solver="harmonics", sigma=None):
+    """Correlation matrices of one or several catalogues; positions and errors are enough.
+
+    Parameters
+    ----------
+    fields : Field, positions with errors, or a list or dict of them
+    modes_or_frame : "frame", Modes, or a degree
+        "frame": the components of spin and acceleration.
+    labels : list of str, optional
+    offsets : Field or list of Fields, optional
+        Of VLBI sources: the orientation ε is put in front, as in the paper's table.
+    solver : {"harmonics", "frame"}
+        "frame" takes the direct frame solver, for "frame" only.
+    sigma : float, optional — errors of positions that have none [µas/yr]
+
+    Returns
+    -------
+    CorrelationMap
+
+    Raises
+    ------
+    FrameError
+        If the catalogues stand in different frames.
+    DegeneracyError
+        If one of them cannot tell the parameters apart.
+    """
+    if isinstance(fields, dict):
+        labels, fields = list(fields), list(fields.values())
+    fields = [
+        Field.without_motions(field, sigma) for field in (fields if isinstance(fields, (list, tuple)) else [fields])
+    ]
+    if not fields:
+        raise ParameterError("there are no catalogues to take correlations of")
+    labels = tuple(labels or (f"catalogue {i + 1}" for i in range(len(fields))))
+    if len(labels) != len(fields):
+        raise ParameterError(f"{len(labels)} labels for {len(fields)} catalogues")
+    frames = {field.frame for field in fields}
+    if len(frames) > 1:
+        raise FrameError(f"the catalogues are in {' and '.join(sorted(frames))}: take all to one frame")
+    if solver not in ("harmonics", "frame"):
+        raise ParameterError(f'solver is "harmonics" or "frame", not {solver!r}')
+    wanted = parameters(modes_or_frame)
+    if (solver == "frame" or offsets is not None) and modes_or_frame != "frame":
+        raise ParameterError("the direct frame solver, and offsets, are for the parameters of the frame")
+    if offsets is not None:
+        offsets = [offsets] * len(fields) if not isinstance(offsets, (list, tuple)) else list(offsets)
+        if len(offsets) != len(fields):
+            raise ParameterError(f"{len(offsets)} fields of offsets for {len(fields)} catalogues")
+    matrices, names = [], wanted.names
+    for i, field in enumerate(fields):
+        if solver == "frame" or offsets is not None:
+            found = solve_frame(field, None if offsets is None else offsets[i])
+            matrices.append(found.correlation)
+            names = found.names
+        else:
+            matrices.append(correlation_of(wanted.covariance(solve(normal_equations(field, wanted.modes)).covariance)))
+    return CorrelationMap(names, matrices, labels, [dipole(field) for field in fields], frames.pop())
+
+
+def dipole(field):
+    """Mean direction of the sources by weight, (3,): zero on an even sky."""
+    weight = field.information
+    return triad(field.lon, field.lat)[2] @ weight / weight.sum()

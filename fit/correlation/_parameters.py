@@ -1,0 +1,91 @@
+"""Names for what a sky may or may not tell apart: coefficients, and the components of spin and acceleration."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsh.checks.frozen import Frozen
+from vsh.coefficients import FIRST_DEGREE
+from vsh.errors import ModesError, ParameterError
+from vsh.modes import Modes, as_modes
+
+FRAME_NAMES = tuple(f"{vector}_{axis}" for vector in ("omega", "a") for axis in "xyz")
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters(Frozen):
+    """Linear functions of coefficients.
+
+    Attributes
+    ----------
+    names : tuple of str
+    modes : Modes
+        Of the fit they are read off.
+    rows : (k, p) array
+        Parameter = row · coefficients.
+    """
+
+    names: tuple
+    modes: Modes
+    rows: np.ndarray
+
+    def __len__(self):
+        return len(self.names)
+
+    def covariance(self, covariance):
+        """Their covariance (k, k) from that of the coefficients."""
+        return self.rows @ covariance @ self.rows.T
+
+
+def parameters(what):
+    """All parameters of a kind.
+
+    Parameters
+    ----------
+    what : "frame", a degree, or Modes
+        "frame": omega_x … a_z, from a fit of degree 1; else every coefficient.
+    """
+    if isinstance(what, str):
+        if what != "frame":
+            raise ParameterError(f'parameters are "frame", a degree or Modes, not {what!r}')
+        return named(FRAME_NAMES, 1)
+    modes = as_modes(what)
+    return Parameters(tuple(map(str, modes)), modes, np.eye(len(modes)))
+
+
+def named(names, what):
+    """Some parameters of a fit by name: coefficients, "t(1,0)" say, or omega_x … a_z.
+
+    Raises
+    ------
+    ParameterError
+        If a name is neither; the message lists those there are.
+    """
+    modes = as_modes(1 if isinstance(what, str) and what == "frame" else what)
+    known = {str(mode): row for mode, row in zip(modes, np.eye(len(modes)), strict=True)}
+    inverse = np.linalg.inv(FIRST_DEGREE)
+    for kind, vector in (("T", "omega"), ("S", "a")):
+        for axis, row in zip("xyz", inverse, strict=True):
+            full = np.zeros(len(modes))
+            full[modes.degree(kind, 1)] = row
+            known[f"{vector}_{axis}"] = full
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise ParameterError(
+            f"no parameter is called {', '.join(unknown)}; there are {', '.join(FRAME_NAMES)}, {', '.join(map(str, modes))}"
+        )
+    return Parameters(tuple(names), modes, np.stack([known[name] for name in names]))
+
+
+def check_lower(fitted, unmodelled):
+    """Raise ModesError unless the second degree is the higher one."""
+    if not unmodelled.lmax > fitted.lmax:
+        raise ModesError(f"what is not fitted must lie above degree {fitted.lmax}: {unmodelled.lmax} does not")
+
+
+def symbol(name):
+    """A parameter's name as it is written: ω_x, ã_x, t(2,0)."""
+    for plain, symbol in (("epsilon_", r"\epsilon"), ("omega_", r"\omega"), ("a_", r"\tilde a")):
+        if name.startswith(plain):
+            return f"${symbol}_{name[len(plain) :]}$"
+    return name

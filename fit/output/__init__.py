@@ -1,0 +1,45 @@
+"""What is shown of a solution: text, page, figures, files and notebooks."""
+
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+from fit.output._files import draw_figures, write_correlation, write_figures, write_html
+from fit.output._html import html_report
+from fit.output._notebook import html_of, latex_of
+from fit.output._report import WIDTH, report
+from fit.output._rows import amplitude, components, direction, p_value, power_rows, pulls, vector_rows, vectors_of
+
+if TYPE_CHECKING:
+    from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
+
+__all__ = [
+    "WIDTH",
+    "amplitude",
+    "components",
+    "direction",
+    "draw_figures",
+    "html_of",
+    "html_report",
+    "latex_of",
+    "p_value",
+    "plot_correlation",
+    "plot_residuals",
+    "plot_spectrum",
+    "power_rows",
+    "pulls",
+    "report",
+    "vector_rows",
+    "vectors_of",
+    "write_correlation",
+    "write_figures",
+    "write_html",
+]
+
+# matplotlib is imported when a figure is first asked for.
+_FIGURES = ["plot_correlation", "plot_residuals", "plot_spectrum"]
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_figures": _FIGURES})
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,95 @@
+"""Figures of a solution: its spectrum and its correlations (matplotlib)."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from fit.spectrum import spectrum
+from vsh.sky.pixels import mean_map
+from vsh.sky.plot import draw_map, sky_axes
+
+_COLOURS = {"T": "#c55a11", "S": "#0b5394"}
+_NAMES = {"T": "toroidal", "S": "spheroidal"}
+
+
+def plot_spectrum(solution):
+    """Power by degree and kind, with what noise alone gives on average.
+
+    Returns
+    -------
+    matplotlib figure
+    """
+    figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
+    rows = spectrum(solution)
+    for kind, side in (("T", -1), ("S", 1)):
+        degrees = [row for row in rows if row.kind == kind]
+        l = np.array([row.l for row in degrees])
+        power, error = (np.array([getattr(row, x) for row in degrees]) for x in ("power", "error"))
+        axes.errorbar(
+            l + side * 0.08, power, error, fmt="o" if kind == "T" else "s", color=_COLOURS[kind],
+            capsize=3, label=_NAMES[kind],
+        )  # fmt: skip
+        noise = [row.noise for row in degrees]
+        axes.hlines(noise, l, l + side * 0.3, color=_COLOURS[kind], linestyle=":", label=f"noise alone, {_NAMES[kind]}")
+    # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
+    axes.set_yscale("log", nonpositive="clip")
+    levels = np.array([(row.power, row.power + row.error, row.noise) for row in rows])
+    axes.set_ylim(levels.min() / 4, levels.max() * 2)
+    axes.set_xticks(np.unique([row.l for row in rows]) if len(rows) <= 40 else None)
+    axes.set_xlabel("degree", fontsize=13)
+    axes.set_ylabel("power  [(µas/yr)²]", fontsize=13)
+    axes.tick_params(labelsize=11)
+    axes.legend(frameon=False, fontsize=11)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def plot_correlation(solution):
+    """The correlation matrix of the coefficients, colour-blind safe and centred on zero.
+
+    Returns
+    -------
+    matplotlib figure
+    """
+    names = [str(mode) for mode in solution.modes]
+    figure, axes = plt.subplots(figsize=(8, 6.8), layout="constrained")
+    off = solution.correlation - np.eye(len(names))
+    largest = max(float(np.abs(off).max()), 1e-3)
+    image = axes.imshow(np.where(np.eye(len(names)) > 0, np.nan, off), cmap="RdBu_r", vmin=-largest, vmax=largest)
+    bar = figure.colorbar(image, ax=axes, shrink=0.85)
+    bar.set_label("correlation (diagonal left out)", fontsize=12)
+    step = max(1, len(names) // 32)
+    axes.set_xticks(range(0, len(names), step), names[::step], rotation=90, fontsize=11 if len(names) < 20 else 8)
+    axes.set_yticks(range(0, len(names), step), names[::step], fontsize=11 if len(names) < 20 else 8)
+    half = len(names) / 2 - 0.5
+    axes.axhline(half, color="0.4", linewidth=0.8)
+    axes.axvline(half, color="0.4", linewidth=0.8)
+    axes.set_title(f"{_NAMES['T']} first, then {_NAMES['S']}; {solution.frame}", fontsize=12)
+    return figure
+
+
+def plot_residuals(solution, field, nside=None):
+    """Mean normalised residual χ²/2 in each HEALPix pixel: 1 where the errors are right.
+
+    Parameters
+    ----------
+    solution : Solution
+    field : Field — in the solution's frame
+    nside : int, optional — of the pixels; at least ten sources in each on average unless given
+
+    Returns
+    -------
+    matplotlib figure
+    """
+    nside = nside or 2 ** int(np.clip(np.log2(max(1, len(field) / 120)) / 2, 0, 6))
+    residual = solution.residuals(field)
+    ratio = mean_map(field.lon, field.lat, residual.chi2 / 2, nside)
+    with np.errstate(divide="ignore"):
+        decades = np.log10(ratio)
+    reach = max(0.3, float(np.nanpercentile(np.abs(decades[np.isfinite(decades)]), 98)))
+    axes = sky_axes(field.frame)
+    axes.set_facecolor("0.8")  # no sources is no value
+    image = draw_map(axes, decades, cmap="RdBu_r", vmin=-reach, vmax=reach)
+    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
+    bar.set_label("log₁₀ of the mean χ²/2 of a source (0: errors are right)", fontsize=12)
+    axes.set_title(f"residuals of {len(field)} sources, pixels of {58.6 / nside:.1f}°", pad=16)
+    return axes.figure

@@ -1,0 +1,47 @@
+"""A solution as files: report, tables with their provenance, figures."""
+
+import numpy as np
+
+from vsh import tables
+
+
+def write_correlation(solution, path, meta=None):
+    """Write the correlation matrix as a table, a row and a column for each coefficient."""
+    names = [str(mode) for mode in solution.modes]
+    columns = {"coefficient": names} | dict(zip(names, np.asarray(solution.correlation)))
+    tables.write(path, columns, meta)
+
+
+def draw_figures(solution, field):
+    """The sky, the spectrum, the correlations and the residuals: a dict of matplotlib figures."""
+    from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
+    from vsh.sky.plot import plot_field
+
+    return {
+        "sky": plot_field(field, solution.coefficients),
+        "spectrum": plot_spectrum(solution),
+        "correlation": plot_correlation(solution),
+        "residuals": plot_residuals(solution, field),
+    }
+
+
+def write_figures(solution, field, folder):
+    """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths."""
+    from vsh.sky.plot import save_figures
+
+    return save_figures(draw_figures(solution, field), folder)
+
+
+def write_html(solution, field, path, **about):
+    """Write a self-contained page with everything; `about` as for `fit.output.html_report`."""
+    import matplotlib.pyplot as plt
+
+    from fit.output._html import html_report
+    from vsh.system.files import replacing
+
+    figures = draw_figures(solution, field)
+    page = html_report(solution, figures, **about)
+    for figure in figures.values():
+        plt.close(figure)
+    with replacing(path) as new:
+        new.write_text(page, encoding="utf-8")

@@ -1,0 +1,116 @@
+"""A solution as a page of text."""
+
+from fit.output._rows import components, direction, is_scaled, power_rows, vector_rows, vectors_of
+from vsh.checks.notes import printable
+
+WIDTH = 88
+
+
+def report(solution, check=None, truth=None, source=None):
+    """Summarise a solution for a human; returns the text and prints nothing.
+
+    Parameters
+    ----------
+    solution : Solution
+    check : CrossCheck, optional — both solvers at degree 1, from `fit.cross_check`
+    truth : dict of str to Vector, optional — "spin" and "acceleration" of a simulated
+        catalogue, printed beside what was found
+    source : str, optional — what was fitted
+
+    Returns
+    -------
+    str
+    """
+    sections = [_heading(solution, source), _vectors(solution, truth or {}), _degrees(solution)]
+    if check is not None:
+        sections.append(_check(check))
+    if solution.notes:
+        sections.append("Notes\n" + "\n".join(f"  - {note}" for note in solution.notes))
+    return "\n\n".join(sections) + "\n"
+
+
+def _heading(solution, source):
+    modes = solution.modes
+    lines = ["Vector spherical harmonics of proper motions", "─" * WIDTH]
+    if source:
+        lines.append(f"catalogue      {printable(source)}")
+    lines += [
+        f"sources        {solution.n_data // 2}",
+        f"frame          {solution.frame}",
+        f"degree         1 to {modes.lmax}: {len(modes)} coefficients",
+        f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}",
+    ]
+    lines += [f"{label:15}{text}" for label, text in warnings_of(solution)]
+    return "\n".join(lines)
+
+
+def warnings_of(solution):
+    """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
+    found = []
+    if solution.errors_from != "the catalogue":
+        found.append(("errors from", solution.errors_from))
+    said = solution.quality.warning()
+    if said and solution.errors_from == "the catalogue":
+        found.append(("warning", said))
+        if solution.quality.factor > 1:
+            found.append(("", "errors below are the catalogue's; p-values are given for both"))
+    if 0 < solution.dof < len(solution.modes):
+        found.append(
+            (
+                "warning",
+                f"{solution.dof} degrees of freedom for {len(solution.modes)} coefficients: χ² says little of the errors",
+            )
+        )
+    return found
+
+
+def _vectors(solution, truth):
+    lines = [f"{'[µas/yr]':14}{'x':>16}{'y':>16}{'z':>16}{'amplitude':>22}"]
+    for row in vector_rows(vectors_of(solution), truth):
+        label = f"  {row.name}" if row.is_truth else row.name
+        lines.append(f"{label:14}" + "".join(f"{cell:>16}" for cell in row.cells) + f"{row.amplitude:>22}")
+    lines.append("")
+    for name, vector in vectors_of(solution).items():
+        other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
+        lines.append(f"{name:14}{direction(vector)}")
+        lines.append(f"{'':14}{direction(other)}; noise-debiased amplitude {vector.debiased_amplitude:.3f}")
+    return "\n".join(lines)
+
+
+def _degrees(solution):
+    both = is_scaled(solution)
+    lines = [
+        "Power by degree, ∫|V|²dΩ [(µas/yr)²]: as fitted, noise-debiased, its error; the p-value of as much",
+        "from noise alone (exact χ², any sky) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
+        *(["p scaled: with errors multiplied by √(χ²/dof)"] if both else []),
+        f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}"
+        + (f"{'p scaled':>11}" if both else "") + f"{'z':>8}{'M&K Z':>8}",
+    ]  # fmt: skip
+    for row in power_rows(solution):
+        lines.append(
+            f"{row.degree:8}{row.power:>13}{row.debiased:>13}{row.error:>11}{row.root:>9}{row.p:>11}"
+            + (f"{row.p_scaled:>11}" if both else "")
+            + f"{row.z:>8}{row.mk_z:>8}"
+        )
+    return "\n".join(lines)
+
+
+def _check(check):
+    if check.largest < AGREE:
+        return (
+            f"Cross-check: plain least squares of degree 1 by two solvers without a common formula, on the same "
+            f"{check.direct.n_data // 2} sources,\nwith the catalogue's errors: they agree to {check.largest:.0e} σ. "
+            "It tests the solvers, not the errors above."
+        )
+    lines = [
+        f"CROSS-CHECK FAILED: degree 1 on the same {check.direct.n_data // 2} sources by two solvers differs by {check.largest:.1e} σ",
+        f"{'[µas/yr]':26}{'x':>16}{'y':>16}{'z':>16}",
+    ]
+    for name in ("spin", "acceleration"):
+        for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.direct)):
+            lines.append(f"{name:14}{solver:12}" + "".join(f"{c:>16}" for c in components(getattr(result, name))))
+    return "\n".join(lines)
+
+
+#: Differences of the two solvers below this are rounding. [σ]
+AGREE = 1e-6

@@ -1,0 +1,168 @@
+"""Our velocity, H0, and perhaps the dispersion and an extra error: one posterior, all its coordinates.
+
+Coordinates follow the ridge: u = v H0/H_ref (3), H0, and what else is free. Those of a user are
+v = u H_ref/H0, so that densities carry |∂v/∂u| = (H_ref/H0)³. Where the prior knows v better than
+the data know u, the ridge runs along H0 at constant v, and v is the coordinate.
+
+A dispersion σ_pec that is fixed enters the weights alone, for H_ref: H0 comes from the dipole.
+One with a prior makes the scatter of the galaxies a ruler of σ_pec H0, as good as the prior is.
+Fixing it there would let a number that nobody knows measure H0 to a few per cent.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fit.posterior._likelihood import Ridge, ridge
+from fit.posterior._priors import Priors
+from vsh.errors import ParameterError
+
+
+@dataclass(frozen=True, eq=False)
+class DriftModel:
+    """The posterior of (u, H0, …) given the compressed data.
+
+    Attributes
+    ----------
+    ridge : Ridge
+    priors : Priors
+    along : {"u", "v"}
+        The first three coordinates.
+    """
+
+    ridge: Ridge
+    priors: Priors
+    along: str = "u"
+
+    @property
+    def names(self):
+        """Of the coordinates."""
+        return (*(f"{self.along}_{axis}" for axis in "xyz"), *self.priors.free)
+
+    def velocities(self, theta):
+        """u and v, (n, 3) each, of coordinates (n, d)."""
+        ratio = theta[:, 3:4] / self.ridge.hubble  # H0 is the first of the free numbers
+        return (theta[:, :3], theta[:, :3] / ratio) if self.along == "u" else (theta[:, :3] * ratio, theta[:, :3])
+
+    def log_jacobian(self, ratio):
+        """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u."""
+        if self.priors.velocity.in_product:
+            return 0.0 if self.along == "u" else 3 * np.log(ratio)
+        return -3 * np.log(ratio) if self.along == "u" else 0.0
+
+    def log_probability(self, theta):
+        """Log posterior density of coordinates (n, d), up to a constant."""
+        total = self.priors.log(theta[:, 3:])
+        good = np.isfinite(total)
+        spread, extra, ratio = self.spreads(theta[good, 3:])
+        u, v = self.velocities(theta[good])
+        c, peak, matrix = self.ridge(spread, extra)
+        away = u - peak
+        total[good] += c - np.einsum("ni,nij,nj->n", away, matrix, away) / 2
+        total[good] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
+        return np.where(np.isnan(total), -np.inf, total)
+
+    def spreads(self, numbers):
+        """s and x of the likelihood, and H0/H_ref, from the free numbers (n, k)."""
+        columns = dict(zip(self.priors.free, numbers.T, strict=True))
+        ratio = columns["H0"] / self.ridge.hubble
+        spread = columns["sigma_pec"] * ratio if "sigma_pec" in columns else np.full(ratio.shape, self.priors.peculiar)
+        extra = np.broadcast_to(columns.get("sigma_extra", self.priors.extra), ratio.shape)
+        inside = [np.clip(value, axis.low, axis.high) for value, axis in
+                  ((spread, self.ridge.spread), (extra, self.ridge.extra))]  # fmt: skip
+        return (*inside, ratio)
+
+    def conditional(self, numbers):
+        """Given the free numbers (n, k): log of the posterior with v marginalised, v's mean and covariance.
+
+        For Gaussian (and flat) priors on the velocity, exactly.
+        """
+        spread, extra, ratio = self.spreads(numbers)
+        c, peak, matrix = self.ridge(spread, extra)
+        prior = self.priors.velocity
+        data = matrix * ratio[:, None, None] ** 2
+        pull = np.einsum("nij,nj->ni", matrix, peak) * ratio[:, None] + prior.precision @ prior.mean
+        precision = data + prior.precision
+        covariance = np.linalg.inv(precision)
+        mean = np.einsum("nij,nj->ni", covariance, pull)
+        misfit = np.einsum("ni,nij,nj->n", peak, matrix, peak) + prior.mean @ prior.precision @ prior.mean
+        log = c - (misfit - np.einsum("ni,ni->n", pull, mean)) / 2 - np.linalg.slogdet(precision)[1] / 2
+        if prior.proper:
+            log += np.linalg.slogdet(prior.precision)[1] / 2
+        if prior.in_product:
+            log += 3 * np.log(ratio)
+        return self.priors.log(numbers) + log, mean, covariance
+
+    def start(self, rng, walkers):
+        """Coordinates of walkers, spread over the posterior, (walkers, d).
+
+        Candidates are drawn, weighed by their density, and the draw is repeated around the best.
+        """
+        limits = np.array([self.priors.limits(name) for name in self.priors.free])
+        low, high = limits.T
+        many = max(4000, 20 * walkers)
+        numbers, log_drawn = rng.uniform(low, high, (many, len(low))), 0.0
+        for _ in range(4):
+            first, log_first = self._draw(rng, numbers)
+            theta = np.column_stack([first, numbers])
+            log_weight = self.log_probability(theta) - log_drawn - log_first
+            if not np.isfinite(log_weight).any():
+                raise ParameterError("the posterior is zero wherever it was tried: priors and data exclude each other")
+            weight = np.exp(log_weight - log_weight.max())
+            weight /= weight.sum()
+            mean = weight @ numbers
+            width = np.sqrt(weight @ (numbers - mean) ** 2) * 1.5 + 1e-6 * (high - low)
+            chosen = np.argsort(-(log_weight + rng.gumbel(size=len(numbers))))[:walkers]
+            best = theta[chosen]
+            # One in ten anywhere, so that no weight runs away; what falls outside has no density.
+            anywhere = rng.uniform(size=(many, 1)) < 0.1
+            numbers = np.where(
+                anywhere, rng.uniform(low, high, (many, len(low))), rng.normal(mean, width, (many, len(low)))
+            )
+            numbers = numbers[((numbers >= low) & (numbers <= high)).all(1)]
+            near = np.log(0.9) - np.sum(((numbers - mean) / width) ** 2 / 2 + np.log(width * np.sqrt(2 * np.pi)), 1)
+            log_drawn = np.logaddexp(near, np.log(0.1) - np.log(high - low).sum())
+        return best
+
+    def _draw(self, rng, numbers):
+        """The first three coordinates given the rest, and the log-density they were drawn with."""
+        spread, extra, ratio = self.spreads(numbers)
+        if self.priors.velocity.gaussian:
+            _, mean, covariance = self.conditional(numbers)
+        else:
+            _, mean, matrix = self.ridge(spread, extra)
+            mean, covariance = mean / ratio[:, None], np.linalg.inv(matrix) / ratio[:, None, None] ** 2
+        if self.along == "u":
+            mean, covariance = mean * ratio[:, None], covariance * ratio[:, None, None] ** 2
+        unit = rng.standard_normal(mean.shape)
+        root = np.linalg.cholesky(covariance)
+        logdet = np.log(np.einsum("nii->ni", root)).sum(1)
+        return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - logdet
+
+    def to_samples(self, theta, rng):
+        """What a user asks for, by name: v, H0, the others, and ã, drawn given them."""
+        numbers = theta[:, 3:]
+        spread, extra, _ = self.spreads(numbers)
+        u, v = self.velocities(theta)
+        samples = dict(zip(("v_x", "v_y", "v_z"), v.T)) | {"speed": np.linalg.norm(v, axis=1)}
+        samples |= dict(zip(self.priors.free, numbers.T))
+        mean, covariance = self.ridge.acceleration(spread, extra, u)
+        a = mean + np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.standard_normal(mean.shape))
+        return samples | dict(zip(("a_x", "a_y", "a_z"), a.T))
+
+
+def drift_model(rows, given, spin=None, threads=None):
+    """The posterior of a catalogue's equations under priors."""
+    spread = given.limits("sigma_pec")
+    if "sigma_pec" in given.free:
+        spread = tuple(s * h / rows.hubble for s, h in zip(spread, given.limits("H0"), strict=True))
+    table = ridge(rows, spread, given.limits("sigma_extra"), spin, threads=threads)
+    return DriftModel(table, given, "v" if _is_known(given.velocity, table) else "u")
+
+
+def _is_known(velocity, table):
+    """Whether the prior on the velocity says more than the data, where they say most."""
+    if not (velocity.gaussian and velocity.proper):
+        return False
+    _, _, matrix = table(np.array([table.spread.low]), np.array([table.extra.low]))
+    return np.trace(np.linalg.inv(velocity.precision)) < np.trace(np.linalg.inv(matrix[0]))

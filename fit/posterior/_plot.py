@@ -1,0 +1,53 @@
+"""Figures of a posterior (corner, matplotlib)."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from fit.posterior._summary import UNITS
+from vsh.system.quiet import import_quietly
+
+corner = import_quietly("corner")
+
+_LABELS = {
+    "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$", "sigma_pec": r"$\sigma_{\rm pec}$",
+    "sigma_extra": r"$\sigma_{\rm extra}$", "outlier_fraction": "outliers", "a_x": r"$\tilde a_x$",
+    "a_y": r"$\tilde a_y$", "a_z": r"$\tilde a_z$",
+}  # fmt: skip
+
+
+def label(name):
+    """A quantity's name with its unit, as on an axis."""
+    unit = f"\n[{UNITS[name]}]" if UNITS.get(name) else ""
+    return _LABELS.get(name, name) + unit
+
+
+def plot_corner(posterior, names=None):
+    """Every pair of quantities, with 68 and 95 % contours."""
+    samples = posterior.samples
+    if names is None:
+        names = [name for name in samples if not name.startswith(("omega_", "speed"))]
+    data = np.stack([samples[name] for name in names], axis=1)
+    figure = corner.corner(
+        data, labels=[label(name) for name in names], levels=(0.683, 0.954), quantiles=(0.15865525, 0.5, 0.84134475),
+        show_titles=True, titles=[_LABELS.get(name, name) for name in names], title_fmt=".3g", title_kwargs={"fontsize": 10}, label_kwargs={"fontsize": 13},
+        color="#0b5394", plot_datapoints=False, smooth=1.0, bins=30, max_n_ticks=4,
+    )  # fmt: skip
+    figure.subplots_adjust(left=0.1, bottom=0.1)  # else corner cuts the labels off
+    figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right", fontsize=13)
+    return figure
+
+
+def plot_trace(posterior, most=40):
+    """Coordinates of the sampler against steps, some walkers; the burn-in shaded."""
+    names, chain = posterior.model.names, posterior.chain
+    figure, rows = plt.subplots(
+        len(names), 1, sharex=True, figsize=(9, 1.3 * len(names) + 0.8), layout="constrained", squeeze=False
+    )
+    each, every = max(1, chain.shape[1] // most), max(1, len(chain) // 2000)
+    for axes, name, values in zip(rows[:, 0], names, np.moveaxis(chain, 2, 0), strict=True):
+        axes.plot(np.arange(0, len(chain), every), values[::every, ::each], color="#0b5394", alpha=0.2, linewidth=0.5)
+        axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
+        axes.set_ylabel(label(name) if name in UNITS else f"${name}$")
+        axes.spines[["top", "right"]].set_visible(False)
+    rows[-1, 0].set_xlabel("step (shaded: left out)")
+    return figure

@@ -1,0 +1,177 @@
+"""Dipoles, or any degrees, in bins of redshift: do all sources see the same sky?"""
+
+import numpy as np
+
+from fit.normal import NormalEquations, normal_equations
+from fit.redshift._solution import BinnedSolution
+from fit.solution import Solution
+from fit.solve import solve
+from vsh import Coefficients, Field
+from vsh.checks import arguments, nouns
+from vsh.cosmology import FLOW_LIMIT, usable, with_redshift
+from vsh.errors import DegeneracyError, ParameterError
+from vsh.modes import as_modes
+
+
+@arguments.accepts(field=nouns.fields, modes=nouns.modes)
+def binned(field, modes, edges, common=None, threads=None):
+    """Fit the same modes in bins of redshift.
+
+    Parameters
+    ----------
+    field : Field or iterable of Fields
+        Sources without a usable redshift are left out; a note counts and names them.
+    modes : Modes, or the degree lmax
+    edges : (B + 1,) array, or int
+        Rising; or the number of bins, of equal information. A bin holds z_low ≤ z < z_high.
+    common : None or "higher"
+        "higher" fits one set of coefficients above degree 1 to all bins.
+
+    Returns
+    -------
+    BinnedSolution
+
+    Raises
+    ------
+    ParameterError
+        If the edges do not rise, or are too few.
+    DegeneracyError
+        If a bin is empty, or cannot tell the modes apart.
+    FieldError
+        If there are no redshifts.
+    """
+    if common not in (None, "higher"):
+        raise ParameterError(f'common is None or "higher", not {common!r}')
+    fields = [field] if isinstance(field, Field) else field
+    if isinstance(edges, (str, dict)) or np.ndim(edges) == 0:
+        if not isinstance(field, Field):
+            raise ParameterError("bins of equal information need the whole field: give their edges")
+        edges = equal_information(field, edges)
+    edges = arguments.float_array("edges", edges)
+    if edges.ndim != 1 or len(edges) < 2:
+        raise ParameterError(
+            f"the edges of redshift bins rise from one to the next: two at least, not {edges.tolist()}"
+        )
+    if not (np.diff(edges) > 0).all():
+        at = int(np.argmin(np.diff(edges) > 0))
+        raise ParameterError(
+            f"the edges of redshift bins rise from one to the next, not {edges[at]} to {edges[at + 1]}"
+        )
+    bins = len(edges) - 1
+    normals, sums, notes, outside = [0] * bins, np.zeros((bins, 5)), [], 0
+    for part in fields:
+        if part is not field and part.redshift is not None and not usable(part.redshift, 0.0).any():
+            notes.append(f"left out {len(part)} sources in a row without a usable redshift")
+            continue
+        good = with_redshift(part, 0.0)
+        notes += [note for note in good.notes if note not in notes]
+        place = np.searchsorted(edges, good.redshift, side="right") - 1
+        outside += int(((place < 0) | (place >= bins)).sum())
+        for b in np.unique(place[(place >= 0) & (place < bins)]):
+            inside = good[place == b]
+            normals[b] = normals[b] + normal_equations(inside, modes, threads=threads)
+            sums[b] += _moments(inside)
+    if outside:
+        notes.append(f"left out {outside} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
+    for b, normal in enumerate(normals):
+        if not normal:
+            raise DegeneracyError(
+                f"bin {b + 1} of {bins}, {edges[b]:g} ≤ z < {edges[b + 1]:g}, is empty: choose other edges"
+            )
+    counts = sums[:, 0].astype(int)
+    solutions, covariance, free = (_apart if common is None or modes.lmax == 1 else _joint)(normals, edges)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        nearness = sums[:, 3] / sums[:, 4]
+    return BinnedSolution(
+        edges, solutions, normals, sums[:, 2] / sums[:, 1], counts, covariance, free, nearness, tuple(notes)
+    )
+
+
+@arguments.accepts(field=arguments.a(Field), bins=arguments.whole)
+def equal_information(field, bins):
+    """Edges of redshift bins that hold the same weight of motions, (bins + 1,)."""
+    bins = int(bins)
+    if bins < 1:
+        raise ParameterError(f"{bins} bins are none")
+    field = with_redshift(field, 0.0)
+    if len(field) < bins:
+        raise DegeneracyError(f"{len(field)} sources do not fill {bins} bins")
+    order = np.argsort(field.redshift, kind="stable")
+    z, weight = field.redshift[order], np.cumsum(field.information[order])
+    inner = z[np.searchsorted(weight, weight[-1] * np.arange(1, bins) / bins)]
+    edges = np.r_[z[0], inner, np.nextafter(z[-1], np.inf)]
+    if not (np.diff(edges) > 0).all():
+        raise DegeneracyError(
+            f"{bins} bins cannot hold equal information: a few sources weigh more than a bin; take fewer bins"
+        )
+    return edges
+
+
+def _moments(field):
+    """Sources, Σw, Σwz, and beyond the flow Σw/d and Σw."""
+    weight, z = field.information / 2, field.redshift
+    far = z >= FLOW_LIMIT
+    near = 0.0
+    if far.any():
+        from vsh.cosmology import transverse_distance
+
+        near = weight[far] @ (1 / transverse_distance(z[far]))
+    return np.array([len(field), weight.sum(), weight @ z, near, weight[far].sum()])
+
+
+def _apart(normals, edges):
+    """Each bin for itself."""
+    solutions = []
+    for b, normal in enumerate(normals):
+        try:
+            solutions.append(solve(normal))
+        except DegeneracyError as error:
+            raise DegeneracyError(_of_bin(b, edges, error)) from None
+    p, bins = len(normals[0].modes), len(normals)
+    covariance = np.zeros((bins, p, bins, p))
+    for b, solution in enumerate(solutions):
+        covariance[b, :, b] = solution.covariance
+    return solutions, covariance.reshape(bins * p, bins * p), np.arange(p)
+
+
+def _joint(normals, edges):
+    """Degree 1 in each bin, the rest in common: one system of normal equations."""
+    modes, bins = normals[0].modes, len(normals)
+    own = np.array([i for i, mode in enumerate(modes) if mode.l == 1])
+    rest = np.array([i for i, mode in enumerate(modes) if mode.l > 1])
+    for b, normal in enumerate(normals):  # a bin that cannot bear its own degree 1 is told by name
+        one = NormalEquations(as_modes(1), normal.matrix[np.ix_(own, own)], normal.rhs[own], 0.0, normal.n_data)
+        try:
+            solve(one)
+        except DegeneracyError as error:
+            raise DegeneracyError(_of_bin(b, edges, error)) from None
+    size, shared = 6 * bins + len(rest), slice(6 * bins, None)
+    matrix, rhs = np.zeros((size, size)), np.zeros(size)
+    for b, normal in enumerate(normals):
+        mine = slice(6 * b, 6 * b + 6)
+        matrix[mine, mine], rhs[mine] = normal.matrix[np.ix_(own, own)], normal.rhs[own]
+        matrix[mine, shared] = normal.matrix[np.ix_(own, rest)]
+        matrix[shared, mine] = matrix[mine, shared].T
+        matrix[shared, shared] += normal.matrix[np.ix_(rest, rest)]
+        rhs[shared] += normal.rhs[rest]
+    scale = 1 / np.sqrt(np.diag(matrix))
+    scaled = matrix * np.outer(scale, scale)
+    if np.linalg.eigvalsh(scaled)[0] < 1e-10:
+        raise DegeneracyError(f"the bins together cannot separate {len(rest)} common and {6 * bins} free coefficients")
+    covariance = np.linalg.inv(scaled) * np.outer(scale, scale)
+    theta = covariance @ rhs
+    solutions = []
+    for b, normal in enumerate(normals):
+        index = np.empty(len(modes), int)
+        index[own], index[rest] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
+        values = theta[index]
+        chi2 = float(normal.chi2_zero - 2 * values @ normal.rhs + values @ normal.matrix @ values)
+        solutions.append(
+            Solution(Coefficients(modes, values), covariance[np.ix_(index, index)], chi2, normal.n_data,
+                     normal.frame, normal.notes, "the catalogue, all bins together")
+        )  # fmt: skip
+    return solutions, covariance[: 6 * bins, : 6 * bins], own
+
+
+def _of_bin(b, edges, error):
+    return f"bin {b + 1}, {edges[b]:g} ≤ z < {edges[b + 1]:g}: {error}; or take fewer bins"

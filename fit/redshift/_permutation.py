@@ -1,0 +1,119 @@
+"""Permutation tests of bins: redshifts dealt out anew among the sources."""
+
+import numpy as np
+
+from fit.redshift._contrasts import equality_chi2, slope_chi2
+from fit.redshift._solution import BinnedSolution
+from vsh.basis import harmonics
+from vsh.checks import arguments
+from vsh.checks.arguments import generator, whole
+from vsh.cosmology import FLOW_LIMIT, velocity_along, with_redshift
+from vsh.errors import ParameterError
+from vsh.field import Field
+from vsh.modes import Modes
+from vsh.sky.sphere import triad
+from vsh.units import AU_PER_YEAR
+
+
+@arguments.accepts(
+    field=arguments.a(Field), binned=arguments.a(BinnedSolution), rounds=arguments.whole, rng=arguments.seed
+)
+def chances_by_shuffling(field, binned, rounds=1000, rng=1, velocity=None):
+    """p-values by permutation: how often redshifts that mean nothing give bins as unlike as these.
+
+    Positions, motions and errors stay together; the redshifts are permuted. Before that, the errors of each
+    source are multiplied by the √(χ²/dof) of its bin, and in every permutation those of each bin by its own:
+    so the test holds where errors are wrong in a way that depends on redshift, as a permutation of
+    statistics that are studentised does (Janssen 1997, Stat. Probab. Lett. 36, 9). For degree 1.
+
+    Parameters
+    ----------
+    field : Field — that went into the bins
+    binned : BinnedSolution — of degree 1
+    rounds : int
+    rng : Generator or int
+    velocity : Vector, optional — ours [km/s]: tests "drift" as well, whether the bins contradict a constant
+        acceleration with the drift of that velocity
+
+    Returns
+    -------
+    dict of str to float
+        "T" and "S": equality of spin and acceleration; "trend": no slope of both with redshift; "drift".
+
+    Raises
+    ------
+    ParameterError
+        If the bins are not of degree 1.
+
+    Notes
+    -----
+    Permuting assumes that without a signal a source's motion has nothing to do with its redshift. It fails
+    where the sky has degrees above 1 that are the same at all redshifts *and* redshifts depend on the place
+    (two surveys of different depth): a dipole then leaks into the bins, by place. Bins with a higher degree
+    in common (`binned(…, common="higher")`) take such a field out.
+    """
+    if binned.modes.lmax != 1:
+        raise ParameterError(f"permutations are for bins of degree 1, not {binned.modes.lmax}")
+    rng, rounds = generator(rng), whole("rounds", rounds)
+    field = with_redshift(field, 0.0)
+    place = np.searchsorted(binned.edges, field.redshift, side="right") - 1
+    inside = (place >= 0) & (place < len(binned))
+    field, place = field[inside], place[inside]
+    field = field.with_errors(field.sigma * np.sqrt(binned.scales)[place])
+    motions = [field.motion]
+    if velocity is not None:
+        motions.append(field.motion - _drift(field, velocity))
+    rows = np.concatenate([harmonics(field.lon, field.lat, Modes(1)), np.stack(motions)])
+    a, b, c = field.weights
+    weighted = np.stack([a * rows[:, 0] + c * rows[:, 1], c * rows[:, 0] + b * rows[:, 1]], axis=1)
+    # N, the right-hand sides, and χ² of nothing, of each source.
+    products = np.einsum("ikn,jkn->nij", rows, weighted)
+    size = products.shape[1]
+    products = products.reshape(len(field), -1)
+    counts, observed = None, None
+    for _ in range(rounds + 1):
+        sums = np.stack([np.bincount(place, column, len(binned)) for column in products.T], axis=1)
+        sums = sums.reshape(-1, size, size)
+        found = _statistics(sums, np.bincount(place, minlength=len(binned)), binned, velocity is not None)
+        if observed is None:
+            observed, counts = found, dict.fromkeys(found, 0)
+        for name, chi2 in found.items():
+            counts[name] += chi2 >= observed[name] * (1 - 1e-12)
+        place = rng.permutation(place)
+    return {name: count / (rounds + 1) for name, count in counts.items()}
+
+
+def _statistics(sums, sources, binned, with_drift):
+    degree = {kind: np.arange(6)[Modes(1).degree(kind, 1)] for kind in "TS"}
+    values, covariance = _solved(sums, sources, 6)
+    found = {kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in degree.items()}
+    if len(binned) > 1:
+        found["trend"] = slope_chi2(values, covariance, binned.redshift)
+    if with_drift:
+        values, covariance = _solved(sums, sources, 7)
+        at = degree["S"]
+        found["drift"] = equality_chi2(values[:, at], covariance[:, at][:, :, at])
+    return found
+
+
+def _solved(sums, sources, column):
+    """Coefficients of each bin, and their covariance times the bin's χ²/dof."""
+    inverse = np.linalg.inv(sums[:, :6, :6])
+    rhs = sums[:, :6, column]
+    values = np.einsum("bij,bj->bi", inverse, rhs)
+    chi2, dof = sums[:, column, column] - np.sum(values * rhs, 1), 2 * sources - 6
+    scale = np.where(dof > 0, chi2 / np.maximum(dof, 1), 1.0)
+    return values, inverse * scale[:, None, None]
+
+
+def _drift(field, velocity):
+    """The motions by our velocity, (2, n); none within the flow. [µas/yr]"""
+    from vsh.cosmology import transverse_distance
+
+    velocity = velocity_along(velocity, field.frame).value
+    p, q, _ = triad(field.lon, field.lat)
+    far = field.redshift >= FLOW_LIMIT
+    rate = np.zeros(len(field))
+    if far.any():
+        rate[far] = 1 / (AU_PER_YEAR * transverse_distance(field.redshift[far]))
+    return -np.stack([velocity @ p, velocity @ q]) * rate

@@ -1,0 +1,296 @@
+"""Solutions in bins of redshift, and the questions one asks of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fit.normal import NormalEquations
+from fit.quality import Quality, f_p_value
+from fit.redshift._contrasts import ChiSquare, gls, information, slope_of, welch
+from fit.solution import Solution
+from fit.storage import Stored, coefficient_columns, count, exact, number, words
+from vsh import Coefficients, Modes, tables
+from vsh.checks.arguments import covariance, float_array
+from vsh.checks.frozen import Frozen
+from vsh.coefficients import FIRST_DEGREE
+from vsh.errors import ParameterError, TableError
+from vsh.sky.frames import check_frame
+from vsh.units import AU_PER_YEAR
+from vsh.vector import Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Trend(Frozen):
+    """Coefficients that change linearly: c(x) = c_0 + slope (x − x_0).
+
+    Attributes
+    ----------
+    slopes : (q,) array
+        Of each coefficient that is free in every bin. [µas/yr per unit of x]
+    covariance : (q, q) array
+    test : ChiSquare
+        Of no slope.
+    misfit : ChiSquare
+        Of the bins about the trend.
+    spin, acceleration : Vector
+        The slopes of degree 1 as vectors.
+    """
+
+    slopes: np.ndarray
+    covariance: np.ndarray
+    test: ChiSquare
+    misfit: ChiSquare
+    spin: Vector
+    acceleration: Vector
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BinnedSolution(Stored):
+    """Solutions in bins of redshift with their joint covariance.
+
+    Attributes
+    ----------
+    edges : (B + 1,) array
+    solutions : list of B Solutions
+        With `common="higher"` they share what is above degree 1.
+    normals : list of B NormalEquations
+        Their sum is that of all the sources.
+    redshift : (B,) array
+        Mean, weighted by information.
+    counts : (B,) int array
+        Sources.
+    covariance : (B q, B q) array
+        Of the q coefficients that are free in every bin, bin by bin.
+    free : (q,) int array
+        Their places among the modes.
+    nearness : (B,) array
+        Mean of 1/d_M of the sources beyond the flow, weighted by information; nan where there is
+        none. [1/Mpc]
+    notes : tuple of str
+    """
+
+    edges: np.ndarray
+    solutions: list
+    normals: list
+    redshift: np.ndarray
+    counts: np.ndarray
+    covariance: np.ndarray
+    free: np.ndarray
+    nearness: np.ndarray
+    notes: tuple
+
+    def __len__(self):
+        return len(self.solutions)
+
+    def __repr__(self):
+        return f"<BinnedSolution: {len(self)} bins, {self.counts.sum()} sources, degree {self.modes.lmax}>"
+
+    @property
+    def modes(self):
+        return self.solutions[0].modes
+
+    @property
+    def frame(self):
+        return self.solutions[0].frame
+
+    @property
+    def quality(self):
+        """What χ² of all bins together says of the errors, a `fit.quality.Quality`."""
+        return Quality(sum(s.chi2 for s in self.solutions), sum(s.dof for s in self.solutions))
+
+    @property
+    def reduced_chi2(self):
+        """χ² per degree of freedom, over all bins."""
+        return self.quality.reduced
+
+    @property
+    def effective_redshift(self):
+        """The redshift whose 1/d_M is the bin's mean, (B,): where a drift is measured. Mean redshift where there is no distance."""
+        from vsh.cosmology import redshift_of
+
+        return np.where(np.isfinite(self.nearness), redshift_of(1 / self.nearness), self.redshift)
+
+    @property
+    def scales(self):
+        """χ² per degree of freedom of each bin, (B,): what variances are multiplied with in tests.
+
+        1 for a bin without degrees of freedom.
+        """
+        return np.array([s.reduced_chi2 if s.dof > 0 and s.chi2 > 0 else 1.0 for s in self.solutions])
+
+    def equality(self, kind=None, l=None):
+        """Are all bins alike? χ² of their differences, with the full covariance.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}, optional — only these coefficients; both unless given
+        l : int, optional — only this degree; all that is free unless given
+
+        Returns
+        -------
+        ChiSquare
+            Right for errors that are wrong by any factor in each bin, with 20 sources or more a bin. Not
+            where sources share errors over the sky, nor where the sky has degrees that were not fitted and
+            bins see it in different places.
+
+        Notes
+        -----
+        Scales estimated from few sources are allowed for as in Welch's (1951, Biometrika 38, 330) test of
+        means with unequal variances.
+        """
+        return self._compared(kind, l, np.ones((len(self), 1)))[0]
+
+    def trend(self, x=None):
+        """Do they change with x? A straight line through the bins.
+
+        Parameters
+        ----------
+        x : (B,) array, optional — the bins' redshifts unless given; `nearness` makes it a drift
+        """
+        x = self.redshift if x is None else np.asarray(x, float)
+        if x.shape != (len(self),) or not np.isfinite(x).all():
+            raise ParameterError(f"a trend needs a finite x for each of the {len(self)} bins")
+        if len(self) < 2 or np.ptp(x) == 0:
+            raise ParameterError("a trend needs at least two bins")
+        values, covariance, free = self._chosen(None, None)
+        q = values.shape[1]
+        line = np.stack([np.ones(len(self)), x - x.mean()], 1)
+        theta, _, spread = gls(values, covariance, line)
+        slopes, error = theta[q:], spread[q:, q:]
+        vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in "TS"]
+        misfit, scaled, quoted = self._compared(None, None, line)
+        explained = slope_of(*scaled, q), slope_of(*quoted, q)
+        # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
+        weight, dof = information(self)
+        part = weight * (x - weight @ x / weight.sum()) ** 2
+        p = f_p_value(explained[0], q, part.sum() ** 2 / np.sum(part**2 / dof))
+        test = ChiSquare(explained[0], q, p, explained[1], float(chdtrc(q, explained[1])))
+        return Trend(slopes, error, test, misfit, *vectors)
+
+    def drift(self, velocity):
+        """The acceleration that, with the drift of a known velocity, fits the bins best.
+
+        Parameters
+        ----------
+        velocity : Vector — ours, toward the apex, at the distances that `nearness` holds [km/s]
+
+        Returns
+        -------
+        acceleration : Vector
+        test : ChiSquare — of the bins about that prediction
+        """
+        if not np.isfinite(self.nearness).all():
+            raise ParameterError("a drift needs a distance in every bin, and some bin has none beyond the flow")
+        values, covariance, free = self._chosen("S", 1)
+        rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
+        constant, drifts = np.ones((len(self), 1)), np.outer(self.nearness, rows)
+        theta, _, spread = gls(values - drifts, covariance, constant)
+        test, _, _ = self._compared("S", 1, constant, drifts)
+        return _vector(self.modes, "S", theta, spread, free, self.frame), test
+
+    def to_table(self):
+        """Spin and acceleration in each bin, with errors, as an astropy Table."""
+        columns = {
+            "z_low": self.edges[:-1], "z_high": self.edges[1:], "z": self.redshift, "sources": self.counts,
+            "chi2_dof": np.array([s.reduced_chi2 for s in self.solutions]),
+        }  # fmt: skip
+        for name in ("spin", "acceleration"):
+            vectors = [getattr(solution, name) for solution in self.solutions]
+            for i, axis in enumerate("xyz"):
+                columns[f"{name}_{axis}"] = np.array([v.value[i] for v in vectors])
+                columns[f"{name}_{axis}_error"] = np.array([v.sigma[i] for v in vectors])
+        units = {name: "uas / yr" for name in columns if name.startswith(("spin", "acceleration"))}
+        return tables.table_of(columns, {"frame": self.frame, "notes": list(self.notes)}, units)
+
+    def plot(self, velocity="planck"):
+        """Components against redshift, with the drift of a velocity drawn in; a matplotlib figure."""
+        from fit.redshift._plot import plot_bins
+
+        return plot_bins(self, velocity)
+
+    def _pack(self):
+        p, bins, q = len(self.modes), len(self), len(self.free)
+        joint = np.full((bins * p, bins * q), np.nan)
+        joint[: bins * q] = self.covariance
+        each = coefficient_columns(self.modes)
+        columns = {"bin": np.repeat(np.arange(bins), p)} | {name: values * bins for name, values in each.items()}
+        columns |= {
+            "value": np.concatenate([s.coefficients.values for s in self.solutions]),
+            "covariance": np.concatenate([s.covariance for s in self.solutions]), "joint_covariance": joint,
+            "normal_matrix": np.concatenate([n.matrix for n in self.normals]),
+            "normal_rhs": np.concatenate([n.rhs for n in self.normals]),
+        }  # fmt: skip
+        rest = {name: [exact(x) for x in getattr(self, name)] for name in ("edges", "redshift", "nearness")}
+        rest |= {"counts": self.counts.tolist(), "free": self.free.tolist(), "notes": list(map(str, self.notes)),
+                 "lmax": self.modes.lmax, "frame": self.frame,
+                 "solutions": [[exact(s.chi2), int(s.n_data), list(map(str, s.notes)), s.errors_from] for s in self.solutions],
+                 "normals": [[exact(n.chi2_zero), int(n.n_data), list(map(str, n.notes))] for n in self.normals]}  # fmt: skip
+        return columns, rest, {"value": "uas / yr"}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        modes, frame = Modes(rest["lmax"]), check_frame(rest["frame"])
+        solutions, normals = [], []
+        for b, (solved, summed) in enumerate(zip(rest["solutions"], rest["normals"], strict=True)):
+            mine = columns["bin"] == b
+            chi2, n_data, notes, errors_from = solved
+            coefficients = Coefficients(modes, columns["value"][mine])
+            solutions.append(Solution(coefficients, columns["covariance"][mine], number(chi2), count(n_data), frame,
+                                      words(notes), str(errors_from)))  # fmt: skip
+            matrix = covariance("normal_matrix", columns["normal_matrix"][mine], len(modes))
+            rhs = float_array("normal_rhs", columns["normal_rhs"][mine], (len(modes),))
+            chi2_zero, n_data, notes = summed
+            normals.append(NormalEquations(modes, matrix, rhs, number(chi2_zero), count(n_data), frame, words(notes)))
+        bins = len(solutions)
+        edges, redshift, nearness = (
+            float_array(name, [number(x) for x in rest[name]], (size,), finite=name != "nearness")
+            for name, size in (("edges", bins + 1), ("redshift", bins), ("nearness", bins))
+        )
+        free = np.array([count(k) for k in rest["free"]], int)
+        if not (np.diff(edges) > 0).all() or len(rest["counts"]) != bins or (free >= len(modes)).any():
+            raise TableError("edges, counts or coefficients of the bins")
+        size = len(free) * bins
+        joint = covariance("joint_covariance", columns["joint_covariance"][:size], size)
+        return cls(edges, solutions, normals, redshift, np.array([count(k) for k in rest["counts"]], int), joint, free,
+                   nearness, words(rest["notes"]))  # fmt: skip
+
+    def _chosen(self, kind, l):
+        """Values (B, q) of some of the free coefficients, their covariance and which they are."""
+        modes = list(self.modes)
+        keep = [
+            i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)
+        ]  # fmt: skip
+        if not keep:
+            raise ParameterError(f"no free coefficients of kind {kind} and degree {l} in the bins")
+        free = self.free[keep]
+        q, bins = len(self.free), len(self)
+        index = (np.arange(bins)[:, None] * q + keep).ravel()
+        values = np.stack([solution.coefficients.values[free] for solution in self.solutions])
+        return values, self.covariance[np.ix_(index, index)], free
+
+    def _compared(self, kind, l, design, model=0.0):
+        """A test of the bins about a linear design; and what the fit gave, scaled and as quoted: (θ, χ², errors)."""
+        values, covariance, _ = self._chosen(kind, l)
+        q = values.shape[1]
+        root = np.repeat(np.sqrt(self.scales), q)
+        scaled = gls(values - model, covariance * np.outer(root, root), design)
+        quoted = gls(values - model, covariance, design)
+        steps = len(self) - design.shape[1]
+        return self._test(scaled[1], quoted[1], steps * q, steps), scaled, quoted
+
+    def _test(self, scaled, quoted, dof, steps):
+        if not dof:
+            return ChiSquare(0.0, 0, float("nan"), 0.0, float("nan"))
+        factor, denominator = welch(self, steps)
+        return ChiSquare(
+            scaled / factor, dof, f_p_value(scaled / factor, dof, denominator), quoted, float(chdtrc(dof, quoted))
+        )
+
+
+def _vector(modes, kind, values, covariance, free, frame):
+    """A vector from those of the values that belong to degree 1 of a kind."""
+    wanted = np.arange(len(modes))[modes.degree(kind, 1)]
+    at = [int(np.flatnonzero(free == k)[0]) for k in wanted]
+    inverse = np.linalg.inv(FIRST_DEGREE)
+    return Vector(inverse @ values[at], inverse @ covariance[np.ix_(at, at)] @ inverse.T, frame)

@@ -1,0 +1,91 @@
+"""How long the blocks of a jackknife must be: several lengths side by side."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vsh.checks import arguments, nouns
+from vsh.errors import DegeneracyError
+from vsh.field import Field
+
+
+class BlockLength(NamedTuple):
+    """Jackknife errors with one size of blocks.
+
+    `ratio` is the rms error over the formal one, of spin and acceleration together; `ratio_error` its own
+    standard error, as blocks are few.
+    """
+
+    nside: int
+    degrees: float
+    blocks: int
+    ratio: float
+    ratio_error: float
+    resampled: object
+
+
+@arguments.accepts(field=arguments.a(Field), modes=nouns.modes)
+def compare_blocks(field, modes, nsides=(8, 4, 2, 1), progress=True):
+    """Jackknife errors with blocks of several sizes, side by side: which are long enough?
+
+    Errors that neighbours share make the jackknife's errors grow with the size of the blocks, until blocks
+    are longer than the sharing reaches.
+
+    Parameters
+    ----------
+    field : Field
+    modes : Modes, or the degree lmax
+    nsides : tuple of int — from small blocks to large ones
+    progress : bool
+
+    Returns
+    -------
+    rows : list of BlockLength
+        Of those sizes that the sources can do without one block of.
+    best : BlockLength
+        The smallest blocks from which on errors do not grow any more, as far as their own errors tell.
+    advice : str
+        In words, with what no resampling can see.
+
+    Raises
+    ------
+    DegeneracyError
+        If no size can be used.
+    """
+    from fit.resample._resample import jackknife
+
+    rows, failed = [], None
+    for nside in nsides:
+        try:
+            found = jackknife(field, modes, nside, progress)
+        except DegeneracyError as error:
+            failed = error
+            continue
+        rows.append(_length(found, nside))
+    if not rows:
+        raise failed
+    best = next(row for i, row in enumerate(rows) if all(not _grows(row, later) for later in rows[i + 1 :]))
+    return rows, best, _advice(rows, best)
+
+
+def _length(found, nside):
+    formal = np.concatenate([found.solution.spin.sigma, found.solution.acceleration.sigma])
+    seen = np.concatenate([found.spin.sigma, found.acceleration.sigma])
+    blocks = len(found.replicates)
+    ratio = float(np.sqrt(np.mean((seen / formal) ** 2)))
+    # Six variances of B − 1 degrees of freedom each.
+    return BlockLength(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), found)
+
+
+def _grows(row, later):
+    return later.ratio - row.ratio > 3 * np.hypot(row.ratio_error, later.ratio_error)
+
+
+def _advice(rows, best):
+    table = "; ".join(
+        f"nside {r.nside} ({r.degrees:.0f}°, {r.blocks} blocks): {r.ratio:.2f} ± {r.ratio_error:.2f}" for r in rows
+    )
+    said = f"jackknife errors over formal ones: {table}; taken: nside {best.nside}"
+    if best is rows[-1] and len(rows) > 1:
+        said += ", the largest blocks: errors still grow with them, and may be larger yet"
+    return said + ". What the whole sky shares (a glide or a rotation of the frame) no resampling can see"

@@ -1,0 +1,18 @@
+"""Priors, chains and checkpoints, for any posterior."""
+
+from fit.sampling._chain import Run, autocorrelation
+from fit.sampling._checkpoint import check_writable, fingerprint
+from fit.sampling._priors import Density, Flat, Normal, as_prior, integrable_over_cube, named_function
+
+__all__ = [
+    "Density",
+    "Flat",
+    "Normal",
+    "Run",
+    "as_prior",
+    "autocorrelation",
+    "check_writable",
+    "fingerprint",
+    "integrable_over_cube",
+    "named_function",
+]

@@ -1,0 +1,81 @@
+"""A Markov chain on its way: from its start or from a checkpoint to its last step (emcee)."""
+
+import time
+
+import emcee
+import numpy as np
+
+from fit.sampling import _checkpoint as checkpoints
+from vsh.errors import CheckpointError, ParameterError
+from vsh.system.progress import progress_bar
+
+
+def autocorrelation(chain):
+    """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]"""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
+
+
+class Run:
+    """One chain: `resume_from` ties it to a checkpoint, `run` runs it.
+
+    Moves are by differential evolution, one in ten of them from mode to mode. The chain does not
+    depend on where it was broken off, nor on how often it was saved.
+    """
+
+    def __init__(self, model, begin, seed, steps, progress, save_every):
+        self.sampler = emcee.EnsembleSampler(
+            *begin.shape, model.log_probability, vectorize=True,
+            moves=[(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
+        )  # fmt: skip
+        first = model.log_probability(begin)
+        if not np.isfinite(first).all():
+            raise ParameterError(f"{(~np.isfinite(first)).sum()} of {len(begin)} walkers would start at zero density")
+        self.state = emcee.State(begin, log_prob=first, random_state=np.random.RandomState(seed).get_state())
+        self.start = begin, first
+        self.chain, self.log_probability = np.empty((steps, *begin.shape)), np.empty((steps, len(begin)))
+        self.done = 0
+        self.progress, self.save_every = progress, save_every
+        self.path = self.fingerprint = None
+
+    def resume_from(self, path, fingerprint):
+        """Go on from a checkpoint, if it is there, and write to it from now on."""
+        self.path, self.fingerprint = path, fingerprint | {"start": f"{self.start[1].sum():.17g}"}
+        found = checkpoints.load(path, self.fingerprint)
+        if found is None:
+            return
+        chain, log_probability, random_state = found
+        if chain.shape[1:] != self.chain.shape[1:] or log_probability.shape != chain.shape[:2] or not len(chain):
+            raise CheckpointError(f"{path} holds a chain of shape {chain.shape}: name another file, or delete it")
+        self.done = min(len(chain), len(self.chain))
+        self.chain[: self.done], self.log_probability[: self.done] = chain[: self.done], log_probability[: self.done]
+        self.state = emcee.State(chain[-1], log_prob=log_probability[-1], random_state=random_state)
+
+    def run(self):
+        last = time.monotonic()
+        cost = 0.0
+        bar = progress_bar(None, len(self.chain), "chain", self.progress, " steps", initial=self.done)
+        remaining = len(self.chain) - self.done
+        if remaining == 0:
+            return self.chain, self.log_probability
+        with bar:
+            for state in self.sampler.sample(
+                self.state, iterations=remaining, store=False, skip_initial_state_check=True
+            ):
+                self.chain[self.done], self.log_probability[self.done] = state.coords, state.log_prob
+                self.done += 1
+                bar.update()
+                # Long chains take long to write: never more than a twentieth of the time.
+                if self.path and time.monotonic() - last > max(self.save_every, 20 * cost):
+                    begun = time.monotonic()
+                    self._save()
+                    last = time.monotonic()
+                    cost = last - begun
+            if self.path:
+                self._save()
+        return self.chain, self.log_probability
+
+    def _save(self):
+        done = slice(0, self.done)
+        state = self.sampler.random_state
+        checkpoints.save(self.path, self.fingerprint, self.chain[done], self.log_probability[done], state)

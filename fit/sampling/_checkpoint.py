@@ -1,0 +1,76 @@
+"""Chains that survive being killed: one file, whole or not there, that knows what it belongs to."""
+
+import json
+import os
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from vsh.errors import CheckpointError
+from vsh.system.files import replacing
+
+_STATE = ("key", "position", "has_gauss", "gauss")
+
+
+def fingerprint(field, model):
+    """What a chain belongs to: a hash of the data, and the model in words.
+
+    Parameters
+    ----------
+    field : Field
+    model : dict of str to str
+
+    Returns
+    -------
+    dict of str to str
+    """
+    digest = sha256()
+    for name in ("lon", "lat", "motion", "sigma", "rho", "redshift"):
+        digest.update(np.ascontiguousarray(getattr(field, name)).tobytes())
+    return {"data": f"{len(field)} sources, {field.frame}, {digest.hexdigest()[:16]}"} | model
+
+
+def save(path, fingerprint, chain, log_probability, state):
+    """Write a chain (steps, walkers, d), its log-densities and the state of its random numbers."""
+    arrays = {"chain": chain, "log_probability": log_probability}
+    arrays |= {name: np.asarray(value) for name, value in zip(_STATE, state[1:], strict=True)}
+    with replacing(path) as new, new.open("wb") as file:
+        np.savez(file, fingerprint=np.frombuffer(json.dumps(fingerprint).encode(), np.uint8), **arrays)
+
+
+def load(path, fingerprint):
+    """Read a chain back: chain, log-densities, state of the random numbers; None where there is no file.
+
+    Raises
+    ------
+    CheckpointError
+        If the file is no chain, is damaged, or belongs to other data or another model: the
+        difference is named.
+    """
+    path = Path(path)
+    if not path.exists():
+        return None
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            stored = json.loads(bytes(file["fingerprint"]).decode())
+            chain, log_probability = file["chain"], file["log_probability"]
+            state = ("MT19937", *(file[name] if name == "key" else file[name].item() for name in _STATE))
+    except Exception as error:  # whatever a damaged file makes of zip and NumPy's headers
+        raise CheckpointError(
+            f"{path} is no chain of this program, or damaged ({type(error).__name__}): name another file, or delete it"
+        ) from error
+    other = [key for key in sorted({*fingerprint, *stored}) if fingerprint.get(key) != stored.get(key)]
+    if other:
+        said = "; ".join(f"{key}: there {stored.get(key)}, here {fingerprint.get(key)}" for key in other)
+        raise CheckpointError(f"{path} holds a chain of another run ({said}): name another file, or delete it")
+    return chain, log_probability, state
+
+
+def check_writable(path):
+    """Raise CheckpointError before the work, not after it."""
+    folder = Path(path).absolute().parent
+    if not folder.is_dir():
+        raise CheckpointError(f"{path}: there is no such folder")
+    if not os.access(folder, os.W_OK) or Path(path).is_dir():
+        raise CheckpointError(f"{path} cannot be written")

@@ -1,0 +1,225 @@
+"""Our velocity for a known Hubble constant, or the Hubble constant for a known velocity.
+
+Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4. Velocities are
+ours with respect to the background and point toward the apex; sources drift the other way.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fit.named_solution import NamedSolution
+from fit.secular_parallax._equations import OMEGA, A, U, check_determined, drift_rows
+from vsh.checks import arguments
+from vsh.cosmology import PLANCK_2018, velocity_along
+from vsh.errors import DegeneracyError, ParameterError
+from vsh.field import Field
+from vsh.vector import Vector
+
+_PRODUCT = "the motions of sources see only the product of our velocity and the Hubble constant, v · H0"
+
+
+@dataclass(frozen=True, eq=False)
+class DriftSolution(NamedSolution):
+    """What both fits have in common.
+
+    Attributes
+    ----------
+    names : tuple of str
+        v_x v_y v_z, or H0; a_x a_y a_z; omega_x … where the spin is free.
+    values : (p,) array
+        [km/s, or km/s/Mpc; µas/yr]
+    covariance : (p, p) array
+    chi2 : float
+    n_data : int
+        Two a source.
+    frame : str
+        Of the axes.
+    peculiar : float
+        The dispersion of peculiar velocities in each component that the weights allow for. [km/s]
+    notes : tuple of str
+    """
+
+    peculiar: float = 750.0
+
+
+@dataclass(frozen=True, eq=False)
+class VelocitySolution(DriftSolution):
+    """Our velocity, for the Hubble constant in `assumed_hubble`. [km/s/Mpc]"""
+
+    assumed_hubble: float = None
+
+    @property
+    def velocity(self):
+        """v, a Vector in km/s, toward the apex."""
+        return self._vector("v", "km/s")
+
+    @property
+    def apex(self):
+        """Galactic longitude and latitude of the apex, and their errors: two pairs. [deg]"""
+        galactic = self.velocity.to_frame("galactic")
+        return galactic.direction, galactic.direction_error
+
+    def against(self, velocity=PLANCK_2018):
+        """χ² of the difference from another velocity (its own errors included), and the chance of as much."""
+        return _difference(self.velocity, velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class HubbleSolution(DriftSolution):
+    """The Hubble constant, for the velocity in `assumed_velocity` (a Vector, km/s)."""
+
+    assumed_velocity: Vector = None
+
+    @property
+    def hubble(self):
+        """H0. [km/s/Mpc]"""
+        return float(self.values[0])
+
+    @property
+    def hubble_error(self):
+        """Its standard error; that of the velocity included. [km/s/Mpc]"""
+        return float(self.sigma[0])
+
+
+@arguments.accepts(
+    field=arguments.a(Field), hubble=arguments.positive, extra=arguments.not_negative, peculiar=arguments.not_negative
+)
+def observer_velocity(field, hubble=None, cosmology=None, peculiar=750.0, spin=None, extra=0.0):
+    """Our velocity and the acceleration, θ = (v, ã), for a known Hubble constant.
+
+    Parameters
+    ----------
+    field : Field
+        With redshifts, none below the flow (`vsh.redshifts.with_redshift`).
+    hubble : float
+        H0. [km/s/Mpc]
+    cosmology : astropy cosmology, optional
+        The shape of the distance; its own H0 does not count. Flat, Ω_m = 0.315 unless given.
+    peculiar : float
+        Dispersion of the peculiar velocities in each component, which adds (σ_pec/d)² to
+        every variance. [km/s]
+    spin : None, "free" or Vector
+        None takes the frame not to spin; a Vector (of the quasars, say) is held fixed and its
+        covariance propagated. [µas/yr]
+    extra : float
+        Noise beyond the catalogue's, in each component. [µas/yr]
+
+    Returns
+    -------
+    VelocitySolution
+
+    Raises
+    ------
+    DegeneracyError
+        Without a Hubble constant, or if the sources cannot tell the parameters apart.
+    ParameterError
+        If H0 is not positive.
+    FieldError
+        If a redshift is missing, not positive or below the flow; the message counts them.
+    """
+    if hubble is None:
+        raise DegeneracyError(
+            f"{_PRODUCT}: give hubble=, or a velocity to fit.drift.hubble_constant, or priors to fit.posterior.sample"
+        )
+    rows = drift_rows(field, cosmology)
+    ratio = hubble / rows.hubble
+    sums = rows.sums(peculiar * ratio, extra)
+    to_u = np.eye(9)
+    to_u[U, U] *= ratio  # u = v H0/H_ref
+    names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
+    found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows)
+    return VelocitySolution(**found, peculiar=peculiar, assumed_hubble=hubble)
+
+
+@arguments.accepts(
+    field=arguments.a(Field), hubble=arguments.positive, extra=arguments.not_negative, peculiar=arguments.not_negative
+)
+def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=None, extra=0.0, hubble=None):
+    """The Hubble constant and the acceleration, θ = (H0, ã), for a known velocity.
+
+    Parameters
+    ----------
+    field, cosmology, peculiar, spin, extra
+        As for `observer_velocity`.
+    velocity : "planck", "paper", Vector or (3,) array
+        Ours, toward the apex; an array is along the field's axes. The covariance of a Vector
+        is propagated. [km/s]
+    hubble : float, optional
+        The H0 for which the peculiar velocities are weighed; the cosmology's unless given. It
+        shifts no expectation. [km/s/Mpc]
+
+    Returns
+    -------
+    HubbleSolution
+
+    Raises
+    ------
+    DegeneracyError, ParameterError, FieldError
+        As for `observer_velocity`; ParameterError too for a velocity of zero length.
+    """
+    if velocity is None:
+        raise DegeneracyError(
+            f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.drift.observer_velocity, or priors to "
+            "fit.posterior.sample"
+        )
+    velocity = velocity_along(velocity, field.frame)
+    rows = drift_rows(field, cosmology)
+    ratio = 1.0 if hubble is None else hubble / rows.hubble
+    sums = rows.sums(peculiar * ratio, extra)
+    names = ("H0", "a_x", "a_y", "a_z")
+
+    def given(v):
+        to_u = np.zeros((9, 4))
+        to_u[U, 0] = v / rows.hubble
+        to_u[A, 1:] = np.eye(3)
+        return _solve(sums, to_u, names, spin, rows)
+
+    found = given(velocity.value)
+    if velocity.covariance.any():
+        step = 1e-4 * velocity.amplitude
+        slopes = np.stack(
+            [(given(velocity.value + s)["values"] - given(velocity.value - s)["values"]) / (2 * step)
+             for s in step * np.eye(3)], axis=1,
+        )  # fmt: skip
+        found["covariance"] = found["covariance"] + slopes @ velocity.covariance @ slopes.T
+    return HubbleSolution(**found, peculiar=peculiar, assumed_velocity=velocity)
+
+
+def _solve(sums, to_u, names, spin, rows):
+    """Least squares for θ with (u, ã, ω) = to_u θ, and the spin fixed, free or none."""
+    matrix, rhs, chi2_zero = sums.matrix, sums.rhs, sums.chi2_zero
+    if isinstance(spin, str) and spin == "free":
+        to_u = np.concatenate([to_u, np.eye(9)[:, OMEGA]], axis=1)
+        names = (*names, "omega_x", "omega_y", "omega_z")
+    elif spin is not None and not isinstance(spin, Vector):
+        raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
+    normal = to_u.T @ matrix @ to_u
+    check_determined(normal, names, sums.n_data // 2)
+    inverse = np.linalg.inv(normal)
+    covariance = (inverse + inverse.T) / 2
+    if isinstance(spin, Vector):
+        spin = spin.to_frame(rows.frame)
+        chi2_zero = chi2_zero - 2 * rhs[OMEGA] @ spin.value + spin.value @ matrix[OMEGA, OMEGA] @ spin.value
+        rhs = rhs - matrix[:, OMEGA] @ spin.value
+        carry = covariance @ to_u.T @ matrix[:, OMEGA]
+        covariance = covariance + carry @ spin.covariance @ carry.T
+    rhs = to_u.T @ rhs
+    values = inverse @ rhs
+    return {
+        "names": names,
+        "values": values,
+        "covariance": covariance,
+        "chi2": float(chi2_zero - values @ rhs),
+        "n_data": sums.n_data,
+        "frame": rows.frame,
+        "notes": rows.notes,
+    }
+
+
+def _difference(a, b):
+    b = b.to_frame(a.frame)
+    away = a.value - b.value
+    chi2 = float(away @ np.linalg.solve(a.covariance + b.covariance, away))
+    return chi2, float(chdtrc(3, chi2))

@@ -1,0 +1,24 @@
+"""What a catalogue to come will tell of our velocity and of H0."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fit.secular_parallax._estimate import hubble_constant, observer_velocity
+from vsh.field import Field
+
+
+def predict(sources, hubble=67.4, velocity="planck", sigma=None, **options):
+    """Errors of our velocity and of H0 to come: a VelocitySolution and a HubbleSolution with nan for values.
+
+    Parameters
+    ----------
+    sources, sigma : as for `fit.correlation.predict`, with redshifts
+    hubble : float — for the velocity, and the scale of H0's error [km/s/Mpc]
+    velocity : as for `fit.secular_parallax.hubble_constant`
+    options : of `fit.secular_parallax.observer_velocity`, but hubble
+    """
+    still = Field.without_motions(sources, sigma)
+    still = still.minus(still.motion)
+    both = observer_velocity(still, hubble, **options), hubble_constant(still, velocity, hubble=hubble, **options)
+    return tuple(replace(each, values=np.full(len(each.names), np.nan), chi2=float("nan")) for each in both)

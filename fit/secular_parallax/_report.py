@@ -1,0 +1,156 @@
+"""Velocities, Hubble constants and redshift bins as text."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fit.output import WIDTH, amplitude, components, direction, p_value, pulls
+from vsh.checks.notes import printable
+from vsh.cosmology import PLANCK_2018
+
+#: A p-value below this is called a difference; the Gaussian's three σ.
+_REMARKABLE = 0.0027
+
+
+def report_drift(solution, source=None, truth=None):
+    """A velocity or a Hubble constant as text.
+
+    Parameters
+    ----------
+    solution : VelocitySolution or HubbleSolution
+    source : str, optional — what was fitted
+    truth : dict, optional — "velocity" and "hubble" of a simulated catalogue, printed beside what was found
+
+    Returns
+    -------
+    str
+    """
+    velocity = hasattr(solution, "velocity")
+    lines = [
+        "Our velocity from the drift of galaxies" if velocity else "The Hubble constant from the drift of galaxies"
+    ]
+    lines += ["─" * WIDTH]
+    if source:
+        lines.append(f"catalogue      {printable(source)}")
+    quality = solution.quality
+    lines += [
+        f"sources        {solution.n_data // 2}",
+        f"frame          {solution.frame}",
+        f"peculiar       {solution.peculiar:g} km/s in each component, in the weights",
+        f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {quality.reduced:.3f}",
+    ]
+    if quality.warning():
+        lines.append(f"warning        {quality.warning()}")
+        if quality.factor > 1:
+            lines.append("               errors below are as quoted; p-values are given for both")
+    rows = _velocity(solution, quality) if velocity else _hubble(solution, quality)
+    if truth and "velocity" in truth:
+        rows.insert(2, _truth(solution, truth))  # below the components, or H0
+    lines += ["", *rows, ""]
+    a = solution.acceleration
+    lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| = {amplitude(a)} µas/yr")
+    lines.append(f"{'':14}{direction(a.to_frame('galactic'))}")
+    lines += ["", "Correlations", f"{'':8}" + "".join(f"{name:>8}" for name in solution.names)]
+    for name, row in zip(solution.names, solution.correlation, strict=True):
+        lines.append(f"{name:8}" + "".join(f"{value:+8.3f}" for value in row))
+    return "\n".join([*lines, *_notes(solution.notes)]) + "\n"
+
+
+def _velocity(solution, quality):
+    v = solution.velocity
+    galactic = v.to_frame("galactic")
+    from_planck = solution.against(PLANCK_2018)[0]
+    from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
+    return [
+        f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (sources drift toward the antapex) [km/s]",
+        f"{'velocity':14}{_cells(components(v, 1))}  |v| = {amplitude(v, 1)}",
+        f"{'galactic':14}{_cells(components(galactic, 1))}",
+        f"{'apex':14}{direction(galactic)}; noise-debiased |v| {v.debiased_amplitude:.1f}",
+        f"no velocity at all: {_both(from_none, 3, quality)}",
+        f"the microwave background's {PLANCK_2018.amplitude:.1f} km/s: {_both(from_planck, 3, quality)}",
+    ]
+
+
+def _both(chi2, dof, quality):
+    """A χ² with its p-value as quoted, and with errors scaled where χ²/dof asks for it."""
+    said = f"χ² = {chi2:.2f} for {dof}, p-value {p_value(chdtrc(dof, chi2))}"
+    if quality.factor > 1:
+        said += f"; with scaled errors {p_value(chdtrc(dof, chi2 / quality.factor**2))}"
+    return said
+
+
+def _cells(cells):
+    return "".join(f"{cell:>19}" for cell in cells)
+
+
+def _truth(solution, truth):
+    """The true value in the units of the result: of the product, for what was assumed."""
+    true = truth["velocity"].to_frame(solution.frame)
+    if hasattr(solution, "velocity"):
+        expected = replace(true, value=true.value * truth["hubble"] / solution.assumed_hubble)
+        away = pulls(solution.velocity, expected)
+        cells = _cells(f"{value:+.1f} ({d:+.1f}σ)" for value, d in zip(expected.value, away, strict=True))
+        note = "" if truth["hubble"] == solution.assumed_hubble else f" (simulated with H0 = {truth['hubble']:g})"
+        return f"{'  truth':14}{cells}{note}"
+    if not true.amplitude:
+        return f"{'  truth':14}no velocity was simulated"
+    return f"{'  truth':14}{truth['hubble']:.2f} ({(solution.hubble - truth['hubble']) / solution.hubble_error:+.1f}σ)"
+
+
+def _hubble(solution, quality):
+    v = solution.assumed_velocity.to_frame("galactic")
+    pull = solution.hubble / solution.hubble_error
+    scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
+    return [
+        f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
+        f"{'H0':14}{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc, {pull:.1f} standard errors from none{scaled}",
+    ]
+
+
+def report_bins(binned, velocity=PLANCK_2018, chances=None):
+    """Dipoles in bins of redshift as text: a table, and whether the bins differ.
+
+    Every hypothesis is tested three ways: with errors as quoted, with the errors of each bin multiplied by
+    the root of its own χ²/dof, and by permuting redshifts. It is called contradicted where both of the last
+    two say so (the second alone where there are no permutations).
+
+    Parameters
+    ----------
+    binned : BinnedSolution
+    velocity : Vector or None — whose drift the bins are compared with
+    chances : dict, optional — from `fit.redshift.chances_by_shuffling`
+    """
+    lines = [f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})", "─" * WIDTH]
+    lines.append(f"{'z':>17}{'sources':>9}{'χ²/dof':>8}{'spin':>26}{'acceleration [µas/yr]':>28}")
+    for b, solution in enumerate(binned.solutions):
+        edges = f"{binned.edges[b]:.4g} – {binned.edges[b + 1]:.4g}"
+        cells = zip(components(solution.spin), components(solution.acceleration), strict=True)
+        for row, (axis, pair) in enumerate(zip("xyz", cells, strict=True)):
+            left = f"{edges:>17}{binned.counts[b]:9d}{solution.reduced_chi2:8.2f}" if row == 0 else " " * 34
+            lines.append(f"{left}   {axis}{pair[0]:>22}{pair[1]:>27}")
+    for b, solution in enumerate(binned.solutions):
+        if solution.quality.warning():
+            lines.append(f"warning: bin {b + 1}: {solution.quality.warning()}")
+    if any(solution.dof < 34 for solution in binned.solutions):
+        lines.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")
+    tests = {"T": ("spin alike in all bins", binned.equality("T", 1))}
+    tests["S"] = ("acceleration alike in all bins", binned.equality("S", 1))
+    if len(binned) > 1:
+        tests["trend"] = ("no slope of either with redshift", binned.trend().test)
+    if velocity is not None and np.isfinite(binned.nearness).all():
+        tests["drift"] = (f"constant ã − v/d, |v| = {velocity.amplitude:.0f} km/s", binned.drift(velocity)[1])
+    lines += ["", f"{'p-values':36}{'χ² (dof)':>16}{'as quoted':>11}{'scaled':>9}{'permuted':>10}"]
+    for key, (name, test) in tests.items():
+        if test.dof == 0:
+            continue
+        permuted = (chances or {}).get(key)
+        believed = test.p if permuted is None else max(test.p, permuted)
+        line = f"{name:36}{test.quoted:10.2f} ({test.dof:3d}){p_value(test.p_quoted):>11}{p_value(test.p):>9}"
+        line += f"{'–' if permuted is None else p_value(permuted):>10}"
+        lines.append(f"{line}  {'contradicted' if believed < _REMARKABLE else 'not contradicted'}")
+    return "\n".join([*lines, *_notes(binned.notes)]) + "\n"
+
+
+def _notes(notes):
+    return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []

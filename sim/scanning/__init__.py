@@ -1,0 +1,12 @@
+"""The nominal scanning law, and the Sun it keeps away from."""
+
+from sim.scanning._law import BLOCK, NominalScanningLaw, Transits
+from sim.scanning._sun import sun_position, sun_rate
+
+__all__ = [
+    "BLOCK",
+    "NominalScanningLaw",
+    "Transits",
+    "sun_position",
+    "sun_rate",
+]

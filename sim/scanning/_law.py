@@ -1,0 +1,300 @@
+"""The nominal scanning law, and when it takes the fields of view over a source.
+
+The spin axis z keeps ξ = 45° from the Sun and goes round it 5.8 times a year; the satellite
+turns about z in six hours; two fields of view lie 106.5° apart on the great circle at right
+angles to z. With λ the Sun's longitude and ν the phase of z about it,
+
+    dν/dλ = [√(S² − cos²ν) + cos ξ sin ν]/sin ξ,   dΩ/dt = ω_z − ν̇ cos ξ − λ̇ sin ξ sin ν
+
+(Lindegren & Bastian 2011, EAS 45, 109; the Gaia scanning law). S follows from 5.8.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.integrate import quad, solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from sim.scanning._sun import YEAR, sun_position, sun_rate
+from vsh.checks.arguments import between, generator, number, positive
+from vsh.checks.frozen import Frozen
+from vsh.errors import ParameterError
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.system.parallel import map_blocks
+from vsh.units import DEGREE
+
+MAX_YEARS = 100  # longer missions are typing errors
+#: Sources looked at together; each with every spin of the mission.
+BLOCK = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Transits(Frozen):
+    """Passages of sources over a field of view, ordered by source and, for each, by time.
+
+    Attributes
+    ----------
+    source : (k,) int array — index of the source
+    time : (k,) array — since the start of the mission [yr]
+    angle : (k,) array — position angle of the scan, from north through east [rad]
+    parallax_factor : (k,) array — along-scan shift for a parallax of one
+    view : (k,) int array — +1 for the preceding, −1 for the following field of view
+    across : (k,) array — across-scan offset from the middle of the field [rad]
+    """
+
+    source: np.ndarray
+    time: np.ndarray
+    angle: np.ndarray
+    parallax_factor: np.ndarray
+    view: np.ndarray
+    across: np.ndarray
+
+    def __len__(self):
+        return len(self.source)
+
+    def counts(self, n):
+        """How many each of n sources has, (n,)."""
+        return np.bincount(self.source, minlength=n)
+
+
+@dataclass(frozen=True, eq=False)
+class NominalScanningLaw(Frozen):
+    """Where Gaia looks.
+
+    Parameters
+    ----------
+    start : float — Julian year of the start; 2014.73 is that of Gaia's science operations
+    years : float — length of the mission
+    precession_phase, spin_phase : float — ν and Ω at the start [rad]
+    solar_aspect : float — ξ [rad]
+    precessions : float — of the spin axis about the Sun, a year
+    spin_rate : float — [arcsec/s]
+    basic_angle : float — between the fields of view [rad]
+    half_height : float — of a field, across the scan [rad]; 0.342°, a little less than the 0.35° of the
+        whole field, gives the published counts with their 6 % of dead time
+    pole_days : float — at first the axis stays in the ecliptic, ν = 0 or π as is nearer to
+        the given phase, so that both fields pass the ecliptic poles every spin [days]
+    dead_time : float — fraction of the time that is lost, in gaps of some six hours
+    rng : Generator or int — of the gaps; needed with a dead time
+    frame : str — of the positions whose transits are asked for
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> law = NominalScanningLaw(years=1)
+    >>> z, first, second = law.attitude(np.array([0.5]))
+    >>> round(float(np.degrees(np.arccos(first[:, 0] @ second[:, 0]))), 6)
+    106.5
+    """
+
+    start: float = 2014.73
+    years: float = 5.0
+    precession_phase: float = 0.0
+    spin_phase: float = 0.0
+    solar_aspect: float = 45 * DEGREE
+    precessions: float = 5.8
+    spin_rate: float = 60.0
+    basic_angle: float = 106.5 * DEGREE
+    half_height: float = 0.342 * DEGREE
+    pole_days: float = 0.0
+    dead_time: float = 0.0
+    rng: object = None
+    frame: str = "icrs"
+    remembered: dict = field(default_factory=dict, init=False, repr=False)
+    _state: dict = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self):
+        positive("years, the length of a mission,", self.years)
+        if self.years > MAX_YEARS:
+            raise ParameterError(f"years, the length of a mission, must be at most {MAX_YEARS}, not {self.years}")
+        for name in ("start", "precession_phase", "spin_phase", "pole_days"):
+            number(name, getattr(self, name))
+        for name in ("precessions", "spin_rate", "half_height"):
+            positive(name, getattr(self, name))
+        between("solar_aspect", self.solar_aspect, 0, np.pi / 2)
+        between("basic_angle", self.basic_angle, 0, np.pi)
+        if not 0 <= number("dead_time", self.dead_time) < 1:
+            raise ParameterError(f"dead_time is a fraction, at least 0 and below 1, not {self.dead_time}")
+        if self.dead_time and self.rng is None:
+            raise ParameterError("a dead time needs rng, which draws its gaps")
+        check_frame(self.frame)
+        self._integrate()
+        if self.dead_time:
+            self._state["gaps"] = self._draw_gaps()
+
+    @property
+    def speed(self):
+        """S, the speed of the axis among the stars in units of the Sun's."""
+        return self._state["speed"]
+
+    def sun(self, time):
+        """Direction of the Sun in the ecliptic, (3, n), and its distance [AU]; time in years."""
+        longitude, distance = sun_position(self.start, np.asarray(time, float))
+        return np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)]), distance
+
+    def attitude(self, time):
+        """Spin axis and both fields of view: z, preceding, following.
+
+        Parameters
+        ----------
+        time : (n,) array — since the start [yr]
+
+        Returns
+        -------
+        three (3, n) arrays — unit vectors in `frame`
+        """
+        time = np.asarray(time, float)
+        z, u, w = self._axes(time)
+        phase = self._phase(time)
+        views = [u * np.cos(phase + a) + w * np.sin(phase + a) for a in (self.basic_angle / 2, -self.basic_angle / 2)]
+        back = rotation_matrix("ecliptic", self.frame)
+        return tuple(back @ v for v in (z, *views))
+
+    def transits(self, lon, lat, threads=None, progress=False):
+        """All transits of the given positions over the mission.
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays — positions in `frame` [rad]
+        threads : int, optional — one a core unless given
+
+        Returns
+        -------
+        Transits
+        """
+        lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
+        blocks = map_blocks(
+            lambda part: (part.start, self.transits_of_block(lon[part], lat[part])),
+            len(lon), BLOCK, threads, "transits" if progress else None,
+        )  # fmt: skip
+        parts = list(blocks)
+        names = ("time", "angle", "parallax_factor", "view", "across")
+        source = [block.source + start for start, block in parts] or [np.zeros(0, int)]
+        return Transits(
+            np.concatenate(source),
+            *(np.concatenate([getattr(b, name) for _, b in parts] or [np.zeros(0)]) for name in names),
+        )
+
+    def transits_of_block(self, lon, lat):
+        """The same in one thread, for few enough positions that each may meet every spin at once."""
+        p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
+        z, u, w, times = (self._state[name] for name in ("z", "u", "w", "times"))
+        # Height above the scan circle at the start of every spin; z moves a degree in one.
+        height = r.T @ z
+        limit = np.sin(self.half_height)
+        # Between spins the height is taken for linear, good to 20 arcsec; hence a margin, and a second look.
+        wide = limit * 1.03
+        low, high = height < wide, height > -wide
+        source, spin = np.nonzero((low[:, :-1] | low[:, 1:]) & (high[:, :-1] | high[:, 1:]))
+        here = r[:, source]
+        azimuth = np.arctan2(np.sum(here * w[:, spin], 0), np.sum(here * u[:, spin], 0))
+        later = np.arctan2(np.sum(here * w[:, spin + 1], 0), np.sum(here * u[:, spin + 1], 0))
+        turn = (later - azimuth + np.pi) % (2 * np.pi) - np.pi
+        h0, h1 = height[source, spin], height[source, spin + 1]
+
+        found = []
+        for view in (1, -1):
+            # Where in the spin Ω(f) = 2π f meets the azimuth of the source less that of the field.
+            share = ((azimuth - view * self.basic_angle / 2) % (2 * np.pi)) / (2 * np.pi - turn)
+            sine = h0 + share * (h1 - h0)
+            hit = np.flatnonzero((share < 1) & (np.abs(sine) < wide))
+            time = times[spin[hit]] + share[hit] * np.diff(times)[spin[hit]]
+            found.append((source[hit], time, np.full(len(hit), view)))
+        source, time, view = (np.concatenate(each) for each in zip(*found, strict=True))
+        order = np.lexsort((time, source))
+        source, time, view = source[order], time[order], view[order]
+        z, *_ = self._axes(time)
+        across = np.arcsin(np.sum(r[:, source] * z, 0))
+        keep = self._alive(time) & (np.abs(across) < self.half_height)
+        source, time, view, z, across = source[keep], time[keep], view[keep], z[:, keep], across[keep]
+        here = r[:, source]
+        scan = np.cross(z, here, axis=0) / np.cos(across)
+        angle = np.arctan2(np.sum(scan * p[:, source], 0), np.sum(scan * q[:, source], 0))
+        sun, distance = self.sun(time)
+        # Gaia is opposite the Sun, 1 % farther out than the Earth; a parallax shifts towards the Sun.
+        factor = 1.01 * distance * np.sum(sun * scan, 0)
+        return Transits(source, time, angle, factor, view, across)
+
+    def _integrate(self):
+        """ν and Ω as splines of time, and the axes at the start of every spin."""
+        xi = self.solar_aspect
+        speed = _speed(self.precessions, xi)
+        rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year
+        quiet = self.pole_days / YEAR
+        start = np.pi * round(self.precession_phase / np.pi) if quiet else self.precession_phase
+
+        def slope(time, state):
+            nu = state[0]
+            sun = sun_rate(self.start, time)
+            nu_rate = (
+                0.0
+                if time < quiet
+                else sun * (np.sqrt(speed**2 - np.cos(nu) ** 2) + np.cos(xi) * np.sin(nu)) / np.sin(xi)
+            )
+            # What Ω lacks of the turn ω_z t, which is large and exactly known.
+            return [nu_rate, -nu_rate * np.cos(xi) - sun * np.sin(xi) * np.sin(nu)]
+
+        grid = np.linspace(0, self.years, max(2, int(self.years * YEAR * 2)) + 1)
+        solved = solve_ivp(slope, (0, self.years), [start, 0.0], t_eval=grid, rtol=1e-10, atol=1e-10, max_step=2 / YEAR)
+        slow = CubicSpline(grid, solved.y[1])
+        nu = CubicSpline(grid, solved.y[0])
+
+        self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
+        spins = int(np.floor(self._phase(self.years) / (2 * np.pi)))
+        first = int(np.ceil(self._phase(0.0) / (2 * np.pi)))
+        turns = 2 * np.pi * np.arange(first, spins + 1)
+        times = (turns - self.spin_phase) / rate
+        for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
+            times -= (self._phase(times) - turns) / (rate + slow(times, 1))
+        z, u, w = self._axes(times)
+        self._state.update(times=times, z=z, u=u, w=w)
+
+    def _phase(self, time):
+        """Ω, the phase of the spin. [rad]"""
+        return self.spin_phase + self._state["rate"] * time + self._state["slow"](time)
+
+    def _axes(self, time):
+        """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic."""
+        sun, _ = self.sun(time)
+        nu, xi = self._state["nu"](time), self.solar_aspect
+        ahead = np.stack([-sun[1], sun[0], np.zeros_like(nu)])
+        z = np.cos(xi) * sun + np.sin(xi) * np.cos(nu) * ahead
+        z[2] += np.sin(xi) * np.sin(nu)
+        u = np.cross(sun, z, axis=0) / np.sin(xi)
+        return z, u, np.cross(z, u, axis=0)
+
+    def _draw_gaps(self):
+        """Starts and ends of the lost intervals, exponential in length about six hours, [yr]."""
+        rng = generator(self.rng)
+        mean = 0.25 / YEAR
+        number = max(1, round(self.years * self.dead_time / mean))
+        lengths = rng.exponential(mean, number)
+        lengths *= self.years * self.dead_time / lengths.sum()
+        # Free time is cut at random; gaps go into the cuts, so none overlaps another.
+        cuts = np.sort(rng.uniform(0, self.years * (1 - self.dead_time), number))
+        starts = cuts + np.cumsum(lengths) - lengths
+        return starts, starts + lengths
+
+    def _alive(self, time):
+        if "gaps" not in self._state:
+            return np.ones(time.shape, bool)
+        starts, ends = self._state["gaps"]
+        before = np.searchsorted(starts, time, side="right") - 1
+        return (before < 0) | (time >= ends[np.maximum(before, 0)])
+
+
+def _speed(precessions, xi):
+    """S for a number of precessions a year: one turn of ν takes 1/K of a turn of λ."""
+
+    def turn(speed):
+        return quad(
+            lambda nu: np.sin(xi) / (np.sqrt(speed**2 - np.cos(nu) ** 2) + np.cos(xi) * np.sin(nu)), 0, 2 * np.pi
+        )[0]
+
+    return brentq(lambda speed: turn(speed) * precessions - 2 * np.pi, 1.5, 50.0, xtol=1e-12)

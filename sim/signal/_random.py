@@ -1,0 +1,57 @@
+"""Gaussian random fields of a given power, gravitational waves among them."""
+
+import numpy as np
+
+from sim.signal._galaxies import hubble_rate
+from sim.signal._signal import field
+from vsh import Coefficients, Modes
+from vsh.checks import arguments
+from vsh.checks.arguments import float_array, generator, not_negative
+from vsh.errors import ParameterError
+
+
+@arguments.accepts(rng=arguments.seed)
+def isotropic(power, rng):
+    """A Gaussian random field with a given power of each degree, the same for T and S.
+
+    Parameters
+    ----------
+    power : (lmax,) array — ∫ |V_l|² dΩ of one kind, on average [(µas/yr)²]
+    rng : Generator or int
+    """
+    power = float_array("power", power)
+    if power.ndim != 1 or not len(power) or (power < 0).any():
+        raise ParameterError("power is one number of at least zero for each degree from 1 on")
+    modes = Modes(len(power))
+    l = modes.degrees
+    sigma = np.sqrt(power[l - 1] / (2 * l + 1) / modes.multiplicity)
+    return field(Coefficients(modes, sigma * generator(rng).standard_normal(len(modes))))
+
+
+def wave_fractions(lmax):
+    """Share of each degree in the power of an isotropic gravitational-wave background, (lmax,).
+
+    α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
+    sum to 1. The fractions are those of Book & Flanagan (2011, PhRvD 83, 024024), table 1.
+
+    >>> wave_fractions(4).round(6)
+    array([0.      , 0.833333, 0.116667, 0.03    ])
+    """
+    l = np.arange(2, lmax + 1.0)
+    return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
+
+
+def waves(omega, rng, hubble=70.0, lmax=12):
+    """One draw of a stochastic background of gravitational waves longer than the observations.
+
+    Its mean square motion is H0² Ω_GW, so that the quadrupole obeys
+    Ω_GW = (6/5) P_2/(4π H0²), half of P_2 in T and half in S.
+
+    Parameters
+    ----------
+    omega : float — Ω_GW
+    rng : Generator or int
+    hubble : float — [km/s/Mpc]
+    """
+    total = 4 * np.pi * not_negative("omega", omega) * hubble_rate(hubble) ** 2
+    return isotropic(total * wave_fractions(lmax) / 2, rng)

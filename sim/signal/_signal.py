@@ -1,0 +1,95 @@
+"""The noun: true fields as functions of position and redshift that add; spin and acceleration."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsh import Coefficients
+from vsh.checks.arguments import float_array
+from vsh.checks.validation import as_floats
+from vsh.errors import FieldError, ParameterError
+
+
+@dataclass(frozen=True, repr=False)
+class Signal:
+    """A true field of motions: called as signal(lon, lat, redshift) → (2, n) µas/yr, added with +.
+
+    Attributes
+    ----------
+    parts : tuple of functions of (lon, lat, redshift)
+
+    Examples
+    --------
+    >>> both = spin((1, 0, 0)) + acceleration((0, 0, 2))
+    >>> both([0.0], [0.0]).round(12).T
+    array([[0., 2.]])
+    """
+
+    parts: tuple
+
+    def __call__(self, lon, lat, redshift=None):
+        lon, lat = np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat))
+        return sum(part(lon, lat, redshift) for part in self.parts)
+
+    def __repr__(self):
+        return f"<Signal: {' + '.join(type(part).__name__ for part in self.parts)}>"
+
+    def __add__(self, other):
+        return Signal(self.parts + as_signal(other).parts)
+
+
+def as_signal(truth):
+    """Coefficients, Signals, and functions of (lon, lat, redshift) that give (2, n) µas/yr, as a Signal.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither.
+    """
+    if isinstance(truth, Coefficients):
+        return field(truth)
+    if not callable(truth):
+        raise ParameterError(f"a true field is a Signal or Coefficients, not {type(truth).__name__}")
+    return truth if isinstance(truth, Signal) else Signal((truth,))
+
+
+@dataclass(frozen=True)
+class BandLimited:
+    """A field of harmonics."""
+
+    coefficients: Coefficients
+
+    def __call__(self, lon, lat, redshift):
+        return self.coefficients.at(lon, lat)
+
+
+def field(coefficients):
+    """Any band-limited field."""
+    if not isinstance(coefficients, Coefficients):
+        raise ParameterError(f"a field is made of Coefficients, not {type(coefficients).__name__}")
+    return Signal((BandLimited(coefficients),))
+
+
+def spin(vector):
+    """Rigid rotation of the frame, ω × r. [µas/yr]"""
+    return field(Coefficients.from_vectors(rotation=three_components(vector, "spin", "uas / yr")))
+
+
+def acceleration(vector):
+    """Drift towards a point by the Solar System's acceleration, ã − (ã·r) r. [µas/yr]"""
+    return field(Coefficients.from_vectors(glide=three_components(vector, "acceleration", "uas / yr")))
+
+
+def three_components(value, name, unit=""):
+    """Three finite components, bare or as a Quantity of any fitting unit."""
+    value = as_floats(name, value, unit)[0]
+    if value.shape != (3,) or not np.isfinite(value).all():
+        raise FieldError(f"{name} must be a vector of three finite components, not of shape {value.shape}")
+    return value
+
+
+def direction_of(value, name, unit=""):
+    value = three_components(value, name, unit)
+    if not value.any():
+        raise FieldError(f"{name} must be a vector whose components are not all zero")
+    return value

@@ -1,0 +1,68 @@
+"""`vsh-study`: a simulation study from a TOML file, on the command line."""
+
+import argparse
+import sys
+from importlib.resources import files
+from pathlib import Path
+
+import vsh
+from vsh.commands import shell
+
+
+def main(arguments=None):
+    """Run `vsh-study`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
+    parser = _parser()
+    options = shell.parse(parser, arguments)
+    if bool(options.configuration) == options.paper:
+        parser.error("name a configuration, or say --paper")
+    return shell.guarded("vsh-study", lambda: _run(options))
+
+
+def _run(options):
+    # Not before: --help should not wait for astropy.
+    from study import load, run
+
+    study = load(files("study") / "paper.toml" if options.paper else options.configuration)
+    count = options.realisations or study.realisations
+    folder = run(study, options.output, count, options.workers)
+    if options.paper:
+        from study.paper import write_paper
+
+        write_paper(study, folder, count)
+    shell.say((folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, folder, count))
+    shell.say(shell.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
+
+
+def _text(study, folder, count):
+    from study.results import read_realisations, summary
+
+    width = max(6, *(len(case["name"]) + 2 for case in study.cases))
+    lines = [
+        f"{'case':{width}}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}"
+    ]
+    for row in summary(study, read_realisations(study, Path(folder), count)):
+        lines.append(
+            f"{row['case']:{width}}{row['parameter']:14}{row['truth']:10.3f}{row['mean']:12.4f}{row['std']:12.4f}{row['sigma']:12.4f}"
+            f"{row['off']:+10.2f}"
+        )
+    return "\n".join(lines)
+
+
+def _parser():
+    parser = argparse.ArgumentParser(
+        prog="vsh-study",
+        description="Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
+        "A study that was killed goes on from where it was.",
+        epilog="Example: vsh-study study.toml --output results; vsh-study --paper --output paper --realisations 5",
+    )
+    parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")
+    parser.add_argument("--paper", action="store_true", help="the four cases of Bachchan, Hobbs & Lindegren (2016)")
+    parser.add_argument("--output", required=True, metavar="DIR", help="a new folder, or that of the same study")
+    parser.add_argument("--realisations", type=shell.count(1), metavar="N", help="in place of the configuration's")
+    parser.add_argument("--workers", type=shell.count(1), metavar="N", help="processes; one a core unless given")
+    parser.add_argument("--version", action="version", version=f"vsh-study {vsh.__version__}")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

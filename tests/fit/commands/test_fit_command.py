@@ -1,0 +1,154 @@
+"""`vsh-fit` from the outside."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.table import Table
+from conftest import ROOT, real_catalogue
+from gaia_table import table
+
+import fit
+import vsh
+from fit.commands.fit import main
+
+
+def test_demo_finds_its_truth(tmp_path, capsys):
+    tmp_path = tmp_path / "new" / "demo"
+    assert main(["--demo", "--output", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    away = [float(word[1:-2]) for line in text.splitlines() if "truth" in line for word in line.split() if "σ)" in word]
+    assert len(away) == 6
+    assert max(map(abs, away)) < 3
+    assert "they agree to" in text
+    written = {path.name for path in tmp_path.iterdir()}
+    figures = {"sky.png", "spectrum.png", "correlation.png", "residuals.png"}
+    assert written == {"report.txt", "solution.ecsv", "correlation.ecsv", "provenance.json"} | figures
+    assert (tmp_path / "report.txt").read_text(encoding="utf-8") in text
+    assert all(path.stat().st_size > 10_000 for path in tmp_path.glob("*.png"))
+
+
+def test_solution_can_be_read_and_says_where_it_is_from(tmp_path):
+    path = tmp_path / "catalogue.fits"
+    bad = table()
+    bad["pmra"][7] = np.nan
+    bad.write(path)
+    assert (
+        main([str(path), "--lmax", "1", "--on-bad", "drop", "--frame", "galactic", "--output", str(tmp_path / "out")])
+        == 0
+    )
+    tmp_path = tmp_path / "out"
+    solution = Table.read(tmp_path / "solution.ecsv")
+    field = vsh.catalogue.read_field(path, on_bad="drop").to_frame("galactic")
+    np.testing.assert_allclose(solution["value"], fit.fit_field(field, 1).coefficients.values)
+    assert list(solution["coefficient"][:3]) == ["t(1,0)", "t(1,1,re)", "t(1,1,im)"]
+    assert str(solution["sigma"].unit) == "uas / yr"
+    meta = solution.meta
+    assert (meta["catalogue"], meta["rows"], meta["rows_used"], meta["rows_refused"]) == ("catalogue.fits", 30, 29, 1)
+    assert len(meta["sha256"]) == 64
+    assert meta["options"]["frame"] == "galactic"
+    assert meta["frame"] == "galactic"
+    assert "left out 1 of 30 rows" in meta["notes"][-1]
+    assert meta["versions"]["vsh-astrometry"] == vsh.__version__
+    correlation = Table.read(tmp_path / "correlation.ecsv")
+    np.testing.assert_allclose([correlation[name][i] for i, name in enumerate(correlation["coefficient"])], 1)
+
+
+def test_columns_and_units(tmp_path):
+    path = tmp_path / "other.csv"
+    other = table(units=False)
+    other.rename_columns(["pmra", "pmdec"], ["mu_a", "mu_d"])
+    other.write(path, format="ascii.csv")
+    named = ["--columns", "pmra=mu_a,pmdec=mu_d", "--lmax", "1"]
+    assert main([str(path), *named]) == 1
+    assert main([str(path), *named, "--units", "mu_a=mas/yr,mu_d=mas/yr"]) == 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["a.fits", "--demo"],
+        ["a.fits", "--lmax", "0"],
+        ["a.fits", "--lmax", "two"],
+        ["a.fits", "--clip", "-1"],
+        ["a.fits", "--clip", "x"],
+        ["a.fits", "--frame", "b1950"],
+        ["a.fits", "--columns", "pmra"],
+        ["a.fits", "--on-bad", "ignore"],
+        ["a.fits", "--nonsense"],
+    ],
+)
+def test_bad_usage_is_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert "usage: vsh-fit" in capsys.readouterr().err
+
+
+def test_bad_data_is_status_1_and_no_traceback(tmp_path, capsys):
+    path = tmp_path / "few.fits"
+    table()[:5].write(path)
+    assert main([str(path), "--lmax", "4"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("vsh-fit: error: 5 sources cannot separate 48 modes")
+    assert "Traceback" not in error
+    taken = tmp_path / "taken"
+    taken.write_text("a file where the folder should be")
+    table().write(tmp_path / "good.fits")
+    assert main([str(tmp_path / "good.fits"), "--lmax", "1", "--output", str(taken)]) == 1
+
+
+def test_help_is_prompt():
+    """Nothing heavy is loaded: that keeps it under a second, and does not depend on the machine's load."""
+    code = "import sys; from fit.commands.fit import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+    code += "sys.exit(bool({'astropy', 'matplotlib', 'healpy', 'scipy.stats'} & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0
+    assert "vsh-fit catalogue.fits" in run.stdout
+
+
+def test_real_catalogue(tmp_path, capsys):
+    path = real_catalogue("td2017_vlba_proper_motions.ecsv")
+    assert main([str(path), "--lmax", "1", "--clip", "3", "--output", str(tmp_path)]) == 0
+    assert "clipped 68 of 713 sources" in capsys.readouterr().out
+
+
+def test_entry_point_is_installed():
+    assert (Path(sys.executable).parent / "vsh-fit").exists()
+
+
+def test_more_modes_than_numbers_are_refused_before_any_work(tmp_path, capsys):
+    table().write(tmp_path / "c.fits")
+    for lmax in ("120", "100000"):
+        assert main([str(tmp_path / "c.fits"), "--lmax", lmax]) == 1
+        assert f"modes: lower lmax from {lmax}" in capsys.readouterr().err
+
+
+def test_careless_spelling(tmp_path, capsys):
+    table().write(tmp_path / "c.fits")
+    named = ["--columns", "pmra=pmra, pmra_error=pmra_error", "--lmax", "1"]
+    assert main([str(tmp_path / "c.fits"), *named]) == 0
+    with pytest.raises(SystemExit):
+        main([str(tmp_path / "c.fits"), "--output", ""])
+    assert "--output: names no folder" in capsys.readouterr().err
+    assert main([str(tmp_path / "c.fits"), "--output", str(tmp_path / "c.fits")]) == 1
+    assert "c.fits is a file, not a folder" in capsys.readouterr().err
+
+
+def test_a_threshold_takes_the_place_of_kappa(capsys):
+    assert main(["--demo", "--lmax", "1", "--threshold", "3"]) == 0
+    assert "with X > 3 (the given threshold" in capsys.readouterr().out
+
+
+def test_clipped_is_not_refused(tmp_path):
+    wild = table()
+    wild["pmra"][3] = 1000.0
+    wild.write(tmp_path / "c.fits")
+    assert main([str(tmp_path / "c.fits"), "--lmax", "1", "--clip", "5", "--output", str(tmp_path / "out")]) == 0
+    tmp_path = tmp_path / "out"
+    meta = Table.read(tmp_path / "solution.ecsv").meta
+    assert (meta["rows_refused"], meta["rows_used"] + meta["rows_clipped"]) == (0, 30)
+    assert meta["rows_clipped"] >= 1

@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+from conftest import patchy
+
+import fit
+import sim
+from fit.correlation import eigenmodes, leakage, lmax_table, predict, recommend_lmax
+from vsh import Field, Modes
+from vsh.errors import DegeneracyError
+
+
+def test_leakage_is_the_bias_of_a_noiseless_fit():
+    field = patchy(1000, 5)
+    rng = np.random.default_rng(1)
+    from vsh import Coefficients
+
+    modes = Modes(5)
+    c = rng.normal(size=len(modes))
+    c[[mode.l <= 2 for mode in modes]] = 0
+    truth = Coefficients(modes, c)
+    found = leakage(field, 2, 5)
+    biased = fit.fit_field(field._with(motion=truth.at(field.lon, field.lat)), 2)
+    np.testing.assert_allclose(found.of(truth).values, biased.coefficients.values, atol=1e-9)
+    assert found.matrix.shape == (16, 54)
+    assert found.names[0] == "t(1,0)"
+    assert found.unmodelled_names[0] == "t(3,0)"
+    assert len(found.table()) == 16
+
+
+def test_mean_squared_bias_of_2000_skies():
+    """200 would tell the mean square of six components to 4 % only."""
+    field = patchy(500, 6)
+    power = np.array([3.0, 2.0, 1.0, 0.5, 0.25])
+    found = leakage(field, 1, 6)
+    expected = found.bias(power)
+    squares = np.zeros(6)
+    for seed in range(2000):
+        truth = sim.isotropic(np.r_[0.0, power], rng=seed)
+        solution = fit.fit_field(field._with(motion=truth(field.lon, field.lat)), 1)
+        squares += solution.coefficients.values**2 / 2000
+    assert np.mean(squares / expected**2) == pytest.approx(1, abs=0.05)
+    np.testing.assert_allclose(found.bias({2: 3.0, 3: 2.0, 4: 1.0, 5: 0.5, 6: 0.25}), expected)
+    np.testing.assert_allclose(found.bias(np.stack([power, power])), expected)
+    np.testing.assert_allclose(found.bias(4 * power), 2 * expected)
+    vector = found.bias_of(("a_x", "a_y", "a_z"), power)
+    assert set(vector) == {"a_x", "a_y", "a_z"}
+
+
+def test_an_even_sky_leaks_nothing():
+    from vsh.sky.pixels import centres
+
+    lon, lat = centres(16)
+    field = Field(lon, lat, np.zeros((2, lon.size)), np.ones((2, lon.size)))
+    assert np.abs(leakage(field, 2, 4).matrix).max() < 2e-3
+    np.testing.assert_allclose(eigenmodes(field, 2).information, 1, atol=5e-3)
+    assert predict(field, 1).efficiency == pytest.approx(1, abs=1e-3)
+    assert recommend_lmax(field, highest=4) == 4
+
+
+def test_recommended_degree():
+    field = patchy(20_000, 1, even=True)
+    rows = lmax_table(field, 4)
+    for lmax, condition, correlation in rows:
+        solution = fit.solve(fit.normal_equations(field, Modes(lmax)))
+        assert correlation == pytest.approx(np.abs(solution.correlation - np.eye(len(solution.modes))).max(), rel=1e-8)
+        diagonal = 1 / np.sqrt(np.diag(fit.normal_equations(field, Modes(lmax)).matrix))
+        scaled = fit.normal_equations(field, Modes(lmax)).matrix * np.outer(diagonal, diagonal)
+        assert condition == pytest.approx(np.linalg.cond(scaled), rel=1e-6)
+    assert recommend_lmax(field, rows[2][1] * 1.01, 0.99) == 3
+    assert recommend_lmax(field, 1e9, rows[0][2] * 1.01) == 1
+    with pytest.raises(DegeneracyError, match="not even degree 1"):
+        recommend_lmax(field, 1.5, 0.1)
+    assert lmax_table(field[:10], 4)[-1] == (4, np.inf, 1.0)
+
+
+def test_eigenmodes_are_measured_apart():
+    field = patchy(3000, 2)
+    found = eigenmodes(field, 2)
+    assert (np.diff(found.information) >= 0).all()
+    normal = fit.normal_equations(field, Modes(2)).matrix
+    vectors = np.stack([each.values for each in found.fields])
+    product = vectors @ normal @ vectors.T
+    np.testing.assert_allclose(product / np.sqrt(np.outer(np.diag(product), np.diag(product))), np.eye(16), atol=1e-9)
+    for each in found.fields[:3]:
+        total = sum(each.power(kind, l) for kind in "TS" for l in (1, 2))
+        assert total == pytest.approx(1)

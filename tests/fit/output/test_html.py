@@ -1,0 +1,63 @@
+import re
+from html.parser import HTMLParser
+
+import pytest
+from conftest import ROOT
+
+from fit.commands.fit import main
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    path = tmp_path_factory.mktemp("html") / "report.html"
+    assert main([str(ROOT / "fit" / "demo.fits"), "--lmax", "2", "--html", str(path)]) == 0
+    return path.read_text(encoding="utf-8")
+
+
+class Reader(HTMLParser):
+    """Tags that are opened and closed in order, and all that the page asks for."""
+
+    void = {"meta", "link", "img", "br", "input"}  # noqa: RUF012
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.wanted, self.tags = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.wanted += [value for name, value in attrs if name in ("src", "href")]
+        if tag not in self.void:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_the_page_is_whole_and_asks_for_nothing(page):
+    reader = Reader()
+    reader.feed(page)
+    assert not reader.open
+    assert all(wanted.startswith("data:") for wanted in reader.wanted)
+    assert reader.tags.count("img") == 4
+    assert not re.search(r"https?://|url\(|@import|fetch\(|XMLHttpRequest", page)
+
+
+def test_it_says_what_the_report_says(page):
+    for words in ("Acceleration", "truth of the spin", "Power by degree", "they agree", "sha256", "vsh-fit", "--lmax 2",
+                  "prefers-color-scheme: dark", "width=device-width"):  # fmt: skip
+        assert words in page
+    assert page.count('class="sortable"') == 2
+
+
+def test_what_a_table_says_cannot_break_the_page(tmp_path, capsys):
+    from astropy.table import Table
+
+    table = Table.read(ROOT / "fit" / "demo.fits")[:300]
+    path = tmp_path / "<b>&.fits"
+    table.write(path)
+    assert main([str(path), "--lmax", "1", "--html", str(tmp_path / "report.html")]) == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<b>&.fits" not in page
+    assert "&lt;b&gt;&amp;.fits" in page
+    assert main([str(path), "--html", str(tmp_path / "none" / "report.html")]) == 1
+    assert "there is no folder" in capsys.readouterr().err

@@ -1,0 +1,79 @@
+"""Text, page, notebook and LaTeX print the same numbers, from one place."""
+
+import re
+
+import numpy as np
+import pytest
+
+import fit
+import sim
+from fit.output import amplitude, direction, html_report, pulls, vector_rows, vectors_of
+from vsh import Field, Vector
+
+TRUTH = {"spin": Vector([3, -4, 5], np.zeros((3, 3))), "acceleration": Vector([0, -4, -2], np.zeros((3, 3)))}
+
+
+@pytest.fixture(scope="module")
+def solution():
+    rng = np.random.default_rng(1)
+    lon, lat = sim.uniform_sky(2000, rng)
+    motion = (sim.spin(TRUTH["spin"].value) + sim.acceleration(TRUTH["acceleration"].value))(lon, lat)
+    return fit.fit_field(Field(lon, lat, motion + 30 * rng.normal(size=(2, 2000)), np.full((2, 2000), 30.0)), 2)
+
+
+def numbers(text):
+    return re.findall(r"[+-]\d+\.\d{3} ± \d+\.\d{3}", text)
+
+
+def test_all_forms_say_the_same(solution):
+    """Fault B4: the page had every pull with the wrong sign; a survivor multiplied it by seven."""
+    text = fit.report(solution, truth=TRUTH)
+    page = html_report(solution, {}, truth=TRUTH)
+    signs = [float(x) for x in re.findall(r"\(([+-]\d+\.\d)σ\)", text)]
+    assert [float(x) for x in re.findall(r"\(([+-]\d+\.\d)σ\)", page)] == signs
+    expected = np.concatenate([(v.value - TRUTH[n].value) / v.sigma for n, v in vectors_of(solution).items()])
+    np.testing.assert_allclose(signs, expected, atol=0.051)
+    assert numbers(text)[:6] == numbers(page)[:6] == numbers(solution._repr_html_())[:6]
+    assert len(re.findall(r"\\pm", solution.latex())) >= 8
+    powers = [row.power for row in fit.output.power_rows(solution)]
+    for form in (text, page, solution._repr_html_(), solution.latex()):
+        assert all(power in form for power in powers)
+
+
+def test_pulls_are_positive_where_the_fit_is_larger():
+    vector = Vector([2.0, 0, 0], np.eye(3))
+    assert pulls(vector, Vector([1.0, 0, 0], np.zeros((3, 3))))[0] == 1
+    (row, truth) = vector_rows({"spin": vector}, {"spin": Vector([1.0, 0, 0], np.zeros((3, 3)))})
+    assert truth.cells[0] == "+1.000 (+1.0σ)"
+    assert truth.is_truth
+    assert not row.is_truth
+
+
+def test_low_signal_to_noise_is_said_as_such():
+    """Fault C9: directions ± 127°, ± 349°, ± 57296° at a pole."""
+    strong, weak, none = (Vector([0, 0, a], np.eye(3)) for a in (10.0, 2.9, 0.5))
+    assert amplitude(strong) == "10.000 ± 1.000"
+    assert re.fullmatch(r"\d\.\d+ … \d\.\d+ \(68 %\)", amplitude(weak))
+    assert re.fullmatch(r"< \d\.\d+ \(95 %\)", amplitude(none))
+    assert "within 6° (68 %)" in direction(
+        Vector([0, 0, 10.0], 0.5 * np.eye(3))
+    )  # at the pole longitude has no error bar
+    assert "±" in direction(Vector([10.0, 0, 0], np.eye(3)))
+    assert re.search(r"within \d+° \(68 %\)", direction(weak))
+    assert "direction not determined" in direction(none)
+
+
+def test_the_cross_check_takes_one_line_unless_it_fails(solution):
+    """Fault D6."""
+    from dataclasses import replace
+
+    rng = np.random.default_rng(2)
+    lon, lat = sim.uniform_sky(100, rng)
+    check = fit.cross_check(Field(lon, lat, rng.normal(size=(2, 100)), np.ones((2, 100))))
+    text = fit.report(solution, check)
+    assert "they agree to" in text
+    assert "frame, QR" not in text
+    failed = fit.report(solution, replace(check, largest=1e-3))
+    assert "CROSS-CHECK FAILED" in failed
+    assert "frame, QR" in failed
+    assert "THEY DO NOT AGREE" in html_report(solution, {}, check=replace(check, largest=1e-3))

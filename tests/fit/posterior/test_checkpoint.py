@@ -1,0 +1,207 @@
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import sim
+from fit.posterior import Flat, Normal, sample
+from vsh.errors import CheckpointError
+from vsh.system.files import replacing
+
+COMMON = {"hubble_prior": Flat(20, 150), "n_samples": 3200, "walkers": 32, "progress": False, "rng": 3}
+
+
+@pytest.fixture(scope="module")
+def field():
+    truth = sim.drift((300.0, 0, 0)) + sim.acceleration((0, 4, 0))
+    return sim.observe(sim.galaxies(300, rng=1), truth, rng=2, sigma=3.0)
+
+
+def test_a_chain_goes_on_bit_for_bit(field, tmp_path):
+    whole = sample(field, **COMMON)
+    path = tmp_path / "chain.npz"
+    sample(field, **COMMON | {"n_samples": 1000}, checkpoint=path)
+    longer = sample(field, **COMMON, checkpoint=path)
+    assert (longer.chain == whole.chain).all()
+    assert (longer.log_probability == whole.log_probability).all()
+    again = sample(field, **COMMON, checkpoint=path)  # nothing is left to do
+    assert (again.chain == whole.chain).all()
+    shorter = sample(field, **COMMON | {"n_samples": 1600}, checkpoint=path)
+    assert (shorter.chain == whole.chain[:50]).all()
+
+
+def test_the_same_seed_gives_the_same_chain(field):
+    one, two = (sample(field, **COMMON) for _ in range(2))
+    assert (one.chain == two.chain).all()
+    other = sample(field, **COMMON | {"rng": 4})
+    assert not (one.chain == other.chain).any()
+    assert (sample(field, **COMMON, threads=1).chain[-1] == one.chain[-1]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rng": 4}, "seed: there"),
+        ({"walkers": 34}, "walkers: there 32, here 34"),
+        ({"peculiar": 700.0}, r"peculiar: there 750.0, here 700.0"),
+        ({"hubble_prior": Flat(20, 151)}, r"hubble: there Flat\(low=20, high=150\), here Flat\(low=20, high=151\)"),
+        ({"velocity_prior": lambda v: -np.sum(v**2, 1) / 1e5}, "velocity: there Gaussian"),
+        ({"spin": "free"}, "spin: there None, here free"),
+        ({"extra": 1.0}, "extra: there 0.0, here 1.0"),
+    ],
+)
+def test_another_model_is_refused(field, tmp_path, change, words):
+    path = tmp_path / "chain.npz"
+    sample(field, **COMMON, checkpoint=path)
+    with pytest.raises(CheckpointError, match=words):
+        sample(field, **COMMON | change, checkpoint=path)
+
+
+def test_a_function_that_changed_is_refused(field, tmp_path):
+    path = tmp_path / "chain.npz"
+
+    def of(width):
+        return lambda v: -np.sum(v**2, 1) / width
+
+    sample(field, of(1e5), **COMMON, checkpoint=path)
+    sample(field, of(1e5), **COMMON, checkpoint=path)
+    with pytest.raises(CheckpointError, match="start: there"):  # the code is the same, its values are not
+        sample(field, of(2e5), **COMMON, checkpoint=path)
+
+
+def test_other_data_are_refused(field, tmp_path):
+    path = tmp_path / "chain.npz"
+    sample(field, **COMMON, checkpoint=path)
+    with pytest.raises(CheckpointError, match="data: there 300 sources.*here 299 sources"):
+        sample(field[1:], **COMMON, checkpoint=path)
+    moved = field.minus(np.array([[1e-9], [0.0]]))
+    with pytest.raises(CheckpointError, match="data: there"):
+        sample(moved, **COMMON, checkpoint=path)
+
+
+def test_damaged_files_are_refused(field, tmp_path):
+    path = tmp_path / "chain.npz"
+    sample(field, **COMMON, checkpoint=path)
+    whole = path.read_bytes()
+    damages = {
+        "truncated": whole[: len(whole) // 2],
+        "empty": b"",
+        "foreign": b"SIMPLE  =                    T",
+        "flipped": whole[:5000] + bytes([whole[5000] ^ 255]) + whole[5001:],
+    }
+    for content in damages.values():
+        path.write_bytes(content)
+        with pytest.raises(CheckpointError, match="no chain of this program, or damaged"):
+            sample(field, **COMMON, checkpoint=path)
+        assert path.read_bytes() == content
+    np.savez(path, chain=np.zeros(3))
+    with pytest.raises(CheckpointError, match="KeyError"):
+        sample(field, **COMMON, checkpoint=path)
+    with pytest.raises(CheckpointError, match="no such folder"):
+        sample(field, **COMMON, checkpoint=tmp_path / "nowhere" / "chain.npz")
+    with pytest.raises(CheckpointError, match="cannot be written"):
+        sample(field, **COMMON, checkpoint=tmp_path)
+
+
+def test_a_file_is_whole_or_not_there(tmp_path):
+    path = tmp_path / "file"
+    with replacing(path) as new:
+        new.write_text("old")
+
+    def fail():
+        with replacing(path) as new:
+            new.write_text("ne")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert path.read_text() == "old"
+    assert [x.name for x in tmp_path.iterdir()] == ["file"]
+
+
+def run(folder, seconds=None):
+    command = [
+        sys.executable,
+        ROOT / "tests" / "fit" / "posterior" / "chain_to_kill.py",
+        folder / "chain.npz",
+        folder / "out.npy",
+    ]
+    process = subprocess.Popen(command, cwd=ROOT)
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()  # SIGKILL: nothing can be tidied up
+        process.wait()
+        return False
+    assert process.returncode == 0
+    return True
+
+
+def kill_and_go_on(base, seconds):
+    """How often it was killed before the end, and the chain."""
+    base.mkdir()
+    kills = 0
+    for each in seconds:
+        if run(base, each):
+            break
+        kills += 1
+    run(base)
+    return kills, np.load(base / "out.npy")
+
+
+def kill_many(tmp_path, groups):
+    run(tmp_path)
+    whole = np.load(tmp_path / "out.npy")
+    with ThreadPoolExecutor(4) as pool:
+        results = list(pool.map(kill_and_go_on, [tmp_path / str(i) for i in range(len(groups))], groups))
+    for _, chain in results:
+        assert (chain == whole).all()
+    return sum(kills for kills, _ in results)
+
+
+def test_killed_at_any_moment(tmp_path):
+    assert kill_many(tmp_path, [(1.5, 2.0), (0.5, 1.8)]) >= 2
+
+
+@pytest.mark.slow
+def test_killed_at_sixty_moments(tmp_path):
+    rng = np.random.default_rng(1)
+    groups = [tuple(rng.uniform(0.2, 3.0, 3)) for _ in range(30)]
+    assert kill_many(tmp_path, groups) >= 60
+
+
+def test_a_prior_that_differs_by_its_numbers_only_is_told(field, tmp_path):
+    path = tmp_path / "chain.npz"
+    sample(field, **COMMON | {"hubble_prior": Normal(70, 5)}, checkpoint=path)
+    with pytest.raises(CheckpointError, match="hubble: there"):
+        sample(field, **COMMON | {"hubble_prior": Normal(70, 6)}, checkpoint=path)
+
+
+@pytest.mark.parametrize("column", ["lon", "lat", "motion", "sigma", "rho", "redshift"])
+def test_every_column_is_in_the_fingerprint(field, column):
+    """A survivor of deliberate breaks: redshift out of the fingerprint."""
+    from fit.sampling import fingerprint
+
+    columns = {name: np.array(getattr(field, name)) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")}
+    columns[column] = columns[column] + 1e-9
+    changed = type(field)(**columns)
+    assert fingerprint(changed, {})["data"] != fingerprint(field, {})["data"]
+
+
+def test_burn_in_and_thinning_interval():
+    """A survivor of deliberate breaks: five autocorrelation times of the slowest, half of the quickest."""
+    from types import SimpleNamespace
+
+    from fit.posterior import Posterior
+
+    rng = np.random.default_rng(1)
+    chain = np.zeros((4000, 8, 2))
+    for t in range(1, 4000):  # autoregressive: integrated times (1 + a)/(1 − a), 19 and 3
+        chain[t] = np.array([0.9, 0.5]) * chain[t - 1] + rng.normal(size=(8, 2))
+    found = Posterior(chain, chain[..., 0], SimpleNamespace(names=("slow", "quick")), "icrs", (), 1)
+    assert found.autocorrelation["slow"] == pytest.approx(19, rel=0.25)
+    assert found.burn_in == int(np.ceil(5 * found.autocorrelation["slow"]))
+    assert found.thin == max(1, int(found.autocorrelation["quick"] / 2))

@@ -1,0 +1,300 @@
+import numpy as np
+import pytest
+from scipy.stats import chi2, kstest
+
+import sim
+from fit.posterior import Density, Flat, Normal, grid, read_samples, sample
+from fit.posterior._model import drift_model
+from fit.posterior._priors import priors
+from fit.secular_parallax import drift_rows, observer_velocity
+from vsh import Vector
+from vsh.cosmology import BACHCHAN_2016, PLANCK_2018
+from vsh.errors import ConvergenceError, DegeneracyError, ParameterError
+
+VELOCITY = BACHCHAN_2016.to_frame("icrs").value
+SETTINGS = {"rng": 5, "progress": False}
+
+
+def galaxies(n=2000, seed=1, sigma=5.0, velocity=VELOCITY, spread=0.0, hubble=67.3):
+    truth = sim.drift(velocity, hubble=hubble) + sim.acceleration((-0.236, -3.756, -2.08))
+    if spread:
+        truth += sim.peculiar(spread, rng=[seed, 1], hubble=hubble)
+    return sim.observe(sim.galaxies(n, rng=seed), truth, rng=[seed, 2], sigma=sigma, rho=0.3)
+
+
+def closed_form(field, prior, hubble, peculiar, points=4001):
+    """Means and widths of H0 and v from the least-squares velocity and a one-dimensional integral.
+
+    u | data ~ N(û, C_u), v ~ N(m, C_v), H0 ~ N: with r = H0/H_ref, û ~ N(r m, C_u + r² C_v).
+    """
+    found = observer_velocity(field, 67.3, peculiar=peculiar).velocity
+    prior = prior.to_frame(field.frame)
+    h = np.linspace(max(hubble[0] - 7 * hubble[1], 0.5), hubble[0] + 7 * hubble[1], points)
+    log, means, spreads = [], [], []
+    for r in h / 67.3:
+        total = found.covariance + r**2 * prior.covariance
+        away = found.value - r * prior.value
+        log.append(-away @ np.linalg.solve(total, away) / 2 - np.linalg.slogdet(total)[1] / 2)
+        gain = r * prior.covariance @ np.linalg.inv(total)
+        means.append(prior.value + gain @ away)
+        spreads.append(prior.covariance - r * gain @ prior.covariance)
+    p = np.exp(np.array(log) - max(log) - ((h - hubble[0]) / hubble[1]) ** 2 / 2)
+    p /= p.sum()
+    mean = p @ np.array(means)
+    away = np.array(means) - mean
+    spread = np.einsum("n,nij->ij", p, spreads) + np.einsum("n,ni,nj->ij", p, away, away)
+    centre = p @ h
+    return centre, np.sqrt(p @ (h - centre) ** 2), mean, np.sqrt(np.diag(spread))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_against_the_closed_form_and_the_grid(seed):
+    rng = np.random.default_rng(seed)
+    prior = Vector(VELOCITY + rng.normal(0, 60, 3), np.diag(rng.uniform(20, 120, 3) ** 2), unit="km/s")
+    hubble, peculiar = (rng.uniform(60, 80), rng.uniform(4, 15)), rng.uniform(0, 900)
+    field = galaxies(seed=seed, sigma=rng.uniform(3, 12), spread=peculiar)
+    centre, width, mean, sigma = closed_form(field, prior, hubble, peculiar)
+    found = sample(field, prior, hubble, 1_500_000, peculiar=peculiar, **SETTINGS)
+    on_grid = grid(field, prior, hubble, peculiar=peculiar)
+    for h, s, v in (
+        (found.samples["H0"].mean(), found.samples["H0"].std(), found.velocity),
+        (on_grid.mean("H0"), on_grid.sigma("H0"), on_grid.velocity),
+    ):
+        assert abs(h - centre) < 0.02 * width
+        assert s == pytest.approx(width, rel=0.02)
+        assert np.abs((v.value - mean) / sigma).max() < 0.02
+        np.testing.assert_allclose(v.sigma, sigma, rtol=0.02)
+    # The acceleration drawn along is that of the least squares, where the priors leave it alone.
+    assert (
+        found.acceleration.sigma.max()
+        < 1.05 * observer_velocity(field, 67.3, peculiar=peculiar).acceleration.sigma.max()
+    )
+
+
+def test_the_ridge_with_flat_priors():
+    """Flat in v, flat in H0 between limits: p(H0) ∝ H0⁻³ whatever the data, and u is as by least squares."""
+    field = galaxies(sigma=3.0)
+    found = sample(field, "flat", Flat(40, 100), 1_500_000, peculiar=0.0, **SETTINGS)
+    h = found.samples["H0"]
+    quantiles = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
+    expected = (40**-2.0 - quantiles * (40**-2.0 - 100**-2.0)) ** -0.5
+    np.testing.assert_allclose(np.quantile(h, quantiles), expected, rtol=0.015)
+    assert h.min() >= 40
+    assert h.max() <= 100
+    least = observer_velocity(field, 67.3, peculiar=0.0).velocity
+    u = np.stack([found.samples[f"v_{axis}"] * h / 67.3 for axis in "xyz"])
+    assert np.abs((u.mean(1) - least.value) / least.sigma).max() < 0.02
+    np.testing.assert_allclose(u.std(1), least.sigma, rtol=0.02)
+
+
+def test_a_chain_with_free_dispersion_against_the_grid():
+    field = galaxies(sigma=2.0, spread=700.0)
+    settings = {"velocity_prior": PLANCK_2018, "hubble_prior": Normal(67, 5), "peculiar": Flat(100, 1500)}
+    found, on_grid = sample(field, n_samples=1_500_000, **settings, **SETTINGS), grid(field, **settings)
+    for name in ("H0", "sigma_pec"):
+        x = found.samples[name]
+        assert abs(x.mean() - on_grid.mean(name)) < 0.02 * on_grid.sigma(name)
+        assert x.std() == pytest.approx(on_grid.sigma(name), rel=0.02)
+    product = found.samples["H0"] * found.samples["sigma_pec"]
+    assert product.std() / product.mean() < 0.05  # the scatter tells the product well
+    assert abs(product.mean() / (700 * 67.3) - 1) < 0.15
+
+
+def test_extra_noise_is_found():
+    field = galaxies(sigma=3.0)
+    quieter = field.with_errors(field.sigma / 2)  # 3 in truth, 1.5 as told: √(9 − 2.25) is missing
+    on_grid = grid(quieter, PLANCK_2018, Flat(20, 150), peculiar=0.0, extra=Flat(0, 20))
+    assert on_grid.mean("sigma_extra") == pytest.approx(np.sqrt(6.75), abs=4 * on_grid.sigma("sigma_extra"))
+    assert on_grid.sigma("sigma_extra") < 0.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_table_is_the_likelihood(seed):
+    """Interpolated against the full covariance, source by source, at random parameters."""
+    rng = np.random.default_rng(seed)
+    field = galaxies(60, seed=seed, sigma=4.0, spread=500.0)
+    rows = drift_rows(field)
+    given = priors("flat", Flat(30, 120), Flat(0, 1500), Flat(0, 30), "icrs")
+    model = drift_model(rows, given)
+    theta = np.column_stack([rng.normal(0, 400, (40, 3)), rng.uniform(30, 120, 40), rng.uniform(0, 1500, 40),
+                             rng.uniform(0, 30, 40)])  # fmt: skip
+    found = model.log_probability(theta)
+    expected = []
+    for u1, u2, u3, h, pec, extra in theta:
+        variance = rows.variance + (pec * h / 67.3 * rows.rate) ** 2 + extra**2
+        design, y = rows.design[:, :6], rows.motion
+        residual = y - design[:, :3] @ [u1, u2, u3]
+        normal = design[:, 3:].T @ (design[:, 3:] / variance[:, None])
+        b = design[:, 3:].T @ (residual / variance)
+        log = -(residual @ (residual / variance) - b @ np.linalg.solve(normal, b)) / 2
+        log -= np.log(variance).sum() / 2 + np.linalg.slogdet(normal)[1] / 2
+        expected.append(log - 3 * np.log(h / 67.3))
+    difference = found - expected
+    depth = 1 + 0.01 * (max(expected) - np.array(expected))
+    assert (np.abs(difference - difference[np.argmax(expected)]) / depth).max() < 1e-4
+
+
+def test_outliers_are_told_apart():
+    field = galaxies(400, sigma=2.0)
+    rng = np.random.default_rng(1)
+    wrong = rng.uniform(size=400) < 0.1
+    dirty = field.minus(np.where(wrong, rng.normal(0, 60, (2, 400)), 0.0))
+    found = sample(dirty, PLANCK_2018, Flat(20, 150), 200_000, peculiar=0.0, outliers=Flat(0, 0.5), outlier_width=60.0,
+                   walkers=64, **SETTINGS)  # fmt: skip
+    clean = sample(field[~wrong], PLANCK_2018, Flat(20, 150), 400_000, peculiar=0.0, **SETTINGS)
+    dirty_row, clean_row = (x.summary()["H0"] for x in (found, clean))
+    assert abs(dirty_row.mean - clean_row.mean) < clean_row.sigma
+    assert dirty_row.sigma < 1.4 * clean_row.sigma
+    assert found.summary()["outlier_fraction"].low95 < wrong.mean() < found.summary()["outlier_fraction"].high95
+    np.testing.assert_allclose(
+        found.acceleration.value, clean.acceleration.value, atol=2 * clean.acceleration.sigma.max()
+    )
+
+
+def test_a_callable_prior_is_the_gaussian_it_computes():
+    field = galaxies()
+    turned = Vector(PLANCK_2018.value, 1600 * np.eye(3), "galactic", "km/s").to_frame("icrs")
+
+    def by_hand(v):
+        return -np.sum((v - turned.value) ** 2, axis=1) / 3200
+
+    hubble = Density(lambda h: -((h - 70) ** 2) / 50, 30, 110)
+    one = sample(field, turned, Normal(70, 5), 400_000, **SETTINGS)
+    two = sample(field, by_hand, hubble, 400_000, **SETTINGS)
+    for name in ("H0", "v_x"):
+        a, b = one.summary()[name], two.summary()[name]
+        assert abs(a.mean - b.mean) < 0.05 * a.sigma
+        assert a.sigma == pytest.approx(b.sigma, rel=0.05)
+    with pytest.raises(ParameterError, match="must be Gaussian or flat"):
+        grid(field, by_hand, hubble)
+
+
+def test_a_spin_with_errors_is_a_prior():
+    field = galaxies(500)
+    free = grid(field, "flat", Normal(67.3, 1e-3), spin="free", peculiar=0.0).velocity
+    loose = grid(field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], 1e8 * np.eye(3)), peculiar=0.0).velocity
+    tight = grid(field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], 1e-10 * np.eye(3)), peculiar=0.0).velocity
+    none = grid(field, "flat", Normal(67.3, 1e-3), peculiar=0.0).velocity
+    fixed = grid(field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], np.zeros((3, 3))), peculiar=0.0).velocity
+    np.testing.assert_allclose(loose.value, free.value, rtol=1e-4)
+    np.testing.assert_allclose(tight.value, none.value, rtol=1e-4)
+    np.testing.assert_allclose(fixed.value, none.value, rtol=1e-9)
+    np.testing.assert_allclose(none.value, observer_velocity(field, 67.3, peculiar=0.0).velocity.value, rtol=1e-3)
+    np.testing.assert_allclose(
+        free.value, observer_velocity(field, 67.3, peculiar=0.0, spin="free").velocity.value, rtol=1e-3
+    )
+
+
+def test_a_short_chain_reports_nothing_but_keeps_its_samples():
+    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), 5000, **SETTINGS)
+    assert found.chain.shape == (40, 128, 4)
+    for report in (found.summary, found.report, found.to_arviz, found.corner, lambda: found.samples):
+        with pytest.raises(ConvergenceError, match=r"40 steps are .*; 50 times are needed.*n_samples=\d+"):
+            report()
+
+
+def test_walkers_that_never_moved_report_nothing():
+    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), 256, **SETTINGS)
+    with pytest.raises(ConvergenceError, match="2 steps are"):
+        found.report()
+
+
+def test_figures_and_tables():
+    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), 500_000, **SETTINGS)
+    text = found.report()
+    assert "toward the apex" in text
+    assert "H0" in text
+    assert len(found.corner().axes) == 49
+    assert len(found.trace().axes) == 4
+    assert set(found.samples) >= {"v_x", "v_y", "v_z", "H0", "speed", "a_x"}
+    row = found.summary()["H0"]
+    assert row.low95 < row.low68 < row.median < row.high68 < row.high95
+    assert "128 walkers" in repr(found)
+    assert set(found.autocorrelation) == {"v_x", "v_y", "v_z", "H0"}
+
+
+@pytest.mark.parametrize("ending", ["fits", "ecsv"])
+def test_samples_travel(ending, tmp_path):
+    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), 300_000, **SETTINGS)
+    found.write(tmp_path / f"samples.{ending}")
+    back = read_samples(tmp_path / f"samples.{ending}")
+    assert set(back) == set(found.samples)
+    for name, values in found.samples.items():
+        np.testing.assert_array_equal(back[name], values)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_arviz():
+    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), 500_000, **SETTINGS)
+    posterior = found.to_arviz()["posterior"]
+    assert float(posterior["H0"].mean()) == pytest.approx(found.summary()["H0"].mean)
+    assert posterior["v_x"].shape[0] == 128
+
+
+def test_a_posterior_without_limits_says_so():
+    field = galaxies(30, sigma=200.0)
+    found = sample(field, PLANCK_2018, "flat", 400_000, **SETTINGS)
+    assert "next to H0 = 1000, a limit of the sampler" in found.report()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"velocity_prior": "flat", "hubble_prior": "flat"}, ParameterError, "only the product v · H0"),
+        ({"velocity_prior": "flat", "hubble_prior": Flat(1)}, ParameterError, "must be proper"),
+        ({"velocity_prior": "cobe"}, ParameterError, "a velocity prior is 'planck', 'flat'"),
+        ({"velocity_prior": BACHCHAN_2016}, ParameterError, "needs errors in all three"),
+        ({"hubble_prior": "shoes"}, ParameterError, "no prior on H0 is called 'shoes'"),
+        ({"hubble_prior": (70, -1)}, ParameterError, "σ > 0"),
+        ({"hubble_prior": (70, 1, 2)}, ParameterError, "the prior on H0 must be Flat"),
+        ({"hubble_prior": Flat(-5, 0)}, ParameterError, "leaves nothing above zero"),
+        ({"peculiar": -1}, ParameterError, "peculiar cannot be -1"),
+        ({"peculiar": Flat(0)}, ParameterError, "needs an upper limit"),
+        ({"outliers": Flat(0, 2)}, ParameterError, "between 0 and 1"),
+        ({"outliers": Flat(0, 0.5), "spin": PLANCK_2018}, ParameterError, "take a known one away"),
+        ({"walkers": 6}, ParameterError, "6 walkers are too few"),
+        ({"n_samples": 100}, ParameterError, "fewer than two steps"),
+        ({"velocity_prior": lambda v: np.full(len(v), -np.inf)}, ParameterError, "zero wherever it was tried"),
+        ({"spin": "none"}, ParameterError, "spin is None, 'free' or a Vector"),
+    ],
+)
+def test_bad_input(options, error, words):
+    with pytest.raises(error, match=words):
+        sample(galaxies(50), **{"hubble_prior": Flat(20, 150)} | options)
+
+
+def test_too_few_sources():
+    with pytest.raises(DegeneracyError, match="2 sources cannot separate v_x"):
+        sample(galaxies(2), "planck", "planck")
+    with pytest.raises(ParameterError, match="fix all but two"):
+        grid(galaxies(50), "planck", Flat(20, 90), peculiar=Flat(0, 900), extra=Flat(0, 9))
+    with pytest.raises(ParameterError, match="limits that rise"):
+        Flat(3, 3)
+
+
+def calibrate(seed):
+    """Ranks of the truth among 99 samples of its posterior, for one universe drawn from the priors."""
+    rng = np.random.default_rng([seed, 9])
+    prior = Vector(VELOCITY, 120.0**2 * np.eye(3), unit="km/s")
+    velocity = prior.value + 120.0 * rng.normal(size=3)
+    hubble, spread = rng.normal(70, 8), rng.uniform(200, 1200)
+    field = galaxies(500, seed=10_000 + seed, sigma=3.0, velocity=velocity, spread=spread, hubble=hubble)
+    found = sample(field, prior, Normal(70, 8), 350_000, rng=seed, peculiar=Flat(200, 1200), progress=False, threads=1)
+    named = found.samples
+    chosen = rng.choice(len(named["H0"]), 99, replace=False)
+    truths = {"v_x": velocity[0], "v_y": velocity[1], "v_z": velocity[2], "H0": hubble, "sigma_pec": spread}
+    return [int((named[name][chosen] < value).sum()) for name, value in truths.items()]
+
+
+@pytest.mark.slow
+def test_simulation_based_calibration():
+    """Ranks in 300 posteriors are uniform: χ² over ten bins and Kolmogorov–Smirnov, each p > 0.001."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    with ProcessPoolExecutor(4, mp_context=get_context("spawn")) as pool:
+        ranks = np.array(list(pool.map(calibrate, range(300), chunksize=5)))
+    for column in ranks.T:
+        counts = np.bincount(column // 10, minlength=10)
+        assert chi2.sf(np.sum((counts - 30) ** 2 / 30), 9) > 1e-3
+        assert kstest((column + 0.5) / 100, "uniform").pvalue > 1e-3

@@ -1,0 +1,242 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import random_field, real_catalogue
+
+import fit
+import sim
+from fit.redshift import binned, chances_by_shuffling, equal_information
+from fit.secular_parallax import report_bins
+from vsh import Modes, Vector, catalogue
+from vsh.cosmology import BACHCHAN_2016, PLANCK_2018, transverse_distance
+from vsh.errors import DegeneracyError, FieldError, ParameterError
+from vsh.units import AU_PER_YEAR
+
+EDGES = [0.001, 0.005, 0.01, 0.03]
+
+
+def quasars(n, seed, truth=None, edges=(0.1, 4.0), frame="icrs"):
+    """Motions whose errors are as stated, at redshifts that tell nothing of them."""
+    rng = np.random.default_rng([seed, 5])
+    lon, lat = sim.uniform_sky(n, rng)
+    population = sim.population.Population(lon, lat, redshift=rng.uniform(*edges, n), frame=frame)
+    sigma, rho = 10 ** rng.uniform(0, 1, (2, n)), rng.uniform(-0.9, 0.9, n)
+    return sim.observe(population, truth or sim.spin((0, 0, 0)), rng, sigma=sigma, rho=rho)
+
+
+def test_the_sum_of_the_bins_is_the_whole():
+    field = quasars(2000, 1)
+    found = binned(field, 3, [0.1, 1.0, 2.0, 4.0])
+    whole, total = fit.normal_equations(field, Modes(3)), sum(found.normals)
+    np.testing.assert_allclose(total.matrix, whole.matrix, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(total.rhs, whole.rhs, rtol=1e-10, atol=1e-10)
+    assert total.n_data == whole.n_data == 2 * found.counts.sum()
+
+
+def test_each_bin_is_a_fit_of_its_own():
+    field = quasars(900, 2)
+    found = binned(field, 2, [0.1, 2.0, 4.0])
+    alone = fit.fit_field(field[field.redshift >= 2.0], 2)
+    np.testing.assert_allclose(found.solutions[1].coefficients.values, alone.coefficients.values)
+    np.testing.assert_allclose(found.solutions[1].covariance, alone.covariance)
+    assert found.modes == Modes(2)
+
+
+def test_one_pass_over_a_stream():
+    field = quasars(900, 2)
+    whole, streamed = binned(field, 1, [0.1, 2.0, 4.0]), binned(iter([field[:500], field[500:]]), 1, [0.1, 2.0, 4.0])
+    np.testing.assert_allclose(whole.covariance, streamed.covariance, rtol=1e-10)
+    np.testing.assert_allclose(whole.redshift, streamed.redshift)
+    with pytest.raises(ParameterError, match="the whole field"):
+        binned(iter([field]), 1, 3)
+
+
+def test_bins_of_equal_information():
+    field = quasars(5000, 3)
+    edges = equal_information(field, 4)
+    weight = field.weights[:2].sum(0)
+    shares = [weight[(field.redshift >= a) & (field.redshift < b)].sum() for a, b in pairwise(edges)]
+    np.testing.assert_allclose(shares, weight.sum() / 4, rtol=0.05)
+    assert binned(field, 1, 4).counts.sum() == 5000
+
+
+def test_higher_degrees_in_common_are_one_fit():
+    """The joint system against a design matrix written out."""
+    field = quasars(400, 4)
+    edges = [0.1, 2.0, 4.0]
+    found = binned(field, 2, edges, common="higher")
+    from vsh.basis import harmonics
+
+    modes = Modes(2)
+    rows = harmonics(field.lon, field.lat, modes)
+    own = [i for i, mode in enumerate(modes) if mode.l == 1]
+    rest = [i for i, mode in enumerate(modes) if mode.l == 2]
+    second = field.redshift >= 2.0
+    design = np.concatenate([rows[own] * ~second, rows[own] * second, rows[rest]])
+    a, b, c = field.weights
+    weighted = np.stack([a * design[:, 0] + c * design[:, 1], c * design[:, 0] + b * design[:, 1]], axis=1)
+    normal = np.einsum("ikn,jkn->ij", design, weighted)
+    theta = np.linalg.solve(normal, np.einsum("ikn,kn->i", weighted, field.motion))
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(normal)[:12, :12], rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(found.solutions[0].coefficients.values[own], theta[:6], rtol=1e-8)
+    np.testing.assert_allclose(found.solutions[1].coefficients.values[own], theta[6:12], rtol=1e-8)
+    for solution in found.solutions:
+        np.testing.assert_allclose(solution.coefficients.values[rest], theta[12:], rtol=1e-8)
+    residual = field.motion - np.einsum("i,ikn->kn", theta, design)
+    chi2 = field._with(motion=residual).chi2
+    assert found.solutions[0].chi2 == pytest.approx(chi2[~second].sum())
+
+
+@pytest.mark.parametrize("common", [None, "higher"])
+def test_equality_and_trend_are_chi2_where_nothing_changes(common):
+    tests = []
+    for seed in range(100):
+        field = quasars(300, seed, sim.acceleration((3, 0, 0)) + sim.spin((0, 5, 0)))
+        found = binned(field, 2, [0.1, 1.0, 2.0, 4.0], common)
+        trend = found.trend()
+        tests.append([found.equality(), found.equality("S", 1), trend.test, trend.misfit])
+    for each in zip(*tests, strict=True):
+        dof = each[0].dof
+        chi2 = np.array([test.chi2 for test in each])
+        assert chi2.mean() == pytest.approx(dof, abs=4 * np.sqrt(2 * dof / 100))
+        p = np.array([test.p for test in each])
+        assert 0.35 < p.mean() < 0.65
+
+
+def test_a_drift_is_found_by_the_trend_in_nearness_and_not_by_equality_alone():
+    velocity = Vector([4000.0, 0, 0], np.zeros((3, 3)), unit="km/s")
+    population = sim.galaxies(30_000, rng=1)
+    field = sim.observe(population, sim.drift(velocity.value) + sim.acceleration((0, 5, 0)), rng=2, sigma=20.0)
+    found = binned(field, 1, EDGES)
+    assert found.equality("S", 1).p < 1e-6
+    assert found.equality("T", 1).p > 1e-3
+    slope = found.trend(found.nearness).acceleration
+    from vsh.units import AU_PER_YEAR
+
+    np.testing.assert_allclose(-slope.value * AU_PER_YEAR, velocity.value, atol=6 * AU_PER_YEAR * slope.sigma.max())
+    acceleration, test = found.drift(velocity)
+    assert test.p > 1e-3
+    np.testing.assert_allclose(acceleration.value, (0, 5, 0), atol=4 * acceleration.sigma.max())
+    assert found.drift(BACHCHAN_2016)[1].p < 1e-6
+
+
+def test_a_trend_of_one_component_is_that_component():
+    def growing(lon, lat, z):
+        return sim.acceleration((0, 0, 7.0))(lon, lat) * z
+
+    field = quasars(4000, 7, growing)
+    trend = binned(field, 1, 5).trend()
+    pull = (trend.acceleration.value - [0, 0, 7.0]) / trend.acceleration.sigma
+    assert np.abs(pull).max() < 4
+    assert trend.test.p < 1e-6
+    assert np.abs(trend.spin.value / trend.spin.sigma).max() < 4
+
+
+def test_left_out_sources_are_counted_and_named():
+    field = quasars(300, 8)
+    z = field.redshift.copy()
+    z[:3] = np.nan, -1.0, 9.0
+    found = binned(field._with(redshift=z, name=np.arange(300)), 1, [0.1, 4.0])
+    assert "left out 2 of 300 sources without a usable redshift: 1 missing, 1 zero or negative (0, 1)" in found.notes
+    assert "left out 1 sources with redshifts outside 0.1 … 4" in found.notes
+    assert found.counts.sum() == 297
+
+
+@pytest.mark.parametrize(
+    ("edges", "error", "words"),
+    [
+        ([0.1, 0.1000001, 4.0], DegeneracyError, "bin 1 of 2, 0.1 ≤ z < 0.1, is empty"),
+        ([4.0, 5.0], DegeneracyError, "bin 1 of 1, .* is empty"),
+        ([1.0, 0.1], ParameterError, "[Ee]dges of redshift bins rise"),
+        ([1.0, 1.0], ParameterError, "[Ee]dges of redshift bins rise"),
+        ([1.0, np.nan], ParameterError, "1 of 2 values of edges are not finite"),
+        ([1.0], ParameterError, "[Ee]dges of redshift bins rise"),
+        (0, ParameterError, "bins must be a whole number of at least 1, not 0"),
+        (400, DegeneracyError, "300 sources do not fill 400 bins"),
+        (150, DegeneracyError, "150 bins cannot hold equal information: a few sources weigh more than a bin"),
+        ([0.1, 0.12, 4.0], DegeneracyError, r"bin 1, .*cannot separate 6 modes.*or take fewer bins"),
+    ],
+)
+def test_bad_edges(edges, error, words):
+    with pytest.raises(error, match=words):
+        binned(quasars(300, 9), 1, edges)
+
+
+def test_bad_questions():
+    found = binned(quasars(300, 9), 1, 2)
+    with pytest.raises(FieldError, match="no redshifts"):
+        binned(random_field(50, 1), 1, 2)
+    with pytest.raises(ParameterError, match="a finite x for each of the 2 bins"):
+        found.trend([1.0])
+    with pytest.raises(ParameterError, match="no free coefficients"):
+        found.equality("T", 4)
+    with pytest.raises(ParameterError, match='common is None or "higher"'):
+        binned(quasars(300, 9), 2, 2, common="all")
+    with pytest.raises(ParameterError, match="at least two bins"):
+        binned(quasars(300, 9), 1, 1).trend()
+
+
+def test_table():
+    found = binned(quasars(300, 9, frame="galactic"), 1, 2)
+    table = found.to_table()
+    assert len(table) == 2
+    assert str(table["acceleration_x"].unit) == "uas / yr"
+    assert table.meta["frame"] == "galactic"
+    np.testing.assert_allclose(table["spin_y_error"], [s.spin.sigma[1] for s in found.solutions])
+
+
+def test_shuffling_keeps_its_promise_with_wrong_errors():
+    """Errors five times too small: χ² as quoted claims a difference, scaled and permuted it does not."""
+    chances, plain, scaled = [], [], []
+    for seed in range(40):
+        field = quasars(250, seed)
+        field = field.with_errors(field.sigma / 5)
+        found = binned(field, 1, 3)
+        chances.append(chances_by_shuffling(field, found, rounds=99, rng=seed)["S"])
+        plain.append(found.equality("S", 1).p_quoted)
+        scaled.append(found.equality("S", 1).p)
+    assert max(plain) < 0.01
+    assert 0.35 < np.mean(scaled) < 0.65  # uniform: the mean of 40 has a standard error of 0.046
+    assert 0.35 < np.mean(chances) < 0.65
+    assert min(chances) >= 0.01
+
+
+def test_shuffling_begins_with_the_same_chi2():
+    field = quasars(500, 11)
+    found = binned(field, 1, 3)
+    from fit.redshift._contrasts import equality_chi2, slope_chi2
+
+    values = np.stack([s.coefficients.values for s in found.solutions])
+    covariance = np.stack([s.covariance for s in found.solutions])
+    assert equality_chi2(values, covariance) == pytest.approx(found.equality().quoted)
+    assert slope_chi2(values, covariance, found.redshift) == pytest.approx(found.trend().test.quoted)
+    scaled = covariance * found.scales[:, None, None]
+    assert slope_chi2(values, scaled, found.redshift) == pytest.approx(found.trend().test.chi2)
+
+
+def test_a_real_catalogue_claims_nothing():
+    field = catalogue.read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"), {"redshift": "z"})
+    found = binned(field, 1, [0.01, 0.5, 1, 1.5, 7])
+    assert found.counts.sum() == 655
+    text = report_bins(found, chances=chances_by_shuffling(field, found))
+    assert text.count("  not contradicted") == 4
+    assert "  contradicted" not in text
+    assert "the residuals suggest errors 2.77 times as large" in text
+    assert found.trend().test.p_quoted < 1e-9  # what the catalogue's errors alone would have claimed
+
+
+def test_markers_stand_where_a_bin_measures():
+    """Fault C11: at the mean redshift, points lay 4 to 5 σ off a curve that the test accepted."""
+    galaxies = sim.galaxies(20_000, 1, nearest=0.001, farthest=0.03)
+    velocity = PLANCK_2018.to_frame("icrs")
+    field = sim.observe(galaxies, sim.drift(velocity.value), 2, sigma=0.5)
+    found = binned(field, 1, [0.001, 0.006, 0.03])
+    predicted = -np.outer(1 / (AU_PER_YEAR * transverse_distance(found.effective_redshift)), velocity.value)
+    at_mean = -np.outer(1 / (AU_PER_YEAR * transverse_distance(found.redshift)), velocity.value)
+    for b, solution in enumerate(found.solutions):
+        a = solution.acceleration
+        assert np.abs((a.value - predicted[b]) / a.sigma).max() < 4
+        assert found.edges[b] < found.effective_redshift[b] < found.redshift[b]
+    first = found.solutions[0].acceleration
+    assert np.abs((first.value - at_mean[0]) / first.sigma).max() > 4

@@ -1,0 +1,143 @@
+"""Robust likelihoods and extra noise."""
+
+import numpy as np
+import pytest
+from conftest import real_catalogue
+
+import fit
+import sim
+from fit.robust import _reweight
+from vsh import Field, Modes
+from vsh.catalogue import read_field
+
+TRUTH = np.array([1.0, 2, 3, 0, 4, 0])
+SKY = sim.Population(*sim.plane_avoiding_sky(1500, rng=1), None)
+ROBUST = [fit.robust.student_t, fit.robust.permissive]
+
+
+def spoilt(seed, share=0.05, factor=20.0, names=None):
+    """Motions whose errors are understated by `factor` for a share of the sources."""
+    rng = np.random.default_rng(seed)
+    sigma = rng.uniform(20, 60, (2, len(SKY)))
+    rho = rng.uniform(-0.7, 0.7, len(SKY))
+    true = sigma * np.where(rng.uniform(size=len(SKY)) < share, factor, 1.0)
+    field = sim.observe(SKY, sim.spin(TRUTH[:3]) + sim.acceleration(TRUTH[3:]), rng, sigma=true, rho=rho)
+    return Field(field.lon, field.lat, field.motion, sigma, rho, name=names)
+
+
+def pull(solution):
+    found = np.r_[solution.spin.value, solution.acceleration.value]
+    return (found - TRUTH) / np.r_[solution.spin.sigma, solution.acceleration.sigma]
+
+
+@pytest.mark.parametrize("method", ROBUST)
+def test_pulls_stay_standard_normal_with_bad_errors(method):
+    pulls = np.array([pull(method(spoilt(seed), Modes(1)).solution) for seed in range(200)])
+    assert abs(pulls.std() - 1) < 0.15
+    assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(200)
+    plain = np.array([pull(fit.fit_field(spoilt(seed), 1)) for seed in range(200)])
+    assert plain.std() > 2
+
+
+@pytest.mark.parametrize("method", ROBUST)
+def test_good_errors_cost_little(method):
+    pulls = np.array([pull(method(spoilt(seed, share=0), Modes(1)).solution) for seed in range(100)])
+    assert abs(pulls.std() - 1) < 0.15
+    # A bivariate Gaussian seen by a likelihood of heavier tails: a tenth at most.
+    assert 0.9 < method(spoilt(1, share=0), Modes(1)).inflation < 1.1
+
+
+@pytest.mark.parametrize("method", ROBUST)
+def test_the_worst_sources_are_named(method):
+    names = np.array([f"Q{i}" for i in range(len(SKY))])
+    field = spoilt(1, share=0, names=names)
+    motion = field.motion.copy()
+    motion[0, 77] += 5000
+    found = method(Field(field.lon, field.lat, motion, field.sigma, field.rho, name=names), Modes(1))
+    assert found.most_downweighted(1)[0] == 77
+    assert found.weights.argmin() == 77
+    assert "most downweighted: Q77 (" in found.solution.notes[-1]
+    assert 0.5 * len(SKY) < found.effective < len(SKY)
+    assert found.solution.errors_from == "the residuals of the robust fit, source by source"
+
+
+def test_weights_are_those_of_the_likelihood():
+    """u = −2 d ln L / d X², by numerical derivative of the two likelihoods, integrated afresh."""
+    x2 = np.array([0.1, 1.0, 5.0, 50.0])
+    t = (np.arange(20_000) + 0.5) / 20_000
+    step = 1e-4
+
+    def log_permissive(x2):
+        return np.log(np.mean(t**2 * np.exp(-np.multiply.outer(x2, t**2) / 2), axis=1))
+
+    expected = -(log_permissive(x2 + step) - log_permissive(x2 - step)) / step
+    seen = {}
+    _reweight._reweighted, kept = (
+        lambda field, modes, weight, *_: seen.update(weight=weight),
+        _reweight._reweighted,
+    )
+    try:
+        fit.robust.permissive(spoilt(1), 1)
+    finally:
+        _reweight._reweighted = kept
+    u, slope = seen["weight"](x2)
+    np.testing.assert_allclose(u, expected, rtol=1e-5)
+    numeric = (seen["weight"](x2 + step)[0] - seen["weight"](x2 - step)[0]) / (2 * step)
+    np.testing.assert_allclose(slope, numeric, rtol=1e-5)
+
+
+def test_degrees_of_freedom_are_found():
+    rng = np.random.default_rng(1)
+    n = 20_000
+    population = sim.Population(*sim.uniform_sky(n, rng), None)
+    field = sim.observe(population, sim.spin((0, 0, 0)), rng, sigma=10.0)
+    heavy = Field(field.lon, field.lat, field.motion / np.sqrt(rng.chisquare(3, n) / 3), field.sigma)
+    found = fit.robust.student_t(heavy, Modes(1))
+    # Fisher's information of ν = 3 from 20 000 pairs: a few per cent.
+    assert found.dof == pytest.approx(3, rel=0.1)
+    assert fit.robust.student_t(heavy, Modes(1), dof=5).dof == 5
+    with pytest.raises(ValueError, match="dof must be above zero"):
+        fit.robust.student_t(heavy, Modes(1), dof=0)
+
+
+def noisy(seed, extra, factor=1.0):
+    rng = np.random.default_rng(seed)
+    n = 4000
+    population = sim.Population(*sim.uniform_sky(n, rng), None)
+    sigma, rho = 10 ** rng.uniform(0.5, 2, (2, n)), rng.uniform(-0.8, 0.8, n)
+    field = sim.observe(
+        population, sim.spin(TRUTH[:3]) + sim.acceleration(TRUTH[3:]), rng, sigma=factor * sigma, rho=rho
+    )
+    motion = field.motion + extra * rng.standard_normal((2, n))
+    return Field(field.lon, field.lat, motion, sigma, rho)
+
+
+def test_extra_noise_is_recovered():
+    found = [fit.robust.extra_noise(noisy(seed, 15.0), Modes(1)) for seed in range(60)]
+    pulls = np.array([(f.extra - 15) / f.extra_error for f in found])
+    assert abs(pulls.mean()) < 4 / np.sqrt(60)
+    assert abs(pulls.std() - 1) < 4 / np.sqrt(120)
+    of_the_fit = np.array([pull(f.solution) for f in found])
+    assert abs(of_the_fit.std() - 1) < 4 / np.sqrt(2 * of_the_fit.size)
+
+
+def test_extra_noise_and_scale_together():
+    found = [fit.robust.extra_noise(noisy(seed, 15.0, 1.3), Modes(1), scale=True) for seed in range(40)]
+    for value, name in ((15.0, "extra"), (1.3, "scale")):
+        pulls = np.array([(getattr(f, name) - value) / getattr(f, f"{name}_error") for f in found])
+        assert abs(pulls.mean()) < 4 / np.sqrt(40)
+        assert abs(pulls.std() - 1) < 4 / np.sqrt(80)
+
+
+def test_no_extra_noise_is_none():
+    found = [fit.robust.extra_noise(noisy(seed, 0.0), Modes(1)) for seed in range(20)]
+    assert sum(f.extra == 0 for f in found) >= 4  # half of the time the best variance would be negative
+    assert all(f.extra < 4 * f.extra_error for f in found)
+
+
+def test_vlba_accelerations_point_to_the_galactic_centre():
+    field = read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
+    for method in ROBUST:
+        a = method(field, Modes(1)).solution.acceleration.to_frame("galactic")
+        assert np.degrees(np.arccos(a.value[0] / a.amplitude)) < 10
+        assert abs(a.amplitude - 1.69) < np.hypot(0.27, a.amplitude_error)

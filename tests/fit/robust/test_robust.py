@@ -1,0 +1,87 @@
+"""Clipping."""
+
+import numpy as np
+import pytest
+
+import fit
+import sim
+from fit.robust import _clip
+from vsh import Field, Modes
+from vsh.errors import ConvergenceError
+
+TRUTH = sim.spin((1, 2, 3)) + sim.acceleration((0, 4, 0))
+N = 20_000
+
+
+def noisy(seed, outliers=0):
+    population = sim.Population(*sim.uniform_sky(N, rng=seed), None)
+    field = sim.observe(population, TRUTH, seed, sigma=[[30.0], [20.0]], rho=0.5)
+    motion = field.motion.copy()
+    motion[0, :outliers] += 1000.0
+    return Field(field.lon, field.lat, motion, field.sigma, field.rho)
+
+
+@pytest.mark.parametrize("kappa", [1.5, 2.0, 3.0])
+def test_gaussian_errors_lose_two_to_the_minus_kappa_squared(kappa):
+    clipped = fit.robust.clip(noisy(1), Modes(1), kappa=kappa)
+    expected = 2.0 ** -(kappa**2)
+    lost = 1 - clipped.kept.mean()
+    # Binomial scatter, and that of the median: 1.6 % of itself moves the count by as much again.
+    assert abs(lost - expected) < 4 * np.sqrt(expected / N) * 2
+
+
+def test_outliers_are_left_out_and_said():
+    clipped = fit.robust.clip(noisy(2, outliers=400), Modes(1), kappa=4)
+    assert not clipped.kept[:400].any()
+    assert clipped.kept[400:].mean() > 0.999
+    found = clipped.solution
+    assert np.abs((found.spin.value - [1, 2, 3]) / found.spin.sigma).max() < 4
+    spoilt = fit.fit_field(noisy(2, outliers=400), 1)
+    assert np.abs((spoilt.spin.value - [1, 2, 3]) / spoilt.spin.sigma).max() > 10
+    assert any("clipped 40" in note and "κ = 4" in note for note in found.notes)
+
+
+def test_an_absolute_threshold():
+    field = noisy(3)
+    clipped = fit.robust.clip(field, Modes(1), threshold=2.0)
+    x = np.sqrt(clipped.solution.residuals(field).chi2)
+    np.testing.assert_array_equal(clipped.kept, x <= 2.0)
+    # P(X > 2) = exp(−2)
+    assert 1 - clipped.kept.mean() == pytest.approx(np.exp(-2), abs=0.01)
+
+
+def test_a_source_may_come_back():
+    """Beside huge outliers of one sign the first fit throws out good sources; they return."""
+    field = noisy(4, outliers=3000)
+    clipped = fit.robust.clip(field, Modes(1), threshold=5.0)
+    first = np.sqrt(fit.fit_field(field, 1).residuals(field).chi2) <= 5.0
+    assert (clipped.kept & ~first).sum() > 100
+    assert clipped.rounds > 2
+
+
+def test_an_unsettled_clip_is_never_returned():
+    with pytest.raises(ConvergenceError, match="not settled after 1 rounds"):
+        fit.robust.clip(noisy(5, outliers=100), Modes(1), max_rounds=1)
+    with pytest.raises(ValueError, match="kappa must be above zero"):
+        fit.robust.clip(noisy(5), Modes(1), kappa=0)
+
+
+def test_a_clip_in_circles_says_so(monkeypatch):
+    """Two sets of sources that send for one another."""
+    field = noisy(6)[:1000]
+    solutions = iter([fit.fit_field(field, 1)] * 9)
+    distances = iter([np.r_[np.full(500, a), np.full(500, b)] for a, b in [(1, 9), (9, 1)] * 4])
+
+    class Swinging:
+        notes = ()
+
+        def residuals(self, field):
+            return self
+
+        @property
+        def chi2(self):
+            return next(distances) ** 2.0
+
+    monkeypatch.setattr(_clip, "solve", lambda normal: next(solutions) and Swinging())
+    with pytest.raises(ConvergenceError, match="circles after 3 rounds: 1000 sources come and go"):
+        fit.robust.clip(field, Modes(1), threshold=5.0)

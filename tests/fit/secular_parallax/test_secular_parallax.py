@@ -1,0 +1,191 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sim
+from fit.secular_parallax import drift_rows, hubble_constant, observer_velocity
+from vsh import Field, Vector
+from vsh.cosmology import BACHCHAN_2016, flat
+from vsh.errors import DegeneracyError, FieldError, ParameterError
+
+VELOCITY = BACHCHAN_2016.to_frame("icrs").value
+ACCELERATION = np.array([-0.236, -3.756, -2.080])
+SPIN = np.array([0.3, -0.2, 0.5])
+
+
+def galaxies(n, seed, sigma=2.0, rho=0.5, truth=None, **options):
+    population = sim.galaxies(n, rng=seed)
+    truth = truth or sim.drift(VELOCITY, **options) + sim.acceleration(ACCELERATION)
+    rng = np.random.default_rng(seed)
+    sigma = sigma * np.exp(rng.normal(0, 0.5, (2, n)))
+    return sim.observe(population, truth, rng=rng, sigma=sigma, rho=rng.uniform(-rho, rho, n))
+
+
+def exact(field, truth):
+    """The same sources with the true motions."""
+    return field.minus(field.motion - truth(field.lon, field.lat, field.redshift))
+
+
+def test_both_truths_come_out_of_noiseless_motions():
+    truth = sim.drift(VELOCITY, hubble=72.0) + sim.acceleration(ACCELERATION)
+    field = exact(galaxies(500, 1), truth)
+    found = observer_velocity(field, 72.0)
+    np.testing.assert_allclose(found.values, [*VELOCITY, *ACCELERATION], rtol=1e-9)
+    assert found.chi2 == pytest.approx(0, abs=1e-6)
+    assert found.apex[0] == pytest.approx((263.99, 48.26))
+    hubble = hubble_constant(field, VELOCITY)
+    assert hubble.hubble == pytest.approx(72.0, rel=1e-9)
+    np.testing.assert_allclose(hubble.acceleration.value, ACCELERATION, rtol=1e-9)
+
+
+def test_sources_drift_toward_the_antapex():
+    field = Field([0.0], [0.0], np.zeros((2, 1)), np.ones((2, 1)), redshift=[0.01])
+    north = sim.drift((0, 0, 100.0))(field.lon, field.lat, field.redshift)
+    assert north[1, 0] < 0
+    np.testing.assert_allclose(drift_rows(field).design[:, 2] * 100.0, [north[0, 0], north[1, 0]], atol=1e-15)
+
+
+def test_another_cosmology_changes_the_shape_alone():
+    cosmology = flat(0.2)
+    truth = sim.drift(VELOCITY, cosmology=cosmology, hubble=80.0) + sim.acceleration(ACCELERATION)
+    field = exact(galaxies(500, 1), truth)
+    np.testing.assert_allclose(observer_velocity(field, 80.0, cosmology).velocity.value, VELOCITY, rtol=1e-9)
+
+
+def design_matrix(field, hubble, peculiar, extra):
+    """The same least squares, written out with full 2 × 2 covariances."""
+    from vsh.cosmology import transverse_distance
+    from vsh.sky.sphere import triad
+    from vsh.units import AU_PER_YEAR
+
+    rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, hubble=hubble))
+    p, q, _ = triad(field.lon, field.lat)
+    normal, rhs = np.zeros((9, 9)), np.zeros(9)
+    for i in range(len(field)):
+        s1, s2 = field.sigma[:, i]
+        c = np.array([[s1**2, field.rho[i] * s1 * s2], [field.rho[i] * s1 * s2, s2**2]])
+        c += ((peculiar * rate[i]) ** 2 + extra**2) * np.eye(2)
+        rows = np.array([[*(-rate[i] * p[:, i]), *p[:, i], *q[:, i]], [*(-rate[i] * q[:, i]), *q[:, i], *-p[:, i]]])
+        normal += rows.T @ np.linalg.solve(c, rows)
+        rhs += rows.T @ np.linalg.solve(c, field.motion[:, i])
+    return normal, rhs
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_against_the_plain_design_matrix(seed):
+    field = galaxies(150, seed, rho=0.95)
+    normal, rhs = design_matrix(field, 70.0, 600.0, 1.5)
+    found = observer_velocity(field, 70.0, peculiar=600.0, extra=1.5)
+    six = slice(0, 6)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(normal[six, six]), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.values, np.linalg.solve(normal[six, six], rhs[six]), rtol=1e-9)
+    free = observer_velocity(field, 70.0, peculiar=600.0, extra=1.5, spin="free")
+    np.testing.assert_allclose(free.values, np.linalg.solve(normal, rhs), rtol=1e-9)
+    np.testing.assert_allclose(free.spin.covariance, np.linalg.inv(normal)[6:, 6:], rtol=1e-9, atol=1e-12)
+
+
+def test_a_known_spin_is_taken_away_and_its_errors_carried_on():
+    truth = sim.drift(VELOCITY) + sim.acceleration(ACCELERATION) + sim.spin(SPIN)
+    field = exact(galaxies(300, 2), truth)
+    known = Vector(SPIN, np.zeros((3, 3)))
+    np.testing.assert_allclose(observer_velocity(field, 67.3, spin=known).velocity.value, VELOCITY, rtol=1e-8)
+    plain = observer_velocity(field, 67.3, spin=known)
+    with_errors = observer_velocity(field, 67.3, spin=Vector(SPIN, 0.04 * np.eye(3)))
+    # θ is linear in ω: the covariance by three unit steps.
+    steps = np.stack(
+        [observer_velocity(field, 67.3, spin=Vector(SPIN + step, np.zeros((3, 3)))).values for step in np.eye(3)], 1
+    )
+    carried = steps - plain.values[:, None]
+    np.testing.assert_allclose(with_errors.covariance, plain.covariance + 0.04 * carried @ carried.T, rtol=1e-6)
+    np.testing.assert_allclose(with_errors.values, plain.values)
+    turned = observer_velocity(field, 67.3, spin=known.to_frame("galactic"))
+    np.testing.assert_allclose(turned.values, plain.values, rtol=1e-9)
+    assert plain.spin is None
+    assert plain.chi2 == pytest.approx(0, abs=1e-6)
+
+
+def test_the_frame_does_not_matter():
+    field = galaxies(400, 3)
+    here, there = observer_velocity(field, 67.3), observer_velocity(field.to_frame("galactic"), 67.3)
+    np.testing.assert_allclose(there.velocity.value, here.velocity.to_frame("galactic").value, rtol=1e-9)
+    assert there.apex[0] == pytest.approx(here.apex[0])
+    hubble = hubble_constant(field.to_frame("galactic"), BACHCHAN_2016)
+    assert hubble.hubble == pytest.approx(hubble_constant(field, BACHCHAN_2016).hubble)
+
+
+def test_velocity_and_hubble_are_the_same_product():
+    field = galaxies(400, 4)
+    one, two = observer_velocity(field, 67.3, peculiar=0), observer_velocity(field, 134.6, peculiar=0)
+    np.testing.assert_allclose(one.velocity.value, 2 * two.velocity.value, rtol=1e-9)
+    fast, slow = hubble_constant(field, 2 * VELOCITY), hubble_constant(field, VELOCITY)
+    assert slow.hubble == pytest.approx(2 * fast.hubble)
+
+
+def test_errors_of_the_velocity_are_carried_into_hubble():
+    field = galaxies(400, 5)
+    loose = replace(BACHCHAN_2016, covariance=400.0 * np.eye(3))
+    exactly, with_errors = hubble_constant(field, BACHCHAN_2016), hubble_constant(field, loose)
+    rng = np.random.default_rng(1)
+    scatter = np.std([hubble_constant(field, replace(BACHCHAN_2016, value=BACHCHAN_2016.value + 20 * rng.normal(size=3))).hubble
+                      for _ in range(400)])  # fmt: skip
+    assert with_errors.hubble_error == pytest.approx(np.hypot(exactly.hubble_error, scatter), rel=0.05)
+    assert with_errors.hubble_error > exactly.hubble_error
+
+
+def test_pulls_with_peculiar_velocities():
+    pulls = []
+    for seed in range(60):
+        truth = sim.drift(VELOCITY) + sim.acceleration(ACCELERATION) + sim.peculiar(750.0, rng=1000 + seed)
+        field = galaxies(400, seed, sigma=1.0, truth=truth)
+        found = observer_velocity(field, 67.3)
+        pulls.append((found.values - [*VELOCITY, *ACCELERATION]) / found.sigma)
+        hubble = hubble_constant(field, BACHCHAN_2016)
+        pulls[-1] = [*pulls[-1], (hubble.hubble - 67.3) / hubble.hubble_error]
+    pulls = np.array(pulls)
+    assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(60)
+    assert pulls.std() == pytest.approx(1, abs=0.12)
+    ignored = observer_velocity(field, 67.3, peculiar=0.0)
+    assert ignored.chi2 / ignored.dof > 1.5
+
+
+def test_the_background_as_a_test():
+    field = galaxies(2000, 6, sigma=1.0)
+    found = observer_velocity(field, 67.3)
+    chi2, p = found.against(BACHCHAN_2016)
+    assert 0 < chi2 < 20
+    assert p > 0.001
+    away = replace(BACHCHAN_2016, value=BACHCHAN_2016.value + 10 * np.linalg.norm(found.velocity.sigma))
+    assert found.against(away)[1] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "words"),
+    [
+        (lambda f: observer_velocity(f), DegeneracyError, r"only the product .* v · H0: give hubble="),
+        (lambda f: hubble_constant(f), DegeneracyError, r"only the product"),
+        (lambda f: observer_velocity(f, 0.0), ParameterError, "hubble must be above zero, not 0.0"),
+        (lambda f: observer_velocity(f, -67.0), ParameterError, "must be (above zero|a finite number)"),
+        (lambda f: observer_velocity(f, np.nan), ParameterError, "must be (above zero|a finite number)"),
+        (lambda f: hubble_constant(f, (0, 0, 0)), ParameterError, "has no direction"),
+        (lambda f: hubble_constant(f, (1, 2)), ParameterError, "three components"),
+        (lambda f: hubble_constant(f, "cobe"), ParameterError, "there are planck, paper"),
+        (lambda f: observer_velocity(f, 70, peculiar=-1), ParameterError, "peculiar must be zero or more, not -1"),
+        (lambda f: observer_velocity(f, 70, spin="none"), ParameterError, "spin is None, 'free' or a Vector"),
+        (lambda f: observer_velocity(f[:2], 70), DegeneracyError, "2 sources cannot separate v_x"),
+        (lambda f: observer_velocity(f._with(redshift=None), 70), FieldError, "no redshifts"),
+        (
+            lambda f: observer_velocity(f._with(redshift=np.full(50, 0.01)), 70),
+            DegeneracyError,
+            "more than one distance",
+        ),
+        (
+            lambda f: observer_velocity(f._with(redshift=np.r_[np.nan, 0.0, -1, f.redshift[3:]]), 70),
+            FieldError,
+            "3 of 50 redshifts .* 1 missing, 2 zero or negative",
+        ),
+    ],
+)
+def test_bad_input(call, error, words):
+    with pytest.raises(error, match=words):
+        call(galaxies(50, 1))

@@ -1,0 +1,177 @@
+"""Imports run one way, rooms stay small, and heavy libraries are imported in few places.
+
+vsh imports neither sim nor fit; sim and fit import vsh and not each other. Inside a package no two modules import
+each other, not even from within a function, and files that begin with an underscore are imported from their own
+folder only.
+"""
+
+import ast
+import re
+import subprocess
+import sys
+from fnmatch import fnmatch
+
+import pytest
+from conftest import ROOT
+
+MAY_IMPORT = {"vsh": {"vsh"}, "sim": {"sim", "vsh"}, "fit": {"fit", "vsh"}, "study": {"study", "sim", "fit", "vsh"}}
+FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
+FOLDERS = sorted({path.parent for path in FILES} | {path.parent for path in (ROOT / "tests").rglob("*.py")})
+DOCTEST = re.compile(r"^\s*>>> (?:from|import) ([\w.]+)", re.MULTILINE)
+
+#: The only files that may import a heavy library.
+HEAVY = {
+    "healpy": ["vsh/sky/pixels.py"],
+    "ducc0": ["vsh/transform.py"],
+    "emcee": ["fit/sampling/_chain.py"],
+    "corner": ["fit/*/_plot.py"],
+    "arviz": ["fit/posterior/_sample.py"],
+    "matplotlib": [
+        "*/_plot.py", "*/plot.py", "fit/output/_figures.py", "fit/output/_files.py", "*/commands/*.py", "study/figures.py",
+    ],
+    "pyarrow": ["vsh/tables/_arrow.py"],
+    "astropy.cosmology": ["vsh/cosmology/_distance.py"],
+    "astropy": [
+        "vsh/tables/_*.py", "vsh/cosmology/_distance.py", "vsh/catalogue/_columns.py", "vsh/sky/frames.py", "vsh/commands/*.py",
+        "sim/effects.py", "fit/storage.py",
+    ],
+}  # fmt: skip
+#: What a function may import instead of its file: what is heavy, and what is imported only if it is asked for.
+LATE = re.compile(
+    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|importlib|multiprocessing|threadpoolctl|tqdm|platform|tomllib)\b"
+)
+
+
+def name(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+def module(path):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module(path): path for path in FILES}
+
+
+def imported(path, everywhere=True):
+    """The modules that a file imports: at its top, or with `everywhere` within its functions too."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = set()
+    for node in ast.walk(tree) if everywhere else _top(tree):
+        if isinstance(node, ast.Import):
+            found |= {each.name for each in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            for each in node.names:
+                full = f"{node.module}.{each.name}"
+                found.add(full if full in MODULES else node.module)
+    return found
+
+
+def _top(tree):
+    """The statements that run when a file is imported: not those for type checkers alone."""
+    for node in tree.body:
+        if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)):
+            yield node
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_arrows(path):
+    package = path.relative_to(ROOT).parts[0]
+    used = imported(path) | set(DOCTEST.findall(path.read_text(encoding="utf-8")))
+    assert {each.split(".")[0] for each in used} & set(MAY_IMPORT) <= MAY_IMPORT[package]
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_private_files_are_imported_from_their_own_folder(path):
+    own = module(path) if path.name == "__init__.py" else module(path).rsplit(".", 1)[0]
+    for each in imported(path):
+        if re.search(r"\._[a-z]", each):
+            assert each.rsplit(".", 1)[0] == own, each
+
+
+def test_no_two_modules_import_each_other():
+    """Not in a circle of any length, and not from within functions either; a face and its own files are one."""
+    room = {each: each.rsplit(".", 1)[0] if each.rsplit(".", 1)[-1].startswith("_") else each for each in MODULES}
+    for of in (room, {each: each for each in MODULES}):
+        arrows = {}
+        for each, path in MODULES.items():
+            # A package's own __init__ only gathers names; for single files it is left out.
+            if of is not room and path.name == "__init__.py":
+                continue
+            targets = {
+                of[t] for t in imported(path) if t in MODULES and (of is room or MODULES[t].name != "__init__.py")
+            }
+            arrows.setdefault(of[each], set()).update(targets - {of[each]} - {"vsh", "sim", "fit", "study"})
+        assert _circle(arrows) is None
+
+
+def _circle(arrows):
+    """A circle among arrows as a list of its nodes, or None."""
+    done = set()
+
+    def visit(node, way):
+        if node in way:
+            return [*way[way.index(node) :], node]
+        if node in done:
+            return None
+        done.add(node)
+        for each in sorted(arrows.get(node, ())):
+            found = visit(each, [*way, node])
+            if found:
+                return found
+        return None
+
+    return next((found for node in sorted(arrows) if (found := visit(node, []))), None)
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_heavy_libraries_are_imported_in_few_places(path):
+    for library, places in HEAVY.items():
+        if any(each == library or each.startswith(library + ".") for each in imported(path)):
+            assert any(fnmatch(name(path), place) for place in places)
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_imports_within_functions_earn_it(path):
+    """Only of heavy libraries, or of our own files that import one at their top."""
+    for each in imported(path) - imported(path, everywhere=False):
+        assert LATE.match(each) or any(map(LATE.match, _reached(each))), each
+
+
+def _reached(start):
+    """All that is imported when a module is."""
+    found, wait = set(), [start]
+    while wait:
+        each = wait.pop()
+        if each in found:
+            continue
+        found.add(each)
+        if each in MODULES:
+            wait += imported(MODULES[each], everywhere=False)
+            parent = each.rsplit(".", 1)[0]
+            wait += [parent] if parent in MODULES and parent != each else []
+    return found - {"scipy"}
+
+
+def test_import_is_light():
+    heavy = "{'matplotlib', 'healpy', 'emcee', 'astropy', 'ducc0', 'pandas'}"
+    code = f"import sys, vsh, sim, fit; sys.exit(bool({heavy} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("path", FILES, ids=name)
+def test_small_files(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 300
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=name)
+def test_small_folders(folder):
+    assert len(list(folder.glob("*.py"))) <= 12
+
+
+def test_the_tests_mirror_the_rooms():
+    """Each folder of tests is one of the code, but for those about the project as a whole."""
+    folders = {path.relative_to(ROOT / "tests") for path in FOLDERS if path.is_relative_to(ROOT / "tests")}
+    rooms = {path.relative_to(ROOT) for path in FOLDERS if not path.is_relative_to(ROOT / "tests")}
+    assert {each.as_posix() for each in folders - rooms} <= {".", "against", "project"}

@@ -1,0 +1,177 @@
+"""The nominal scanning law against what is published of it."""
+
+import numpy as np
+import pytest
+
+import sim
+from sim.scanning import NominalScanningLaw
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import triad
+
+LAW = NominalScanningLaw()
+#: Mean counts in five years after 6 % loss, by |sin β| (docs/conventions.md).
+#: From the Gaia Science Performance table of geometrical factors, which PyGaia 1 carried.
+PUBLISHED = {0.025: 61, 0.125: 62, 0.225: 63, 0.325: 66, 0.425: 71, 0.525: 80, 0.575: 87, 0.625: 98, 0.675: 122,
+             0.725: 144, 0.775: 106, 0.825: 93, 0.875: 85, 0.925: 80, 0.975: 75}  # fmt: skip
+
+
+def ecliptic(vectors):
+    return rotation_matrix("icrs", "ecliptic") @ vectors
+
+
+def test_the_speed_follows_from_the_precessions():
+    assert pytest.approx(4.220745, abs=5e-7) == LAW.speed
+
+
+def test_precession_rate():
+    """ν gains 2π · 5.8 for each turn of the Sun, counted over whole precessions."""
+    time = np.linspace(0, 5, 20_001)
+    nu = LAW._state["nu"](time)
+    sun, _ = LAW.sun(time)
+    longitude = np.unwrap(np.arctan2(sun[1], sun[0]))
+    whole = np.floor((nu[-1] - nu[0]) / (2 * np.pi))
+    end = np.interp(nu[0] + 2 * np.pi * whole, nu, longitude)
+    assert whole / ((end - longitude[0]) / (2 * np.pi)) == pytest.approx(5.8, rel=1e-5)
+
+
+def test_axis_views_and_sun():
+    time = np.linspace(0, 5, 1001)
+    z, first, second = LAW.attitude(time)
+    sun, distance = LAW.sun(time)
+    np.testing.assert_allclose(np.sum(ecliptic(z) * sun, 0), np.cos(np.radians(45)), atol=1e-9)
+    np.testing.assert_allclose(np.sum(first * second, 0), np.cos(np.radians(106.5)), atol=1e-9)
+    np.testing.assert_allclose(np.sum(first * z, 0), 0, atol=1e-9)
+    np.testing.assert_allclose(np.sin(np.radians(45)) * np.sin(LAW._state["nu"](time)), ecliptic(z)[2], atol=1e-9)
+    assert 0.98 < distance.min() < distance.max() < 1.02
+
+
+def test_scan_rate_is_sixty_arcsec_a_second():
+    """The turn about z in ten seconds, in inertial space."""
+    seconds = 10.0 / (365.25 * 86400)
+    time = np.linspace(0.1, 4.9, 500)
+    z, before, _ = LAW.attitude(time)
+    _, after, _ = LAW.attitude(time + seconds)
+    turn = np.arctan2(np.sum(np.cross(before, after, axis=0) * z, 0), np.sum(before * after, 0))
+    np.testing.assert_allclose(np.degrees(turn) * 3600 / 10, 60, rtol=1e-5)
+
+
+def test_the_sun_is_astropys():
+    from astropy.coordinates import get_sun
+    from astropy.time import Time
+
+    time = np.linspace(0, 5, 12)
+    theirs = get_sun(Time(2014.73 + time, format="jyear", scale="tdb"))
+    ours = rotation_matrix("ecliptic", "icrs") @ LAW.sun(time)[0]
+    expected = theirs.cartesian.xyz.value / theirs.distance.value
+    # The formula is good to 0.01°; aberration, which astropy adds here, is 0.006°.
+    np.testing.assert_allclose(ours, expected, atol=np.radians(0.02))
+    np.testing.assert_allclose(LAW.sun(time)[1], theirs.distance.value, atol=2e-4)
+
+
+def test_transits_are_where_the_views_are():
+    lon, lat = sim.uniform_sky(200, rng=1)
+    transits = LAW.transits(lon, lat)
+    z, first, second = LAW.attitude(transits.time)
+    view = np.where(transits.view > 0, first, second)
+    r = triad(lon, lat)[2][:, transits.source]
+    along = np.sum(np.cross(z, view, axis=0) * r, 0)
+    # The phase in a spin is interpolated: 5 arcsec at 60 arcsec/s are a tenth of a second.
+    assert np.degrees(np.abs(along)).max() * 3600 < 10
+    np.testing.assert_allclose(np.sin(transits.across), np.sum(z * r, 0), atol=1e-9)
+    assert np.degrees(np.abs(transits.across)).max() < 0.342
+
+
+def test_no_transit_is_missed():
+    """Step through 20 days by the attitude alone, a second look at one source on the scan."""
+    transits = LAW.transits(*sim.uniform_sky(30, rng=2))
+    lon, lat = sim.uniform_sky(30, rng=2)
+    r = triad(lon, lat)[2]
+    time = np.arange(0, 20 / 365.25, 15 / (365.25 * 86400))
+    z, first, second = LAW.attitude(time)
+    for k in range(30):
+        count = 0
+        for view in (first, second):
+            along = np.sum(np.cross(z, view, axis=0).T * r[:, k], 1)
+            ahead = view.T @ r[:, k] > 0
+            crossing = np.flatnonzero((along[:-1] > 0) != (along[1:] > 0))
+            crossing = crossing[ahead[crossing]]
+            count += np.sum(np.abs(np.arcsin(r[:, k] @ z[:, crossing])) < np.radians(0.342))
+        assert count == np.sum((transits.source == k) & (transits.time < time[-1]))
+
+
+def test_scan_angle_and_parallax_factor():
+    """By differences: the way the field moves over the sky, and the shift of a near source."""
+    lon, lat = np.array([0.3, 2.0, 5.0]), np.array([-1.2, 0.1, 0.8])
+    transits = LAW.transits(lon, lat)
+    seconds = 1.0 / (365.25 * 86400)
+    p, q, _ = (v[:, transits.source] for v in triad(lon, lat))
+    z = LAW.attitude(transits.time)[0]
+    later, now = LAW.attitude(transits.time + seconds), LAW.attitude(transits.time - seconds)
+    moved = np.where(transits.view > 0, later[1] - now[1], later[2] - now[2])
+    angle = np.arctan2(np.sum(moved * p, 0), np.sum(moved * q, 0))
+    # Off the middle of the field the scan's direction differs by the height's square.
+    np.testing.assert_allclose(np.angle(np.exp(1j * (angle - transits.angle))), 0, atol=2e-2)
+    sun, distance = LAW.sun(transits.time)
+    gaia = -1.01 * distance * (rotation_matrix("ecliptic", "icrs") @ sun)
+    scan = np.cross(z, triad(lon, lat)[2][:, transits.source], axis=0)
+    np.testing.assert_allclose(transits.parallax_factor, -np.sum(gaia * scan, 0), atol=1e-4)
+
+
+def test_pairs_of_transits_are_the_basic_angle_apart():
+    """A source met by the preceding field comes to the following one 106.5 minutes later."""
+    lon, lat = sim.uniform_sky(500, rng=3)
+    transits = LAW.transits(lon, lat)
+    pair = (np.diff(transits.source) == 0) & (transits.view[:-1] > 0) & (transits.view[1:] < 0)
+    gap = np.diff(transits.time)[pair] * 365.25 * 1440
+    gap = gap[gap < 200]
+    assert len(gap) > 5000
+    assert np.median(gap) == pytest.approx(106.5, abs=0.3)
+
+
+@pytest.mark.slow
+def test_counts_are_the_published_ones():
+    law = NominalScanningLaw(dead_time=0.06, rng=1)
+    n = 200_000
+    lon, lat = sim.uniform_sky(n, rng=1)
+    counts = law.transits(lon, lat).counts(n)
+    sine = np.abs(ecliptic(triad(lon, lat)[2])[2])
+    for middle, mean in PUBLISHED.items():
+        here = np.abs(sine - middle) < 0.025
+        assert counts[here].mean() == pytest.approx(mean, rel=0.03)
+    assert 86 < LAW.transits(lon[:20_000], lat[:20_000]).counts(20_000).mean() < 89
+
+
+def test_dead_time_is_lost():
+    lon, lat = sim.uniform_sky(2000, rng=1)
+    lossy = NominalScanningLaw(dead_time=0.2, rng=5)
+    assert len(lossy.transits(lon, lat)) / len(LAW.transits(lon, lat)) == pytest.approx(0.8, abs=0.02)
+    starts, ends = lossy._state["gaps"]
+    assert (ends - starts).sum() == pytest.approx(5 * 0.2)
+    assert (starts[1:] >= ends[:-1]).all()
+    with pytest.raises(ValueError, match="needs rng"):
+        NominalScanningLaw(dead_time=0.1)
+    with pytest.raises(ValueError, match="at least 0 and below 1"):
+        NominalScanningLaw(dead_time=1.5, rng=1)
+
+
+def test_the_first_month_looks_at_the_ecliptic_poles():
+    law = NominalScanningLaw(pole_days=28, years=0.5)
+    pole = rotation_matrix("ecliptic", "icrs") @ [[0], [0], [1.0]]
+    lat, lon = np.arcsin(pole[2]), np.arctan2(pole[1], pole[0])
+    times = law.transits(lon, lat).time * 365.25
+    # Two fields, four spins a day.
+    assert np.sum(times < 28) == pytest.approx(28 * 8, abs=10)
+
+
+def test_phases_turn_the_pattern():
+    lon, lat = sim.uniform_sky(500, rng=1)
+    other = NominalScanningLaw(precession_phase=1.0, spin_phase=2.0)
+    assert not np.array_equal(other.transits(lon, lat).counts(500), LAW.transits(lon, lat).counts(500))
+
+
+def test_threads_change_nothing():
+    lon, lat = sim.uniform_sky(3000, rng=1)
+    one, four = (LAW.transits(lon, lat, threads=threads) for threads in (1, 4))
+    for name in ("source", "time", "angle", "parallax_factor", "view", "across"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(four, name))
+    assert (np.diff(one.source) >= 0).all()

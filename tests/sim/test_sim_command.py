@@ -1,0 +1,104 @@
+"""`vsh-sim` from the outside."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from astropy.table import Table
+from conftest import ROOT, real_catalogue
+
+import fit.commands.fit
+from sim.command import main
+from vsh.catalogue import read_field
+
+
+def test_simulate_and_fit(tmp_path, capsys):
+    path = str(tmp_path / "q.fits")
+    assert main(["quasars", "--n", "3000", "--sky", "gums", "--spin", "0,0,30", "--seed", "2", "--output", path]) == 0
+    assert "3000 sources" in capsys.readouterr().out
+    assert fit.commands.fit.main([path, "--lmax", "1"]) == 0
+    text = capsys.readouterr().out
+    away = [float(word[1:-2]) for line in text.splitlines() if "truth" in line for word in line.split() if "σ)" in word]
+    assert len(away) == 6
+    assert max(map(abs, away)) < 4
+    options = json.loads(Table.read(path).meta["OPTIONS"])
+    assert (options["n"], options["sky"], options["seed"]) == (3000, "gums", 2)
+
+
+@pytest.mark.parametrize("ending", ["fits", "ecsv", "parquet"])
+def test_same_seed_same_bytes(tmp_path, ending):
+    """With one thread and with four; and another seed is another sky."""
+    written = []
+    for name, seed, threads in (("a", 5, 1), ("b", 5, 4), ("c", 6, 4)):
+        path = tmp_path / f"{name}.{ending}"
+        arguments = ["quasars", "--n", "2500", "--variability", "100", "--seed", str(seed), "--threads", str(threads)]
+        assert main([*arguments, "--output", str(path)]) == 0
+        written.append(path.read_bytes())
+    assert written[0] == written[1] != written[2]
+
+
+def test_galaxies_vlbi_and_the_short_way(tmp_path):
+    out = str(tmp_path / "t.ecsv")
+    assert main(["galaxies", "--n", "500", "--velocity", "374,-63,53", "--peculiar", "750", "--output", out]) == 0
+    assert np.isfinite(read_field(out).redshift).all()
+    assert main(["vlbi", "--n", "200", "--orientation", "-10,20,30", "--output", out, "--overwrite"]) == 0
+    assert len(read_field(out)) == 200
+    assert main(["quasars", "--n", "500", "--short", "--output", out]) == 1  # it is there already
+    assert main(["quasars", "--n", "500", "--short", "--output", out, "--overwrite"]) == 0
+    assert main(["quasars", "--n", "500", "--short", "--acceleration", "-1,2,3", "--output", out, "--overwrite"]) == 0
+    assert Table.read(out).meta["ACC_X"] == -1
+
+
+def test_selection_map(tmp_path):
+    selection = str(real_catalogue("selection_function_NSIDE64_G20.0.fits"))
+    out = str(tmp_path / "t.fits")
+    assert main(["quasars", "--n", "500", "--selection", selection, "--map-frame", "galactic", "--output", out]) == 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["stars"], ["quasars"], ["quasars", "--n", "0"], ["quasars", "--spin", "1,2"], ["quasars", "--years", "-1"],
+     ["quasars", "--velocity", "1,2,3"], ["quasars", "--sky", "gums", "--selection", "m.fits"],
+     ["quasars", "--short", "--variability", "5"]],
+)  # fmt: skip
+def test_bad_usage_is_status_2(arguments, tmp_path, capsys):
+    output = ["--output", str(tmp_path / "x.fits")] if len(arguments) > 1 else []
+    with pytest.raises(SystemExit) as stop:
+        main(arguments + output)
+    assert stop.value.code == 2
+    assert "usage: vsh-sim" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--output", "x.dat"], "what format is this"),
+        (["--output", "none/x.fits"], "there is no such folder"),
+        (["--selection", "none.fits", "--output", "x.fits"], "cannot be read as a HEALPix map|No such file"),
+        (["--years", "0.05", "--output", "x.fits"], "a longer mission is needed"),
+    ],
+)
+def test_bad_data_is_status_1(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["quasars", "--n", "10", *arguments]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("vsh-sim: error: ")
+    assert any(part in error for part in message.split("|"))
+
+
+def test_a_killed_run_leaves_no_broken_file(tmp_path):
+    path = tmp_path / "q.fits"
+    for wait in (0.7, 1.5, 2.5):
+        run = subprocess.Popen(
+            [sys.executable, "-m", "sim.command", "quasars", "--n", "300000", "--output", str(path)],
+            cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+        time.sleep(wait)
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+        assert not path.exists()

@@ -1,0 +1,317 @@
+"""Folders and files of results: whole, old or new, and never another command's."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from gaia_table import table
+
+from fit.commands.fit import main
+from vsh.commands import outputs, shell
+from vsh.errors import VshError
+from vsh.system.files import remove_unfinished, replacing, replacing_folder
+
+
+@pytest.fixture
+def catalogue(tmp_path):
+    table().write(tmp_path / "c.fits")
+    return str(tmp_path / "c.fits")
+
+
+def test_nothing_is_replaced_unasked(catalogue, tmp_path, capsys):
+    """Fault B11."""
+    out = tmp_path / "out"
+    arguments = [catalogue, "--lmax", "1", "--output", str(out)]
+    assert main(arguments) == 0
+    first = (out / "report.txt").read_text()
+    assert main([*arguments[:2], "2", *arguments[3:]]) == 1
+    assert "say --overwrite to replace them" in capsys.readouterr().err
+    assert (out / "report.txt").read_text() == first
+    assert main([*arguments[:2], "2", *arguments[3:], "--overwrite"]) == 0
+    assert (out / "report.txt").read_text() != first
+    (out / "mine.txt").write_text("x")
+    assert main([*arguments, "--overwrite"]) == 1
+    assert "files that vsh-fit did not write (mine.txt)" in capsys.readouterr().err
+    page = ["--html", str(tmp_path / "page.html")]
+    assert main([catalogue, "--lmax", "1", *page]) == 0
+    assert main([catalogue, "--lmax", "1", *page]) == 1
+    assert main([catalogue, "--lmax", "1", *page, "--overwrite"]) == 0
+
+
+def test_other_commands_folders_are_left_alone(catalogue, tmp_path, capsys):
+    from fit.commands.correlate import main as correlate
+
+    out = str(tmp_path / "out")
+    assert correlate([catalogue, "--output", out]) == 0
+    assert main([catalogue, "--lmax", "1", "--output", out, "--overwrite"]) == 1
+    assert "holds results of vsh-correlate" in capsys.readouterr().err
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "thesis.tex").write_text("x")
+    assert main([catalogue, "--lmax", "1", "--output", str(tmp_path / "own"), "--overwrite"]) == 1
+    assert "holds files that vsh-fit did not write" in capsys.readouterr().err
+    assert [x.name for x in (tmp_path / "own").iterdir()] == ["thesis.tex"]
+
+
+def test_provenance_is_kept(catalogue, tmp_path):
+    assert main([catalogue, "--lmax", "1", "--output", str(tmp_path / "out")]) == 0
+    mark = json.loads((tmp_path / "out" / "provenance.json").read_text())
+    assert mark["command"] == "vsh-fit"
+    assert mark["rows"] == 30
+    assert set(mark["files"]) | {"provenance.json"} == {x.name for x in (tmp_path / "out").iterdir()}
+
+
+def test_a_folder_that_fails_leaves_the_old_one(tmp_path):
+    for content in ("old", "new"):
+        with replacing_folder(tmp_path / "out") as folder:
+            (folder / "x").write_text(content)
+    with pytest.raises(RuntimeError), replacing_folder(tmp_path / "out") as folder:
+        (folder / "x").write_text("broken")
+        raise RuntimeError
+    assert (tmp_path / "out" / "x").read_text() == "new"
+    assert [x.name for x in tmp_path.iterdir()] == ["out"]
+
+
+def test_many_writers_of_one_file(tmp_path):
+    """Fault F9: temporary names used the process alone: four threads, 18 to 28 errors in 60."""
+    errors = []
+
+    def write(text):
+        for _ in range(15):
+            try:
+                with replacing(tmp_path / "x.txt") as new:
+                    new.write_text(text * 1000)
+            except OSError as error:
+                errors.append(error)
+
+    threads = [threading.Thread(target=write, args=(letter,)) for letter in "abcd"]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert not errors
+    assert len(set((tmp_path / "x.txt").read_text())) == 1
+    assert [x.name for x in tmp_path.iterdir()] == ["x.txt"]
+
+
+def test_links_and_permissions_stay(tmp_path):
+    """Fault F9: --html replaced a link by a file."""
+    (tmp_path / "real.txt").write_text("old")
+    (tmp_path / "real.txt").chmod(0o640)
+    (tmp_path / "link.txt").symlink_to(tmp_path / "real.txt")
+    with replacing(tmp_path / "link.txt") as new:
+        new.write_text("new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "real.txt").read_text() == "new"
+    assert (tmp_path / "real.txt").stat().st_mode & 0o777 == 0o640
+
+
+def test_only_our_own_leftovers_go(tmp_path):
+    """Fault B1: hidden files with a dash in their name were taken for ours."""
+    for name in (".pre-commit-config.yaml", ".env-production", ".vsh-unfinished-1-x.json"):
+        (tmp_path / name).write_text("x")
+    remove_unfinished(tmp_path)
+    assert {x.name for x in tmp_path.iterdir()} == {".pre-commit-config.yaml", ".env-production"}
+
+
+@pytest.mark.parametrize("kills", [2, pytest.param(60, marks=pytest.mark.slow)])
+def test_kills_leave_whole_folders(kills, catalogue, tmp_path):
+    """Fault F9: of 12 kills over an old folder 8 left old and new files mixed."""
+    out, page = tmp_path / "out", tmp_path / "page.html"
+    command = [
+        sys.executable,
+        "-m",
+        "fit.commands.fit",
+        catalogue,
+        "--output",
+        str(out),
+        "--html",
+        str(page),
+        "--overwrite",
+        "--lmax",
+    ]
+    states = {}
+    for lmax in ("1", "2"):
+        subprocess.run([*command, lmax], cwd=ROOT, check=True, capture_output=True)
+        states[lmax] = {x.name: x.read_bytes() for x in out.iterdir() if x.suffix in (".txt", ".ecsv")}
+    start = time.monotonic()
+    subprocess.run([*command, "1"], cwd=ROOT, check=True, capture_output=True)
+    whole = time.monotonic() - start
+    rng = np.random.default_rng(1)
+    seen = set()
+    for k in range(kills):
+        process = subprocess.Popen(
+            [*command, "12"[k % 2]], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        time.sleep(rng.uniform(0.3, 1.1) * whole)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        now = {x.name: x.read_bytes() for x in out.iterdir() if x.suffix in (".txt", ".ecsv")}
+        assert now in states.values()
+        mark = json.loads((out / "provenance.json").read_text())
+        assert set(mark["files"]) | {"provenance.json"} == {x.name for x in out.iterdir()}
+        assert all((out / name).stat().st_size > 5000 for name in mark["files"] if name.endswith(".png"))
+        assert page.read_text(encoding="utf-8").rstrip().endswith("</html>")
+        seen.add(now == states["1"])
+    assert kills < 10 or len(seen) == 2
+
+
+def test_vectors_and_velocities_from_the_shell():
+    """Faults B5 and D5: three meanings of --velocity, and negative numbers behind a space."""
+    import argparse
+
+    from vsh.cosmology import PLANCK_2018
+
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--velocity", type=shell.velocity)
+    parser.add_argument("--spin", type=shell.vector)
+    assert shell.parse(parser, ["--spin", "-1,2,-3"]).spin == (-1, 2, -3)
+    assert shell.parse(parser, ["--spin", "-.5,2,3"]).spin == (-0.5, 2, 3)
+    assert shell.parse(parser, ["--velocity", "planck"]).velocity is PLANCK_2018
+    found = shell.parse(parser, ["--velocity", "369,264,48"]).velocity
+    assert found.amplitude == pytest.approx(369)
+    assert found.direction == pytest.approx((264, 48))
+    for wrong in ("-358,77,-45", "369,264,148", "358", "cobe", "0,1,2"):
+        with pytest.raises(SystemExit):
+            shell.parse(parser, ["--velocity", wrong])
+
+
+def test_the_page_does_not_show_where_its_author_works(catalogue, tmp_path):
+    """Fault D8."""
+    assert main([catalogue, "--lmax", "1", "--html", str(tmp_path / "page.html")]) == 0
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert str(tmp_path) not in page
+    assert "c.fits" in page
+
+
+def test_no_bar_in_a_log(capfd):
+    """Fault D7: progress bars filled log files."""
+    from vsh.system.progress import progress_bar
+
+    for _ in progress_bar(range(3), words="work"):
+        time.sleep(0.01)
+    bar = progress_bar(range(3), words="work")
+    assert bar.disable
+    assert capfd.readouterr().err == ""
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(catalogue):
+    command = f"{sys.executable} -m fit.commands.fit {catalogue} --lmax 1 | head -1"
+    done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("Vector spherical harmonics")
+    assert "Traceback" not in done.stderr
+
+
+def test_what_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch, capsys):
+    """Fault B7: 31 lines of traceback after the simulation."""
+    import importlib.util
+
+    from sim.command import main as simulate
+
+    original = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pyarrow" else original(name))
+    assert simulate(["quasars", "--n", "10", "--output", str(tmp_path / "x.parquet")]) == 1
+    assert "pip install 'vsh-astrometry[parquet]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ending", ["fits", "ecsv", "vot", "parquet", "csv"])
+def test_the_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
+    """Fault B7: lost without a word in .csv and .vot."""
+    from sim.command import main as simulate
+    from vsh.catalogue import truth_of
+
+    path = tmp_path / f"x.{ending}"
+    assert simulate(["quasars", "--n", "20", "--short", "--spin", "-1,2,3", "--output", str(path)]) == 0
+    said = capsys.readouterr().out
+    if ending == "csv":
+        assert "CSV has no place for the truth" in said
+        assert truth_of(path) is None
+    else:
+        np.testing.assert_array_equal(truth_of(path)["spin"].value, [-1, 2, 3])
+
+
+def test_folders_that_cannot_be(tmp_path):
+    if os.getuid() == 0:
+        pytest.skip("root may write everywhere")
+    (tmp_path / "shut").mkdir(mode=0o500)
+    with pytest.raises(VshError, match="cannot be written to"):
+        outputs.check_folder(tmp_path / "shut" / "out", "vsh-fit")
+
+
+def interrupted(command, seconds):
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "begun\n"  # before that it is Python itself that starts
+    time.sleep(seconds)
+    process.send_signal(signal.SIGINT)
+    return process.communicate(timeout=60)
+
+
+@pytest.mark.parametrize("tries", [2, pytest.param(24, marks=pytest.mark.slow)])
+def test_interrupts_end_in_one_line(tries, catalogue, tmp_path):
+    """Fault F11: 4 of 24 ended in a traceback."""
+    code = "import sys, _vsh_commands; print('begun', flush=True); sys.argv = ['vsh-fit', *sys.argv[1:]]; _vsh_commands.fit()"
+    rng = np.random.default_rng(1)
+    for _ in range(tries):
+        command = [sys.executable, "-c", code, catalogue, "--lmax", "1", "--bootstrap", "20000"]
+        _, errors = interrupted(command, rng.uniform(0.1, 3.0))
+        assert "Traceback" not in errors, errors
+        assert errors.strip().endswith("interrupted")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["vsh-sim", "vsh-drift"])
+def test_twenty_kills_of_other_commands(name, tmp_path):
+    """Every file whole, old or new; a chain goes on from its checkpoint."""
+    from vsh import tables
+
+    galaxies = tmp_path / "galaxies.fits"
+    make = [
+        "galaxies",
+        "--n",
+        "20000",
+        "--short",
+        "--velocity",
+        "planck",
+        "--overwrite",
+        "--output",
+        str(galaxies),
+        "--seed",
+    ]
+    simulate = [sys.executable, "-m", "sim.command", *make]
+    wanted = {}
+    for seed in "12":
+        subprocess.run([*simulate, seed], cwd=ROOT, check=True, capture_output=True)
+        wanted[galaxies.read_bytes()] = seed
+    out, chain = tmp_path / "out", tmp_path / "chain.npz"
+    drift = [sys.executable, "-m", "fit.commands.redshift", str(galaxies), "--hubble", "67.4", "--bins", "2", "--posterior",
+             "--samples", "120000", "--checkpoint", str(chain), "--output", str(out), "--overwrite"]  # fmt: skip
+    command = [*simulate, "1"] if name == "vsh-sim" else drift
+    start = time.monotonic()
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    whole = time.monotonic() - start
+    samples = (out / "samples.fits").read_bytes() if name == "vsh-drift" else b""
+    rng = np.random.default_rng(2)
+    for k in range(20):
+        if name == "vsh-sim":
+            command = [*simulate, "12"[k % 2]]
+        elif k % 4 == 0:
+            chain.unlink(missing_ok=True)
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(rng.uniform(0.3, 1.05) * whole)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert galaxies.read_bytes() in wanted
+        if name == "vsh-drift":
+            mark = json.loads((out / "provenance.json").read_text())
+            assert set(mark["files"]) | {"provenance.json"} == {x.name for x in out.iterdir()}
+            assert (out / "samples.fits").read_bytes() == samples
+    assert len(tables.read(galaxies)) == 20_000
+    if name == "vsh-drift":
+        subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+        assert (out / "samples.fits").read_bytes() == samples

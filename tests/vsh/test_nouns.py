@@ -1,0 +1,211 @@
+"""Nouns go through pickles and deep copies unchanged and read-only; what was left out is counted once."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from gaia_table import table
+
+import fit
+import sim
+from fit.correlation import correlation_map, eigenmodes, leakage, predict
+from fit.redshift import binned
+from fit.secular_parallax import hubble_constant, observer_velocity
+from fit.storage import same
+from vsh import Coefficients, Field, Modes, Vector
+from vsh.catalogue import iter_fields, match, read_field
+from vsh.checks.notes import DroppedRows, merge_notes
+from vsh.errors import VshError
+
+
+def dropped_field(seed=1, rows=300):
+    galaxies = sim.galaxies(rows, seed)
+    field = sim.observe(galaxies, sim.spin((1, 2, 3)), seed, sigma=10.0)
+    bad = np.zeros(rows)
+    bad[seed % rows] = np.nan
+    return Field.from_columns(np.degrees(field.lon), np.degrees(field.lat), field.motion[0] / 1000 + bad, field.motion[1] / 1000,
+                              field.sigma[0] / 1000, field.sigma[1] / 1000, redshift=field.redshift, on_bad="drop")  # fmt: skip
+
+
+FIELD = dropped_field()
+LAW = sim.NominalScanningLaw(years=0.5, dead_time=0.05, rng=1)
+NOUNS = {
+    "Field": FIELD,
+    "Coefficients": Coefficients.from_vectors((1, 2, 3)),
+    "Modes": Modes(3),
+    "Vector": Vector([1, 2, 3], np.eye(3)),
+    "NormalEquations": fit.normal_equations(FIELD, 2),
+    "Solution": fit.fit_field(FIELD, 2),
+    "FrameSolution": fit.solve_frame(FIELD),
+    "MatrixFreeSolution": fit.solve_matrix_free(FIELD, 2, progress=False),
+    "Clipped": fit.clip(FIELD, 1),
+    "CrossCheck": fit.cross_check(FIELD),
+    "BinnedSolution": binned(FIELD, 1, 2),
+    "VelocitySolution": observer_velocity(FIELD, 70.0),
+    "HubbleSolution": hubble_constant(FIELD, "planck"),
+    "CorrelationMap": correlation_map(FIELD),
+    "Leakage": leakage(FIELD, 1, 2),
+    "Eigenmodes": eigenmodes(FIELD, 1),
+    "Prediction": predict(FIELD, 1),
+    "Resampled": fit.resample.bootstrap(FIELD, 1, 5, 1),
+    "Student": fit.robust.student_t(FIELD, 1),
+    "ExtraNoise": fit.robust.extra_noise(FIELD, 1),
+    "matched": match(FIELD[:20], FIELD[:20], by="position"),
+    "Signal": sim.spin((1, 2, 3))
+    + sim.drift((300, 0, 0))
+    + sim.peculiar(300, 1)
+    + sim.void((1, 0, 0))
+    + sim.waves(1e-3, 1),
+    "Shear": sim.anisotropic_expansion(np.diag([1, -1, 0])),
+    "NominalScanningLaw": LAW,
+    "Transits": LAW.transits([1.0], [0.5]),
+    "Population": sim.quasars(10, 1),
+    "Variability": sim.Variability(100, 2),
+}
+
+
+def arrays(thing, seen=()):
+    """All arrays that hang on an object."""
+    if isinstance(thing, np.ndarray):
+        yield thing
+    elif isinstance(thing, (list, tuple)):
+        for each in thing:
+            yield from arrays(each)
+    elif hasattr(thing, "__dataclass_fields__"):
+        for name in thing.__dataclass_fields__:
+            try:
+                value = getattr(thing, name)
+            except VshError:  # the covariance that a matrix-free solution does not have
+                continue
+            yield from arrays(value)
+
+
+@pytest.mark.parametrize("name", NOUNS)
+@pytest.mark.parametrize("again", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "deep copy"])
+def test_nouns_travel(name, again):
+    """Faults B6 and F11: Refusals could not be made again, arrays came back writeable, signals were closures."""
+    noun = NOUNS[name]
+    other = again(noun)
+    assert type(other) is type(noun)
+    pairs = list(zip(arrays(noun), arrays(other), strict=True))
+    assert all(same(one, two) for one, two in pairs)
+    if name not in ("Signal", "Shear", "Variability", "Modes", "NominalScanningLaw"):
+        assert pairs
+        assert not any(two.flags.writeable for one, two in pairs if not one.flags.writeable)
+        assert not any(one.flags.writeable for one, _ in pairs)
+    assert getattr(other, "notes", ()) == getattr(noun, "notes", ())
+
+
+def test_signals_and_laws_are_the_same_after_a_pickle():
+    lon, lat, z = sim.uniform_sky(50, 1)[0], sim.uniform_sky(50, 1)[1], np.full(50, 0.02)
+    signal, law = pickle.loads(pickle.dumps(NOUNS["Signal"])), pickle.loads(pickle.dumps(LAW))
+    np.testing.assert_array_equal(signal(lon, lat, z), NOUNS["Signal"](lon, lat, z))
+    np.testing.assert_array_equal(law.transits(lon, lat).time, LAW.transits(lon, lat).time)
+    assert repr(signal).startswith("<Signal: BandLimited + Drift + Peculiar")
+
+
+def test_rows_left_out_count_once_however_they_come_in():
+    """Fault B6: told apart by id(), they counted twice after a copy and grew by a line a part."""
+    twin = pickle.loads(pickle.dumps(FIELD))
+    total = fit.normal_equations(FIELD, 1) + fit.normal_equations(twin, 1)
+    assert total.notes == FIELD.notes
+    parts = [dropped_field(seed, 60) for seed in range(400)]
+    whole = sum(fit.normal_equations(part.add_note(f"part {k}"), 1) for k, part in enumerate(parts))
+    assert len(whole.notes) <= 10
+    (counted,) = [note for note in whole.notes if isinstance(note, DroppedRows)]
+    assert str(counted) == "left out 400 of 24000 rows: proper motion not finite: 400"
+    assert "and 392 more notes" in whole.notes[-1]
+    assert fit.solve(whole).notes == whole.notes
+    halves = sum(fit.normal_equations(p, 1) for p in parts[:200]) + sum(fit.normal_equations(p, 1) for p in parts[200:])
+    assert [n for n in halves.notes if isinstance(n, DroppedRows)] == [counted]
+
+
+def test_notes_of_one_table_are_all_kept():
+    lines = tuple(f"note {k}" for k in range(30))
+    assert merge_notes(lines) == lines
+
+
+def test_a_process_pool_takes_fields_with_bad_rows(tmp_path):
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    t = table()
+    t["pmra"][3] = np.nan
+    t.write(tmp_path / "c.fits")
+    parts = list(iter_fields(tmp_path / "c.fits", rows=15, on_bad="drop"))
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        total = sum(pool.map(fit.normal_equations, parts, [1, 1]))
+    assert total.notes == ("left out 1 of 30 rows: proper motion not finite: 1",)
+    assert same(total.matrix, fit.normal_equations(parts, 1).matrix)
+
+
+def test_results_are_equal_where_their_numbers_are(tmp_path):
+    """Fault D7: Solution.read(s.write()) == s was False."""
+    solution = NOUNS["Solution"]
+    solution.write(tmp_path / "s.ecsv")
+    back = fit.Solution.read(tmp_path / "s.ecsv")
+    assert back == solution
+    assert hash(back) == hash(solution)
+    assert back != fit.fit_field(FIELD, 1)
+    assert solution != 3
+
+
+def test_frame_solutions_carry_notes_and_quality():
+    """Fault D3."""
+    found = NOUNS["FrameSolution"]
+    assert found.notes == FIELD.notes
+    assert found.reduced_chi2 == pytest.approx(found.chi2 / found.dof)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda m: fit.fit_field(FIELD, m).coefficients.values,
+        lambda m: fit.normal_equations(FIELD, m).matrix,
+        lambda m: fit.gaussian_prior(m, 1.0).matrix,
+        lambda m: fit.solve_matrix_free(FIELD, m, progress=False).coefficients.values,
+        lambda m: fit.resample.bootstrap(FIELD, m, 3, 1).replicates,
+        lambda m: fit.resample.parametric_bootstrap(FIELD, m, 3, 1).replicates,
+        lambda m: fit.resample.block_bootstrap(FIELD, m, 2, 3, 1).replicates,
+        lambda m: fit.resample.jackknife(FIELD, m, 1).replicates,
+        lambda m: fit.clip(FIELD, m).solution.coefficients.values,
+        lambda m: fit.robust.student_t(FIELD, m).weights,
+        lambda m: fit.robust.permissive(FIELD, m).weights,
+        lambda m: fit.robust.extra_noise(FIELD, m).solution.sigma,
+        lambda m: binned(FIELD, m, 2).covariance,
+        lambda m: predict(FIELD, m).covariance,
+        lambda m: leakage(FIELD, m, 3).matrix,
+        lambda m: eigenmodes(FIELD, m).information,
+        lambda m: __import__("vsh.basis", fromlist=["x"]).harmonics(FIELD.lon, FIELD.lat, m),
+        lambda m: __import__("vsh.transform", fromlist=["x"]).adjoint(m, FIELD.lon, FIELD.lat, FIELD.motion),
+        lambda m: Coefficients(m, np.arange(16.0)).values,
+    ],
+)
+def test_modes_are_modes_or_a_degree(call):
+    """Fault D1."""
+    np.testing.assert_array_equal(call(2), call(Modes(2)))
+    with pytest.raises(VshError):
+        call(0)
+    with pytest.raises(VshError):
+        call("two")
+
+
+def test_every_deliberate_error_is_ours():
+    """Fault D2: 28 plain ValueErrors and TypeErrors."""
+    from conftest import ROOT
+
+    from vsh import errors
+
+    for package in ("vsh", "sim", "fit", "study"):
+        for path in (ROOT / package).rglob("*.py"):
+            text = path.read_text(encoding="utf-8")
+            assert "raise ValueError" not in text, path
+            assert "raise TypeError" not in text, path
+    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.VshError)]
+    assert all(issubclass(kind, ValueError) for kind in kinds if kind is not errors.VshError)
+
+
+def test_read_field_of_a_pickled_path(tmp_path):
+    table().write(tmp_path / "c.fits")
+    assert same(read_field(tmp_path / "c.fits").motion, read_field(str(tmp_path / "c.fits")).motion)

@@ -1,0 +1,192 @@
+"""Arguments checked where they come in, each refusal a `ParameterError` that names the argument."""
+
+from contextlib import suppress
+from functools import wraps
+from inspect import signature
+from operator import index
+
+import numpy as np
+
+from vsh.errors import ParameterError
+
+
+def number(name, value):
+    """A finite number, as a float.
+
+    >>> number("extra", 3)
+    3.0
+    """
+    try:
+        found = float(value) if np.ndim(value) == 0 and not isinstance(value, (str, bytes)) else np.nan
+    except (TypeError, ValueError):
+        found = np.nan
+    if not np.isfinite(found):
+        raise ParameterError(f"{name} must be a finite number, not {value!r}")
+    return found
+
+
+def positive(name, value):
+    """A finite number above zero, as a float."""
+    found = number(name, value)
+    if not found > 0:
+        raise ParameterError(f"{name} must be above zero, not {value!r}")
+    return found
+
+
+def not_negative(name, value):
+    """A finite number of zero or more, as a float."""
+    found = number(name, value)
+    if not found >= 0:
+        raise ParameterError(f"{name} must be zero or more, not {value!r}")
+    return found
+
+
+def between(name, value, low, high):
+    """A number low < x < high, as a float."""
+    found, low, high = number(name, value), number("low", low), number("high", high)
+    if not low < found < high:
+        raise ParameterError(f"{name} must lie between {low:g} and {high:g}, not at {value!r}")
+    return found
+
+
+def whole(name, value, least=1):
+    """A whole number of at least `least`, as an int."""
+    try:
+        found = index(value) if np.ndim(value) == 0 else None
+    except TypeError:
+        found = None
+    if found is None or isinstance(value, (bool, np.bool_)) or found < least:
+        raise ParameterError(f"{name} must be a whole number of at least {least}, not {value!r}")
+    return found
+
+
+def choice(name, value, choices):
+    """One of some words.
+
+    >>> choice("common", "higher", (None, "higher"))
+    'higher'
+    """
+    if not isinstance(choices, (tuple, list)):
+        raise ParameterError(f"choices are a tuple, not {type(choices).__name__}")
+    for each in choices:
+        if value is each or (isinstance(value, (str, int)) and type(value) is type(each) and value == each):
+            return value
+    words = ", ".join(map(repr, choices))
+    raise ParameterError(f"{name} must be one of {words}, not {value!r}")
+
+
+def float_array(name, value, shape=None, finite=True, broadcast=False):
+    """A float array, perhaps of a given shape, without what is not finite and without a mask that hides something."""
+    if np.ma.isMaskedArray(value) and np.ma.getmaskarray(value).any():
+        raise ParameterError(f"{np.ma.getmaskarray(value).sum()} values of {name} are masked: take them out first")
+    try:
+        found = np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{name} must be numbers, not {type(value).__name__}") from None
+    if broadcast and shape is not None:
+        with suppress(ValueError):
+            found = np.broadcast_to(found, shape)
+    if shape is not None and found.shape != tuple(shape):
+        raise ParameterError(f"{name} has shape {found.shape}, expected {tuple(shape)}")
+    if finite and not np.isfinite(found).all():
+        raise ParameterError(f"{np.sum(~np.isfinite(found))} of {found.size} values of {name} are not finite")
+    return found
+
+
+def covariance(name, value, size):
+    """A symmetric (size, size) matrix with variances that are not negative, read-only."""
+    found = float_array(name, value, (size, size))
+    scale = np.sqrt(np.maximum(np.diag(found), 0))
+    if (np.diag(found) < 0).any():
+        raise ParameterError(f"{name} has {np.sum(np.diag(found) < 0)} negative variances")
+    if (np.abs(found - found.T) > 1e-8 * np.outer(scale, scale) + 1e-300).any():
+        raise ParameterError(f"{name} is not symmetric")
+    return read_only(found)
+
+
+def read_only(array):
+    """The same array through a view that cannot be written to."""
+    view = np.asarray(array).view()
+    view.flags.writeable = False
+    return view
+
+
+def generator(rng):
+    """A NumPy Generator from what users give as `rng`: a Generator, or a seed."""
+    try:
+        return np.random.default_rng(rng)
+    except (TypeError, ValueError):
+        raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {rng!r}") from None
+
+
+def accepts(**checks):
+    """Check some arguments of a function before it begins, each by a function of (name, value).
+
+    What a check returns takes the argument's place, defaults among them. None is not checked where it is the
+    default: the argument is not given then.
+
+    Examples
+    --------
+    >>> @accepts(x=positive)
+    ... def root(x):
+    ...     return x ** 0.5
+    >>> root("four")
+    Traceback (most recent call last):
+    vsh.errors.ParameterError: x must be a finite number, not 'four'
+    """
+
+    def decorate(function):
+        known = signature(function)
+
+        @wraps(function)
+        def checked(*arguments, **options):
+            bound = known.bind(*arguments, **options)
+            bound.apply_defaults()
+            for name, check in checks.items():
+                value = bound.arguments[name]
+                if not (value is None and known.parameters[name].default is None):
+                    bound.arguments[name] = check(name, value)
+            return function(*bound.args, **bound.kwargs)
+
+        return checked
+
+    return decorate
+
+
+def a(*kinds):
+    """A check that a value is of one of some classes.
+
+    >>> a(int)("n", "three")
+    Traceback (most recent call last):
+    vsh.errors.ParameterError: n must be int, not str
+    """
+
+    def check(name, value):
+        if not isinstance(value, kinds):
+            wanted = " or ".join(kind.__name__ for kind in kinds)
+            raise ParameterError(f"{name} must be {wanted}, not {type(value).__name__}")
+        return value
+
+    return check
+
+
+def dimension(size):
+    """A check for a float array of so many dimensions."""
+
+    def check(name, value):
+        found = float_array(name, value, finite=False)
+        if found.ndim != size:
+            raise ParameterError(
+                f"{name} must be an array of {size} dimension{'s' * (size > 1)}, not of shape {found.shape}"
+            )
+        return found
+
+    return check
+
+
+def seed(name, value):
+    """A NumPy Generator, or a whole number of at least zero."""
+    if isinstance(value, (bool, float, str)) or value is None:
+        raise ParameterError(f"{name} is a NumPy Generator or a whole number that seeds one, not {value!r}")
+    generator(value)
+    return value

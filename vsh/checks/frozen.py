@@ -1,0 +1,30 @@
+"""Nouns whose arrays cannot be written to, also after a pickle or a deep copy."""
+
+from dataclasses import fields
+
+import numpy as np
+
+from vsh.checks.arguments import read_only
+
+
+class Frozen:
+    """Base of frozen dataclasses that hold arrays: every array attribute becomes a read-only view."""
+
+    def __post_init__(self):
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if isinstance(value, (np.ndarray, list)):
+                object.__setattr__(self, each.name, _frozen(value))
+
+    def __setstate__(self, state):
+        # NumPy gives back arrays that can be written to.
+        for name, value in state.items():
+            object.__setattr__(self, name, _frozen(value))
+
+
+def _frozen(value):
+    if isinstance(value, np.ndarray):
+        return read_only(value)
+    if isinstance(value, list):
+        return [_frozen(each) for each in value]
+    return value

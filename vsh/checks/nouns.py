@@ -1,0 +1,21 @@
+"""Checks for arguments that are nouns of ours."""
+
+from vsh.errors import ParameterError
+from vsh.field import Field
+from vsh.modes import as_modes
+
+
+def modes(name, value):
+    """`Modes`, or a degree in their place."""
+    return as_modes(value)
+
+
+def fields(name, value):
+    """A Field, or a list, tuple or stream of Fields."""
+    if isinstance(value, Field):
+        return value
+    if isinstance(value, (list, tuple)) and value and all(isinstance(each, Field) for each in value):
+        return value
+    if hasattr(value, "__next__"):
+        return value
+    raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")

@@ -1,0 +1,95 @@
+"""Where commands write to: folders that know which command made them, and are whole, old or new."""
+
+import json
+import os
+from contextlib import contextmanager
+from pathlib import Path
+
+from vsh.checks.notes import printable
+from vsh.errors import VshError
+from vsh.system.files import replacing_folder
+
+#: The file by which a command knows its own folders; it holds where the results come from, too.
+MARK = "provenance.json"
+
+
+def check_folder(path, command, overwrite=False):
+    """Raise VshError now if results could not be written to a folder later.
+
+    A folder that is not there or empty will do; with `overwrite` also one that the same command made, as
+    long as nobody put other files into it.
+
+    Parameters
+    ----------
+    path : path
+    command : str — its name, "vsh-fit"
+    overwrite : bool
+    """
+    path, shown = Path(path), f"--output {printable(path)}"
+    if path.exists() and not path.is_dir():
+        raise VshError(f"{shown} is a file, not a folder")
+    _check_parent(path, shown, made=True)
+    if not path.exists() or not any(path.iterdir()):
+        return
+    mark = _read_mark(path)
+    if mark is None:
+        raise VshError(f"{shown} holds files that {command} did not write: name a new folder")
+    if mark.get("command") != command:
+        raise VshError(f"{shown} holds results of {printable(mark.get('command'))}: name another folder")
+    if not overwrite:
+        raise VshError(f"{shown} holds results: say --overwrite to replace them, or name another folder")
+    foreign = sorted(x.name for x in path.iterdir() if x.name not in {MARK, *mark.get("files", ())})
+    if foreign:
+        raise VshError(
+            f"{shown} holds files that {command} did not write ({printable(', '.join(foreign[:5]))}): move them, or name "
+            "another folder"
+        )
+
+
+def check_file(path, overwrite=False, option="--output"):
+    """Raise VshError now if a file could not be written later, or is there already and may not be replaced."""
+    path, shown = Path(path), f"{option} {printable(path)}"
+    if path.is_dir():
+        raise VshError(f"{shown} is a folder, not a file")
+    _check_parent(path, shown)
+    if path.exists() and not overwrite:
+        raise VshError(f"{shown} is there already: say --overwrite to replace it, or name another file")
+
+
+@contextmanager
+def results_folder(path, command, provenance, overwrite=False):
+    """A folder to write results to, which takes the place of `path` when all of them are written.
+
+    Parameters
+    ----------
+    path : path
+    command : str
+    provenance : dict — plain values, kept in `provenance.json`
+    overwrite : bool
+    """
+    check_folder(path, command, overwrite)
+    Path(os.path.realpath(path)).parent.mkdir(parents=True, exist_ok=True)
+    with replacing_folder(path) as folder:
+        yield folder
+        files = sorted(x.name for x in folder.iterdir())
+        mark = {"command": command, "files": files} | provenance
+        (folder / MARK).write_text(json.dumps(mark, indent=1, default=str, ensure_ascii=False), encoding="utf-8")
+        check_folder(path, command, overwrite)  # somebody else may have written meanwhile
+
+
+def _check_parent(path, shown, made=False):
+    parent = Path(os.path.realpath(path)).parent
+    while made and not parent.exists():
+        parent = parent.parent
+    if not parent.is_dir():
+        raise VshError(f"{shown}: there is no folder {printable(parent)}")
+    if not os.access(parent, os.W_OK):
+        raise VshError(f"{shown}: the folder {printable(parent)} cannot be written to")
+
+
+def _read_mark(path):
+    try:
+        mark = json.loads((path / MARK).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return mark if isinstance(mark, dict) else None

@@ -1,0 +1,1 @@
+"""The sphere: directions, frames, pixels and maps."""

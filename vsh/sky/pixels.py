@@ -1,0 +1,142 @@
+"""HEALPix: which part of the sky a source is in (the only healpy)."""
+
+import warnings
+
+import healpy
+import numpy as np
+
+from vsh.checks import arguments
+from vsh.checks.arguments import generator
+from vsh.checks.notes import printable
+from vsh.errors import FieldError, TableError, first_line
+
+
+@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), nside=arguments.whole)
+def pixels_of(lon, lat, nside):
+    """The HEALPix pixel (ring order) of each position, (n,).
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays — positions [rad]
+    nside : int — a power of two
+
+    Raises
+    ------
+    FieldError
+        If nside is no power of two, or a position is not on the sky.
+    """
+    check_nside(nside)
+    lon, lat = np.asarray(lon, float), np.asarray(lat, float)
+    if lon.shape != lat.shape:
+        raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
+    if not (np.isfinite(lon).all() and (np.abs(lat) <= np.pi / 2 * (1 + 1e-14)).all()):
+        raise FieldError("positions are not finite, or beyond a pole")
+    return healpy.ang2pix(nside, np.clip(np.pi / 2 - lat, 0, np.pi), lon)
+
+
+def check_nside(nside):
+    """Return nside; raise FieldError unless it is a power of two from 1 to 8192."""
+    if not (isinstance(nside, (int, np.integer)) and 1 <= nside <= 8192 and nside & (nside - 1) == 0):
+        raise FieldError(f"nside must be a power of two from 1 to 8192, not {nside!r}")
+    return nside
+
+
+def centres(nside):
+    """Longitude and latitude of every pixel's centre, two (12 nside²,) arrays. [rad]"""
+    theta, phi = healpy.pix2ang(check_nside(nside), np.arange(12 * nside**2))
+    return phi, np.pi / 2 - theta
+
+
+@arguments.accepts(density=arguments.dimension(1), n=arguments.whole, rng=arguments.seed)
+def random_positions(density, n, rng):
+    """n positions drawn with the density of a HEALPix map, evenly within each pixel.
+
+    Parameters
+    ----------
+    density : (12 nside²,) array, ring order — not negative; pixels without a value (nan, masked, healpy's
+        UNSEEN) hold no sources
+    n : int
+    rng : Generator or int
+
+    Returns
+    -------
+    lon, lat : (n,) arrays [rad]
+
+    Raises
+    ------
+    FieldError
+        If it is no HEALPix map, or negative, infinite or empty.
+    """
+    rng = generator(rng)
+    density = np.ma.filled(np.ma.asarray(density, float), 0.0).ravel()
+    if np.isinf(density).any():
+        raise FieldError(f"{np.isinf(density).sum()} pixels of the map are infinite: all sources would stand there")
+    density = np.where(_valueless(density), 0.0, density)
+    nside = round(np.sqrt(density.size / 12))
+    if nside < 1 or 12 * nside**2 != density.size:
+        raise FieldError(f"a map of {density.size} pixels is no HEALPix map")
+    check_nside(nside)
+    if (density < 0).any() or not density.sum() > 0:
+        raise FieldError("the density of a map must not be negative, and not zero everywhere")
+    pixel = rng.choice(density.size, n, p=density / density.sum())
+    # Evenly within a pixel: one of its 4^k children, then a shift below their size. In nested order
+    # a pixel's children are consecutive.
+    finer = max(1, min(8192, 2**29 // nside) // nside)
+    child = healpy.ring2nest(nside, pixel) * finer**2 + rng.integers(finer**2, size=n)
+    theta, phi = healpy.pix2ang(nside * finer, child, nest=True)
+    return phi, np.pi / 2 - theta
+
+
+def missing_pixels(values):
+    """How many pixels of a map have no value: nan, masked, or healpy's UNSEEN."""
+    return int(_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
+
+
+def _valueless(values):
+    return np.isnan(values) | (values < -1e30)
+
+
+def read_map(path):
+    """A HEALPix map from a FITS file, in ring order, and the frame its header names (or None).
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, is damaged, or holds no map.
+    """
+    from vsh.tables import fits_checked  # astropy
+
+    label = printable(path)
+    with fits_checked(path, label) as plain:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                values, header = healpy.read_map(plain, h=True)
+        except Exception as error:  # whatever a damaged file makes of healpy
+            raise TableError(f"{label} cannot be read as a HEALPix map: {first_line(error)}") from error
+    values = np.asarray(values)
+    if values.ndim != 1 or values.dtype.kind not in "fiu":
+        raise TableError(f"{label} cannot be read as a HEALPix map: it holds {values.ndim} maps of {values.dtype}")
+    frames = {"C": "icrs", "G": "galactic", "E": "ecliptic", "ICRS": "icrs", "GALACTIC": "galactic"}
+    named = str(dict(header).get("COORDSYS", "")).strip().upper()
+    return values, frames.get(named)
+
+
+def mean_map(lon, lat, values, nside):
+    """The mean of the sources' values in each pixel, nan in empty ones.
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays — positions [rad]
+    values : (n,) or (k, n) array
+
+    Returns
+    -------
+    (12 nside²,) or (k, 12 nside²) array
+    """
+    pixel = pixels_of(lon, lat, nside)
+    count = np.bincount(pixel, minlength=12 * nside**2)
+    values = np.asarray(values, float)
+    sums = [np.bincount(pixel, weights=row, minlength=12 * nside**2) for row in np.atleast_2d(values)]
+    with np.errstate(invalid="ignore"):
+        return (np.array(sums) / np.where(count, count, np.nan)).reshape(*values.shape[:-1], -1)

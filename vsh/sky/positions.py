@@ -1,0 +1,87 @@
+"""Positions of sources with their errors: what a reference frame is made of."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from vsh.checks.frozen import Frozen
+from vsh.checks.validation import checked_columns
+from vsh.errors import FieldError
+from vsh.sky.frames import check_frame
+from vsh.sky.sphere import angles, triad
+from vsh.units import UAS
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Positions(Frozen):
+    """Positions of n sources.
+
+    Attributes
+    ----------
+    lon, lat : (n,) arrays
+        [rad]
+    sigma : (2, n) array
+        Standard errors of α cos δ and δ. [µas]
+    rho : (n,) array
+        Their correlation; zero unless given.
+    name : (n,) array of str or None
+    motion : (2, n) array or None
+        Proper motions µ_α*, µ_δ, to carry positions to another epoch. [µas/yr]
+    epoch : float or None
+        Of the positions. [Julian year]
+    defining : (n,) bool array or None
+        Which of them define the axes of the frame.
+    frame : str
+    notes : tuple of str
+
+    Raises
+    ------
+    FieldError
+        If shapes disagree or a source has no position or no error.
+    """
+
+    lon: np.ndarray
+    lat: np.ndarray
+    sigma: np.ndarray
+    rho: np.ndarray = None
+    name: np.ndarray = None
+    motion: np.ndarray = None
+    epoch: float = None
+    defining: np.ndarray = None
+    frame: str = "icrs"
+    notes: tuple = ()
+
+    def __post_init__(self):
+        check_frame(self.frame)
+        for column, array in checked_columns(self, ("lat", "sigma", "rho", "motion"), ("name", "defining")).items():
+            object.__setattr__(self, column, array)
+        super().__post_init__()
+
+    def __len__(self):
+        return self.lon.size
+
+    def __repr__(self):
+        return f"<Positions: {len(self)} sources, {self.frame}>"
+
+    def __getitem__(self, keep):
+        """The sources picked by a mask, a slice or indices."""
+        picked = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Positions(**{k: v[..., keep] if isinstance(v, np.ndarray) else v for k, v in picked.items()})
+
+    def at_epoch(self, epoch):
+        """The same sources, moved to another epoch along straight lines; those without motion stay.
+
+        Raises
+        ------
+        FieldError
+            If the epoch of the positions is not known.
+        """
+        if self.motion is None or epoch is None or epoch == self.epoch:
+            return self
+        if self.epoch is None:
+            raise FieldError("these positions have motions but no epoch to carry them from")
+        p, q, r = triad(self.lon, self.lat)
+        east, north = self.motion * (UAS * (epoch - self.epoch))
+        lon, lat = angles(r + east * p + north * q)
+        picked = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Positions(**picked | {"lon": lon, "lat": lat, "epoch": epoch})

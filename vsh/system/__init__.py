@@ -1,0 +1,1 @@
+"""Threads, files, progress bars and the imports of others."""

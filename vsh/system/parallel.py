@@ -1,0 +1,63 @@
+"""Work on many sources, a block at a time, on all cores."""
+
+import os
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+
+from threadpoolctl import ThreadpoolController
+
+from vsh.system.progress import progress_bar
+
+
+def cores(threads=None):
+    """How many threads to use: `threads`, or one for each core this process may run on."""
+    if threads:
+        return threads
+    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
+    return len(affinity(0)) if affinity else os.cpu_count()
+
+
+@lru_cache
+def _libraries():
+    return ThreadpoolController()  # looks through all that is loaded, once
+
+
+def map_blocks(function, n, size, threads=None, progress=None):
+    """Yield function(slice) for consecutive slices of `size` out of `n`, in order.
+
+    NumPy lets go of the interpreter inside its loops, so threads suffice. The blocks share
+    the cores, so BLAS is held to one thread meanwhile: left alone, the two fight for the
+    cores and a sum takes ten times as long. At most two results a thread are waiting at any
+    time, however many blocks there are.
+
+    Parameters
+    ----------
+    progress : str, optional
+        Words beside a progress bar, which shows itself after two seconds.
+
+    Examples
+    --------
+    >>> list(map_blocks(lambda s: (s.start, s.stop), n=5, size=2))
+    [(0, 2), (2, 4), (4, 5)]
+    """
+    slices = [slice(start, min(start + size, n)) for start in range(0, n, size)]
+    threads = min(cores(threads), len(slices))
+    bar = progress_bar(total=n, words=progress, shown=progress is not None, unit=" sources")
+    with bar, _libraries().limit(limits=1, user_api="blas"):
+        if threads <= 1:
+            for each in slices:
+                yield function(each)
+                bar.update(each.stop - each.start)
+            return
+        with ThreadPoolExecutor(threads) as pool:
+            waiting = deque()
+            for each in slices:
+                waiting.append((each, pool.submit(function, each)))
+                if len(waiting) >= 2 * threads:
+                    done, future = waiting.popleft()
+                    yield future.result()
+                    bar.update(done.stop - done.start)
+            for done, future in waiting:
+                yield future.result()
+                bar.update(done.stop - done.start)
