@@ -16,7 +16,7 @@ demo: $(VENV)/installed  ## set up, and fit a simulated catalogue: report and fi
 	$(BIN)/vsh-fit --demo --output demo --overwrite
 
 paper: $(VENV)/installed  ## every table and figure of the paper: paper/comparison.md (REALISATIONS=5 for a quick look)
-	$(BIN)/vsh-study --paper --output paper --realisations $(REALISATIONS)
+	$(BIN)/vsh-study --paper --output paper --n-realisations $(REALISATIONS)
 
 test: $(VENV)/installed-test  ## set up, and pass the tests
 	$(BIN)/ruff check

@@ -28,8 +28,8 @@ def sim():
     _run("sim.command")
 
 
-def drift():
-    """`vsh-drift`."""
+def redshift():
+    """`vsh-redshift`."""
     _run("fit.commands.redshift")
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 import fit
 import sim
-from fit.correlation import correlation_map, leakage
-from sim.expected import scanned_errors
+from fit.correlation import correlation_matrices, leakage
+from sim.expected import errors_by_place
 from vsh import Field, Modes
 
 SKIES = int(sys.argv[1]) if len(sys.argv) > 1 else 200
@@ -24,9 +24,9 @@ NAMES = ("a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z")
 def main(n=500_000):
     quasars = sim.quasars(n, 1, "igql")
     law = sim.NominalScanningLaw(dead_time=0.06, rng=2)
-    sigma, rho = scanned_errors(quasars.magnitude, quasars.lon, quasars.lat, law, "paper")
+    sigma, rho = errors_by_place(quasars.magnitude, quasars.lon, quasars.lat, law, release="paper")
     field = Field(quasars.lon, quasars.lat, np.zeros((2, n)), sigma, rho).to_frame("galactic")
-    print(correlation_map(field).text())
+    print(correlation_matrices(field).text())
 
     true = Field.without_motions(field)._with(motion=sim.acceleration(TRUTH)(field.lon, field.lat))
     rng = np.random.default_rng(3)
@@ -57,7 +57,7 @@ def main(n=500_000):
 
     biased, spins = [], []
     for seed in range(SKIES):
-        signal = sim.isotropic(np.r_[0.0, np.full(3, power)], rng=seed)
+        signal = sim.random_field(np.r_[0.0, np.full(3, power)], rng=seed)
         coefficients = leak.of(signal_coefficients(signal, power, seed))
         biased.append(coefficients.glide)
         spins.append(coefficients.rotation)
@@ -65,7 +65,7 @@ def main(n=500_000):
     few = 10
     direct = []
     for seed in range(few):  # the matrix against fits of the very fields
-        signal = sim.isotropic(np.r_[0.0, np.full(3, power)], rng=seed)
+        signal = sim.random_field(np.r_[0.0, np.full(3, power)], rng=seed)
         solution = fit.fit_field(field._with(motion=signal(field.lon, field.lat)), 1)
         direct.append(np.abs(solution.acceleration.value - biased[seed]).max())
     lengths = np.linalg.norm(TRUTH + biased, axis=1)
@@ -73,7 +73,7 @@ def main(n=500_000):
           f"{np.sqrt(np.mean(np.sum(spins**2, 1))):.2f}; |ã| {lengths.mean():.2f} on average, above 6.05 in "
           f"{100 * np.mean(lengths > 6.05):.0f} % of them; leakage matrix against {few} fits: {max(direct):.1e} µas/yr")  # fmt: skip
     gums = sim.quasars(n, 1, "gums")
-    sigma, rho = scanned_errors(gums.magnitude, gums.lon, gums.lat, law, "paper")
+    sigma, rho = errors_by_place(gums.magnitude, gums.lon, gums.lat, law, release="paper")
     even = leakage(Field(gums.lon, gums.lat, np.zeros((2, n)), sigma, rho).to_frame("galactic"), 1, 4)
     rms = np.sqrt(sum(even.bias_of(NAMES[:3], power)[name] ** 2 for name in NAMES[:3]))
     print(f"the same field on the GUMS-like sky: rms bias of ã {rms:.2f} µas/yr")
@@ -83,10 +83,10 @@ def main(n=500_000):
 
 
 def signal_coefficients(signal, power, seed):
-    """The coefficients behind `sim.isotropic`: drawn again in the same way."""
+    """The coefficients behind `sim.random_field`: drawn again in the same way."""
     modes = Modes(4)
     l = modes.degrees
-    sigma = np.sqrt(np.r_[0.0, np.full(3, power)][l - 1] / (2 * l + 1) / modes.multiplicity)
+    sigma = np.sqrt(np.r_[0.0, np.full(3, power)][l - 1] / (2 * l + 1) / modes.norm2)
     from vsh import Coefficients
 
     return Coefficients(modes, sigma * np.random.default_rng(seed).standard_normal(len(modes)))

@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 import sim
-from fit.correlation import correlation_map, influence, leakage
+from fit.correlation import correlation_matrices, influence_map, leakage
 from vsh import Field
 
 
@@ -13,8 +13,8 @@ def main(n=1_600_000):
     field = Field.without_motions(sim.quasars(n, 1, "igql"), 300.0)
     total = time.perf_counter()
     for words, call in (
-        ("correlation map, degree 10", lambda: correlation_map(field, 10)),
-        ("influence map, degree 10, nside 32", lambda: influence(field, 10, ("omega_y", "a_x"), 32)),
+        ("correlation map, degree 10", lambda: correlation_matrices(field, 10)),
+        ("influence map, degree 10, nside 32", lambda: influence_map(field, 10, ("omega_y", "a_x"), 32)),
         ("leakage of degrees 11 to 20", lambda: leakage(field, 10, 20)),
     ):
         begin = time.perf_counter()

@@ -25,8 +25,8 @@ def main():
     galaxies = sim.galaxies(100_000, rng=1)
     law = sim.NominalScanningLaw(dead_time=0.06, rng=2)
     quiet = sim.spin((0, 0, 0))
-    measured = sim.observe(galaxies, quiet, rng=3, mission=law, release="paper", excess=215.0, progress=False)
-    steady = sim.drift(VELOCITY) + sim.acceleration(ACCELERATION)
+    measured = sim.observe(galaxies, quiet, rng=3, mission=law, release="paper", excess_noise=215.0, progress=False)
+    steady = sim.secular_parallax(VELOCITY) + sim.acceleration(ACCELERATION)
     rows = []
     for sky in range(SKIES):
         truth = steady + sim.peculiar(750.0, rng=[4, sky])
@@ -46,13 +46,13 @@ def main():
             f"{name:6}{truth:10.3f}{mean:10.3f}{pull:10.2f}{scatter:10.3f}{formal:10.3f}{scatter / formal:8.3f}{paper:8.3g}"
         )
     print(f"scatter over formal error, all together: {np.sqrt(np.mean(((values - truths) / errors) ** 2)):.3f}")
-    ignored = observer_velocity(field, 67.3, peculiar=0.0)
+    ignored = observer_velocity(field, 67.3, peculiar_dispersion=0.0)
     print(f"formal errors of v with peculiar velocities ignored: {ignored.velocity.sigma.round(1)}")
 
-    for words, options in (("v and H0", {}), ("v, H0 and the dispersion", {"peculiar": Flat(0, 2000)}),
-                           ("v, H0, dispersion, extra error", {"peculiar": Flat(0, 2000), "extra": Flat(0, 50)})):  # fmt: skip
+    for words, options in (("v and H0", {}), ("v, H0 and the dispersion", {"peculiar_dispersion": Flat(0, 2000)}),
+                           ("v, H0, dispersion, excess noise", {"peculiar_dispersion": Flat(0, 2000), "excess_noise": Flat(0, 50)})):  # fmt: skip
         begin = time.perf_counter()
-        found = sample(field, PLANCK_2018, Flat(20, 150), 1_000_000, rng=6, progress=False, **options)
+        found = sample(field, PLANCK_2018, Flat(20, 150), n_samples=1_000_000, rng=6, progress=False, **options)
         seconds = time.perf_counter() - begin
         slowest = max(found.autocorrelation.values())
         print(f"10⁶ samples of {words}: {seconds:.1f} s; {len(found.chain) / slowest:.0f} autocorrelation times")

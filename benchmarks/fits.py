@@ -53,7 +53,7 @@ def plain_numpy(field, lmax, block=10_000):
         (s1, s2), root = part.sigma, np.sqrt(1 - part.rho**2)
         east = design[:, 0] / s1
         north = (design[:, 1] / s2 - part.rho * east) / root
-        a, y = np.concatenate([east, north], axis=1), part.normalised.ravel()
+        a, y = np.concatenate([east, north], axis=1), part.whitened.ravel()
         matrix, rhs, chi2 = matrix + a @ a.T, rhs + a @ y, chi2 + y @ y
     values = np.linalg.solve(matrix, rhs)
     np.linalg.inv(matrix)

@@ -44,7 +44,9 @@ def main(n=500_000):
                 f"  ω–ã correlations\n{found.correlation[:3, 3:]}\n  less the paper's\n{found.correlation[:3, 3:] - TIES}"
             )
     galaxies = sim.galaxies(100_000, 1, "gums")
-    field = sim.observe(galaxies, sim.spin((0, 0, 0)), 2, mission=law, release="paper", excess=215.0, progress=False)
+    field = sim.observe(
+        galaxies, sim.spin((0, 0, 0)), 2, mission=law, release="paper", excess_noise=215.0, progress=False
+    )
     found = observer_velocity(field.to_frame("galactic"), 67.3)
     print("galaxies: σ of v and ã, solved together:", found.sigma, "paper 98.7 97.8 97.2 0.27 0.27 0.27")
 

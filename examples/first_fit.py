@@ -20,7 +20,7 @@ from vsh.sky.plot import plot_field
 TRUE_SPIN = (0.0, 0.0, 3.0)
 TRUE_ACCELERATION = Vector([5.05, 0, 0], [[0, 0, 0]] * 3, frame="galactic").to_frame("icrs").value
 
-quasars = sim.quasars(10_000, rng=1, sky="plane-avoiding", faintest=19)
+quasars = sim.quasars(10_000, rng=1, sky="plane-avoiding", max_magnitude=19)
 field = sim.observe(quasars, sim.spin(TRUE_SPIN) + sim.acceleration(TRUE_ACCELERATION), rng=2, rho=0.2, release="DR5")
 
 # %%

@@ -20,7 +20,7 @@ ACCELERATION = Vector([5.05, 0, 0], np.zeros((3, 3)), "galactic").to_frame("icrs
 def demo_columns(seed=2016):
     """The columns of the demo's table, in Gaia's names and units."""
     rng = np.random.default_rng(seed)
-    sources = sim.quasars(4000, rng, sky="plane-avoiding", faintest=18.5)
+    sources = sim.quasars(4000, rng, sky="plane-avoiding", max_magnitude=18.5)
     rho = rng.uniform(-0.4, 0.4, len(sources))
     field = sim.observe(sources, sim.spin(SPIN) + sim.acceleration(ACCELERATION), rng, rho=rho, release="DR5")
     mas = field.motion / 1000, field.sigma / 1000

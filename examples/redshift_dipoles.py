@@ -20,7 +20,9 @@ from vsh.cosmology import PLANCK_2018
 # The truth: 5 µas/yr towards the Galactic centre, a spin, and Planck's velocity; errors are those
 # that a ten times better Gaia would have, so that a hundred thousand galaxies suffice to see it.
 truth = (
-    sim.acceleration((-0.28, -4.41, -2.44)) + sim.spin((0.3, 0.0, -0.5)) + sim.drift(PLANCK_2018.to_frame("icrs").value)
+    sim.acceleration((-0.28, -4.41, -2.44))
+    + sim.spin((0.3, 0.0, -0.5))
+    + sim.secular_parallax(PLANCK_2018.to_frame("icrs").value)
 )
 galaxies = sim.observe(sim.galaxies(100_000, rng=1), truth, rng=2, sigma=20.0)
 quasars = sim.observe(sim.quasars(50_000, rng=3), truth, rng=4, sigma=60.0)
@@ -39,9 +41,9 @@ print(report_bins(bins))
 
 # %%
 # Do the bins agree? The spin does; the acceleration does not, until the drift is taken away.
-print("spin alike in all bins:         chance {:.2g}".format(bins.equality("T").p))
-print("acceleration alike in all bins: chance {:.2g}".format(bins.equality("S").p))
-print(f"constant but for our drift:     chance {bins.drift(PLANCK_2018)[1].p:.2g}")
+print("spin alike in all bins:         chance {:.2g}".format(bins.equality("T").p_value))
+print("acceleration alike in all bins: chance {:.2g}".format(bins.equality("S").p_value))
+print(f"constant but for our drift:     chance {bins.secular_parallax(PLANCK_2018)[1].p_value:.2g}")
 
 # %%
 # The figure: dashed, the prediction for Planck's velocity.

@@ -39,7 +39,7 @@ ways = {
     "the same, jackknife": fit.resample.jackknife(kept, modes, nside=4).resampled_solution,
     "Student-t": fit.robust.student_t(field, modes).solution,
     "Sivia's permissive": fit.robust.permissive(field, modes).solution,
-    "extra noise, clipped": fit.robust.extra_noise(kept, modes).solution,
+    "excess noise, clipped": fit.robust.excess_noise(kept, modes).solution,
 }
 
 # %%

@@ -11,7 +11,7 @@ import numpy as np
 
 import fit
 import sim
-from sim.plot import plot_density, plot_distance_and_drift, plot_histograms, plot_tracks, plot_transits
+from sim.plot import plot_density, plot_distance_and_parallax, plot_histograms, plot_tracks, plot_transits
 
 law = sim.NominalScanningLaw(dead_time=0.06, rng=1)
 truth = sim.acceleration((-0.235965, -3.755779, -2.080491))
@@ -38,5 +38,5 @@ plot_transits(everywhere, transits.counts(len(everywhere))).savefig("transits.pn
 one = transits.time[transits.source == 0]
 plot_tracks(one, variability, rng=5).savefig("tracks.png", dpi=150)
 plot_histograms(sim.galaxies(20_000, rng=6)).savefig("galaxies.png", dpi=150)
-plot_distance_and_drift()
+plot_distance_and_parallax()
 plt.savefig("simulated_sky.png", dpi=150)

@@ -11,13 +11,13 @@ import matplotlib.pyplot as plt
 
 import sim
 from fit.posterior import Flat, Normal, grid, sample
-from fit.secular_parallax import hubble_constant, observer_velocity, report_drift
+from fit.secular_parallax import hubble_constant, observer_velocity, report_parallax
 from vsh.cosmology import PLANCK_2018
 
 # %%
 # The truth: Planck's velocity, H0 = 70, galaxies that wander by 300 km/s.
 truth = (
-    sim.drift(PLANCK_2018.to_frame("icrs").value, hubble=70.0)
+    sim.secular_parallax(PLANCK_2018.to_frame("icrs").value, hubble=70.0)
     + sim.peculiar(300.0, rng=1, hubble=70.0)
     + sim.acceleration((-0.28, -4.41, -2.44))
 )
@@ -25,10 +25,10 @@ field = sim.observe(sim.galaxies(50_000, rng=2), truth, rng=6, sigma=8.0)
 
 # %%
 # Either, by least squares.
-velocity = observer_velocity(field, hubble=70.0, peculiar=300.0)
-hubble = hubble_constant(field, PLANCK_2018, peculiar=300.0)
-print(report_drift(velocity))
-print(report_drift(hubble))
+velocity = observer_velocity(field, hubble=70.0, peculiar_dispersion=300.0)
+hubble = hubble_constant(field, PLANCK_2018, peculiar_dispersion=300.0)
+print(report_parallax(velocity))
+print(report_parallax(hubble))
 pulls = (velocity.velocity.value - PLANCK_2018.to_frame("icrs").value) / velocity.velocity.sigma
 print("velocity: found − true, in standard errors:", pulls.round(2))
 print(f"H0:       found − true, in standard errors: [{(hubble.hubble - 70.0) / hubble.hubble_error:.2f}]")
@@ -36,7 +36,7 @@ print(f"H0:       found − true, in standard errors: [{(hubble.hubble - 70.0) /
 # %%
 # Both, by their posterior: the velocity as Planck has it, H0 flat, the dispersion of the galaxies
 # free within 300 ± 100 km/s. Their scatter is then a second ruler of H0. A grid must agree.
-given = {"velocity_prior": PLANCK_2018, "hubble_prior": Flat(20, 150), "peculiar": Normal(300, 100, low=1.0)}
+given = {"velocity_prior": PLANCK_2018, "hubble_prior": Flat(20, 150), "peculiar_dispersion": Normal(300, 100, low=1.0)}
 posterior = sample(field, n_samples=600_000, rng=4, **given)
 print(posterior.report())
 on_grid = grid(field, **given)
@@ -45,5 +45,5 @@ print(f"H0 on a grid:      {on_grid.mean('H0'):.2f} ± {on_grid.sigma('H0'):.2f}
 
 # %%
 # The figure: every pair of parameters.
-posterior.corner(["H0", "sigma_pec", "a_x", "a_y", "a_z"])
+posterior.corner(["H0", "peculiar_dispersion", "a_x", "a_y", "a_z"])
 plt.savefig("velocity_or_hubble.png", dpi=150)

@@ -8,27 +8,46 @@ from fit.frame import FrameSolution, solve_frame
 from fit.normal import normal_equations
 from fit.solution import Solution
 from fit.solve import solve
+from fit.storage import Result
+from vsh import tables
 from vsh.checks import arguments
-from vsh.checks.frozen import Frozen
 from vsh.field import Field
 from vsh.modes import Modes
 
 
 @dataclass(frozen=True, eq=False)
-class CrossCheck(Frozen):
+class CrossCheck(Result):
     """Spin and acceleration by harmonics of degree 1 and by the direct frame solver.
 
     Attributes
     ----------
     harmonics : Solution
-    direct : FrameSolution
+    frame : FrameSolution
     largest : float
         Their largest difference in any component, in units of its standard error.
     """
 
     harmonics: Solution
-    direct: FrameSolution
+    frame: FrameSolution
     largest: float
+
+    def report(self):
+        """Whether the two solvers agree, as text."""
+        from fit.output import report_check
+
+        return report_check(self) + "\n"
+
+    def to_table(self):
+        """Both solutions as an astropy Table: a row for each component of spin and acceleration."""
+        columns = {"parameter": list(self.frame.names)}
+        for name, found in (("harmonics", self.harmonics), ("frame_solver", self.frame)):
+            columns[name] = np.concatenate([found.spin.value, found.acceleration.value])
+            columns[f"{name}_error"] = np.concatenate([found.spin.sigma, found.acceleration.sigma])
+        return tables.table_of(columns, {"frame": self.frame.frame})
+
+    def plot(self):
+        """The correlations of the frame solver's parameters as a matplotlib figure."""
+        return self.frame.plot()
 
 
 @arguments.accepts(field=arguments.a(Field))
@@ -41,7 +60,7 @@ def cross_check(field):
         If the sources cannot tell spin and acceleration apart.
     """
     # Not the short cut for degree 1, which writes the same p and q: the harmonics themselves.
-    harmonics = solve(normal_equations(field, Modes(1), method="direct"))
+    harmonics = solve(normal_equations(field, Modes(1), method="design-matrix"))
     direct = solve_frame(field)
     pairs = [(harmonics.spin, direct.spin), (harmonics.acceleration, direct.acceleration)]
     largest = max(float(np.max(np.abs(one.value - two.value) / two.sigma)) for one, two in pairs)

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular, svdvals
 
-from fit.named_solution import NamedSolution
+from fit.linear import NamedSolution
 from vsh.checks.notes import merge_notes
 from vsh.errors import DegeneracyError, FieldError, FrameError
 from vsh.field import Field
+from vsh.sky.sphere import triad
 
 _AXES = "xyz"
 _ROWS = 100_000
@@ -40,6 +41,23 @@ class FrameSolution(NamedSolution):
     frame : str
     notes : tuple of str
     """
+
+    def report(self):
+        """Orientation, spin and acceleration with their correlations as text."""
+        lines = [
+            f"Orientation, spin and acceleration by the direct frame solver ({self.frame} axes)",
+            f"χ²/dof         {self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}",
+        ]
+        for name, value, sigma in zip(self.names, self.values, self.sigma, strict=True):
+            lines.append(f"{name:12}{value:+12.4f} ± {sigma:.4f} {'µas' if name.startswith('epsilon') else 'µas/yr'}")
+        lines += ["correlations", *("".join(f"{x:+8.3f}" for x in row) for row in self.correlation)]
+        return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
+
+    def model(self, field):
+        """The motions by spin and acceleration at the sources of a field, (2, n). [µas/yr]"""
+        p, q, _ = triad(field.lon, field.lat)
+        spin, acceleration = self.spin.value, self.acceleration.value
+        return np.stack([spin @ q + acceleration @ p, acceleration @ q - spin @ p])
 
     @property
     def orientation(self):

@@ -6,14 +6,15 @@ each point and an adjoint synthesis. A step of the conjugate gradients takes as 
 ten million sources as for ten thousand.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigvalsh_tridiagonal
 
-from fit.solution import Solution
+from fit.solution import HarmonicSolution
+from fit.storage import coefficient_columns
 from fit.sums import Rings, fourier_sums
-from vsh import Coefficients, Field, Modes
+from vsh import Coefficients, Field, Mode, Modes, tables
 from vsh.checks import arguments, nouns
 from vsh.checks.notes import merge_notes
 from vsh.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
@@ -24,11 +25,21 @@ LOW = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MatrixFreeSolution(Solution):
-    """A Solution without a full covariance; what needs one raises CovarianceError.
+class MatrixFreeSolution(HarmonicSolution):
+    """A solution without a covariance matrix; what needs one raises CovarianceError.
 
     Attributes
     ----------
+    coefficients : Coefficients
+        The best fit. [µas/yr]
+    chi2 : float
+        Of the residuals.
+    n_data : int
+        Data points: two a source.
+    frame : str
+        Of the axes.
+    notes : tuple of str
+        What the reader should know of the data.
     errors : dict of Mode to float
         Standard errors of the coefficients that were asked for. [µas/yr]
     iterations : int
@@ -39,30 +50,68 @@ class MatrixFreeSolution(Solution):
         Condition number of the preconditioned N, as the iterations saw it.
     """
 
-    covariance: None = field(default=None, init=False, repr=False)
-    chi2: float = 0.0
-    n_data: int = 0
+    coefficients: Coefficients
+    chi2: float
+    n_data: int
+    frame: str
+    notes: tuple = ()
     errors: dict = field(default_factory=dict)
     iterations: int = 0
     residual: float = 0.0
     condition: float = 1.0
 
-    def __post_init__(self):
-        """There is no covariance to check."""
+    def __repr__(self):
+        return f"<MatrixFreeSolution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}>"
 
-    def __eq__(self, other):
-        return self is other
+    @property
+    def covariance(self):
+        """There is none.
 
-    def __hash__(self):
-        return id(self)
+        Raises
+        ------
+        CovarianceError
+            Always; the message says how to get errors of some coefficients.
+        """
+        raise CovarianceError(
+            f"a matrix-free fit to degree {self.modes.lmax} has no covariance matrix: ask for the errors of some "
+            "coefficients with errors_of=[Mode(…), …], or use fit.solve at a lower degree"
+        )
 
-    def __getattribute__(self, name):
-        if name == "covariance":
-            raise CovarianceError(
-                f"a matrix-free fit to degree {self.coefficients.modes.lmax} has no covariance matrix: ask for the "
-                "errors of some coefficients with errors_of=[Mode(…), …], or use fit.solve at a lower degree"
-            )
-        return super().__getattribute__(name)
+    def report(self):
+        """Powers by degree as text, with what is known of errors."""
+        lines = [
+            f"Vector spherical harmonics to degree {self.modes.lmax}, matrix-free",
+            f"sources        {self.n_data // 2}",
+            f"frame          {self.frame}",
+            f"χ²/dof         {self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}",
+            "",
+            "Power by degree as fitted, noise included [(µas/yr)²]",
+            f"{'degree':>8}{'toroidal':>14}{'spheroidal':>14}",
+        ]
+        for l in range(1, self.modes.lmax + 1):
+            lines.append(f"{l:8d}{self.coefficients.power('T', l):14.5g}{self.coefficients.power('S', l):14.5g}")
+        for mode, error in self.errors.items():
+            lines.append(f"{mode!s:12}{self.values[self.modes.index(mode)]:+.4g} ± {error:.2g} µas/yr")
+        return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
+
+    def to_table(self):
+        """The coefficients as an astropy Table, a row each; errors are nan where they were not asked for."""
+        sigma = np.full(len(self.modes), np.nan)
+        for mode, error in self.errors.items():
+            sigma[self.modes.index(mode)] = error
+        columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": sigma}
+        return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
+
+    def plot(self):
+        """Power by degree as fitted, a matplotlib figure."""
+        from fit.output import plot_power
+
+        return plot_power(self)
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        found = super()._unpack(columns, rest)
+        return replace(found, errors={Mode(*mode): error for mode, error in found.errors.items()})
 
 
 @arguments.accepts(fields=nouns.fields, modes=nouns.modes, tolerance=arguments.positive, max_iterations=arguments.whole)
@@ -111,7 +160,7 @@ def solve_matrix_free(
     said = f"matrix-free: {iterations} iterations, residual {residual:.1e}, condition {condition:.3g}"
     return MatrixFreeSolution(
         Coefficients(modes, values),
-        chi2=float(system.chi2_zero - 2 * values @ system.rhs + values @ system.apply_data(values)),
+        chi2=float(system.chi2_null - 2 * values @ system.rhs + values @ system.apply_data(values)),
         n_data=system.n_data,
         frame=system.frame,
         notes=(*system.notes, said),
@@ -135,7 +184,7 @@ def prior_precision(modes, power):
     power = np.broadcast_to(power, l.shape)
     if not (power > 0).all():
         raise ParameterError("the prior power must be positive at every degree")
-    return ((2 * l + 1) / power)[modes.degrees - 1] * modes.multiplicity
+    return ((2 * l + 1) / power)[modes.degrees - 1] * modes.norm2
 
 
 class _System:
@@ -144,11 +193,11 @@ class _System:
     def __init__(self, fields, modes, prior_power, threads):
         self.modes, self.threads = modes, threads
         self.prior = prior_precision(modes, prior_power)
-        weights, motions, self.chi2_zero, self.n_data = 0, 0, 0.0, 0
+        weights, motions, self.chi2_null, self.n_data = 0, 0, 0.0, 0
         notes, frames = (), {}
         for each in [fields] if isinstance(fields, Field) else fields:
             w, z, chi2 = fourier_sums(each, modes.lmax, threads)
-            weights, motions, self.chi2_zero = weights + w, motions + z, self.chi2_zero + chi2
+            weights, motions, self.chi2_null = weights + w, motions + z, self.chi2_null + chi2
             self.n_data += 2 * len(each)
             notes = merge_notes(notes, each.notes)
             frames[each.frame] = True
@@ -178,7 +227,7 @@ class _System:
         self.low = self.modes.degrees <= low.lmax
         # The mean weight over the sky is the diagonal of a uniform one; an empty catalogue has none.
         mean = float((weights[0, 0, half] + weights[1, 0, half]).real) / (8 * np.pi)
-        self.diagonal = mean * self.modes.multiplicity + self.prior
+        self.diagonal = mean * self.modes.norm2 + self.prior
         block = Rings(low.lmax).matrix(few) + np.diag(self.prior[self.low])
         # A little of the mean keeps the block definite where the sky does not.
         self.block = cho_factor(block + 1e-6 * np.diag(self.diagonal[self.low]))

@@ -5,7 +5,7 @@ from os import PathLike
 
 import numpy as np
 
-from fit.sums import compressed_sums, dipole_sums, direct_sums, direct_up_to
+from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
 from vsh import Field, Modes
 from vsh.checks import arguments, nouns
 from vsh.checks.arguments import choice, float_array
@@ -29,7 +29,7 @@ class NormalEquations(Frozen):
         N = Σ Aᵀ C⁻¹ A. [(yr/µas)²]
     rhs : (p,) array
         b = Σ Aᵀ C⁻¹ y. [yr/µas]
-    chi2_zero : float
+    chi2_null : float
         Σ yᵀ C⁻¹ y, the χ² of fitting nothing.
     n_data : int
         How many numbers went in: two a source.
@@ -42,7 +42,7 @@ class NormalEquations(Frozen):
     modes: Modes
     matrix: np.ndarray
     rhs: np.ndarray
-    chi2_zero: float
+    chi2_null: float
     n_data: int
     frame: str = None
     notes: tuple = ()
@@ -76,7 +76,7 @@ class NormalEquations(Frozen):
             self.modes,
             self.matrix + sign * other.matrix,
             self.rhs + sign * other.rhs,
-            self.chi2_zero + sign * other.chi2_zero,
+            self.chi2_null + sign * other.chi2_null,
             self.n_data + sign * other.n_data,
             self.frame or other.frame,
             merge_notes(self.notes, other.notes),
@@ -91,8 +91,8 @@ def normal_equations(field, modes, method="auto", threads=None):
     ----------
     field : Field or iterable of Fields
     modes : Modes, or the degree lmax
-    method : {"auto", "direct", "compressed"}
-        "direct" sums the design matrix, exact to rounding; "compressed" sums the moments of
+    method : {"auto", "design-matrix", "compressed"}
+        "design-matrix" sums the design matrix, exact to rounding; "compressed" sums the moments of
         the weights and is as good to 1e-12, in a time that hardly grows with the degree.
         "auto" takes what was measured to be faster (docs/performance.md).
     threads : int, optional
@@ -121,7 +121,7 @@ def normal_equations(field, modes, method="auto", threads=None):
     >>> np.allclose(whole.matrix, normal_equations([field[:30], field[30:]], Modes(2)).matrix)
     True
     """
-    choice("method", method, ("auto", "direct", "compressed"))
+    choice("method", method, ("auto", "design-matrix", "compressed"))
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or iter_fields")
     if len(modes) ** 2 * 8 > MEMORY:
@@ -138,10 +138,10 @@ def normal_equations(field, modes, method="auto", threads=None):
         return total
     if method == "auto" and modes.lmax == 1:
         sums = dipole_sums(field)
-    elif method == "compressed" or (method == "auto" and len(field) > direct_up_to(modes)):
+    elif method == "compressed" or (method == "auto" and len(field) > design_matrix_up_to(modes)):
         sums = compressed_sums(field, modes, threads)
     else:
-        sums = direct_sums(field, modes, threads)
+        sums = design_matrix_sums(field, modes, threads)
     return NormalEquations(modes, *sums, 2 * len(field), field.frame, field.notes)
 
 

@@ -58,20 +58,6 @@ class Quality:
         return f"χ²/dof {size}: the errors seem too large, by {1 / self.factor:.3g}"
 
 
-class Judged:
-    """What a result with `chi2` and `dof` says of its errors."""
-
-    @property
-    def quality(self):
-        """What χ² says of the errors, a `Quality`."""
-        return Quality(self.chi2, self.dof)
-
-    @property
-    def reduced_chi2(self):
-        """χ² per degree of freedom; nan where there is none."""
-        return self.quality.reduced
-
-
 def log_p_value(chi2, dof):
     """Logarithm of the probability of as much χ² or more; exact where the probability itself is zero in double precision.
 

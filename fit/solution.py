@@ -6,86 +6,45 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.quality import Judged
-from fit.storage import Stored, coefficient_columns, count, exact, number, words
+from fit.linear import LinearSolution
+from fit.storage import Result, coefficient_columns, count, exact, number, words
+from vsh import tables
 from vsh.checks.arguments import covariance, float_array
 from vsh.coefficients import FIRST_DEGREE, Coefficients
-from vsh.errors import FrameError
 from vsh.modes import Modes
 from vsh.sky.frames import check_frame
-from vsh.vector import Vector
+from vsh.vector import Vector, correlation_of
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Solution(Judged, Stored):
-    """Coefficients with their covariance.
+class HarmonicSolution(LinearSolution):
+    """What a solution for coefficients says, with or without their full covariance.
 
     Attributes
     ----------
     coefficients : Coefficients
         The best fit. [µas/yr]
-    covariance : (p, p) array
-        N⁻¹, from the catalogue's errors alone, unless `errors_from` says otherwise. [(µas/yr)²]
-    chi2 : float
-        Of the residuals.
-    n_data : int
-        How many numbers were fitted: two a source.
-    frame : str
-        Of the axes.
-    notes : tuple of str
-        What the reader should know of the data.
-    errors_from : str
-        Where the covariance comes from, where not from the catalogue's errors alone.
     """
 
     coefficients: Coefficients
-    covariance: np.ndarray
-    chi2: float
-    n_data: int
-    frame: str = "icrs"
-    notes: tuple = ()
-    errors_from: str = "the catalogue"
-
-    def __repr__(self):
-        return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
-
-    def _repr_html_(self):
-        from fit.output import html_of
-
-        return html_of(self)
-
-    def latex(self):
-        """Spin, acceleration and powers as a LaTeX table (booktabs)."""
-        from fit.output import latex_of
-
-        return latex_of(self)
 
     @property
     def modes(self):
+        """The Modes that were fitted."""
         return self.coefficients.modes
 
-    @property
-    def dof(self):
-        """Degrees of freedom: numbers fitted less parameters."""
-        return self.n_data - len(self.modes)
-
-    @property
-    def scaled(self):
-        """The same solution with errors multiplied by √(χ²/dof) where χ² contradicts them, and only there."""
-        factor = self.quality.factor
-        if factor == 1.0 or self.errors_from != "the catalogue":
-            return self
-        return replace(self, covariance=self.covariance * factor**2, errors_from=f"the catalogue, times {factor:.3g}")
-
     @cached_property
-    def sigma(self):
-        """Standard error of each coefficient, (p,). [µas/yr]"""
-        return np.sqrt(np.diag(self.covariance))
+    def names(self):
+        """Names of the coefficients, (p,)."""
+        return tuple(map(str, self.modes))
 
-    @cached_property
-    def correlation(self):
-        """Correlation matrix of the coefficients, (p, p)."""
-        return self.covariance / np.outer(self.sigma, self.sigma)
+    @property
+    def values(self):
+        """The coefficients as an array, (p,). [µas/yr]"""
+        return self.coefficients.values
+
+    def model(self, field):
+        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]"""
+        return at_sources(self.coefficients, field)
 
     @property
     def spin(self):
@@ -117,16 +76,16 @@ class Solution(Judged, Stored):
         2 of the power; µᵀ W C W µ is estimated without bias, and taken for zero where the degree is not
         significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
         """
-        degree = self.modes.degree(kind, l)
+        degree = self.modes.slice_of(kind, l)
         wc = self._weighted_covariance(kind, l)
         wcwc = np.trace(wc @ wc)
         wc_c = self._power_weights(l) * self.coefficients.values[degree]
         signal = max(0.0, wc_c @ self.covariance[degree, degree] @ wc_c - wcwc)
-        if self.significance(kind, l) > 0.05:
+        if self.p_value(kind, l) > 0.05:
             signal = 0.0
         return float(np.sqrt(4 * signal + 2 * wcwc))
 
-    def significance(self, kind, l):
+    def p_value(self, kind, l):
         """Probability that noise alone gives this degree as much signal or more.
 
         W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
@@ -136,23 +95,104 @@ class Solution(Judged, Stored):
 
     def chi2_of_degree(self, kind, l):
         """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree."""
-        degree = self.modes.degree(kind, l)
+        degree = self.modes.slice_of(kind, l)
         c = self.coefficients.values[degree]
         return float(c @ np.linalg.solve(self.covariance[degree, degree], c))
 
-    def residuals(self, field):
-        """The field less the fit: a Field, whose `chi2` is that of each source.
+    def _vector(self, kind):
+        # The rows of FIRST_DEGREE are orthogonal, but not of one length: the inverse, then.
+        inverse = np.linalg.inv(FIRST_DEGREE)
+        degree = self.modes.slice_of(kind, 1)
+        covariance = inverse @ self.covariance[degree, degree] @ inverse.T
+        return Vector(inverse @ self.coefficients.values[degree], covariance, self.frame)
 
-        `.normalised` of it are the residuals decorrelated and in units of their errors.
+    def _weighted_covariance(self, kind, l):
+        degree = self.modes.slice_of(kind, l)
+        return self._power_weights(l)[:, None] * self.covariance[degree, degree]
 
-        Raises
-        ------
-        FrameError
-            If the field stands in another frame.
-        """
-        if field.frame != self.frame:
-            raise FrameError(f'the fit is in {self.frame}, the field in {field.frame}: use .to_frame("{self.frame}")')
-        return field.minus(at_sources(self.coefficients, field))
+    @staticmethod
+    def _power_weights(l):
+        return np.array([1.0] + 2 * l * [2.0])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(HarmonicSolution):
+    """Coefficients with their covariance.
+
+    Attributes
+    ----------
+    coefficients : Coefficients
+        The best fit. [µas/yr]
+    covariance : (p, p) array
+        N⁻¹, from the catalogue's errors alone, unless `errors_from` says otherwise. [(µas/yr)²]
+    chi2 : float
+        Of the residuals.
+    n_data : int
+        How many numbers were fitted: two a source.
+    frame : str
+        Of the axes.
+    notes : tuple of str
+        What the reader should know of the data.
+    errors_from : str
+        Where the covariance comes from, where not from the catalogue's errors alone.
+    """
+
+    coefficients: Coefficients
+    covariance: np.ndarray
+    chi2: float
+    n_data: int
+    frame: str = "icrs"
+    notes: tuple = ()
+    errors_from: str = "the catalogue"
+
+    def __repr__(self):
+        return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
+
+    def report(self, check=None, truth=None, source=None):
+        """A page of text, as `fit.report` makes it."""
+        from fit.output import report
+
+        return report(self, check, truth, source)
+
+    def plot(self):
+        """Power by degree as a matplotlib figure."""
+        from fit.output import plot_spectrum
+
+        return plot_spectrum(self)
+
+    def to_table(self):
+        """The coefficients with their errors as an astropy Table, a row each."""
+        columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
+        return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
+
+    def _repr_html_(self):
+        from fit.output import html_of
+
+        return html_of(self)
+
+    def latex(self):
+        """Spin, acceleration and powers as a LaTeX table (booktabs)."""
+        from fit.output import latex_of
+
+        return latex_of(self)
+
+    @property
+    def scaled(self):
+        """The same solution with errors multiplied by √(χ²/dof) where χ² contradicts them, and only there."""
+        factor = self.quality.factor
+        if factor == 1.0 or self.errors_from != "the catalogue":
+            return self
+        return replace(self, covariance=self.covariance * factor**2, errors_from=f"the catalogue, times {factor:.3g}")
+
+    @cached_property
+    def sigma(self):
+        """Standard error of each coefficient, (p,). [µas/yr]"""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def correlation(self):
+        """Correlation matrix of the coefficients, (p, p)."""
+        return correlation_of(self.covariance)
 
     def __post_init__(self):
         """Check what a file or a caller may have mixed up.
@@ -185,20 +225,29 @@ class Solution(Judged, Stored):
         return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
                 words(rest["notes"]), str(rest["errors_from"]))  # fmt: skip
 
-    def _vector(self, kind):
-        # The rows of FIRST_DEGREE are orthogonal, but not of one length: the inverse, then.
-        inverse = np.linalg.inv(FIRST_DEGREE)
-        degree = self.modes.degree(kind, 1)
-        covariance = inverse @ self.covariance[degree, degree] @ inverse.T
-        return Vector(inverse @ self.coefficients.values[degree], covariance, self.frame)
 
-    def _weighted_covariance(self, kind, l):
-        degree = self.modes.degree(kind, l)
-        return self._power_weights(l)[:, None] * self.covariance[degree, degree]
+class AboutSolution(Result):
+    """A result that tells something about a solution: text, table and figure are the solution's.
 
-    @staticmethod
-    def _power_weights(l):
-        return np.array([1.0] + 2 * l * [2.0])
+    Attributes
+    ----------
+    solution : Solution
+        What it is about.
+    """
+
+    solution: Solution
+
+    def report(self):
+        """The solution as text."""
+        return self.solution.report()
+
+    def to_table(self):
+        """The coefficients with their errors as an astropy Table, a row each."""
+        return self.solution.to_table()
+
+    def plot(self):
+        """Power by degree as a matplotlib figure."""
+        return self.solution.plot()
 
 
 def at_sources(coefficients, field):

@@ -54,8 +54,8 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
     factor, scale = _factor(normal, max_condition)
     covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
     values = scale * cho_solve(factor, scale * normal.rhs)
-    chi2, notes = float(normal.chi2_zero - values @ normal.rhs), normal.notes
-    if chi2 < 1e-11 * normal.chi2_zero and normal.n_data > len(normal.modes):
+    chi2, notes = float(normal.chi2_null - values @ normal.rhs), normal.notes
+    if chi2 < 1e-11 * normal.chi2_null and normal.n_data > len(normal.modes):
         # The difference of two numbers that are equal to eleven digits.
         chi2, notes = max(chi2, 0.0), (*notes, _LOST)
     return Solution(

@@ -11,7 +11,7 @@ class Degree(NamedTuple):
     """One kind and degree of a solution.
 
     `power` is as fitted, `noise` what noise alone gives on average, `error` the standard
-    error [(µas/yr)²]; `p` the exact probability of as much signal from noise and `z` the
+    error [(µas/yr)²]; `p_value` the exact probability of as much signal from noise and `z` the
     same as a one-sided normal deviate; `mk_w` and `mk_z` the W and Z of Mignard & Klioner
     (2012, sect. 5.2), which hold for a uniform sky only.
     """
@@ -21,7 +21,7 @@ class Degree(NamedTuple):
     power: float
     noise: float
     error: float
-    p: float
+    p_value: float
     z: float
     mk_w: float
     mk_z: float
@@ -48,7 +48,7 @@ def wilson_hilferty(w, n):
 def _degree(solution, kind, l):
     n = 2 * l + 1
     w = solution.chi2_of_degree(kind, l)
-    zonal = solution.modes.degree(kind, l).start
+    zonal = solution.modes.slice_of(kind, l).start
     power = solution.coefficients.power(kind, l)
     mk_w = power / solution.covariance[zonal, zonal]
     return Degree(
@@ -57,7 +57,7 @@ def _degree(solution, kind, l):
         power,
         solution.noise_power(kind, l),
         solution.power_error(kind, l),
-        solution.significance(kind, l),
+        solution.p_value(kind, l),
         float(normal_deviate(w, n)),
         float(mk_w),
         float(wilson_hilferty(mk_w, n)),

@@ -7,13 +7,17 @@ Each kind of result says itself how it is packed; this file knows none of them b
 checked as strictly as a field is: what was written is what comes back, or an error that says what is wrong.
 """
 
+import base64
 import json
 import re
-from dataclasses import fields
+import zlib
+from dataclasses import fields, is_dataclass
+from html import escape
 from importlib import import_module
 
 import numpy as np
 
+from vsh import tables
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import printable
 from vsh.errors import TableError, VshError
@@ -24,12 +28,40 @@ _KINDS = {}
 _OURS = re.compile(r"fit(\.\w+)+")
 
 
-class Stored(Frozen):
-    """A result that can be written to a file and read back.
+class Result(Frozen):
+    """What every result can do: report, table, figure, file, notebook.
 
-    A class gives `_pack()` → (columns, the rest as plain values, units of columns) and the class method
-    `_unpack(columns, rest)`, which may raise anything on what is not right.
+    A class gives `report()`, `plot()` and, where its arrays are not its table, `to_table()`. It is packed
+    attribute by attribute unless it says otherwise: `_pack()` → (columns, the rest as plain values, units of
+    columns) and the class method `_unpack(columns, rest)`, which may raise anything on what is not right.
     """
+
+    def report(self):
+        """The result as text."""
+        raise NotImplementedError
+
+    def plot(self):
+        """The result as a matplotlib figure."""
+        raise NotImplementedError
+
+    def to_table(self):
+        """The result as an astropy Table: the columns that `write` writes."""
+        columns, _, units = self._pack()
+        return tables.table_of(columns, {"frame": getattr(self, "frame", None)}, units)
+
+    def _repr_html_(self):
+        """The report, for a notebook."""
+        return f"<pre>{escape(self.report())}</pre>"
+
+    def _pack(self):
+        table = type(self).to_table(self)
+        columns = {name: np.asarray(table[name]) for name in table.colnames}
+        units = {name: str(table[name].unit) for name in table.colnames if table[name].unit is not None}
+        return columns, {"fields": {each.name: _encoded(getattr(self, each.name)) for each in fields(self)}}, units
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        return cls(**{each.name: _decoded(rest["fields"][each.name]) for each in fields(cls)})
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -48,8 +80,6 @@ class Stored(Frozen):
         TableError
             If the name ends otherwise.
         """
-        from vsh import tables
-
         _check_format(path)
         columns, rest, units = self._pack()
         mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | rest)
@@ -107,8 +137,6 @@ def read(path):
     TableError
         If the file holds none, or one that is not as it was written.
     """
-    from vsh import tables
-
     _check_format(path)
     table, shown = tables.read(path), printable(path)
     try:
@@ -166,6 +194,57 @@ def _native(name, column):
         raise TableError(f"{np.sum(column.mask)} values of column {name} are missing")
     array = np.asarray(column)
     return array.astype(array.dtype.newbyteorder("=")) if array.dtype.kind in "fi" else array.astype(str)
+
+
+def _encoded(value):
+    """A value as plain JSON, every bit of it: arrays as compressed bytes, results and nouns by their attributes."""
+    if isinstance(value, np.ndarray):
+        array = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"))
+        data = base64.b85encode(zlib.compress(array.tobytes(), 6)).decode()
+        return {"array": data, "kind": array.dtype.str, "shape": list(array.shape)}
+    if is_dataclass(value) and type(value).__module__.split(".")[0] in ("fit", "vsh"):
+        about = {"type": type(value).__name__, "module": type(value).__module__}
+        return about | {"fields": {each.name: _encoded(getattr(value, each.name)) for each in fields(value)}}
+    if isinstance(value, (bool, int, np.integer)) or value is None:
+        return value if value is None or isinstance(value, (bool, int)) else int(value)
+    if isinstance(value, (float, np.floating)):
+        return {"float": exact(value)}
+    if isinstance(value, dict):
+        return {"dict": [[_encoded(key), _encoded(each)] for key, each in value.items()]}
+    if isinstance(value, (list, tuple)):
+        return {"list" if isinstance(value, list) else "tuple": [_encoded(each) for each in value]}
+    return str(value)
+
+
+def _decoded(plain):
+    """What `_encoded` wrote."""
+    if not isinstance(plain, dict):
+        return plain
+    if "array" in plain:
+        kind = np.dtype(plain["kind"])
+        shape = tuple(count(size) for size in plain["shape"])
+        if kind.hasobject or kind.itemsize * int(np.prod(shape, dtype=float)) > 2**34:
+            raise TableError("an array")
+        size = kind.itemsize * int(np.prod(shape))
+        data = zlib.decompressobj().decompress(base64.b85decode(plain["array"]), size + 1)
+        if len(data) != size:
+            raise TableError("the size of an array")
+        array = np.frombuffer(data, kind).reshape(shape)
+        return array.astype(kind.newbyteorder("="))
+    if "float" in plain:
+        return number(plain["float"])
+    if "dict" in plain:
+        return {_decoded(key): _decoded(each) for key, each in plain["dict"]}
+    if "list" in plain:
+        return [_decoded(each) for each in plain["list"]]
+    if "tuple" in plain:
+        return tuple(_decoded(each) for each in plain["tuple"])
+    if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
+        raise TableError(f"a {plain['type']}")
+    kind = getattr(import_module(plain["module"]), plain["type"])
+    if not is_dataclass(kind):
+        raise TableError(f"a {plain['type']}")
+    return kind(**{name: _decoded(each) for name, each in plain["fields"].items()})
 
 
 def coefficient_columns(modes):

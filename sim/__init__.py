@@ -6,17 +6,30 @@ import lazy_loader
 
 from sim import astrometry, population, scanning, signal, variability
 from sim.expected import expected_covariances
+from sim.mission import Mission
 from sim.noise import gaia_errors
 from sim.observe import observe, observe_offsets
 from sim.population import Population, galaxies, plane_avoiding_sky, quasars, uniform_sky, vlbi_quasars
 from sim.scanning import NominalScanningLaw
-from sim.signal import Signal, acceleration, anisotropic_expansion, drift, field, isotropic, peculiar, spin, void, waves
+from sim.signal import (
+    Signal,
+    acceleration,
+    anisotropic_expansion,
+    from_coefficients,
+    gravitational_waves,
+    off_centre_void,
+    peculiar,
+    random_field,
+    secular_parallax,
+    spin,
+)
 from sim.variability import Variability
 
 if TYPE_CHECKING:
     from sim import effects, plot, skies
 
 __all__ = [
+    "Mission",
     "NominalScanningLaw",
     "Population",
     "Signal",
@@ -24,13 +37,13 @@ __all__ = [
     "acceleration",
     "anisotropic_expansion",
     "astrometry",
-    "drift",
+    "secular_parallax",
     "effects",
     "expected_covariances",
-    "field",
+    "from_coefficients",
     "gaia_errors",
     "galaxies",
-    "isotropic",
+    "random_field",
     "observe",
     "observe_offsets",
     "peculiar",
@@ -45,8 +58,8 @@ __all__ = [
     "uniform_sky",
     "variability",
     "vlbi_quasars",
-    "void",
-    "waves",
+    "off_centre_void",
+    "gravitational_waves",
 ]
 
 # Imported when first asked for: astropy, healpy and matplotlib come with them.

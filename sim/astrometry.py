@@ -99,7 +99,7 @@ def solve(transits, error, rng, years=5.0, variability=None, attitude=None, quot
     return Astrometry(errors, covariance, counts)
 
 
-def expected(transits, error, years=5.0, variability=None, attitude=0.0):
+def expected_solution_covariances(transits, error, years=5.0, variability=None, attitude=0.0):
     """Formal and true covariances of the solutions, without drawing them: two (n, 5, 5) arrays.
 
     The true one adds A⁺ C A⁺ᵀ of the wandering, and the attitude's error as if it were independent
@@ -127,7 +127,7 @@ def _spread(inverse, design, transits, variability, n):
     return out
 
 
-def unit_errors(law, n=2000, seed=1):
+def errors_of_unit_transits(law, n=2000, seed=1):
     """Sky-mean errors of (α*, δ, ϖ, µ_α*, µ_δ) for a transit error of one, (5,).
 
     From n uniform positions, always the same ones; the law remembers the result.
@@ -154,9 +154,9 @@ def transit_error(magnitude, law, release="DR4", unit=None):
     magnitude : (n,) array — G
     law : NominalScanningLaw
     release : {"DR3", "DR4", "DR5"}
-    unit : (5,) array, optional — of `unit_errors(law)`, where it is at hand
+    unit : (5,) array, optional — of `errors_of_unit_transits(law)`, where it is at hand
     """
-    unit = unit_errors(law) if unit is None else unit
+    unit = errors_of_unit_transits(law) if unit is None else unit
     return parallax_error(np.asarray(magnitude, float), release) / unit[2]
 
 

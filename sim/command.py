@@ -8,7 +8,8 @@ import numpy as np
 
 import sim
 import vsh
-from vsh.commands import outputs, shell
+from sim.expected import errors_by_place
+from vsh.commands import outputs, parsing, running
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
 ACCELERATION = "-0.235965,-3.755779,-2.080491"
@@ -17,14 +18,14 @@ ACCELERATION = "-0.235965,-3.755779,-2.080491"
 def main(arguments=None):
     """Run `vsh-sim`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
-    options = shell.parse(parser, arguments)
+    options = parsing.parse(parser, arguments)
     if options.selection and options.sky:
         parser.error("--sky and --selection exclude each other")
-    if options.velocity is not None and options.what != "galaxies":
+    if options.velocity is not None and options.kind != "galaxies":
         parser.error("--velocity is for galaxies: quasars are too far to show it")
-    if options.variability and options.short:
-        parser.error("--variability needs transits, which --short leaves out")
-    return shell.guarded("vsh-sim", lambda: _run(options))
+    if options.variability and options.no_transits:
+        parser.error("--variability needs transits, which --no-transits leaves out")
+    return running.guarded("vsh-sim", lambda: _run(options), options.threads)
 
 
 def _run(options):
@@ -37,38 +38,35 @@ def _run(options):
     population = _population(options, sky, chosen)
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     velocity = np.zeros(3) if options.velocity is None else options.velocity.to_frame("icrs").value
-    if options.what == "galaxies":
+    if options.kind == "galaxies":
         if velocity.any():
-            signal += sim.drift(velocity, hubble=options.hubble)
-        if options.peculiar:
-            signal += sim.peculiar(options.peculiar, wander, hubble=options.hubble)
+            signal += sim.secular_parallax(velocity, hubble=options.h0)
+        if options.peculiar_dispersion:
+            signal += sim.peculiar(options.peculiar_dispersion, wander, hubble=options.h0)
     law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
     variability = sim.Variability(options.variability, options.tau) if options.variability else None
-    common = {"release": options.release, "variability": variability, "threads": options.threads}
-    if options.what == "vlbi":
+    mission = sim.Mission(law, options.release, options.attitude)
+    common = {"variability": variability, "threads": options.threads}
+    if options.kind == "vlbi":
         truth = sim.spin(options.orientation)
-        field = sim.observe_offsets(population, truth, observed, law, attitude=options.attitude, **common)
-    elif options.short:
-        from sim.expected import scanned_errors
-
-        sigma, rho = scanned_errors(population.magnitude, population.lon, population.lat, law, options.release)
+        field = sim.observe_offsets(population, truth, observed, mission, **common)
+    elif options.no_transits:
+        sigma, rho = errors_by_place(population.magnitude, population.lon, population.lat, mission)
         field = sim.observe(population, signal, observed, sigma=sigma, rho=rho)
     else:
-        field = sim.observe(
-            population, signal, observed, mission=law, attitude=options.attitude, excess=options.excess, **common
-        )
+        field = sim.observe(population, signal, observed, mission=mission, excess_noise=options.excess_noise, **common)
     meta = {f"{name}_{axis}": float(value) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration))
             for axis, value in zip("XYZ", vector, strict=True)}  # fmt: skip
-    if options.what == "galaxies":
+    if options.kind == "galaxies":
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
-        meta["HUBBLE"] = options.hubble
+        meta["HUBBLE"] = options.h0
     meta |= {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_plain(options))}
     catalogue.write_field(field, options.output, meta)
     for note in field.notes:
-        shell.say(note)
+        running.say(note)
     if tables.format_of(options.output) == "ascii.csv":
-        shell.say("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
-    shell.say(f"written to {options.output}: {len(field)} sources")
+        running.say("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
+    running.say(f"written to {options.output}: {len(field)} sources")
 
 
 def _population(options, rng, chosen):
@@ -79,13 +77,15 @@ def _population(options, rng, chosen):
         sky, named = read_map(options.selection)
         empty = missing_pixels(sky)
         if empty:
-            shell.say(f"note: {empty} of {sky.size} pixels of {options.selection} have no value and hold no sources")
+            running.say(f"note: {empty} of {sky.size} pixels of {options.selection} have no value and hold no sources")
         frame = options.map_frame or named or "icrs"
-    if options.what == "galaxies":
-        return sim.galaxies(options.n, rng, sky, map_frame=frame)
-    if options.what == "vlbi":
-        return sim.vlbi_quasars(sim.quasars(max(options.n, 500_000), rng, sky, map_frame=frame), options.n, chosen)
-    return sim.quasars(options.n, rng, sky, map_frame=frame)
+    if options.kind == "galaxies":
+        return sim.galaxies(options.number, rng, sky, map_frame=frame)
+    if options.kind == "vlbi":
+        return sim.vlbi_quasars(
+            sim.quasars(max(options.number, 500_000), rng, sky, map_frame=frame), options.number, chosen
+        )
+    return sim.quasars(options.number, rng, sky, map_frame=frame)
 
 
 def _plain(options):
@@ -104,52 +104,58 @@ def _parser():
         epilog="Example: vsh-sim quasars --n 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
     )
     parser.add_argument(
-        "what", choices=["quasars", "galaxies", "vlbi"], help="vlbi: offsets from radio positions, as motions"
+        "kind", choices=["quasars", "galaxies", "vlbi"], help="vlbi: offsets from radio positions, as motions"
     )
-    parser.add_argument("--n", type=shell.count(1), default=10_000, help="how many (default: 10000)")
+    parser.add_argument("--number", type=parsing.count(1), default=10_000, help="how many (default: 10000)")
     parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
-    shell.add_overwrite(parser)
+    parsing.add_overwrite(parser)
     parser.add_argument("--sky", choices=["uniform", "plane-avoiding", "gums", "igql"], help="default: uniform")
     parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
     parser.add_argument(
         "--map-frame", choices=["icrs", "galactic", "ecliptic"], help="of the map; its header's, or icrs"
     )
     parser.add_argument(
-        "--spin", type=shell.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="ICRS, µas/yr (default: none)"
+        "--spin", type=parsing.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="ICRS, µas/yr (default: none)"
     )
     parser.add_argument(
-        "--acceleration", type=shell.vector, default=shell.vector(ACCELERATION), metavar="X,Y,Z",
+        "--acceleration", type=parsing.vector, default=parsing.vector(ACCELERATION), metavar="X,Y,Z",
         help="ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
     )  # fmt: skip
     parser.add_argument(
-        "--orientation", type=shell.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas"
+        "--orientation", type=parsing.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas"
     )
     parser.add_argument(
         "--velocity",
-        type=shell.velocity,
+        type=parsing.velocity,
         metavar="planck|SPEED,L,B",
         help="galaxies: ours, km/s toward Galactic degrees",
     )
-    parser.add_argument("--hubble", type=shell.positive, default=67.3, help="km/s/Mpc (default: 67.3)")
+    parser.add_argument("--h0", type=parsing.positive, default=67.3, help="km/s/Mpc (default: 67.3)")
     parser.add_argument(
-        "--peculiar", type=shell.not_negative, default=0.0, metavar="SIGMA", help="galaxies: dispersion, km/s"
+        "--peculiar-dispersion",
+        type=parsing.not_negative,
+        default=0.0,
+        metavar="SIGMA",
+        help="galaxies: dispersion, km/s",
     )
     parser.add_argument(
-        "--variability", type=shell.not_negative, default=0.0, metavar="SIGMA", help="of photocentres, µas"
+        "--variability", type=parsing.not_negative, default=0.0, metavar="SIGMA", help="of photocentres, µas"
     )
-    parser.add_argument("--tau", type=shell.positive, default=2.0, help="its correlation time, yr (default: 2)")
+    parser.add_argument("--tau", type=parsing.positive, default=2.0, help="its correlation time, yr (default: 2)")
     parser.add_argument(
-        "--attitude", type=shell.not_negative, default=10.0, metavar="SIGMA", help="noise, µas (default: 10)"
+        "--attitude", type=parsing.not_negative, default=10.0, metavar="SIGMA", help="noise, µas (default: 10)"
     )
     parser.add_argument(
-        "--excess", type=shell.not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
+        "--excess-noise", type=parsing.not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
     )
-    parser.add_argument("--years", type=shell.positive, default=5.0, help="length of the mission (default: 5)")
-    parser.add_argument("--dead-time", type=shell.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
+    parser.add_argument("--years", type=parsing.positive, default=5.0, help="length of the mission (default: 5)")
+    parser.add_argument(
+        "--dead-time", type=parsing.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06"
+    )
     parser.add_argument("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
-    parser.add_argument("--short", action="store_true", help="errors by place and magnitude, without transits")
+    parser.add_argument("--no-transits", action="store_true", help="errors by place and magnitude, without transits")
     parser.add_argument("--seed", type=int, default=1, help="the same seed, the same table (default: 1)")
-    parser.add_argument("--threads", type=shell.count(1), help="one a core unless given; changes nothing else")
+    parsing.add_threads(parser)
     parser.add_argument("--version", action="version", version=f"vsh-sim {vsh.__version__}")
     return parser
 

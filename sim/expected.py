@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from sim.astrometry import expected, solve, transit_error, unit_errors
+from sim.astrometry import expected_solution_covariances, solve
+from sim.mission import as_mission
 from sim.scanning import BLOCK
-from vsh.errors import FrameError, ParameterError
+from vsh.checks import arguments
 from vsh.system.parallel import map_blocks
 
 _COLUMNS = {"motion": [3, 4], "position": [0, 1]}
@@ -13,11 +14,11 @@ _COLUMNS = {"motion": [3, 4], "position": [0, 1]}
 def expected_covariances(
     population,
     mission,
-    what="motion",
-    release="DR4",
+    kind="motion",
+    *,
     variability=None,
-    attitude=10.0,
-    excess=0.0,
+    excess_noise=0.0,
+    release="DR3",
     threads=None,
     progress=True,
 ):
@@ -25,36 +26,53 @@ def expected_covariances(
 
     Parameters
     ----------
-    population : Population — in the mission's frame
-    mission : NominalScanningLaw
-    what : {"motion", "position"}
-    release, variability, attitude, excess, threads, progress
+    population : Population
+        In the mission's frame.
+    mission : Mission or NominalScanningLaw
         As for `sim.observe`; the attitude's error is taken for independent from transit to transit.
+    kind : {"motion", "position"}
+        Of which two of the five parameters.
+    variability : Variability, optional
+        Wandering of the photocentres.
+    excess_noise : float or (n,) array
+        Along-scan error added in quadrature to every transit. [µas]
+    release : {"DR3", "DR4", "DR5", "paper"}
+        Whose errors, where the mission does not say it.
+    threads : int, optional
+        How many; one a core unless given.
+    progress : bool
+        Show a bar, after two seconds.
 
     Returns
     -------
     formal, true : (n, 2, 2) arrays
         As quoted, and as the errors scatter: with the wandering and the attitude. nan for sources with
         too few transits. [µas² or (µas/yr)²]
+
+    Raises
+    ------
+    ParameterError
+        If the kind is unknown.
+    FrameError
+        If the sources are in another frame than the mission.
     """
-    if what not in _COLUMNS:
-        raise ParameterError(f"covariances are of motion or position, not {what!r}")
-    if population.frame != mission.frame:
-        raise FrameError(f"positions are in {population.frame}, the mission's in {mission.frame}")
-    first, last = _COLUMNS[what]
+    arguments.choice("kind", kind, tuple(_COLUMNS))
+    mission = as_mission(mission, release)
+    mission.check_frame(population.frame)
+    first, last = _COLUMNS[kind]
     columns = slice(first, last + 1)
-    error = np.hypot(transit_error(population.magnitude, mission, release, unit_errors(mission)), excess)
+    error = mission.transit_error(population.magnitude, excess_noise)
 
     def block(part):
-        transits = mission.transits_of_block(population.lon[part], population.lat[part])
-        return expected(transits, error[part], mission.years, variability, attitude)
+        transits = mission.scanning_law.transits_of_block(population.lon[part], population.lat[part])
+        return expected_solution_covariances(transits, error[part], mission.years, variability, mission.attitude)
 
     parts = list(map_blocks(block, len(population), BLOCK, threads, "transits" if progress else None))
     formal, true = (np.concatenate(each)[:, columns, columns] for each in zip(*parts, strict=True))
     return formal, true
 
 
-def scanned_errors(magnitude, lon, lat, law, release="DR3", nside=16):
+def errors_by_place(magnitude, lon, lat, mission, *, release="DR3", nside=16):
     """Errors and correlation of µ_α* and µ_δ by magnitude and place, without simulating each transit.
 
     The scanning law is followed for the centre of every HEALPix pixel; a source has the errors
@@ -62,21 +80,27 @@ def scanned_errors(magnitude, lon, lat, law, release="DR3", nside=16):
 
     Parameters
     ----------
-    magnitude, lon, lat : (n,) arrays — G, and positions in the law's frame [rad]
-    law : NominalScanningLaw
-    release : str — whose sky-mean parallax error
-    nside : int — of the pixels
+    magnitude, lon, lat : (n,) arrays
+        G, and positions in the mission's frame [rad].
+    mission : Mission or NominalScanningLaw
+        As for `sim.observe`.
+    release : {"DR3", "DR4", "DR5", "paper"}
+        Whose sky-mean parallax error, where the mission does not say it.
+    nside : int
+        Of the pixels.
 
     Returns
     -------
-    sigma : (2, n) array [µas/yr]
+    sigma : (2, n) array
+        [µas/yr]
     rho : (n,) array
+        Their correlation.
     """
     from vsh.sky.pixels import centres, pixels_of  # healpy
 
+    mission = as_mission(mission, release)
     pixel = pixels_of(lon, lat, nside)
-    there = solve(law.transits(*centres(nside)), np.ones(12 * nside**2), 0, law.years)
+    there = solve(mission.scanning_law.transits(*centres(nside)), np.ones(12 * nside**2), 0, mission.years)
     covariance = there.covariance[pixel][:, 3:, 3:]
-    error = transit_error(magnitude, law, release, unit_errors(law))
     unit = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
-    return error * unit, covariance[:, 0, 1] / (unit[0] * unit[1])
+    return mission.transit_error(magnitude) * unit, covariance[:, 0, 1] / (unit[0] * unit[1])

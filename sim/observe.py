@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from sim.astrometry import attitude_noise, solve, transit_error, unit_errors
+from sim.astrometry import solve
+from sim.mission import as_mission
 from sim.noise import gaia_errors
 from sim.population import Population
 from sim.scanning import BLOCK
@@ -10,7 +11,7 @@ from sim.signal import as_signal
 from vsh import Field
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
-from vsh.errors import FrameError, ParameterError
+from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
 
 
@@ -19,14 +20,14 @@ def observe(
     population,
     signal,
     rng,
+    *,
+    mission=None,
+    variability=None,
+    excess_noise=0.0,
+    quote_variability=False,
     sigma=None,
     rho=0.0,
     release="DR3",
-    mission=None,
-    variability=None,
-    attitude=10.0,
-    excess=0.0,
-    quote_variability=False,
     threads=None,
     progress=True,
 ):
@@ -40,23 +41,22 @@ def observe(
         The true motions, in the population's frame. [µas/yr]
     rng : Generator or int
         The source of all randomness; there is no other. The number of threads changes nothing.
-    sigma : float or array that broadcasts to (2, n), optional
-        Standard errors, without a mission; Gaia's by magnitude unless given. [µas/yr]
-    rho : float or (n,) array
-        Correlation of the two components, without a mission.
-    release : {"DR3", "DR4", "DR5"}
-        Whose errors.
-    mission : NominalScanningLaw, optional
-        Simulate every transit of every source over it, and solve for five parameters.
+    mission : Mission or NominalScanningLaw, optional
+        Simulate every transit of every source over it, and solve for five parameters. A bare scanning law
+        has the errors of `release` and an attitude known to 10 µas.
     variability : Variability, optional
         Wandering of the photocentres, with a mission.
-    attitude : float
-        Noise of the attitude in 30-second intervals, shared by all sources. [µas]
-    excess : float or (n,) array
+    excess_noise : float or (n,) array
         Along-scan error added to that of a point source in every transit, in quadrature, as
         of galaxies that are not points. [µas]
     quote_variability : bool
         Fold the variability into the errors of the field; the paper does not.
+    sigma : float or array that broadcasts to (2, n), optional
+        Standard errors, without a mission; Gaia's by magnitude unless given. [µas/yr]
+    rho : float or (n,) array
+        Correlation of the two components, without a mission.
+    release : {"DR3", "DR4", "DR5", "paper"}
+        Whose errors, where the mission does not say it.
     threads : int, optional
     progress : bool
         Show a bar, after two seconds.
@@ -76,21 +76,11 @@ def observe(
     rng = generator(rng)
     n = len(population)
     if mission is not None:
+        mission = as_mission(mission, release)
         errors, covariance, keep, notes = _through_mission(
-            population,
-            rng,
-            release,
-            mission,
-            variability,
-            attitude,
-            excess,
-            quote_variability,
-            threads,
-            progress,
-            (3, 4),
+            population, rng, mission, variability, excess_noise, quote_variability, threads, progress, (3, 4)
         )
-        population = population[keep]
-        return _field(population, as_signal(signal), errors, covariance, notes)
+        return _field(population[keep], as_signal(signal), errors, covariance, notes)
     if variability is not None:
         raise ParameterError("variability needs a mission, at whose transits the photocentre wanders")
     if sigma is None:
@@ -119,10 +109,10 @@ def observe_offsets(
     signal,
     rng,
     mission,
+    *,
     radio=100.0,
-    release="DR3",
     variability=None,
-    attitude=10.0,
+    release="DR3",
     threads=None,
     progress=True,
 ):
@@ -130,13 +120,24 @@ def observe_offsets(
 
     Parameters
     ----------
-    population : Population — `vlbi_quasars(…)`
-    signal : Signal or Coefficients — the true offsets, `spin(ε)` for an orientation [µas]
+    population : Population
+        `vlbi_quasars(…)`
+    signal : Signal or Coefficients
+        The true offsets, `spin(ε)` for an orientation. [µas]
     rng : Generator or int
-    mission : NominalScanningLaw
-    radio : float or (n,) array — standard error of a radio position in each component [µas]
-    release, variability, attitude, threads, progress
+        The source of all randomness.
+    mission : Mission or NominalScanningLaw
         As for `observe`.
+    radio : float or (n,) array
+        Standard error of a radio position in each component. [µas]
+    variability : Variability, optional
+        Wandering of the photocentres.
+    release : {"DR3", "DR4", "DR5", "paper"}
+        Whose errors, where the mission does not say it.
+    threads : int, optional
+        How many; one a core unless given.
+    progress : bool
+        Show a bar, after two seconds.
 
     Returns
     -------
@@ -145,7 +146,7 @@ def observe_offsets(
     """
     rng = generator(rng)
     errors, covariance, keep, notes = _through_mission(
-        population, rng, release, mission, variability, attitude, 0.0, False, threads, progress, (0, 1)
+        population, rng, as_mission(mission, release), variability, 0.0, False, threads, progress, (0, 1)
     )
     radio = np.broadcast_to(radio, len(population))[keep]
     errors = errors + radio * rng.standard_normal(errors.shape)
@@ -153,20 +154,17 @@ def observe_offsets(
     return _field(population[keep], as_signal(signal), errors, covariance, notes)
 
 
-def _through_mission(
-    population, rng, release, mission, variability, attitude, excess, quote, threads, progress, columns
-):
+def _through_mission(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
     """Errors (2, k) and covariances (k, 2, 2) of two of the five parameters; which sources have them."""
-    if population.frame != mission.frame:
-        raise FrameError(f"positions are in {population.frame}, the mission's in {mission.frame}")
+    mission.check_frame(population.frame)
     columns = list(columns)
     # A seed of its own for every block: threads may take them in any order.
     seeds = rng.spawn(-(-len(population) // BLOCK) + 1)
-    shared = attitude_noise(mission, attitude, seeds[-1]) if attitude else None
-    error = np.hypot(transit_error(population.magnitude, mission, release, unit_errors(mission)), excess)
+    shared = mission.attitude_noise(seeds[-1])
+    error = mission.transit_error(population.magnitude, excess_noise)
 
     def block(part):
-        transits = mission.transits_of_block(population.lon[part], population.lat[part])
+        transits = mission.scanning_law.transits_of_block(population.lon[part], population.lat[part])
         seed = seeds[part.start // BLOCK]
         found = solve(transits, error[part], seed, mission.years, variability, shared, quote)
         return found.errors[:, columns].T, found.covariance[:, columns][:, :, columns], found.solved, len(transits)
@@ -175,7 +173,7 @@ def _through_mission(
     parts = list(map_blocks(block, len(population), BLOCK, threads, words))
     errors, covariance, keep, counts = zip(*parts, strict=True)
     errors, covariance, keep = np.concatenate(errors, axis=1), np.concatenate(covariance), np.concatenate(keep)
-    notes = [f"simulated: {sum(counts)} transits in {mission.years:g} years, errors of {release}"]
+    notes = [f"simulated: {sum(counts)} transits in {mission.years:g} years, errors of {mission.release}"]
     if not keep.all():
         notes.append(f"left out {(~keep).sum()} of {len(keep)} sources: too few transits for five parameters")
     return errors[:, keep], covariance[keep], keep, notes

@@ -55,7 +55,7 @@ def plot_histograms(population):
     return figure
 
 
-def plot_tracks(times, variability, rng, count=3):
+def plot_tracks(times, variability, rng, n_tracks=3):
     """Photocentres that wander: tracks on the sky of a few draws. Returns the figure.
 
     Parameters
@@ -66,7 +66,7 @@ def plot_tracks(times, variability, rng, count=3):
     """
     rng = generator(rng)
     figure, ax = plt.subplots(figsize=(5.5, 5.5), layout="constrained")
-    for _ in range(count):
+    for _ in range(n_tracks):
         x, y = (markov_chain(times, variability.sigma, variability.tau, rng) for _ in range(2))
         ax.plot(x, y, ".-", linewidth=0.8, markersize=4)
     ax.set_aspect("equal", adjustable="datalim")
@@ -76,7 +76,7 @@ def plot_tracks(times, variability, rng, count=3):
     return figure
 
 
-def plot_distance_and_drift(speed=369.0, cosmology=PLANCK_2013):
+def plot_distance_and_parallax(speed=369.0, cosmology=PLANCK_2013):
     """Comoving distance and the drift by our velocity, against redshift. Returns the figure."""
     z = np.geomspace(1e-3, 6, 400)
     distance = transverse_distance(z, cosmology)

@@ -72,8 +72,8 @@ def plane_avoiding_sky(n, rng, latitude=15.0):
     return tuple(angles(rotation_matrix("galactic", "icrs") @ triad(l, b)[2]))
 
 
-@arguments.accepts(n=arguments.whole, rng=arguments.seed, faintest=arguments.number)
-def quasars(n, rng, sky="uniform", faintest=20.0, map_frame="icrs"):
+@arguments.accepts(n=arguments.whole, rng=arguments.seed, max_magnitude=arguments.number)
+def quasars(n, rng, sky="uniform", max_magnitude=20.0, map_frame="icrs"):
     """n quasars with Gaia's distribution of magnitudes.
 
     Parameters
@@ -82,7 +82,7 @@ def quasars(n, rng, sky="uniform", faintest=20.0, map_frame="icrs"):
     rng : Generator or int — the source of all randomness
     sky : {"uniform", "plane-avoiding", "gums", "igql"} or (12 nside²,) array
         A name, or a HEALPix map of their density in ring order (a selection function).
-    faintest : float — the faintest G, at most 21
+    max_magnitude : float — the faintest G, at most 21
     map_frame : str — of the axes of a map that is given
 
     Returns
@@ -98,7 +98,7 @@ def quasars(n, rng, sky="uniform", faintest=20.0, map_frame="icrs"):
     rng = generator(rng)
     lon, lat = _positions(n, rng, sky, map_frame)
     # Redshifts from a stream of their own: they shift nothing that is drawn later.
-    return Population(lon, lat, quasar_magnitudes(n, rng, faintest), quasar_redshifts(n, rng.spawn(1)[0]))
+    return Population(lon, lat, quasar_magnitudes(n, rng, max_magnitude), quasar_redshifts(n, rng.spawn(1)[0]))
 
 
 @arguments.accepts(quasars=arguments.a(Population), n=arguments.whole, rng=arguments.seed)
@@ -112,14 +112,22 @@ def vlbi_quasars(quasars, n, rng):
 @arguments.accepts(
     n=arguments.whole,
     rng=arguments.seed,
-    nearest=arguments.positive,
-    farthest=arguments.positive,
-    faintest=arguments.number,
+    min_redshift=arguments.positive,
+    max_redshift=arguments.positive,
+    max_magnitude=arguments.number,
     absolute=arguments.number,
     spread=arguments.positive,
 )
 def galaxies(
-    n, rng, sky="uniform", nearest=0.001, farthest=0.03, faintest=20.0, absolute=-18.0, spread=1.5, map_frame="icrs"
+    n,
+    rng,
+    sky="uniform",
+    min_redshift=0.001,
+    max_redshift=0.03,
+    max_magnitude=20.0,
+    absolute=-18.0,
+    spread=1.5,
+    map_frame="icrs",
 ):
     """n galaxies, evenly in the volume between two redshifts, as far as they are bright enough.
 
@@ -128,8 +136,8 @@ def galaxies(
     n : int
     rng : Generator or int — the source of all randomness
     sky : as for `quasars`
-    nearest, farthest : float — redshifts
-    faintest : float — the completeness limit, G
+    min_redshift, max_redshift : float — redshifts
+    max_magnitude : float — the completeness limit, G
     absolute, spread : float — mean and standard deviation of the absolute magnitudes; with these the
         counts peak at G ≈ 17, as those of the paper's galaxies do
     map_frame : str
@@ -141,11 +149,11 @@ def galaxies(
     """
     from vsh.cosmology import transverse_distance
 
-    if not 0 < nearest < farthest:
-        raise ParameterError(f"redshifts must rise from above zero, not from {nearest} to {farthest}")
+    if not 0 < min_redshift < max_redshift:
+        raise ParameterError(f"redshifts must rise from above zero, not from {min_redshift} to {max_redshift}")
     rng = generator(rng)
     lon, lat = _positions(n, rng, sky, map_frame)
-    grid = np.linspace(nearest, farthest, 2000)
+    grid = np.linspace(min_redshift, max_redshift, 2000)
     distance = transverse_distance(grid)
     redshift, magnitude = np.empty(0), np.empty(0)
     while len(redshift) < n:
@@ -153,7 +161,7 @@ def galaxies(
         z = np.interp(np.cbrt(cube), distance, grid)
         modulus = 5 * np.log10(np.cbrt(cube) * (1 + z)) + 25
         g = modulus + rng.normal(absolute, spread, n)
-        redshift, magnitude = np.r_[redshift, z[g < faintest]], np.r_[magnitude, g[g < faintest]]
+        redshift, magnitude = np.r_[redshift, z[g < max_magnitude]], np.r_[magnitude, g[g < max_magnitude]]
     return Population(lon, lat, magnitude[:n], redshift[:n])
 
 
@@ -197,17 +205,17 @@ def from_table(source, ra="ra", dec="dec", redshift=None, magnitude=None):
     return Population(lon, lat, columns.get("magnitude"), columns.get("redshift"))
 
 
-def quasar_magnitudes(n, rng, faintest=20.0):
+def quasar_magnitudes(n, rng, max_magnitude=20.0):
     """n magnitudes G with the number counts of Gaia's quasars, log-linear between the published ones.
 
     Brighter than G = 18 the first slope is continued.
     """
-    if not 18 < faintest <= 21:
-        raise ParameterError(f"the counts are known for 18 < G ≤ 21, not to {faintest}")
+    if not 18 < max_magnitude <= 21:
+        raise ParameterError(f"the counts are known for 18 < G ≤ 21, not to {max_magnitude}")
     magnitude, log_count = np.array(list(_BRIGHTER_THAN)), np.log10(list(_BRIGHTER_THAN.values()))
     slope = log_count[1] - log_count[0]
     magnitude, log_count = np.insert(magnitude, 0, 12.0), np.insert(log_count, 0, log_count[0] - 6 * slope)
-    top = np.interp(faintest, magnitude, log_count)
+    top = np.interp(max_magnitude, magnitude, log_count)
     drawn = top + np.log10(1 - generator(rng).uniform(0, 1, n))
     return np.interp(drawn, log_count, magnitude)
 

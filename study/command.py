@@ -6,16 +6,16 @@ from importlib.resources import files
 from pathlib import Path
 
 import vsh
-from vsh.commands import shell
+from vsh.commands import parsing, running
 
 
 def main(arguments=None):
     """Run `vsh-study`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
-    options = shell.parse(parser, arguments)
+    options = parsing.parse(parser, arguments)
     if bool(options.configuration) == options.paper:
         parser.error("name a configuration, or say --paper")
-    return shell.guarded("vsh-study", lambda: _run(options))
+    return running.guarded("vsh-study", lambda: _run(options))
 
 
 def _run(options):
@@ -23,14 +23,14 @@ def _run(options):
     from study import load, run
 
     study = load(files("study") / "paper.toml" if options.paper else options.configuration)
-    count = options.realisations or study.realisations
+    count = options.n_realisations or study.n_realisations
     folder = run(study, options.output, count, options.workers)
     if options.paper:
         from study.paper import write_paper
 
         write_paper(study, folder, count)
-    shell.say((folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, folder, count))
-    shell.say(shell.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
+    running.say((folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, folder, count))
+    running.say(running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
 
 
 def _text(study, folder, count):
@@ -53,13 +53,13 @@ def _parser():
         prog="vsh-study",
         description="Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
         "A study that was killed goes on from where it was.",
-        epilog="Example: vsh-study study.toml --output results; vsh-study --paper --output paper --realisations 5",
+        epilog="Example: vsh-study study.toml --output results; vsh-study --paper --output paper --n-realisations 5",
     )
     parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")
     parser.add_argument("--paper", action="store_true", help="the four cases of Bachchan, Hobbs & Lindegren (2016)")
     parser.add_argument("--output", required=True, metavar="DIR", help="a new folder, or that of the same study")
-    parser.add_argument("--realisations", type=shell.count(1), metavar="N", help="in place of the configuration's")
-    parser.add_argument("--workers", type=shell.count(1), metavar="N", help="processes; one a core unless given")
+    parser.add_argument("--n-realisations", type=parsing.count(1), metavar="N", help="in place of the configuration's")
+    parser.add_argument("--workers", type=parsing.count(1), metavar="N", help="processes; one a core unless given")
     parser.add_argument("--version", action="version", version=f"vsh-study {vsh.__version__}")
     return parser
 

@@ -19,7 +19,7 @@ class StudyError(VshError, ValueError):
 
 #: Sections with their keys and defaults; None must be given.
 _SECTIONS = {
-    "study": {"name": None, "seed": 1, "realisations": 100, "frame": "galactic", "harmonics": 3},
+    "study": {"name": None, "seed": 1, "n_realisations": 100, "frame": "galactic", "lmax": 3},
     "mission": {"years": 5.0, "dead_time": 0.06, "release": "DR4", "attitude": 10.0},
     "truth": {
         "orientation": [0.0, 0.0, 0.0],
@@ -30,9 +30,16 @@ _SECTIONS = {
     },
 }
 _SOURCES = {
-    "quasars": {"n": None, "sky": "uniform", "variability": 0.0, "tau": 2.0},
-    "vlbi": {"n": None, "radio": 100.0},
-    "galaxies": {"n": None, "sky": "uniform", "excess": 0.0, "peculiar": 0.0, "nearest": 0.001, "farthest": 0.03},
+    "quasars": {"number": None, "sky": "uniform", "variability": 0.0, "tau": 2.0},
+    "vlbi": {"number": None, "radio": 100.0},
+    "galaxies": {
+        "number": None,
+        "sky": "uniform",
+        "excess_noise": 0.0,
+        "peculiar_dispersion": 0.0,
+        "min_redshift": 0.001,
+        "max_redshift": 0.03,
+    },
 }
 
 
@@ -42,24 +49,24 @@ class Study:
 
     Attributes
     ----------
-    study, mission, truth : dicts
+    settings, mission, truth : dicts
         Sections of the file with their defaults.
     cases : list of dicts
         Each with `name`, `quasars`, and perhaps `vlbi` and `galaxies`.
     """
 
-    study: dict
+    settings: dict
     mission: dict
     truth: dict
     cases: list
 
     @property
-    def realisations(self):
-        return self.study["realisations"]
+    def n_realisations(self):
+        return self.settings["n_realisations"]
 
     def plain(self):
         """All that determines a result, as plain values; the number of realisations does not."""
-        study = {key: value for key, value in self.study.items() if key != "realisations"}
+        study = {key: value for key, value in self.settings.items() if key != "n_realisations"}
         return json.loads(
             json.dumps({"study": study, "mission": self.mission, "truth": self.truth, "case": self.cases})
         )
@@ -102,7 +109,7 @@ def load(source):
     if len(set(names)) < len(names):
         raise StudyError(f"names of cases must differ: {', '.join(names)}")
     _check(sections)
-    return Study(**sections, cases=checked)
+    return Study(sections["study"], sections["mission"], sections["truth"], checked)
 
 
 def _case(case):
@@ -113,7 +120,7 @@ def _case(case):
     if unknown:
         raise StudyError(f"case {name}: unknown {', '.join(sorted(unknown))}; there are {', '.join(_SOURCES)}")
     if "quasars" not in case:
-        raise StudyError(f"case {name} has no quasars: [case.quasars] with n")
+        raise StudyError(f"case {name} has no quasars: [case.quasars] with number")
     return {"name": name} | {
         kind: _section(f"case {name}, {kind}", case[kind], _SOURCES[kind]) for kind in _SOURCES if kind in case
     }
@@ -131,7 +138,7 @@ def _section(name, given, keys):
     section = {key: given.get(key, default) for key, default in keys.items()}
     for key, value in tuple(section.items()):
         default = keys[key]
-        wanted = int if key == "n" or isinstance(default, int) else type(default) if default is not None else str
+        wanted = int if key == "number" or isinstance(default, int) else type(default) if default is not None else str
         if key == "velocity":
             section[key] = _velocity(value)
             continue
@@ -173,8 +180,8 @@ def _check(sections):
     if sections["study"]["frame"] not in FRAMES:
         raise StudyError(f"study: frame is one of {', '.join(FRAMES)}, not {sections['study']['frame']!r}")
     for section, key, least in (
-        ("study", "realisations", 1),
-        ("study", "harmonics", 1),
+        ("study", "n_realisations", 1),
+        ("study", "lmax", 1),
         ("truth", "hubble", 1e-9),
         ("mission", "years", 1e-9),
         ("mission", "dead_time", 0),

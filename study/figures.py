@@ -6,10 +6,10 @@ import numpy as np
 
 import sim
 from sim.astrometry import transit_error
-from sim.plot import plot_density, plot_distance_and_drift
+from sim.plot import plot_density, plot_distance_and_parallax
 from sim.variability import markov_chain
 from vsh.cosmology import transverse_distance
-from vsh.system.files import replacing
+from vsh.system.files import atomic_write
 from vsh.units import AU_PER_YEAR
 
 
@@ -17,7 +17,7 @@ def write_figures(study, folder):
     """Figures 1 to 4 as PNG and PDF; returns their paths."""
     matplotlib.use("agg")  # files, no windows
     figures = {
-        "figure1_distance": plot_distance_and_drift,
+        "figure1_distance": plot_distance_and_parallax,
         "figure2_variability": lambda: _tracks(study),
         "figure3_galaxies": lambda: _galaxies(study),
         "figure4a_gums": lambda: _sky("gums"),
@@ -29,7 +29,7 @@ def write_figures(study, folder):
         for ending in ("png", "pdf"):
             paths.append(folder / f"{name}.{ending}")
             options = {"metadata": {"CreationDate": None}} if ending == "pdf" else {}
-            with replacing(paths[-1]) as new:
+            with atomic_write(paths[-1]) as new:
                 figure.savefig(new, format=ending, dpi=150, **options)
         plt.close(figure)
     return paths
@@ -38,7 +38,7 @@ def write_figures(study, folder):
 def _tracks(study):
     """Fig. 2: photocentres that wander with 2 and 10 years, three draws of each."""
     years = study.mission["years"]
-    rng = np.random.default_rng(study.study["seed"])
+    rng = np.random.default_rng(study.settings["seed"])
     quasar = sim.quasars(1, 1)
     law = sim.NominalScanningLaw(years=years, dead_time=study.mission["dead_time"], rng=1)
     times = np.sort(law.transits(quasar.lon, quasar.lat).time)
@@ -58,7 +58,11 @@ def _galaxies(study):
     """Fig. 3: weight and number of galaxies by magnitude; redshifts and the drift."""
     case = next(case["galaxies"] for case in study.cases if "galaxies" in case)
     galaxies = sim.galaxies(
-        case["n"], study.study["seed"], case["sky"], nearest=case["nearest"], farthest=case["farthest"]
+        case["number"],
+        study.settings["seed"],
+        case["sky"],
+        min_redshift=case["min_redshift"],
+        max_redshift=case["max_redshift"],
     )
     law = sim.NominalScanningLaw(years=study.mission["years"], dead_time=study.mission["dead_time"], rng=1)
     some = slice(0, min(5000, len(galaxies)))
@@ -72,7 +76,7 @@ def _galaxies(study):
     _finish(number, "G", "galaxies")
     redshift.hist(galaxies.redshift, bins=60, color="#c55a11")
     _finish(redshift, "redshift", "galaxies")
-    z = np.linspace(case["nearest"], case["farthest"], 300)
+    z = np.linspace(case["min_redshift"], case["max_redshift"], 300)
     drift.plot(z, study.truth["velocity"][0] / (AU_PER_YEAR * transverse_distance(z)), color="#c55a11")
     _finish(drift, "redshift", "cosmological proper motion [µas/yr]")
     return figure

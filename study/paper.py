@@ -9,7 +9,7 @@ from sim.effects import attractions, effects
 from study.published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEEDS, published
 from study.results import read_realisations, summary
 from vsh import Field, Vector, tables
-from vsh.system.files import replacing
+from vsh.system.files import atomic_write
 
 #: What was set to the paper's own numbers, and so agrees by construction: marked † in the tables.
 _SET = {
@@ -19,21 +19,23 @@ _SET = {
 }
 
 
-def write_paper(study, folder, count, draw=True):
+def write_paper(study, folder, n_realisations, draw=True):
     """Write tables.md, tables.ecsv, comparison.md and the figures into the folder of a finished study.
 
     Parameters
     ----------
     study : Study — cases A to D
     folder : Path
-    count : int — realisations
+    n_realisations : int — realisations
     """
     folder = Path(folder)
-    rows = summary(study, read_realisations(study, folder, count))
+    rows = summary(study, read_realisations(study, folder, n_realisations))
     correlations = {name: _correlation(study, folder, name) for name in ("A", "D")}
-    _write_text(folder / "tables.md", _tables(rows, correlations, count))
-    tables.write(folder / "tables.ecsv", {key: [row[key] for row in rows] for key in rows[0]}, {"realisations": count})
-    _write_text(folder / "comparison.md", _comparison(rows, correlations, count))
+    _write_text(folder / "tables.md", _tables(rows, correlations, n_realisations))
+    tables.write(
+        folder / "tables.ecsv", {key: [row[key] for row in rows] for key in rows[0]}, {"realisations": n_realisations}
+    )
+    _write_text(folder / "comparison.md", _comparison(rows, correlations, n_realisations))
     if draw:
         from study.figures import write_figures
 
@@ -41,7 +43,7 @@ def write_paper(study, folder, count, draw=True):
 
 
 def _write_text(path, text):
-    with replacing(path) as new:
+    with atomic_write(path) as new:
         new.write_text(text, encoding="utf-8")
 
 
@@ -55,7 +57,7 @@ def _correlation(study, folder, name):
         with np.load(prepared(study, case, kind, folder / "prepared", progress=False)) as file:
             still = np.zeros_like(file["sigma"])
             fields.append(
-                Field(file["lon"], file["lat"], still, file["sigma"], file["rho"], frame=study.study["frame"])
+                Field(file["lon"], file["lat"], still, file["sigma"], file["rho"], frame=study.settings["frame"])
             )
     return fit.solve_frame(*fields).correlation
 
@@ -67,8 +69,8 @@ def _by_case(rows):
     return found
 
 
-def _tables(rows, correlations, count):
-    lines = ["# Tables", "", f"{count} realisations of each case. Galactic axes; ε in µas, ω and ã in µas/yr, v in km/s toward the",
+def _tables(rows, correlations, n_realisations):
+    lines = ["# Tables", "", f"{n_realisations} realisations of each case. Galactic axes; ε in µas, ω and ã in µas/yr, v in km/s toward the",
              "apex, H0 in km/s/Mpc. `@1` and `@3`: by vector spherical harmonics to that degree; without: by the direct frame solver.", ""]  # fmt: skip
     lines += ["## Effects", "", "| effect | here [µas/yr] | paper |", "|---|---|---|"]
     for name, (low, high) in effects().items():
@@ -107,10 +109,10 @@ def _antapex(table):
     return away.amplitude, *away.direction
 
 
-def _comparison(rows, correlations, count):
+def _comparison(rows, correlations, n_realisations):
     lines = [
         "# The paper's numbers and ours", "",
-        f"Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), {EXPERIMENTS} experiments, beside {count} realisations. Means and standard",
+        f"Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), {EXPERIMENTS} experiments, beside {n_realisations} realisations. Means and standard",
         "deviations differ by so many of their Monte Carlo errors, both sides together; formal errors, which hardly have one, by per cent.",
         "Where they differ by more than 3, or 15 %, the last column says what is known of it.", "",
         "Numbers marked † were set to the paper's, and do not test anything:", "",
@@ -129,9 +131,9 @@ def _comparison(rows, correlations, count):
             if name not in table:
                 continue
             row = table[name]
-            off = (row["mean"] - mean) / np.hypot(row["std"] / np.sqrt(count), std / np.sqrt(EXPERIMENTS))
+            off = (row["mean"] - mean) / np.hypot(row["std"] / np.sqrt(n_realisations), std / np.sqrt(EXPERIMENTS))
             spread = (row["std"] - std) / np.hypot(
-                row["std"] / np.sqrt(2 * max(count - 1, 1)), std / np.sqrt(2 * (EXPERIMENTS - 1))
+                row["std"] / np.sqrt(2 * max(n_realisations - 1, 1)), std / np.sqrt(2 * (EXPERIMENTS - 1))
             )
             ratio = row["sigma"] / sigma - 1
             for what, theirs, ours, shown, large in (

@@ -8,7 +8,7 @@ import numpy as np
 import sim
 from study.config import StudyError
 from vsh import Field
-from vsh.system.files import replacing
+from vsh.system.files import atomic_write
 
 
 def prepared(study, case, kind, folder, progress=True):
@@ -26,45 +26,43 @@ def prepared(study, case, kind, folder, progress=True):
     Path
         Its name is a hash of all that determines it: cases with the same sources share a file.
     """
-    wanted = {"kind": kind, "sources": case[kind], "mission": study.mission, "seed": study.study["seed"]}
-    wanted |= {"frame": study.study["frame"]} | ({"quasars": case["quasars"]} if kind == "vlbi" else {})
+    wanted = {"kind": kind, "sources": case[kind], "mission": study.mission, "seed": study.settings["seed"]}
+    wanted |= {"frame": study.settings["frame"]} | ({"quasars": case["quasars"]} if kind == "vlbi" else {})
     key = hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()[:16]
     path = folder / f"{kind}-{key}.npz"
     if not path.exists():
         arrays = _make(study, case, kind, progress)
-        with replacing(path) as new, new.open("wb") as file:
+        with atomic_write(path) as new, new.open("wb") as file:
             np.savez(file, **arrays)
     return path
 
 
 def _make(study, case, kind, progress):
-    seed, mission = study.study["seed"], study.mission
+    seed, mission = study.settings["seed"], study.mission
     # A stream for each thing, the same in all cases: what differs between them is what they say.
     skies, chosen, gaps = np.random.default_rng(seed).spawn(3)
     law = sim.NominalScanningLaw(years=mission["years"], dead_time=mission["dead_time"], rng=gaps)
-    quasars, options = (
-        case["quasars"],
-        {"release": mission["release"], "attitude": mission["attitude"], "progress": progress},
-    )
+    quasars, options = case["quasars"], {"progress": progress}
+    seen = sim.Mission(law, mission["release"], mission["attitude"])
     try:
         if kind == "galaxies":
             sources = case["galaxies"]
             population = sim.galaxies(
-                sources["n"],
+                sources["number"],
                 skies.spawn(1)[0],
                 sources["sky"],
-                nearest=sources["nearest"],
-                farthest=sources["farthest"],
+                min_redshift=sources["min_redshift"],
+                max_redshift=sources["max_redshift"],
             )
-            options["excess"] = sources["excess"]
+            options["excess_noise"] = sources["excess_noise"]
         else:
-            population = sim.quasars(quasars["n"], skies, quasars["sky"])
+            population = sim.quasars(quasars["number"], skies, quasars["sky"])
             if kind == "vlbi":
-                population = sim.vlbi_quasars(population, case["vlbi"]["n"], chosen)
+                population = sim.vlbi_quasars(population, case["vlbi"]["number"], chosen)
             if quasars["variability"]:
                 options["variability"] = sim.Variability(quasars["variability"], quasars["tau"])
-        what = "position" if kind == "vlbi" else "motion"
-        formal, true = sim.expected_covariances(population, law, what, **options)
+        parameters = "position" if kind == "vlbi" else "motion"
+        formal, true = sim.expected_covariances(population, seen, parameters, **options)
     except ValueError as error:
         raise StudyError(f"case {case['name']}, {kind}: {error}") from error
     good = np.isfinite(formal[:, 0, 0])
@@ -74,7 +72,7 @@ def _make(study, case, kind, progress):
         # errors of ε are (100 µas / √(3300 · 2/3) = 2.1 µas), and why its scatter is half as large again.
         radio = case["vlbi"]["radio"] ** 2 * np.eye(2)
         formal, true = np.broadcast_to(radio, formal.shape), true + radio
-    frame = study.study["frame"]
+    frame = study.settings["frame"]
     quoted, scattered = (_turned(population, each, frame) for each in (formal, true))
     s1, s2 = scattered.sigma
     arrays = {

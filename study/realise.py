@@ -28,8 +28,10 @@ def realise(study, index, files, number):
         "values" and "sigma", each by name of parameter. Names end in @l where they are from harmonics to
         degree l; g_a_x … is the acceleration from the galaxies.
     """
-    truth, frame = study.truth, study.study["frame"]
-    streams = {kind: np.random.default_rng([study.study["seed"], 7, index, number, k]) for k, kind in enumerate(_KINDS)}
+    truth, frame = study.truth, study.settings["frame"]
+    streams = {
+        kind: np.random.default_rng([study.settings["seed"], 7, index, number, k]) for k, kind in enumerate(_KINDS)
+    }
     fields = {}
     for kind, path in files.items():
         signal = {
@@ -43,13 +45,13 @@ def realise(study, index, files, number):
     direct = fit.solve_frame(fields["quasars"], fields.get("vlbi"))
     values |= dict(zip(direct.names, direct.values, strict=True))
     sigma |= dict(zip(direct.names, direct.sigma, strict=True))
-    for degree in sorted({1, study.study["harmonics"]}):
+    for degree in sorted({1, study.settings["lmax"]}):
         solution = fit.solve(fit.normal_equations(fields["quasars"], Modes(degree), threads=1))
         for name, vector in (("omega", solution.spin), ("a", solution.acceleration)):
             _put(values, sigma, name, vector, f"@{degree}")
     if "galaxies" in fields:
         spin = Vector(direct.spin.value, np.zeros((3, 3)), frame)  # fixed at what the quasars gave, as in the paper
-        options = {"peculiar": study.cases[index]["galaxies"]["peculiar"], "spin": spin}
+        options = {"peculiar_dispersion": study.cases[index]["galaxies"]["peculiar_dispersion"], "spin": spin}
         found = observer_velocity(fields["galaxies"], truth["hubble"], **options)
         _put(values, sigma, "v", found.velocity)
         _put(values, sigma, "g_a", found.acceleration)
@@ -64,7 +66,9 @@ def realise(study, index, files, number):
 
 def true_velocity(study):
     """The velocity of the configuration (speed, l, b), a Vector along the study's axes. [km/s]"""
-    return Vector.from_polar(*study.truth["velocity"], frame="galactic", unit="km/s").to_frame(study.study["frame"])
+    return Vector.from_spherical(*study.truth["velocity"], frame="galactic", unit="km/s").to_frame(
+        study.settings["frame"]
+    )
 
 
 def _galaxy_signal(study, index, frame, stream):
@@ -72,9 +76,9 @@ def _galaxy_signal(study, index, frame, stream):
     signal = sim.spin(truth["spin"]) + sim.acceleration(truth["acceleration"])
     velocity = true_velocity(study)
     if velocity.amplitude > 0:
-        signal += sim.drift(velocity.value, hubble=truth["hubble"])
-    if galaxies["peculiar"]:
-        signal += sim.peculiar(galaxies["peculiar"], stream.spawn(1)[0], hubble=truth["hubble"])
+        signal += sim.secular_parallax(velocity.value, hubble=truth["hubble"])
+    if galaxies["peculiar_dispersion"]:
+        signal += sim.peculiar(galaxies["peculiar_dispersion"], stream.spawn(1)[0], hubble=truth["hubble"])
     return signal
 
 

@@ -7,11 +7,11 @@ import numpy as np
 from vsh import tables
 
 
-def read_realisations(study, folder, count):
-    """Values and errors of all realisations, by case: dicts of name to (count,) arrays."""
+def read_realisations(study, folder, n_realisations):
+    """Values and errors of all realisations, by case: dicts of name to (n_realisations,) arrays."""
     found = {}
     for case in study.cases:
-        paths = [folder / "realisations" / case["name"] / f"{number:05d}.json" for number in range(count)]
+        paths = [folder / "realisations" / case["name"] / f"{number:05d}.json" for number in range(n_realisations)]
         rows = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
         found[case["name"]] = tuple(
             {name: np.array([row[part][name] for row in rows]) for name in rows[0][part]}
@@ -20,18 +20,18 @@ def read_realisations(study, folder, count):
     return found
 
 
-def write_results(study, folder, count):
+def write_results(study, folder, n_realisations):
     """Write results.ecsv (every number of every realisation) and summary.ecsv (a row a case and parameter)."""
-    found = read_realisations(study, folder, count)
+    found = read_realisations(study, folder, n_realisations)
     columns = {"case": [], "realisation": [], "parameter": [], "value": [], "sigma": []}
     for case, (values, sigma) in found.items():
         for name in values:
-            columns["case"] += [case] * count
-            columns["realisation"] += range(count)
-            columns["parameter"] += [name] * count
+            columns["case"] += [case] * n_realisations
+            columns["realisation"] += range(n_realisations)
+            columns["parameter"] += [name] * n_realisations
             columns["value"] += values[name].tolist()
             columns["sigma"] += sigma[name].tolist()
-    meta = {"study": study.study["name"], "frame": study.study["frame"], "realisations": count}
+    meta = {"study": study.settings["name"], "frame": study.settings["frame"], "n_realisations": n_realisations}
     tables.write(folder / "results.ecsv", columns, meta)
     rows = summary(study, found)
     tables.write(folder / "summary.ecsv", {key: [row[key] for row in rows] for key in rows[0]}, meta)

@@ -12,12 +12,12 @@ from study.prepare import prepared
 from study.realise import realise
 from study.results import write_results
 from vsh.checks.notes import printable
-from vsh.system.files import remove_unfinished, replacing
+from vsh.system.files import atomic_write, remove_unfinished
 from vsh.system.parallel import cores
 from vsh.system.progress import progress_bar
 
 
-def run(study, folder, realisations=None, workers=None, progress=True):
+def run(study, folder, n_realisations=None, workers=None, progress=True):
     """Run a study into a folder, or go on with one.
 
     Parameters
@@ -26,7 +26,7 @@ def run(study, folder, realisations=None, workers=None, progress=True):
     folder : path
         study.json, prepared/, realisations/CASE/NNNN.json, and results.ecsv and summary.ecsv at the end. A
         study that was killed leaves whole files only; run again, it ends in the same bytes as one that was not.
-    realisations : int, optional — in place of the configuration's
+    n_realisations : int, optional — in place of the configuration's
     workers : int, optional — processes; one a core unless given
     progress : bool — bars with the time left
 
@@ -48,7 +48,7 @@ def run(study, folder, realisations=None, workers=None, progress=True):
     except OSError as error:
         raise StudyError(f"{folder} cannot be made a folder: {error.strerror}") from error
     _claim(study, folder)
-    count = realisations or study.realisations
+    count = n_realisations or study.n_realisations
     tasks = []
     for index, case in enumerate(study.cases):
         files = {kind: prepared(study, case, kind, folder / "prepared", progress) for kind in case if kind != "name"}
@@ -90,7 +90,7 @@ def _one(study, folder, task):
     with threadpool_limits(1):
         found = realise(study, index, files, number)
     path = _path(folder, study.cases[index], number)
-    with replacing(path) as new:
+    with atomic_write(path) as new:
         new.write_text(json.dumps(found, indent=1), encoding="utf-8")
 
 
@@ -111,7 +111,7 @@ def _claim(study, folder):
     """Write the configuration into a new folder; compare it with that of an old one."""
     path, plain = folder / "study.json", study.plain()
     if not path.exists():
-        with replacing(path) as new:
+        with atomic_write(path) as new:
             new.write_text(json.dumps(plain, indent=1), encoding="utf-8")
         return
     try:

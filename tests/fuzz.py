@@ -33,7 +33,7 @@ def make_files(folder):
     import sim
     import study
     from fit import storage
-    from fit.correlation import correlation_map, leakage, predict
+    from fit.correlation import correlation_matrices, leakage, predict
     from fit.redshift import binned
     from fit.sampling import _checkpoint
     from fit.secular_parallax import observer_velocity
@@ -53,7 +53,7 @@ def make_files(folder):
     results = {
         "Solution": fit.fit_field(field, 2), "FrameSolution": fit.solve_frame(field), "BinnedSolution": bins,
         "VelocitySolution": observer_velocity(field, 70.0), "Prediction": predict(field, 1),
-        "CorrelationMap": correlation_map(field), "Leakage": leakage(field, 1, 2),
+        "CorrelationMatrices": correlation_matrices(field), "Leakage": leakage(field, 1, 2),
     }  # fmt: skip
     for name, result in results.items():
         for ending in ("ecsv", "fits"):
@@ -67,7 +67,7 @@ def make_files(folder):
 
     healpy.write_map(str(folder / "map.fits"), np.arange(12.0 * 16), dtype=float, overwrite=True)
     files["read_map"] = folder / "map.fits", pixels.read_map
-    text = "[study]\nname = 'x'\nrealisations = 3\n[mission]\nyears = 5.0\n[truth]\nvelocity = [300, 10, 20]\n[[case]]\nname = 'A'\nquasars = { n = 100 }\n"
+    text = "[study]\nname = 'x'\nn_realisations = 3\n[mission]\nyears = 5.0\n[truth]\nvelocity = [300, 10, 20]\n[[case]]\nname = 'A'\nquasars = { number = 100 }\n"
     (folder / "study.toml").write_text(text)
     files["study.load"] = folder / "study.toml", study.load
     marks = {"data": "x"}

@@ -66,23 +66,23 @@ class Coefficients(Frozen):
         """The rotation ω × r plus the glide g - (g·r) r, vectors in µas/yr."""
         modes = as_modes(lmax)
         values = np.zeros(len(modes))
-        values[modes.degree("T", 1)] = FIRST_DEGREE @ float_array("rotation", rotation, (3,))
-        values[modes.degree("S", 1)] = FIRST_DEGREE @ float_array("glide", glide, (3,))
+        values[modes.slice_of("T", 1)] = FIRST_DEGREE @ float_array("rotation", rotation, (3,))
+        values[modes.slice_of("S", 1)] = FIRST_DEGREE @ float_array("glide", glide, (3,))
         return cls(modes, values)
 
     @property
     def rotation(self):
         """The spin vector ω along the axes of the frame, (3,). [µas/yr]"""
-        return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.degree("T", 1)])
+        return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.slice_of("T", 1)])
 
     @property
     def glide(self):
         """The glide vector g along the axes of the frame, (3,). [µas/yr]"""
-        return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.degree("S", 1)])
+        return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.slice_of("S", 1)])
 
     def power(self, kind, l):
         """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]"""
-        c = self.values[self.modes.degree(kind, l)]
+        c = self.values[self.modes.slice_of(kind, l)]
         return float(c[0] ** 2 + 2 * np.sum(c[1:] ** 2))
 
     def at(self, lon, lat):
@@ -110,7 +110,7 @@ class Coefficients(Frozen):
         values = np.zeros(len(modes))
         for kind in "TS":
             for l in range(1, min(modes.lmax, self.modes.lmax) + 1):
-                values[modes.degree(kind, l)] = self.values[self.modes.degree(kind, l)]
+                values[modes.slice_of(kind, l)] = self.values[self.modes.slice_of(kind, l)]
         return Coefficients(modes, values)
 
     def __add__(self, other):

@@ -8,7 +8,7 @@ from vsh.checks.arguments import float_array
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
 from vsh.checks.validation import as_floats, check_shapes, checked_columns, faults, placeholders, refuse
-from vsh.errors import FieldError
+from vsh.errors import FieldError, FrameError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.units import DEGREE, MAS
@@ -208,6 +208,22 @@ class Field(Frozen):
         refuse(faults(self.lon, self.lat, self.motion, sigma, rho), len(self))
         return self._with(sigma=sigma, rho=rho)
 
+    def check_frame(self, frame):
+        """Raise FrameError unless the field is in a frame.
+
+        Parameters
+        ----------
+        frame : str
+            The frame that is needed.
+
+        Raises
+        ------
+        FrameError
+            If it is in another.
+        """
+        if self.frame != frame:
+            raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')
+
     def add_note(self, *notes):
         """The same field with more that its reader should know."""
         return self._with(notes=merge_notes((*self.notes, *notes)))
@@ -220,7 +236,7 @@ class Field(Frozen):
         return np.stack([a, b, c]) / (1 - self.rho**2)
 
     @property
-    def normalised(self):
+    def whitened(self):
         """The motions decorrelated and in units of their errors, L⁻¹ µ with L Lᵀ = C, (2, n)."""
         (s1, s2), rho, (east, north) = self.sigma, self.rho, self.motion
         return np.stack([east / s1, (north / s2 - rho * east / s1) / np.sqrt(1 - rho**2)])

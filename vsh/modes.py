@@ -87,7 +87,7 @@ class Modes:
         return np.tile(np.repeat(l, 2 * l + 1), 2)
 
     @property
-    def multiplicity(self):
+    def norm2(self):
         """∫ |V_i|² dΩ of each mode, a (p,) array: 1, and 2 where the mode stands for ±m."""
         degrees = self.degrees
         zonal = np.flatnonzero(np.diff(degrees, prepend=-1))
@@ -107,7 +107,7 @@ class Modes:
         within = 2 * m - (m > 0) + (part == "im")
         return (kind == "S") * len(self) // 2 + l * l - 1 + within
 
-    def degree(self, kind, l):
+    def slice_of(self, kind, l):
         """The slice that holds every order of one degree of one kind."""
         start = self.index(Mode(kind, l, 0))
         return slice(start, start + 2 * l + 1)

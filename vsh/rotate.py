@@ -54,7 +54,7 @@ def rotate(coefficients, to, covariance=None, frame="icrs"):
     for l in range(1, modes.lmax + 1):
         block = degree_matrix(l, vector)
         for kind in "TS":
-            degree = modes.degree(kind, l)
+            degree = modes.slice_of(kind, l)
             values[degree] = block @ values[degree]
             if turned is not None:
                 turned[degree] = block @ turned[degree]

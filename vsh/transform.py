@@ -94,24 +94,24 @@ def adjoint(modes, lon, lat, motion, threads=None):
         epsilon=EPSILON,
         nthreads=cores(threads),
     )
-    return modes.multiplicity * from_healpy(alm).values
+    return modes.norm2 * from_healpy(alm).values
 
 
-def fourier_moments(lon, lat, values, most, threads=1):
+def fourier_moments(lon, lat, values, max_order, threads=1):
     """Σ over the sources of values · e^{−i(Mα + nδ)}, a non-uniform Fourier transform.
 
     Parameters
     ----------
     lon, lat : (n,) arrays — positions [rad]; already checked, of a Field
     values : (k, n) complex array
-    most : int — the highest |M| and |n|
+    max_order : int — the highest |M| and |n|
 
     Returns
     -------
-    (k, 2 most + 1, 2 most + 1) complex array
-        Indexed by M + most and n + most.
+    (k, 2 max_order + 1, 2 max_order + 1) complex array
+        Indexed by M + max_order and n + max_order.
     """
-    out = np.empty((len(values), 2 * most + 1, 2 * most + 1), complex)
+    out = np.empty((len(values), 2 * max_order + 1, 2 * max_order + 1), complex)
     ducc0.nufft.nu2u(
         points=np.ascontiguousarray(values, complex),
         coord=np.stack([lon, lat], axis=1),
@@ -159,7 +159,7 @@ def adjoint_on_rings(modes, motion, threads=None):
         geometry="F1",
         nthreads=cores(threads),
     )
-    return modes.multiplicity * from_healpy(alm).values
+    return modes.norm2 * from_healpy(alm).values
 
 
 def _locations(lon, lat):

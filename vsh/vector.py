@@ -51,7 +51,7 @@ class Vector(Frozen):
         object.__setattr__(self, "covariance", covariance("the covariance of a Vector", self.covariance, 3))
 
     @classmethod
-    def from_polar(cls, amplitude, lon, lat, errors=(0.0, 0.0, 0.0), frame="icrs", unit="µas/yr"):
+    def from_spherical(cls, amplitude, lon, lat, errors=(0.0, 0.0, 0.0), frame="icrs", unit="µas/yr"):
         """A vector of known length and direction.
 
         Parameters
@@ -63,7 +63,7 @@ class Vector(Frozen):
 
         Examples
         --------
-        >>> Vector.from_polar(4.3, 0, 0, frame="galactic").value
+        >>> Vector.from_spherical(4.3, 0, 0, frame="galactic").value
         array([4.3, 0. , 0. ])
         """
         amplitude, lon, lat = number("amplitude", amplitude), number("lon", lon), number("lat", lat)

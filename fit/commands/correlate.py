@@ -8,18 +8,21 @@ from pathlib import Path
 import numpy as np
 
 import vsh
-from vsh.commands import outputs, shell
+from vsh.commands import outputs, parsing, running
+
+#: The six components of spin and acceleration, as `fit.correlation.FRAME`, which loads too much for --help.
+FRAME = "spin+acceleration"
 
 
 def main(arguments=None):
     """Run `vsh-correlate`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
-    options = shell.parse(parser, arguments)
+    options = parsing.parse(parser, arguments)
     if options.leakage is not None and options.leakage <= options.lmax:
         parser.error(f"--leakage is the highest degree that is not fitted: more than --lmax {options.lmax}")
-    if options.parameters == "frame" and options.lmax > 1:
+    if options.parameters == FRAME and options.lmax > 1:
         options.parameters = "modes"
-    return shell.guarded("vsh-correlate", lambda: _run(options))
+    return running.guarded("vsh-correlate", lambda: _run(options), options.threads)
 
 
 def _run(options):
@@ -29,23 +32,23 @@ def _run(options):
     from fit import correlation
     from vsh.catalogue import read_sources
 
-    paths = [path for path in (options.first, options.second) if path]
+    paths = [path for path in (options.catalogue, options.catalogue2) if path]
     fields = [
-        read_sources(path, sigma=options.sigma, **shell.reading(options)).to_frame(options.frame) for path in paths
+        read_sources(path, sigma=options.sigma, **parsing.reading(options)).to_frame(options.frame) for path in paths
     ]
     labels = _labels(paths)
-    what = "frame" if options.parameters == "frame" else options.lmax
-    found = correlation.correlation_map(fields, what, labels)
-    lines = [found.text(most=16)]
-    if what == "frame":
-        direct = correlation.correlation_map(fields, what, labels, solver="frame")
+    what = FRAME if options.parameters == FRAME else options.lmax
+    found = correlation.correlation_matrices(fields, what, labels)
+    lines = [found.report(max_size=16)]
+    if what == FRAME:
+        direct = correlation.correlation_matrices(fields, what, labels, solver="frame")
         most = max(np.abs(a - b).max() for a, b in zip(found.matrices, direct.matrices, strict=True))
         lines.append(f"The direct frame solver gives the same to {most:.0e}.\n")
     influences, leaks = [], []
     for field, label in zip(fields, labels, strict=True):
         lines.append(_sky(correlation, field, label, options))
         for pair in options.influence or []:
-            values = correlation.influence(field, options.lmax, pair, options.nside)
+            values = correlation.influence_map(field, options.lmax, pair, options.nside)
             influences.append((label, pair, field, values))
             lines.append(_blame(correlation, field, label, pair, options))
         if options.leakage:
@@ -53,13 +56,13 @@ def _run(options):
             lines.append(_leak(leaks[-1][1], label, options))
     notes = [f"  - {label}: {note}" for field, label in zip(fields, labels, strict=True) for note in field.notes]
     text = "\n".join(lines + (["Notes", *notes, ""] if notes else []))
-    shell.say(text)
+    running.say(text)
     if options.output:
-        meta = shell.provenance(paths, options, {"vsh-astrometry": vsh.__version__}, sources=[len(f) for f in fields])
+        meta = running.provenance(paths, options, {"vsh-astrometry": vsh.__version__}, sources=[len(f) for f in fields])
         with outputs.results_folder(options.output, "vsh-correlate", meta, options.overwrite) as folder:
             _write(folder, text, found, influences, leaks, meta)
             listed = [x.name for x in folder.iterdir()]
-        shell.say(shell.written(options.output, listed))
+        running.say(running.written(options.output, listed))
 
 
 def _labels(paths):
@@ -83,15 +86,15 @@ def _blame(correlation, field, label, pair, options):
     from vsh.sky.pixels import centres
 
     # Regions of some 30°: single pixels of a fine map say little.
-    coarse, (lon, lat) = correlation.influence(field, options.lmax, pair, 2), np.degrees(centres(2))
+    coarse, (lon, lat) = correlation.influence_map(field, options.lmax, pair, 2), np.degrees(centres(2))
     k = int(np.argmax(np.abs(coarse)))
-    added = correlation.gain(field, options.lmax, pair, 2, new=options.new)
+    added = correlation.gain_of_sources(field, options.lmax, pair, 2, n_sources=options.add_sources)
     at = int(np.argmin(np.abs(_target(correlation, field, options.lmax, pair) + added) if len(pair) == 2 else added))
     what = "correlation of {} and {}".format(*pair) if len(pair) == 2 else f"ln σ² of {pair[0]}"
     return (
         f"{label}: {what}\n"
         f"  hangs most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if its weight were doubled\n"
-        f"  {options.new} sources of median error more are best put around {lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
+        f"  {options.add_sources} sources of median error more are best put around {lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
     )
 
 
@@ -104,11 +107,11 @@ def _target(correlation, field, lmax, pair):
 
 def _leak(leak, label, options):
     names = ("omega_x", "omega_y", "omega_z", "a_x", "a_y", "a_z")
-    found = leak.bias_of(names, options.power)
+    found = leak.bias_of(names, options.power_per_degree)
     cells = ", ".join(f"{name} {value:.3g}" for name, value in found.items())
     first = leak.fitted.lmax + 1
     return (
-        f"{label}: degrees {first} to {leak.unmodelled.lmax} left out, each of T and S with a power of {options.power:g} (µas/yr)², "
+        f"{label}: degrees {first} to {leak.unmodelled.lmax} left out, each of T and S with a power of {options.power_per_degree:g} (µas/yr)², "
         f"bias the fit by (rms, µas/yr)\n  {cells}\n"
     )
 
@@ -126,7 +129,7 @@ def _write(folder, text, found, influences, leaks, meta):
     from vsh.sky.plot import save_figures
 
     (folder / "report.txt").write_text(text, encoding="utf-8")
-    tables.write_table(found.table(), folder / "correlation.ecsv", meta)
+    tables.write_table(found.to_table(), folder / "correlation.ecsv", meta)
     figures = {"correlation": found.plot()}
     for label, pair, field, values in influences:
         name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
@@ -137,7 +140,7 @@ def _write(folder, text, found, influences, leaks, meta):
             values, field, f"{label}: what drives the {what}", "change per doubling of a pixel's weight"
         )
     for label, leak in leaks:
-        tables.write_table(leak.table(), folder / f"leakage_{label}.ecsv", meta)
+        tables.write_table(leak.to_table(), folder / f"leakage_{label}.ecsv", meta)
         figures[f"leakage_{label}"] = leak.plot()
     save_figures(figures, folder)
 
@@ -149,31 +152,34 @@ def _parser():
         "a fit from degrees that were left out. Positions and errors are enough; no motions are needed.",
         epilog="Example: vsh-correlate gums.fits igql.fits --influence omega_y,a_x --leakage 6 --frame galactic --output results",
     )
-    parser.add_argument("first", help="FITS, VOTable, ECSV, CSV or Parquet file")
-    parser.add_argument("second", nargs="?", help="a second one, for the other triangle of the matrix")
-    parser.add_argument("--lmax", type=shell.count(1), default=1, help="highest degree of the fit (default: 1)")
+    parser.add_argument("catalogue", help="FITS, VOTable, ECSV, CSV or Parquet file")
+    parser.add_argument("catalogue2", nargs="?", help="a second one, for the other triangle of the matrix")
+    parser.add_argument("--lmax", type=parsing.count(1), default=1, help="highest degree of the fit (default: 1)")
     parser.add_argument(
-        "--parameters", choices=["frame", "modes"], default="frame",
+        "--parameters", choices=[FRAME, "modes"], default=FRAME,
         help="spin and acceleration (with --lmax 1), or all coefficients",
     )  # fmt: skip
     parser.add_argument(
         "--influence", type=_pair, action="append", metavar="NAME,NAME",
         help="map what drives the correlation of two parameters, or the variance of one: omega_y,a_x; may be repeated",
     )  # fmt: skip
-    parser.add_argument("--nside", type=shell.nside, default=16, help="of these maps (default: 16)")
-    parser.add_argument("--new", type=shell.count(1), default=1000, metavar="N", help="sources to add (default: 1000)")
+    parser.add_argument("--nside", type=parsing.nside, default=16, help="of these maps (default: 16)")
     parser.add_argument(
-        "--leakage", type=shell.count(2), metavar="L", help="what degrees up to L, left out, do to the fit"
+        "--add-sources", type=parsing.count(1), default=1000, metavar="N", help="sources to add (default: 1000)"
     )
     parser.add_argument(
-        "--power",
-        type=shell.not_negative,
+        "--leakage", type=parsing.count(2), metavar="L", help="what degrees up to L, left out, do to the fit"
+    )
+    parser.add_argument(
+        "--power-per-degree",
+        type=parsing.not_negative,
         default=1.0,
         metavar="P",
         help="their power a degree and kind, (µas/yr)² (default: 1)",
     )
-    parser.add_argument("--sigma", type=shell.positive, help="one error for all sources, µas/yr")
-    shell.add_reading(parser)
+    parser.add_argument("--sigma", type=parsing.positive, help="one error for all sources, µas/yr")
+    parsing.add_threads(parser)
+    parsing.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-correlate {vsh.__version__}")
     return parser
 

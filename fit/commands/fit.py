@@ -9,7 +9,7 @@ from pathlib import Path
 import fit
 import vsh
 from vsh.checks.notes import dropped
-from vsh.commands import outputs, shell
+from vsh.commands import outputs, parsing, running
 
 DEMO = "demo.fits"
 
@@ -17,11 +17,11 @@ DEMO = "demo.fits"
 def main(arguments=None):
     """Run `vsh-fit`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
-    options = shell.parse(parser, arguments)
+    options = parsing.parse(parser, arguments)
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or say --demo")
     words = sys.argv[1:] if arguments is None else list(map(str, arguments))
-    return shell.guarded("vsh-fit", lambda: _run(options, words))
+    return running.guarded("vsh-fit", lambda: _run(options, words), options.threads)
 
 
 def _run(options, words):
@@ -34,13 +34,13 @@ def _run(options, words):
     from vsh import catalogue, tables
 
     source = tables.open_table(str(path))
-    whole = catalogue.read_field(source, **shell.reading(options))
+    whole = catalogue.read_field(source, **parsing.reading(options))
     field = whole.to_frame(options.frame)
     solution, kept = _fit(field, vsh.Modes(options.lmax), options)
     name = "the simulated catalogue of the demo" if options.demo else str(path)
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
     text = fit.report(solution, check, truth, name)
-    shell.say(text)
+    running.say(text)
     if not (options.output or options.html):
         return
     import matplotlib
@@ -50,7 +50,7 @@ def _run(options, words):
     counts = {
         "rows": len(whole) + refused, "rows_used": len(kept), "rows_refused": refused, "rows_clipped": len(field) - len(kept),
     }  # fmt: skip
-    meta = shell.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
+    meta = running.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
     if options.output:
         with outputs.results_folder(options.output, "vsh-fit", meta, options.overwrite) as folder:
             (folder / "report.txt").write_text(text, encoding="utf-8")
@@ -58,7 +58,7 @@ def _run(options, words):
             fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
             fit.output.write_figures(solution, kept, folder)
             listed = [x.name for x in folder.iterdir()]
-        shell.say(shell.written(options.output, listed))
+        running.say(running.written(options.output, listed))
     if options.html:
         about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta}
         # The page is handed round: names of files, not where they lie on this disk.
@@ -67,20 +67,20 @@ def _run(options, words):
             *(Path(word).name if "/" in word and not word.startswith("-") else word for word in words),
         ]
         fit.output.write_html(solution, kept, options.html, command=command, **about)
-        shell.say(f"written to {options.html}")
+        running.say(f"written to {options.html}")
 
 
 def _fit(field, modes, options):
     """The solution that was asked for, and the sources that went into it."""
     solution, chosen = None, 1.0
-    if options.clip is not None or options.threshold is not None:
-        clipped = fit.robust.clip(field, modes, options.clip, options.threshold)
+    if options.clip is not None or options.clip_threshold is not None:
+        clipped = fit.robust.clip(field, modes, options.clip, options.clip_threshold)
         solution, field = clipped.solution, field[clipped.kept].add_note(clipped.solution.notes[-1])
         # Whoever estimates errors from sources that were kept because they fit finds them too small twice:
         # their scatter is, and so seems their influence.
         chosen = clipped.factor**4
-    if options.extra_noise:
-        solution = fit.robust.extra_noise(field, modes, scale=options.extra_noise == "scale").solution
+    if options.excess_noise:
+        solution = fit.robust.excess_noise(field, modes, scale=options.excess_noise == "scale").solution
     elif options.robust:
         method = {"student": fit.robust.student_t, "permissive": fit.robust.permissive}[options.robust]
         solution = method(field, modes).solution
@@ -111,30 +111,34 @@ def _parser():
     parser.add_argument("--lmax", type=_degree, default=3, help="highest degree (default: 3)")
     clips = parser.add_mutually_exclusive_group()
     clips.add_argument(
-        "--clip", type=shell.positive, metavar="KAPPA", help="leave out sources farther from the fit than KAPPA medians"
+        "--clip",
+        type=parsing.positive,
+        metavar="KAPPA",
+        help="leave out sources farther from the fit than KAPPA medians",
     )
     clips.add_argument(
-        "--threshold", type=shell.positive, metavar="X", help="leave out sources farther than X, in errors"
+        "--clip-threshold", type=parsing.positive, metavar="X", help="leave out sources farther than X, in errors"
     )
     errors = parser.add_mutually_exclusive_group()
     errors.add_argument(
         "--robust", choices=["student", "permissive"], help="a likelihood that expects some errors to be wrong"
     )
     errors.add_argument(
-        "--extra-noise",
+        "--excess-noise",
         nargs="?",
         const="add",
         choices=["add", "scale"],
         help="add a variance to every source, by maximum likelihood; with 'scale', a factor on its errors too",
     )
-    errors.add_argument("--bootstrap", type=shell.count(2), metavar="N", help="errors from N draws of the sources")
+    errors.add_argument("--bootstrap", type=parsing.count(2), metavar="N", help="errors from N draws of the sources")
     errors.add_argument(
-        "--jackknife", type=shell.nside, nargs="?", const=0, metavar="NSIDE",
+        "--jackknife", type=parsing.nside, nargs="?", const=0, metavar="NSIDE",
         help="errors from leaving out HEALPix blocks; without NSIDE several sizes are compared and the report says which is "
         "long enough",
     )  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
-    shell.add_reading(parser)
+    parsing.add_threads(parser)
+    parsing.add_reading(parser)
     parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
     parser.add_argument("--version", action="version", version=f"vsh-fit {vsh.__version__}")
     return parser

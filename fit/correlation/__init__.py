@@ -4,38 +4,39 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from fit.correlation._downweight import Thinned, thin
-from fit.correlation._forecast import Prediction, plan, predict
-from fit.correlation._influence import blamed, gain, influence
+from fit.correlation._downweight import Downweighted, downweight
+from fit.correlation._forecast import Prediction, compare_cuts, predict
+from fit.correlation._influence import gain_of_sources, influence_map, most_influential
 from fit.correlation._leakage import Eigenmodes, Leakage, eigenmodes, leakage, lmax_table, recommend_lmax
-from fit.correlation._matrices import CorrelationMap, correlation_map, dipole
-from fit.correlation._parameters import named, parameters, symbol
+from fit.correlation._matrices import CorrelationMatrices, correlation_matrices, dipole
+from fit.correlation._parameters import FRAME, named, parameters_of, symbol
 
 if TYPE_CHECKING:
     from fit.correlation._plot import plot_influence
 
 __all__ = [
-    "CorrelationMap",
+    "FRAME",
+    "CorrelationMatrices",
     "Eigenmodes",
     "Leakage",
     "Prediction",
-    "Thinned",
-    "blamed",
-    "correlation_map",
+    "Downweighted",
+    "most_influential",
+    "correlation_matrices",
     "dipole",
     "eigenmodes",
-    "gain",
-    "influence",
+    "gain_of_sources",
+    "influence_map",
     "leakage",
     "lmax_table",
     "named",
-    "parameters",
-    "plan",
+    "parameters_of",
+    "compare_cuts",
     "plot_influence",
     "predict",
     "recommend_lmax",
     "symbol",
-    "thin",
+    "downweight",
 ]
 
 # matplotlib is imported when a figure is first asked for.

@@ -7,17 +7,17 @@ from scipy.optimize import minimize
 
 from fit.correlation._forecast import Prediction, predict, reweighted
 from fit.solution import at_sources
-from vsh import Coefficients
+from fit.storage import Result
+from vsh import Coefficients, tables
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
-from vsh.checks.frozen import Frozen
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
 from vsh.vector import correlation_of
 
 
 @dataclass(frozen=True, eq=False)
-class Thinned(Frozen):
+class Downweighted(Result):
     """How much of each part of the sky to keep.
 
     Attributes
@@ -35,13 +35,34 @@ class Thinned(Frozen):
     before: Prediction
     after: Prediction
 
+    def report(self):
+        """What it costs and what it gains, as text."""
+        lines = [f"{np.nanmean(self.factors):.0%} of the weight is kept"]
+        for words, found in (("before", self.before), ("after", self.after)):
+            value, pair = found.largest
+            lines.append(
+                f"{words:7} largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}; errors of spin "
+                f"{np.sqrt(np.mean(found.spin.sigma**2)):.3g}, of acceleration {np.sqrt(np.mean(found.acceleration.sigma**2)):.3g} µas/yr"
+            )
+        return "\n".join(lines) + "\n"
+
+    def to_table(self):
+        """Share of the weight to keep in each pixel, as an astropy Table in ring order."""
+        return tables.table_of({"keep": self.keep}, {"frame": self.after.frame})
+
+    def plot(self):
+        """The shares as a map; a matplotlib figure."""
+        from fit.correlation._plot import plot_shares
+
+        return plot_shares(self.keep, self.after.frame)
+
     def mask(self, rng):
         """Which sources to keep, if whole ones are drawn with these shares: a mask (n,)."""
         return generator(rng).uniform(size=len(self.factors)) < self.factors
 
 
 @arguments.accepts(max_correlation=arguments.number, nside=arguments.whole)
-def thin(sources, max_correlation, nside=4, sigma=None):
+def downweight(sources, max_correlation, nside=4, sigma=None):
     """Shares of the weight in each pixel that bring all correlations of spin and acceleration under a bound.
 
     Parameters
@@ -52,7 +73,7 @@ def thin(sources, max_correlation, nside=4, sigma=None):
 
     Returns
     -------
-    Thinned
+    Downweighted
 
     Raises
     ------
@@ -115,7 +136,7 @@ def thin(sources, max_correlation, nside=4, sigma=None):
         )
     full = np.full(12 * nside**2, np.nan)
     full[used] = keep
-    return Thinned(full, keep[index], predict(field, 1), predict(reweighted(field, keep[index]), 1))
+    return Downweighted(full, keep[index], predict(field, 1), predict(reweighted(field, keep[index]), 1))
 
 
 def _normal_by_pixel(field, index, count):

@@ -34,7 +34,7 @@ class Prediction(Solution):
         return float(np.exp((np.linalg.slogdet(self._alone)[1] - np.linalg.slogdet(even)[1]) / 6))
 
     @property
-    def worst(self):
+    def largest(self):
         """The largest correlation among spin and acceleration, and the pair it is of."""
         pair = named([f"{v}_{axis}" for v in ("omega", "a") for axis in "xyz"], self.modes)
         correlation = correlation_of(pair.covariance(self.covariance))
@@ -86,7 +86,7 @@ def predict(sources, modes=1, sigma=None):
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
     to_coefficients = np.zeros((len(modes), 6))
     for k, kind in enumerate("TS"):
-        to_coefficients[modes.degree(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
+        to_coefficients[modes.slice_of(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
     return Prediction(
         Coefficients(modes, np.full(len(modes), np.nan)), solution.covariance, float("nan"), solution.n_data,
         solution.frame, solution.notes, "the predicted weights", float(field.information.sum()),
@@ -95,7 +95,7 @@ def predict(sources, modes=1, sigma=None):
 
 
 @arguments.accepts(cases=arguments.a(dict), modes=nouns.modes)
-def plan(sources, cases, modes=1, sigma=None):
+def compare_cuts(sources, cases, modes=1, sigma=None):
     """What a cut, a mask or a reweighting would give, side by side.
 
     Parameters
@@ -117,12 +117,12 @@ def plan(sources, cases, modes=1, sigma=None):
     rows = []
     for name, case in cases.items():
         found = predict(reweighted(field, case), modes)
-        worst, pair = found.worst
+        worst, pair = found.largest
         rows.append((
             name, found.n_data // 2, *(np.sqrt(np.mean(getattr(found, v).sigma ** 2)) for v in ("spin", "acceleration")),
             worst, " ".join(pair), found.efficiency,
         ))  # fmt: skip
-    names = ("case", "sources", "sigma_spin", "sigma_acceleration", "worst_correlation", "of", "efficiency")
+    names = ("case", "sources", "sigma_spin", "sigma_acceleration", "largest_correlation", "of", "efficiency")
     return tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)),
                            units=dict.fromkeys(("sigma_spin", "sigma_acceleration"), "uas / yr"))  # fmt: skip
 

@@ -2,29 +2,29 @@
 
 import numpy as np
 
-from fit.correlation._parameters import named
+from fit.correlation._parameters import FRAME, named
 from fit.normal import normal_equations
 from fit.solution import at_sources
 from fit.solve import solve
 from vsh import Coefficients
 from vsh.checks import arguments
-from vsh.errors import FieldError, ParameterError
+from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import as_modes
 
 
 @arguments.accepts(nside=arguments.whole)
-def influence(sources, modes, pair, nside=16, of=None, sigma=None):
+def influence_map(sources, modes, parameters, nside=16, quantity=None, sigma=None):
     """How a result changes with the weight of each HEALPix pixel; exact, from the normal matrix.
 
     Parameters
     ----------
     sources : Field, or positions with errors as for `fit.correlation.predict`
-    modes : Modes, or the degree lmax, or "frame" (degree 1)
-    pair : (str, str) or str
+    modes : Modes, or the degree lmax, or "spin+acceleration" (degree 1)
+    parameters : (str, str) or str
         Two names of parameters ("omega_y", "a_x", "t(2,0)"): their correlation. One: its variance.
     nside : int
-    of : "value", optional — of one parameter, in place of its variance; needs motions
+    quantity : "value", optional — of one parameter, in place of its variance; needs motions
 
     Returns
     -------
@@ -47,49 +47,49 @@ def influence(sources, modes, pair, nside=16, of=None, sigma=None):
 
     field = Field.without_motions(sources, sigma)
     pixels = pixels_of(field.lon, field.lat, nside)
-    return np.bincount(pixels, _by_source(field, modes, pair, of), 12 * nside**2)
+    return np.bincount(pixels, _by_source(field, modes, parameters, quantity), 12 * nside**2)
 
 
-@arguments.accepts(nside=arguments.whole, new=arguments.positive, sigma=arguments.positive)
-def gain(sources, modes, pair, nside=16, new=1000, sigma=None, of=None):
+@arguments.accepts(nside=arguments.whole, n_sources=arguments.positive, sigma=arguments.positive)
+def gain_of_sources(sources, modes, parameters, nside=16, n_sources=1000, sigma=None, quantity=None):
     """How a result would change if new sources were added in each pixel.
 
     Parameters
     ----------
-    sources, modes, pair, nside
+    sources, modes, parameters, nside
         As for `influence`.
-    new : int — how many
+    n_sources : int — how many
     sigma : float, optional — their errors; the median of those there unless given [µas/yr]
 
     Returns
     -------
     (12 nside²,) array
-        Of the correlation, or of ln σ², to first order in `new`.
+        Of the correlation, or of ln σ², to first order in `n_sources`.
     """
     from vsh.sky.pixels import centres
 
-    if of == "value":
+    if quantity == "value":
         raise ParameterError("sources that are not there yet have no motions: a value cannot be foretold")
     field = Field.without_motions(sources)
     sigma = float(np.median(field.sigma)) if sigma is None else float(sigma)
     lon, lat = centres(nside)
-    covariance, first, second, chosen = _prepared(field, modes, pair)
+    covariance, first, second, chosen = _prepared(field, modes, parameters)
     g = Coefficients(chosen.modes, covariance @ first).at(lon, lat)
     h = None if second is None else Coefficients(chosen.modes, covariance @ second).at(lon, lat)
-    return _change(covariance, first, second, g, h, lambda x, y: np.sum(x * y, 0)) * (new / sigma**2)
+    return _change(covariance, first, second, g, h, lambda x, y: np.sum(x * y, 0)) * (n_sources / sigma**2)
 
 
-def _by_source(field, modes, pair, of):
+def _by_source(field, modes, parameters, quantity):
     """The derivative by each source's own weight, (n,)."""
-    covariance, first, second, chosen = _prepared(field, modes, pair)
+    covariance, first, second, chosen = _prepared(field, modes, parameters)
     g = at_sources(Coefficients(chosen.modes, covariance @ first), field)
-    if of == "value":
+    if quantity == "value":
         if len(chosen) != 1:
-            raise ParameterError('of="value" is of one parameter')
+            raise ParameterError('quantity="value" is of one parameter')
         residual = solve(normal_equations(field, chosen.modes)).residuals(field).motion
         return field.inner(g, residual)
-    if of is not None:
-        raise ParameterError(f'of is None or "value", not {of!r}')
+    if quantity is not None:
+        raise ParameterError(f'quantity is None or "value", not {quantity!r}')
     h = None if second is None else at_sources(Coefficients(chosen.modes, covariance @ second), field)
     return _change(covariance, first, second, g, h, field.inner)
 
@@ -104,30 +104,46 @@ def _change(covariance, first, second, g, h, product):
     return -product(g, h) / np.sqrt(c_ii * c_jj) + rho / 2 * (product(g, g) / c_ii + product(h, h) / c_jj)
 
 
-def _prepared(field, modes, pair):
-    if not isinstance(pair, (str, tuple, list)) or not all(isinstance(name, str) for name in pair):
-        raise ParameterError(f"one or two names of parameters are wanted, not {pair!r}")
-    names = (pair,) if isinstance(pair, str) else tuple(pair)
+def _prepared(field, modes, parameters):
+    if not isinstance(parameters, (str, tuple, list)) or not all(isinstance(name, str) for name in parameters):
+        raise ParameterError(f"one or two names of parameters are wanted, not {parameters!r}")
+    names = (parameters,) if isinstance(parameters, str) else tuple(parameters)
     if len(names) not in (1, 2) or len(set(names)) != len(names):
-        raise ParameterError(f"one or two different parameters are wanted, not {pair!r}")
-    modes = as_modes(1 if isinstance(modes, str) and modes == "frame" else modes)
+        raise ParameterError(f"one or two different parameters are wanted, not {parameters!r}")
+    modes = as_modes(1 if isinstance(modes, str) and modes == FRAME else modes)
     chosen = named(names, modes)
     covariance = solve(normal_equations(field, modes)).covariance
     return covariance, chosen.rows[0], chosen.rows[1] if len(names) == 2 else None, chosen
 
 
-def blamed(map_of_influence, share=0.5):
+def most_influential(influence, fraction=0.5):
     """The pixels that hold the largest part of an influence of one sign: a mask (12 nside²,).
 
-    Those with the largest influence of the sign that prevails, until they hold `share` of it.
+    Those with the largest influence of the sign that prevails, until they hold `fraction` of it.
+
+    Parameters
+    ----------
+    influence : (12 nside²,) array
+        From `influence_map` or `gain_of_sources`.
+    fraction : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    (12 nside²,) bool array
+
+    Raises
+    ------
+    ParameterError
+        If the fraction is none.
     """
-    m = np.asarray(map_of_influence, float)
-    if not 0 < share <= 1:
-        raise FieldError(f"a share lies between 0 and 1, not at {share}")
+    m = arguments.float_array("influence", influence, finite=False)
+    if not 0 < fraction <= 1:
+        raise ParameterError(f"a fraction lies between 0 and 1, not at {fraction}")
     positive, negative = m[m > 0].sum(), -m[m < 0].sum()
     signed = m if positive >= negative else -m
     order = np.argsort(-signed)
     held = np.cumsum(np.maximum(signed[order], 0))
     mask = np.zeros(m.size, bool)
-    mask[order[: np.searchsorted(held, share * held[-1]) + 1]] = True
+    mask[order[: np.searchsorted(held, fraction * held[-1]) + 1]] = True
     return mask & (signed > 0)

@@ -8,11 +8,10 @@ from scipy.linalg import eigh
 from fit.correlation._parameters import check_lower, named
 from fit.normal import normal_equations
 from fit.solve import solve
-from fit.storage import Stored, words
-from vsh import Coefficients, Modes
+from fit.storage import Result, words
+from vsh import Coefficients, Modes, tables
 from vsh.checks import arguments, nouns
 from vsh.checks.arguments import float_array
-from vsh.checks.frozen import Frozen
 from vsh.errors import DegeneracyError, ParameterError, TableError
 from vsh.field import Field
 from vsh.modes import as_modes
@@ -21,7 +20,7 @@ from vsh.vector import correlation_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Leakage(Stored):
+class Leakage(Result):
     """How unmodelled coefficients c_u change the fitted ones: bias = matrix · c_u.
 
     Attributes
@@ -75,12 +74,16 @@ class Leakage(Stored):
         chosen = named(names, self.fitted)
         return dict(zip(names, np.sqrt(np.diag(chosen.covariance(self.covariance(power)))).tolist(), strict=True))
 
-    def table(self):
+    def to_table(self):
         """The matrix as an astropy Table: a row a fitted coefficient."""
-        from vsh import tables
-
         columns = {"coefficient": list(self.names)} | dict(zip(self.unmodelled_names, self.matrix.T, strict=True))
         return tables.table_of(columns, {"frame": self.frame})
+
+    def report(self):
+        """What a power of 1 (µas/yr)² in each unmodelled degree and kind does to spin and acceleration, as text."""
+        names = ("omega_x", "omega_y", "omega_z", "a_x", "a_y", "a_z")
+        cells = ", ".join(f"{name} {value:.3g}" for name, value in self.bias_of(names, 1.0).items())
+        return f"{self!r}: rms bias by a power of 1 (µas/yr)² in each [µas/yr]\n  {cells}\n"
 
     def plot(self):
         """The matrix as a figure."""
@@ -127,7 +130,7 @@ class Leakage(Stored):
             raise ParameterError("a power cannot be negative")
         kinds = np.array([mode.kind == "S" for mode in modes], int)
         degrees = np.array([mode.l for mode in modes])
-        return spectrum[kinds, degrees] / (2 * degrees + 1) / modes.multiplicity
+        return spectrum[kinds, degrees] / (2 * degrees + 1) / modes.norm2
 
 
 @arguments.accepts(fitted=nouns.modes, unmodelled=nouns.modes)
@@ -157,17 +160,17 @@ def leakage(sources, fitted, unmodelled, sigma=None):
     return Leakage(matrix, fitted, unmodelled, tuple(names[inside]), tuple(names[~inside]), field.frame)
 
 
-@arguments.accepts(highest=arguments.whole)
-def lmax_table(sources, highest=10, sigma=None):
+@arguments.accepts(max_lmax=arguments.whole)
+def lmax_table(sources, max_lmax=10, sigma=None):
     """Condition and largest correlation of fits of every degree: rows of (lmax, condition, correlation).
 
     The condition is that of the correlation matrix; inf for a fit that the sources do not bear.
     """
     field = Field.without_motions(sources, sigma)
-    modes = Modes(highest)
+    modes = Modes(max_lmax)
     matrix = normal_equations(field, modes).matrix
     rows = []
-    for lmax in range(1, highest + 1):
+    for lmax in range(1, max_lmax + 1):
         inside = np.array([mode.l <= lmax for mode in modes])
         part = matrix[np.ix_(inside, inside)]
         diagonal = np.sqrt(np.diag(part))
@@ -180,8 +183,8 @@ def lmax_table(sources, highest=10, sigma=None):
     return rows
 
 
-@arguments.accepts(max_condition=arguments.positive, max_correlation=arguments.positive, highest=arguments.whole)
-def recommend_lmax(sources, max_condition=100.0, max_correlation=0.5, highest=10, sigma=None):
+@arguments.accepts(max_condition=arguments.positive, max_correlation=arguments.positive, max_lmax=arguments.whole)
+def recommend_lmax(sources, max_condition=100.0, max_correlation=0.5, max_lmax=10, sigma=None):
     """The largest degree whose fit, and that of every lower one, stays under both bounds.
 
     Parameters
@@ -189,7 +192,7 @@ def recommend_lmax(sources, max_condition=100.0, max_correlation=0.5, highest=10
     sources : as for `leakage`
     max_condition : float — of the scaled normal matrix
     max_correlation : float — of any two coefficients
-    highest : int — where to stop looking
+    max_lmax : int — where to stop looking
 
     Returns
     -------
@@ -201,7 +204,7 @@ def recommend_lmax(sources, max_condition=100.0, max_correlation=0.5, highest=10
         If not even degree 1 does.
     """
     best = 0
-    for lmax, condition, correlation in lmax_table(sources, highest, sigma):
+    for lmax, condition, correlation in lmax_table(sources, max_lmax, sigma):
         if condition > max_condition or correlation > max_correlation:
             break
         best = lmax
@@ -214,7 +217,7 @@ def recommend_lmax(sources, max_condition=100.0, max_correlation=0.5, highest=10
 
 
 @dataclass(frozen=True, eq=False)
-class Eigenmodes(Frozen):
+class Eigenmodes(Result):
     """Fields that a sky measures independently of each other, from the worst to the best.
 
     Attributes
@@ -231,11 +234,23 @@ class Eigenmodes(Frozen):
     fields: list
     frame: str
 
-    def plot(self, most=2):
+    def report(self):
+        """How well the best and the worst are measured, as text."""
+        error = 1 / np.sqrt(self.information)
+        return (
+            f"Fields that this sky measures independently ({self.frame} axes): {len(self.information)}, with errors of "
+            f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of the same weight on a uniform sky\n"
+        )
+
+    def to_table(self):
+        """Information of each as an astropy Table, from the worst to the best."""
+        return tables.table_of({"information": self.information}, {"frame": self.frame})
+
+    def plot(self, n_fields=2):
         """The worst and the best as maps of arrows; a matplotlib figure."""
         from fit.correlation._plot import plot_eigenmodes
 
-        return plot_eigenmodes(self, most)
+        return plot_eigenmodes(self, n_fields)
 
 
 @arguments.accepts(modes=nouns.modes)
@@ -254,8 +269,8 @@ def eigenmodes(sources, modes, sigma=None):
     """
     field = Field.without_motions(sources, sigma)
     normal = normal_equations(field, modes).matrix
-    # ∫ |V|² dΩ = Σ multiplicity c²; an even sky sees its mean, by half the trace of the weights.
-    norm = np.diag(modes.multiplicity.astype(float))
+    # ∫ |V|² dΩ = Σ norm2 c²; an even sky sees its mean, by half the trace of the weights.
+    norm = np.diag(modes.norm2.astype(float))
     values, vectors = eigh(normal, norm)
     even = field.information.sum() / 2 / (4 * np.pi)
     return Eigenmodes(values / even, [Coefficients(modes, v) for v in vectors.T], field.frame)

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.correlation._parameters import parameters
+from fit.correlation._parameters import FRAME, parameters_of
 from fit.frame import solve_frame
 from fit.normal import normal_equations
 from fit.solve import solve
-from fit.storage import Stored, exact, number, words
+from fit.storage import Result, exact, number, words
 from vsh.checks.arguments import covariance, float_array
 from vsh.errors import FrameError, ParameterError, TableError
 from vsh.field import Field
@@ -18,7 +18,7 @@ from vsh.vector import correlation_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CorrelationMap(Stored):
+class CorrelationMatrices(Result):
     """Correlations of the same parameters on one or several skies.
 
     Attributes
@@ -41,51 +41,51 @@ class CorrelationMap(Stored):
     frame: str
 
     def __repr__(self):
-        return f"<CorrelationMap: {', '.join(self.labels)}; {len(self.names)} parameters, {self.frame}>"
+        return f"<CorrelationMatrices: {', '.join(self.labels)}; {len(self.names)} parameters, {self.frame}>"
 
     def matrix(self, i=0):
         """The correlation matrix of one catalogue, (k, k)."""
         return self.matrices[i]
 
-    def both(self, upper=0, lower=1):
+    def combined(self, upper=0, lower=1):
         """Two catalogues in one matrix, one in each triangle."""
         if len(self.matrices) == 1:
             return self.matrices[0]
         k = len(self.names)
         return np.triu(self.matrices[upper], 1) + np.tril(self.matrices[lower], -1) + np.eye(k)
 
-    def explained(self, i=0):
+    def dipole_prediction(self, i=0):
         """−(3/2) [r̄]ₓ: the block ω–ã that the catalogue's dipole alone would give, (3, 3)."""
         x, y, z = self.dipoles[i]
         return -1.5 * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
-    def worst(self, i=0):
+    def largest(self, i=0):
         """The largest correlation of a catalogue and the pair it is of."""
         off = np.abs(self.matrices[i] - np.eye(len(self.names)))
         row, column = np.unravel_index(np.argmax(off), off.shape)
         row, column = sorted((row, column))
         return float(self.matrices[i][row, column]), (self.names[row], self.names[column])
 
-    def table(self):
+    def to_table(self):
         """The matrix, of two catalogues in its two triangles, as an astropy Table."""
         from vsh import tables
 
         meta = {"frame": self.frame, "upper": self.labels[0], "lower": self.labels[min(1, len(self.labels) - 1)]}
         return tables.table_of(
-            {"parameter": list(self.names)} | dict(zip(self.names, self.both().T, strict=True)), meta
+            {"parameter": list(self.names)} | dict(zip(self.names, self.combined().T, strict=True)), meta
         )
 
-    def text(self, most=12):
+    def report(self, max_size=12):
         """The matrix as text, if it is not too large, and what explains its largest elements."""
         lines = [f"Correlations in {self.frame} axes: " + ("upper {}, lower {}".format(*self.labels[:2])
                  if len(self.labels) > 1 else self.labels[0])]  # fmt: skip
-        if len(self.names) <= most:
+        if len(self.names) <= max_size:
             width = max(9, max(map(len, self.names)) + 2)
             lines.append(" " * width + "".join(f"{name:>{width}}" for name in self.names))
-            for name, row in zip(self.names, self.both(), strict=True):
+            for name, row in zip(self.names, self.combined(), strict=True):
                 lines.append(f"{name:{width}}" + "".join(f"{value:{width}.3f}" for value in row))
         for i, label in enumerate(self.labels):
-            value, pair = self.worst(i)
+            value, pair = self.largest(i)
             lines.append(f"{label}: largest {value:+.3f}, of {pair[0]} and {pair[1]}")
             if {"omega_x", "a_x"} <= set(self.names):
                 lines += self._explanation(i)
@@ -124,7 +124,7 @@ class CorrelationMap(Stored):
         start, end = self.names.index("omega_x"), self.names.index("a_x")
         block = self.matrices[i][start : start + 3, end : end + 3]
         lines = [f"  mean direction of its weight: ({x:+.3f}, {y:+.3f}, {z:+.3f}); what that dipole explains:"]
-        explained = self.explained(i)
+        explained = self.dipole_prediction(i)
         order = np.argsort(-np.abs(block), axis=None)[:3]
         for row, column in zip(*np.unravel_index(order, (3, 3)), strict=True):
             third = "xyz"[3 - row - column] if row != column else "none"
@@ -135,24 +135,24 @@ class CorrelationMap(Stored):
         return lines
 
 
-def correlation_map(fields, modes_or_frame="frame", labels=None, offsets=None, solver="harmonics", sigma=None):
+def correlation_matrices(fields, parameters=FRAME, labels=None, offsets=None, solver="harmonics", sigma=None):
     """Correlation matrices of one or several catalogues; positions and errors are enough.
 
     Parameters
     ----------
     fields : Field, positions with errors, or a list or dict of them
-    modes_or_frame : "frame", Modes, or a degree
-        "frame": the components of spin and acceleration.
+    parameters : "spin+acceleration", Modes, or a degree
+        Of which parameters: the components of spin and acceleration, or all coefficients.
     labels : list of str, optional
     offsets : Field or list of Fields, optional
         Of VLBI sources: the orientation ε is put in front, as in the paper's table.
     solver : {"harmonics", "frame"}
-        "frame" takes the direct frame solver, for "frame" only.
+        "frame" takes the direct frame solver, for spin and acceleration only.
     sigma : float, optional — errors of positions that have none [µas/yr]
 
     Returns
     -------
-    CorrelationMap
+    CorrelationMatrices
 
     Raises
     ------
@@ -176,8 +176,8 @@ def correlation_map(fields, modes_or_frame="frame", labels=None, offsets=None, s
         raise FrameError(f"the catalogues are in {' and '.join(sorted(frames))}: take all to one frame")
     if solver not in ("harmonics", "frame"):
         raise ParameterError(f'solver is "harmonics" or "frame", not {solver!r}')
-    wanted = parameters(modes_or_frame)
-    if (solver == "frame" or offsets is not None) and modes_or_frame != "frame":
+    wanted = parameters_of(parameters)
+    if (solver == "frame" or offsets is not None) and parameters != FRAME:
         raise ParameterError("the direct frame solver, and offsets, are for the parameters of the frame")
     if offsets is not None:
         offsets = [offsets] * len(fields) if not isinstance(offsets, (list, tuple)) else list(offsets)
@@ -191,7 +191,7 @@ def correlation_map(fields, modes_or_frame="frame", labels=None, offsets=None, s
             names = found.names
         else:
             matrices.append(correlation_of(wanted.covariance(solve(normal_equations(field, wanted.modes)).covariance)))
-    return CorrelationMap(names, matrices, labels, [dipole(field) for field in fields], frames.pop())
+    return CorrelationMatrices(names, matrices, labels, [dipole(field) for field in fields], frames.pop())
 
 
 def dipole(field):

@@ -1,6 +1,7 @@
 """Names for what a sky may or may not tell apart: coefficients, and the components of spin and acceleration."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import ModesError, ParameterError
 from vsh.modes import Modes, as_modes
 
+#: What stands for the six components of spin and acceleration.
+FRAME: Literal["spin+acceleration"] = "spin+acceleration"
 FRAME_NAMES = tuple(f"{vector}_{axis}" for vector in ("omega", "a") for axis in "xyz")
 
 
@@ -37,17 +40,17 @@ class Parameters(Frozen):
         return self.rows @ covariance @ self.rows.T
 
 
-def parameters(what):
+def parameters_of(what):
     """All parameters of a kind.
 
     Parameters
     ----------
-    what : "frame", a degree, or Modes
-        "frame": omega_x … a_z, from a fit of degree 1; else every coefficient.
+    what : "spin+acceleration", a degree, or Modes
+        The first: omega_x … a_z, from a fit of degree 1; else every coefficient.
     """
     if isinstance(what, str):
-        if what != "frame":
-            raise ParameterError(f'parameters are "frame", a degree or Modes, not {what!r}')
+        if what != FRAME:
+            raise ParameterError(f"parameters are {FRAME!r}, a degree or Modes, not {what!r}")
         return named(FRAME_NAMES, 1)
     modes = as_modes(what)
     return Parameters(tuple(map(str, modes)), modes, np.eye(len(modes)))
@@ -61,13 +64,13 @@ def named(names, what):
     ParameterError
         If a name is neither; the message lists those there are.
     """
-    modes = as_modes(1 if isinstance(what, str) and what == "frame" else what)
+    modes = as_modes(1 if isinstance(what, str) and what == FRAME else what)
     known = {str(mode): row for mode, row in zip(modes, np.eye(len(modes)), strict=True)}
     inverse = np.linalg.inv(FIRST_DEGREE)
     for kind, vector in (("T", "omega"), ("S", "a")):
         for axis, row in zip("xyz", inverse, strict=True):
             full = np.zeros(len(modes))
-            full[modes.degree(kind, 1)] = row
+            full[modes.slice_of(kind, 1)] = row
             known[f"{vector}_{axis}"] = full
     unknown = [name for name in names if name not in known]
     if unknown:

@@ -12,7 +12,7 @@ _MAP = "RdBu_r"  # diverging, told apart by the colour-blind, centred on zero
 
 def plot_matrix(correlations):
     """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room."""
-    matrix, names = correlations.both(), [symbol(name) for name in correlations.names]
+    matrix, names = correlations.combined(), [symbol(name) for name in correlations.names]
     k = len(names)
     figure, axes = plt.subplots(figsize=(9, 7.6), layout="constrained")
     off = np.where(np.eye(k) > 0, np.nan, matrix)
@@ -41,25 +41,35 @@ def plot_matrix(correlations):
     return figure
 
 
-def plot_influence(values, field, title, label, most=3000):
+def plot_influence(values, field, title, label, max_sources=3000):
     """A map of influence on the sky with the sources.
 
     Parameters
     ----------
-    values : (12 nside²,) array — from `fit.correlation.influence` or `gain`
+    values : (12 nside²,) array — from `fit.correlation.influence_map` or `gain_of_sources`
     field : Field — the sources, in the frame of the map
     title, label : str
     """
     axes = sky_axes(field.frame)
     reach = float(np.percentile(np.abs(values[values != 0]), 99)) if np.any(values) else 1.0
     image = draw_map(axes, values, cmap=_MAP, vmin=-reach, vmax=reach)
-    draw_sources(axes, field.lon, field.lat, most=most, s=2, color="0.15", alpha=0.5)
+    draw_sources(axes, field.lon, field.lat, max_sources=max_sources, s=2, color="0.15", alpha=0.5)
     bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06, extend="both")
     bar.set_label(label, fontsize=12)
     bar.ax.tick_params(labelsize=11)
     bar.locator = MaxNLocator(5)
     bar.update_ticks()
     axes.set_title(title, pad=16, fontsize=14)
+    return axes.figure
+
+
+def plot_shares(keep, frame):
+    """A map of the share of the weight that is kept in each pixel, (12 nside²,)."""
+    axes = sky_axes(frame)
+    axes.set_facecolor("0.85")
+    image = draw_map(axes, keep, cmap="viridis", vmin=0, vmax=1)
+    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
+    bar.set_label("share of the weight that is kept", fontsize=12)
     return axes.figure
 
 
@@ -85,9 +95,9 @@ def plot_leakage(leakage):
     return figure
 
 
-def plot_eigenmodes(eigen, most=2):
+def plot_eigenmodes(eigen, n_fields=2):
     """The worst and the best measured fields of a sky, as arrows."""
-    count = min(most, len(eigen.fields) // 2)
+    count = min(n_fields, len(eigen.fields) // 2)
     figure = plt.figure(figsize=(8 * count, 9.6), layout="constrained")
     lon, lat = even_grid(15.0)
     chosen = [*range(count), *range(len(eigen.fields) - count, len(eigen.fields))]

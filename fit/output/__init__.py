@@ -7,11 +7,21 @@ import lazy_loader
 from fit.output._files import draw_figures, write_correlation, write_figures, write_html
 from fit.output._html import html_report
 from fit.output._notebook import html_of, latex_of
-from fit.output._report import WIDTH, report
-from fit.output._rows import amplitude, components, direction, p_value, power_rows, pulls, vector_rows, vectors_of
+from fit.output._report import WIDTH, report, report_check
+from fit.output._rows import (
+    amplitude,
+    components,
+    direction,
+    note_lines,
+    p_value,
+    power_rows,
+    pulls,
+    vector_rows,
+    vectors_of,
+)
 
 if TYPE_CHECKING:
-    from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
+    from fit.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum
 
 __all__ = [
     "WIDTH",
@@ -22,13 +32,16 @@ __all__ = [
     "html_of",
     "html_report",
     "latex_of",
+    "note_lines",
     "p_value",
     "plot_correlation",
+    "plot_power",
     "plot_residuals",
     "plot_spectrum",
     "power_rows",
     "pulls",
     "report",
+    "report_check",
     "vector_rows",
     "vectors_of",
     "write_correlation",
@@ -37,7 +50,7 @@ __all__ = [
 ]
 
 # matplotlib is imported when a figure is first asked for.
-_FIGURES = ["plot_correlation", "plot_residuals", "plot_spectrum"]
+_FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum"]
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_figures": _FIGURES})
 
 

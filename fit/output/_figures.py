@@ -43,6 +43,25 @@ def plot_spectrum(solution):
     return figure
 
 
+def plot_power(solution):
+    """Power by degree and kind as fitted, for a solution without a covariance.
+
+    Returns
+    -------
+    matplotlib figure
+    """
+    figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
+    l = np.arange(1, solution.modes.lmax + 1)
+    for kind in "TS":
+        power = [solution.coefficients.power(kind, int(each)) for each in l]
+        axes.semilogy(l, power, "o-", color=_COLOURS[kind], markersize=3, label=_NAMES[kind])
+    axes.set_xlabel("degree", fontsize=13)
+    axes.set_ylabel("power as fitted  [(µas/yr)²]", fontsize=13)
+    axes.legend(frameon=False, fontsize=11)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
 def plot_correlation(solution):
     """The correlation matrix of the coefficients, colour-blind safe and centred on zero.
 
@@ -50,7 +69,7 @@ def plot_correlation(solution):
     -------
     matplotlib figure
     """
-    names = [str(mode) for mode in solution.modes]
+    names = list(solution.names)
     figure, axes = plt.subplots(figsize=(8, 6.8), layout="constrained")
     off = solution.correlation - np.eye(len(names))
     largest = max(float(np.abs(off).max()), 1e-3)
@@ -60,10 +79,13 @@ def plot_correlation(solution):
     step = max(1, len(names) // 32)
     axes.set_xticks(range(0, len(names), step), names[::step], rotation=90, fontsize=11 if len(names) < 20 else 8)
     axes.set_yticks(range(0, len(names), step), names[::step], fontsize=11 if len(names) < 20 else 8)
-    half = len(names) / 2 - 0.5
-    axes.axhline(half, color="0.4", linewidth=0.8)
-    axes.axvline(half, color="0.4", linewidth=0.8)
-    axes.set_title(f"{_NAMES['T']} first, then {_NAMES['S']}; {solution.frame}", fontsize=12)
+    if hasattr(solution, "modes"):
+        half = len(names) / 2 - 0.5
+        axes.axhline(half, color="0.4", linewidth=0.8)
+        axes.axvline(half, color="0.4", linewidth=0.8)
+        axes.set_title(f"{_NAMES['T']} first, then {_NAMES['S']}; {solution.frame}", fontsize=12)
+    else:
+        axes.set_title(f"{solution.frame} axes", fontsize=12)
     return figure
 
 

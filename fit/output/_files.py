@@ -37,11 +37,11 @@ def write_html(solution, field, path, **about):
     import matplotlib.pyplot as plt
 
     from fit.output._html import html_report
-    from vsh.system.files import replacing
+    from vsh.system.files import atomic_write
 
     figures = draw_figures(solution, field)
     page = html_report(solution, figures, **about)
     for figure in figures.values():
         plt.close(figure)
-    with replacing(path) as new:
+    with atomic_write(path) as new:
         new.write_text(page, encoding="utf-8")

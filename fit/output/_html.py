@@ -155,7 +155,7 @@ def _check(check):
     rows = [
         [f"{name}, {solver}", *components(getattr(result, name))]
         for name in ("spin", "acceleration")
-        for solver, result in (("harmonics", check.harmonics), ("frame solver", check.direct))
+        for solver, result in (("harmonics", check.harmonics), ("frame solver", check.frame))
     ]
     return lead + _table(["[µas/yr]", "x", "y", "z"], rows)
 
@@ -168,8 +168,8 @@ def _powers(solution):
             row.power,
             row.debiased,
             row.error,
-            escape(row.p),
-            *([escape(row.p_scaled)] if both else []),
+            escape(row.p_value),
+            *([escape(row.p_value_scaled)] if both else []),
             row.z,
             row.mk_z,
         ]

@@ -15,7 +15,7 @@ def html_of(solution):
         for row in vector_rows(vectors_of(solution))
     )
     powers = "".join(
-        f"<tr><th>{row.degree}</th>{_cells((row.power, row.debiased, row.error, row.p))}</tr>"
+        f"<tr><th>{row.degree}</th>{_cells((row.power, row.debiased, row.error, row.p_value))}</tr>"
         for row in power_rows(solution)
     )
     notes = "".join(f"<li>{escape(str(note))}</li>" for note in solution.notes)
@@ -40,7 +40,7 @@ def latex_of(solution):
         lines.append(rf"${_SYMBOLS[row.name]}$ [\textmu as\,yr$^{{-1}}$] & " + " & ".join(cells) + r" \\")
     lines += [r"\midrule", r" & power & noise-debiased & error & $p$-value \\", r"\midrule"]
     for row in power_rows(solution):
-        cells = (row.power, row.debiased, row.error, row.p)
+        cells = (row.power, row.debiased, row.error, row.p_value)
         lines.append(rf"${row.degree[0]}_{{{row.degree[1:]}}}$ & " + " & ".join(f"${_tex(c)}$" for c in cells) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 

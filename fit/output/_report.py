@@ -23,7 +23,7 @@ def report(solution, check=None, truth=None, source=None):
     """
     sections = [_heading(solution, source), _vectors(solution, truth or {}), _degrees(solution)]
     if check is not None:
-        sections.append(_check(check))
+        sections.append(report_check(check))
     if solution.notes:
         sections.append("Notes\n" + "\n".join(f"  - {note}" for note in solution.notes))
     return "\n\n".join(sections) + "\n"
@@ -88,26 +88,27 @@ def _degrees(solution):
     ]  # fmt: skip
     for row in power_rows(solution):
         lines.append(
-            f"{row.degree:8}{row.power:>13}{row.debiased:>13}{row.error:>11}{row.root:>9}{row.p:>11}"
-            + (f"{row.p_scaled:>11}" if both else "")
+            f"{row.degree:8}{row.power:>13}{row.debiased:>13}{row.error:>11}{row.root:>9}{row.p_value:>11}"
+            + (f"{row.p_value_scaled:>11}" if both else "")
             + f"{row.z:>8}{row.mk_z:>8}"
         )
     return "\n".join(lines)
 
 
-def _check(check):
+def report_check(check):
+    """Whether two solvers agree, as text."""
     if check.largest < AGREE:
         return (
             f"Cross-check: plain least squares of degree 1 by two solvers without a common formula, on the same "
-            f"{check.direct.n_data // 2} sources,\nwith the catalogue's errors: they agree to {check.largest:.0e} σ. "
+            f"{check.frame.n_data // 2} sources,\nwith the catalogue's errors: they agree to {check.largest:.0e} σ. "
             "It tests the solvers, not the errors above."
         )
     lines = [
-        f"CROSS-CHECK FAILED: degree 1 on the same {check.direct.n_data // 2} sources by two solvers differs by {check.largest:.1e} σ",
+        f"CROSS-CHECK FAILED: degree 1 on the same {check.frame.n_data // 2} sources by two solvers differs by {check.largest:.1e} σ",
         f"{'[µas/yr]':26}{'x':>16}{'y':>16}{'z':>16}",
     ]
     for name in ("spin", "acceleration"):
-        for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.direct)):
+        for solver, result in (("harmonics", check.harmonics), ("frame, QR", check.frame)):
             lines.append(f"{name:14}{solver:12}" + "".join(f"{c:>16}" for c in components(getattr(result, name))))
     return "\n".join(lines)
 

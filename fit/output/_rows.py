@@ -98,8 +98,8 @@ class PowerRow(NamedTuple):
     debiased: str
     error: str
     root: str
-    p: str
-    p_scaled: str
+    p_value: str
+    p_value_scaled: str
     z: str
     mk_z: str
 
@@ -109,7 +109,7 @@ def power_rows(solution):
     scaled = spectrum(solution.scaled)
     return [
         PowerRow(f"{d.kind}{d.l}", f"{d.power:.5g}", f"{d.debiased:.5g}", f"{d.error:.3g}", f"{np.sqrt(d.power):.3g}",
-                 p_value(d.p), p_value(s.p), f"{d.z:.2f}", f"{d.mk_z:.2f}")
+                 p_value(d.p_value), p_value(s.p_value), f"{d.z:.2f}", f"{d.mk_z:.2f}")
         for d, s in zip(spectrum(solution), scaled, strict=True)
     ]  # fmt: skip
 
@@ -117,6 +117,11 @@ def power_rows(solution):
 def p_value(p):
     """A probability as it is printed."""
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300"
+
+
+def note_lines(notes):
+    """Notes as the last lines of a report."""
+    return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []
 
 
 def is_scaled(solution):

@@ -3,7 +3,7 @@
 from fit.posterior._grid import GridPosterior, grid
 from fit.posterior._priors import Priors
 from fit.posterior._sample import Posterior, read_samples, sample
-from fit.posterior._summary import Interval
+from fit.posterior._summary import Interval, Samples
 from fit.sampling import Density, Flat, Normal
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "Flat",
     "Normal",
     "Priors",
+    "Samples",
     "GridPosterior",
     "Interval",
     "Posterior",

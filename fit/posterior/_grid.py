@@ -4,24 +4,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.posterior._model import drift_model
-from fit.posterior._priors import priors
-from fit.secular_parallax import drift_rows
+from fit.posterior._model import parallax_model
+from fit.posterior._priors import as_priors, checked_priors
+from fit.secular_parallax import parallax_equations
+from fit.storage import Result
+from vsh import tables
 from vsh.checks import arguments
-from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.vector import Vector
 
 
 @dataclass(frozen=True, eq=False)
-class GridPosterior(Frozen):
+class GridPosterior(Result):
     """Probabilities on a grid of H0 and perhaps one more, with the velocity integrated exactly.
 
     Attributes
     ----------
     names : tuple of str
-        H0, and sigma_pec or sigma_extra where free.
+        H0, and peculiar_dispersion or excess_noise where free.
     axes : tuple of arrays
         Values of each.
     probability : array
@@ -34,6 +35,27 @@ class GridPosterior(Frozen):
     axes: tuple
     probability: np.ndarray
     velocity: Vector
+
+    def report(self):
+        """Means and standard deviations as text."""
+        v = self.velocity
+        lines = [f"Posterior on a grid ({v.frame} axes, velocity toward the apex)"]
+        lines += [f"{name:22}{self.mean(name):.4g} ± {self.sigma(name):.2g}" for name in self.names]
+        lines += [f"v_{axis:20}{x:+.1f} ± {s:.1f} km/s" for axis, x, s in zip("xyz", v.value, v.sigma, strict=True)]
+        return "\n".join(lines) + "\n"
+
+    def to_table(self):
+        """Marginal probabilities as an astropy Table: for each quantity its values and their probabilities."""
+        columns = {}
+        for name in self.names:
+            columns[name], columns[f"probability_{name}"] = self.marginal(name)
+        return tables.table_of(columns, {"frame": self.velocity.frame})
+
+    def plot(self):
+        """Marginal densities, a matplotlib figure."""
+        from fit.posterior._plot import plot_marginals
+
+        return plot_marginals(self)
 
     def marginal(self, name):
         """Values and probabilities of one quantity: two arrays."""
@@ -52,25 +74,28 @@ class GridPosterior(Frozen):
         return float(np.sqrt((x - x @ p) ** 2 @ p))
 
 
-@arguments.accepts(field=arguments.a(Field), points=arguments.whole)
+@arguments.accepts(field=arguments.a(Field), n_points=arguments.whole)
 def grid(
-    field,
-    velocity_prior="planck",
-    hubble_prior="flat",
-    cosmology=None,
-    peculiar=750.0,
-    extra=0.0,
-    spin=None,
-    points=400,
-    threads=None,
+    field, velocity_prior=None, hubble_prior=None, *, priors=None, cosmology=None, n_points=400, threads=None, **noise
 ):
     """Evaluate the posterior on a grid of its non-linear parameters, at most two.
 
     Parameters
     ----------
-    field, velocity_prior, hubble_prior, cosmology, peculiar, extra, spin, threads
-        As for `fit.posterior.sample`; the velocity's prior must be Gaussian or flat.
-    points : int — along each axis
+    field : Field
+        With redshifts, none below the flow.
+    velocity_prior, hubble_prior : as in `Priors`, optional
+        "planck" and "flat" unless given; the velocity's prior must be Gaussian or flat.
+    priors : Priors, optional
+        All of them in one noun.
+    cosmology : astropy cosmology, optional
+        The shape of the distance.
+    n_points : int
+        Along each axis.
+    threads : int, optional
+        How many; one a core unless given.
+    **noise
+        The other attributes of `Priors`, but outliers.
 
     Returns
     -------
@@ -81,16 +106,19 @@ def grid(
     ParameterError
         If more than two numbers are free, or the velocity's prior is a function.
     """
-    given = priors(velocity_prior, hubble_prior, peculiar, extra, field.frame)
+    known = as_priors(priors, velocity_prior, hubble_prior, noise)
+    if known.outliers is not None:
+        raise ParameterError("a grid has no outliers: sample the posterior")
+    given, spin = checked_priors(known, field.frame), known.spin
     free = tuple(given.free)
     if len(free) > 2:
         raise ParameterError(f"a grid of {', '.join(free)} is too large: fix all but two, or sample")
     if not given.velocity.gaussian:
         raise ParameterError("on a grid the prior on the velocity must be Gaussian or flat")
-    model = drift_model(drift_rows(field, cosmology), given, spin, threads)
+    model = parallax_model(parallax_equations(field, cosmology), given, spin, threads)
     limits = [given.limits(name) for name in free]
     for _ in range(3):  # the last two on what the one before left over
-        axes = [_midpoints(*pair, points) for pair in limits]
+        axes = [_midpoints(*pair, n_points) for pair in limits]
         points_of = np.stack([each.ravel() for each in np.meshgrid(*axes, indexing="ij")], axis=1)
         log, mean, covariance = model.conditional(points_of)
         p = np.exp(log - log.max())

@@ -1,6 +1,6 @@
-"""The likelihood of the drift, compressed: Gaussian in u = v H0/H_ref, smooth in all else.
+"""The likelihood of the secular parallax, compressed: Gaussian in u = v H0/H_ref, smooth in all else.
 
-For given spread s = σ_pec H0/H_ref and extra noise x the data enter through the normal equations
+For given spread s = σ_pec H0/H_ref and excess noise x the data enter through the normal equations
 of (u, ã[, ω]) alone, from which ã and ω are marginalised exactly. What is left,
 
     log L = c(s, x) − (u − û)ᵀ M (u − û)/2,
@@ -66,12 +66,12 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False)
-class Ridge:
+class CompressedLikelihood:
     """The tabulated likelihood.
 
     Attributes
     ----------
-    spread, extra : Axis
+    spread, excess_noise : Axis
     coefficients : (f, n_s, n_x) array — Chebyshev coefficients of c, û, M, and of ã's mean at
         u = 0, slope and covariance given u
     hubble : float — H_ref [km/s/Mpc]
@@ -79,34 +79,34 @@ class Ridge:
     """
 
     spread: Axis
-    extra: Axis
+    excess_noise: Axis
     coefficients: np.ndarray
     hubble: float
     frame: str
 
-    def __call__(self, spread, extra):
-        """c (n,), û (n, 3), M (n, 3, 3) at (n,) spreads and extra noises, inside the limits."""
-        c, peak, matrix = np.split(self._at(spread, extra, slice(0, 10)), [1, 4], axis=1)
+    def __call__(self, spread, excess_noise):
+        """c (n,), û (n, 3), M (n, 3, 3) at (n,) spreads and excess noises, inside the limits."""
+        c, peak, matrix = np.split(self._at(spread, excess_noise, slice(0, 10)), [1, 4], axis=1)
         return c[:, 0], peak, _symmetric(matrix)
 
-    def acceleration(self, spread, extra, u):
+    def acceleration(self, spread, excess_noise, u):
         """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest."""
-        mean, slope, covariance = np.split(self._at(spread, extra, slice(10, 28)), [3, 12], axis=1)
+        mean, slope, covariance = np.split(self._at(spread, excess_noise, slice(10, 28)), [3, 12], axis=1)
         return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _symmetric(covariance)
 
-    def _at(self, spread, extra, which):
-        half = np.tensordot(self.extra.basis(np.asarray(extra)), self.coefficients[which], (1, 2))
+    def _at(self, spread, excess_noise, which):
+        half = np.tensordot(self.excess_noise.basis(np.asarray(excess_noise)), self.coefficients[which], (1, 2))
         return np.einsum("ns,nfs->nf", self.spread.basis(np.asarray(spread)), half)
 
 
-def ridge(rows, spread=(0.0, 0.0), extra=(0.0, 0.0), spin=None, accuracy=1e-5, threads=None):
+def compress_likelihood(rows, spread=(0.0, 0.0), excess_noise=(0.0, 0.0), spin=None, accuracy=1e-5, threads=None):
     """Tabulate the likelihood between limits.
 
     Parameters
     ----------
-    rows : DriftRows
-    spread, extra : pairs of float — limits of s [km/s] and x [µas/yr]
-    spin : None, "free" or Vector — as for `fit.drift.observer_velocity`, but that a Vector's
+    rows : ParallaxEquations
+    spread, excess_noise : pairs of float — limits of s [km/s] and x [µas/yr]
+    spin : None, "free" or Vector — as for `fit.secular_parallax.observer_velocity`, but that a Vector's
         covariance is a prior
     accuracy : float — of log L near its largest value; far below it, 1 % of the depth
 
@@ -120,9 +120,9 @@ def ridge(rows, spread=(0.0, 0.0), extra=(0.0, 0.0), spin=None, accuracy=1e-5, t
     scale = max(np.sqrt(rows.variance.min()) / rows.rate.max(), 1e-6 * max(spread[1], 1e-30))
     axes = [
         Axis(*spread, scale, 1 if spread[0] == spread[1] else 12),
-        Axis(*extra, float(np.sqrt(rows.variance.min())), 1 if extra[0] == extra[1] else 12),
+        Axis(*excess_noise, float(np.sqrt(rows.variance.min())), 1 if excess_noise[0] == excess_noise[1] else 12),
     ]
-    _check(rows, spread[1], extra[1], spin, threads)
+    _check(rows, spread[1], excess_noise[1], spin, threads)
     for i in (0, 1):  # each axis along the sharp edge of the other
         edge = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
         while axes[i].count > 1:
@@ -148,12 +148,12 @@ def _table(rows, axes, spin, threads):
     values = marginalise(rows.sums(s, x, threads), spin, rows.frame)
     for axis, each in enumerate(axes):
         values = each.to_coefficients(values, axis + 1)
-    return Ridge(*axes, values, rows.hubble, rows.frame)
+    return CompressedLikelihood(*axes, values, rows.hubble, rows.frame)
 
 
 def marginalise(sums, spin, frame):
     """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9)."""
-    matrix, rhs, chi2 = sums.matrix, sums.rhs, sums.chi2_zero
+    matrix, rhs, chi2 = sums.matrix, sums.rhs, sums.chi2_null
     rest = list(range(A.start, A.stop))
     if isinstance(spin, Vector):
         spin = spin.to_frame(frame)
@@ -185,18 +185,18 @@ def marginalise(sums, spin, frame):
     return np.moveaxis(np.concatenate(packed, axis=-1), -1, 0)
 
 
-def _check(rows, spread, extra, spin, threads):
+def _check(rows, spread, excess_noise, spin, threads):
     keep = slice(0, 9 if spin is not None else 6)
-    matrix = rows.sums(spread, extra, threads).matrix[keep, keep]
+    matrix = rows.sums(spread, excess_noise, threads).matrix[keep, keep]
     names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][keep]
     check_determined(matrix, names, len(rows.motion) // 2)
 
 
 def _error(table, rows, spin, threads, points=24):
-    """The largest error of log L near its ridge, at points between the nodes, against the sums themselves."""
+    """The largest error of log L near its compress_likelihood, at points between the nodes, against the sums themselves."""
     t = (np.arange(points) + 0.5) / points
     s = table.spread.at(t)
-    x = table.extra.at((t * 0.6180339887 * points) % 1)  # all over the square, and the same every time
+    x = table.excess_noise.at((t * 0.6180339887 * points) % 1)  # all over the square, and the same every time
     exact = marginalise(rows.sums(s, x, threads), spin, rows.frame)
     c0, peak0, m0 = exact[0], exact[1:4].T, _symmetric(exact[4:10].T)
     c1, peak1, m1 = table(s, x)

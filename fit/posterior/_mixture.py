@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.posterior._model import DriftModel
-from fit.secular_parallax import OMEGA, A, DriftRows
+from fit.posterior._model import ParallaxModel
+from fit.secular_parallax import OMEGA, A, ParallaxEquations
 from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
 
@@ -23,17 +23,17 @@ class MixtureModel:
 
     Attributes
     ----------
-    base : DriftModel
+    base : ParallaxModel
         Of the same data without outliers: priors, and the start.
-    rows : DriftRows
+    rows : ParallaxEquations
     fraction : prior — of f
     width : float — B [µas/yr]
     spin : None or "free"
     threads : int or None
     """
 
-    base: DriftModel
-    rows: DriftRows
+    base: ParallaxModel
+    rows: ParallaxEquations
     fraction: object
     width: float
     spin: object = None
@@ -62,22 +62,24 @@ class MixtureModel:
             total = self.priors.log(numbers) + self.fraction.log(fraction)
         good = np.isfinite(total) & (fraction > 0) & (fraction < 1)
         if good.any():
-            spread, extra, ratio = self.base.spreads(numbers[good])
+            spread, excess_noise, ratio = self.base.spreads(numbers[good])
             parameters = np.zeros((good.sum(), 9))
             parameters[:, :3], v = self.base.velocities(theta[good])
             parameters[:, A.start : A.start + linear.shape[1]] = linear[good]
-            total[good] += self._log_likelihood(parameters, spread, extra, fraction[good])
+            total[good] += self._log_likelihood(parameters, spread, excess_noise, fraction[good])
             total[good] += self.priors.velocity.log(v) + self.base.log_jacobian(ratio)
         total[~good] = -np.inf
         return np.where(np.isnan(total), -np.inf, total)
 
-    def _log_likelihood(self, parameters, spread, extra, fraction):
+    def _log_likelihood(self, parameters, spread, excess_noise, fraction):
         n = len(self.rows.motion) // 2
 
         def block(part):
             both = np.r_[np.arange(part.start, part.stop), np.arange(part.start, part.stop) + n]
             residual = (self.rows.motion[both] - parameters @ self.rows.design[both].T) ** 2
-            variance = self.rows.variance[both] + extra[:, None] ** 2 + (spread[:, None] * self.rows.rate[both]) ** 2
+            variance = (
+                self.rows.variance[both] + excess_noise[:, None] ** 2 + (spread[:, None] * self.rows.rate[both]) ** 2
+            )
 
             def density(variance):
                 row = residual / variance + np.log(variance)

@@ -1,4 +1,4 @@
-"""Our velocity, H0, and perhaps the dispersion and an extra error: one posterior, all its coordinates.
+"""Our velocity, H0, and perhaps the dispersion and an excess noise: one posterior, all its coordinates.
 
 Coordinates follow the ridge: u = v H0/H_ref (3), H0, and what else is free. Those of a user are
 v = u H_ref/H0, so that densities carry |∂v/∂u| = (H_ref/H0)³. Where the prior knows v better than
@@ -13,24 +13,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.posterior._likelihood import Ridge, ridge
+from fit.posterior._likelihood import CompressedLikelihood, compress_likelihood
 from fit.posterior._priors import Priors
 from vsh.errors import ParameterError
 
 
 @dataclass(frozen=True, eq=False)
-class DriftModel:
+class ParallaxModel:
     """The posterior of (u, H0, …) given the compressed data.
 
     Attributes
     ----------
-    ridge : Ridge
+    likelihood : CompressedLikelihood
     priors : Priors
     along : {"u", "v"}
         The first three coordinates.
     """
 
-    ridge: Ridge
+    likelihood: CompressedLikelihood
     priors: Priors
     along: str = "u"
 
@@ -41,7 +41,7 @@ class DriftModel:
 
     def velocities(self, theta):
         """u and v, (n, 3) each, of coordinates (n, d)."""
-        ratio = theta[:, 3:4] / self.ridge.hubble  # H0 is the first of the free numbers
+        ratio = theta[:, 3:4] / self.likelihood.hubble  # H0 is the first of the free numbers
         return (theta[:, :3], theta[:, :3] / ratio) if self.along == "u" else (theta[:, :3] * ratio, theta[:, :3])
 
     def log_jacobian(self, ratio):
@@ -54,9 +54,9 @@ class DriftModel:
         """Log posterior density of coordinates (n, d), up to a constant."""
         total = self.priors.log(theta[:, 3:])
         good = np.isfinite(total)
-        spread, extra, ratio = self.spreads(theta[good, 3:])
+        spread, excess_noise, ratio = self.spreads(theta[good, 3:])
         u, v = self.velocities(theta[good])
-        c, peak, matrix = self.ridge(spread, extra)
+        c, peak, matrix = self.likelihood(spread, excess_noise)
         away = u - peak
         total[good] += c - np.einsum("ni,nij,nj->n", away, matrix, away) / 2
         total[good] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
@@ -65,11 +65,15 @@ class DriftModel:
     def spreads(self, numbers):
         """s and x of the likelihood, and H0/H_ref, from the free numbers (n, k)."""
         columns = dict(zip(self.priors.free, numbers.T, strict=True))
-        ratio = columns["H0"] / self.ridge.hubble
-        spread = columns["sigma_pec"] * ratio if "sigma_pec" in columns else np.full(ratio.shape, self.priors.peculiar)
-        extra = np.broadcast_to(columns.get("sigma_extra", self.priors.extra), ratio.shape)
+        ratio = columns["H0"] / self.likelihood.hubble
+        spread = (
+            columns["peculiar_dispersion"] * ratio
+            if "peculiar_dispersion" in columns
+            else np.full(ratio.shape, self.priors.peculiar_dispersion)
+        )
+        excess_noise = np.broadcast_to(columns.get("excess_noise", self.priors.excess_noise), ratio.shape)
         inside = [np.clip(value, axis.low, axis.high) for value, axis in
-                  ((spread, self.ridge.spread), (extra, self.ridge.extra))]  # fmt: skip
+                  ((spread, self.likelihood.spread), (excess_noise, self.likelihood.excess_noise))]  # fmt: skip
         return (*inside, ratio)
 
     def conditional(self, numbers):
@@ -77,8 +81,8 @@ class DriftModel:
 
         For Gaussian (and flat) priors on the velocity, exactly.
         """
-        spread, extra, ratio = self.spreads(numbers)
-        c, peak, matrix = self.ridge(spread, extra)
+        spread, excess_noise, ratio = self.spreads(numbers)
+        c, peak, matrix = self.likelihood(spread, excess_noise)
         prior = self.priors.velocity
         data = matrix * ratio[:, None, None] ** 2
         pull = np.einsum("nij,nj->ni", matrix, peak) * ratio[:, None] + prior.precision @ prior.mean
@@ -126,11 +130,11 @@ class DriftModel:
 
     def _draw(self, rng, numbers):
         """The first three coordinates given the rest, and the log-density they were drawn with."""
-        spread, extra, ratio = self.spreads(numbers)
+        spread, excess_noise, ratio = self.spreads(numbers)
         if self.priors.velocity.gaussian:
             _, mean, covariance = self.conditional(numbers)
         else:
-            _, mean, matrix = self.ridge(spread, extra)
+            _, mean, matrix = self.likelihood(spread, excess_noise)
             mean, covariance = mean / ratio[:, None], np.linalg.inv(matrix) / ratio[:, None, None] ** 2
         if self.along == "u":
             mean, covariance = mean * ratio[:, None], covariance * ratio[:, None, None] ** 2
@@ -142,27 +146,27 @@ class DriftModel:
     def to_samples(self, theta, rng):
         """What a user asks for, by name: v, H0, the others, and ã, drawn given them."""
         numbers = theta[:, 3:]
-        spread, extra, _ = self.spreads(numbers)
+        spread, excess_noise, _ = self.spreads(numbers)
         u, v = self.velocities(theta)
         samples = dict(zip(("v_x", "v_y", "v_z"), v.T)) | {"speed": np.linalg.norm(v, axis=1)}
         samples |= dict(zip(self.priors.free, numbers.T))
-        mean, covariance = self.ridge.acceleration(spread, extra, u)
+        mean, covariance = self.likelihood.acceleration(spread, excess_noise, u)
         a = mean + np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.standard_normal(mean.shape))
         return samples | dict(zip(("a_x", "a_y", "a_z"), a.T))
 
 
-def drift_model(rows, given, spin=None, threads=None):
+def parallax_model(rows, given, spin=None, threads=None):
     """The posterior of a catalogue's equations under priors."""
-    spread = given.limits("sigma_pec")
-    if "sigma_pec" in given.free:
+    spread = given.limits("peculiar_dispersion")
+    if "peculiar_dispersion" in given.free:
         spread = tuple(s * h / rows.hubble for s, h in zip(spread, given.limits("H0"), strict=True))
-    table = ridge(rows, spread, given.limits("sigma_extra"), spin, threads=threads)
-    return DriftModel(table, given, "v" if _is_known(given.velocity, table) else "u")
+    table = compress_likelihood(rows, spread, given.limits("excess_noise"), spin, threads=threads)
+    return ParallaxModel(table, given, "v" if _is_known(given.velocity, table) else "u")
 
 
 def _is_known(velocity, table):
     """Whether the prior on the velocity says more than the data, where they say most."""
     if not (velocity.gaussian and velocity.proper):
         return False
-    _, _, matrix = table(np.array([table.spread.low]), np.array([table.extra.low]))
+    _, _, matrix = table(np.array([table.spread.low]), np.array([table.excess_noise.low]))
     return np.trace(np.linalg.inv(velocity.precision)) < np.trace(np.linalg.inv(matrix[0]))

@@ -9,8 +9,8 @@ from vsh.system.quiet import import_quietly
 corner = import_quietly("corner")
 
 _LABELS = {
-    "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$", "sigma_pec": r"$\sigma_{\rm pec}$",
-    "sigma_extra": r"$\sigma_{\rm extra}$", "outlier_fraction": "outliers", "a_x": r"$\tilde a_x$",
+    "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$", "peculiar_dispersion": r"$\sigma_{\rm pec}$",
+    "excess_noise": r"$\sigma_{\rm excess}$", "outlier_fraction": "outliers", "a_x": r"$\tilde a_x$",
     "a_y": r"$\tilde a_y$", "a_z": r"$\tilde a_z$",
 }  # fmt: skip
 
@@ -37,17 +37,32 @@ def plot_corner(posterior, names=None):
     return figure
 
 
-def plot_trace(posterior, most=40):
+def plot_trace(posterior, n_shown=40):
     """Coordinates of the sampler against steps, some walkers; the burn-in shaded."""
     names, chain = posterior.model.names, posterior.chain
     figure, rows = plt.subplots(
         len(names), 1, sharex=True, figsize=(9, 1.3 * len(names) + 0.8), layout="constrained", squeeze=False
     )
-    each, every = max(1, chain.shape[1] // most), max(1, len(chain) // 2000)
+    each, every = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
     for axes, name, values in zip(rows[:, 0], names, np.moveaxis(chain, 2, 0), strict=True):
         axes.plot(np.arange(0, len(chain), every), values[::every, ::each], color="#0b5394", alpha=0.2, linewidth=0.5)
         axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
         axes.set_ylabel(label(name) if name in UNITS else f"${name}$")
         axes.spines[["top", "right"]].set_visible(False)
     rows[-1, 0].set_xlabel("step (shaded: left out)")
+    return figure
+
+
+def plot_marginals(grid):
+    """The marginal density of each quantity on a grid."""
+    figure, panels = plt.subplots(
+        1, len(grid.names), figsize=(5.5 * len(grid.names), 4), layout="constrained", squeeze=False
+    )
+    for axes, name in zip(panels[0], grid.names, strict=True):
+        x, p = grid.marginal(name)
+        axes.plot(x, p / (x[1] - x[0]), color="#0b5394")
+        axes.set_xlabel(label(name).replace("\n", "  "), fontsize=13)
+        axes.set_ylabel("density", fontsize=13)
+        axes.set_ylim(bottom=0)
+        axes.spines[["top", "right"]].set_visible(False)
     return figure

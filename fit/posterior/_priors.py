@@ -1,12 +1,15 @@
 """What is known before of our velocity, of H0 and of the noise."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal, TypedDict
 
 import numpy as np
 
-from fit.sampling import Flat, Normal, as_prior, integrable_over_cube, named_function
+from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ParameterError
+from vsh.types import FloatArray
 from vsh.vector import Vector
 
 #: Planck Collaboration (2020, A&A 641, A6): H0 from the microwave background. [km/s/Mpc]
@@ -16,31 +19,98 @@ HUBBLE_LIMITS = 1.0, 1000.0
 _HUBBLE_PRIORS = {"planck": PLANCK_HUBBLE, "flat": Flat(0.0)}
 
 
+class NoiseOptions(TypedDict, total=False):
+    """What `Priors` holds besides the velocity and H0: keywords of `sample` and `grid`."""
+
+    peculiar_dispersion: float | Prior
+    excess_noise: float | Prior
+    spin: Literal["free"] | Vector | None
+    outliers: Prior | tuple[float, float] | None
+    outlier_width: float | None
+
+
 @dataclass(frozen=True)
 class Priors:
-    """What is known before, in one place.
+    """What is known before, as users say it.
+
+    Attributes
+    ----------
+    velocity : "planck", "flat", "flat-product", Vector with covariance [km/s], or a function
+        "flat" is flat in v: p(H0) then goes as its prior over H0³, and a prior on H0 for which that has no
+        integral is refused. "flat-product" is flat in u = v H0, which is what the data see: the prior on H0
+        comes back. A function takes velocities (n, 3) along the field's axes and returns log-densities (n,).
+    hubble : "planck", "flat", (mean, σ), Flat, Normal or Density
+        [km/s/Mpc] "flat" has no upper limit; the chain stays below 1000.
+    peculiar_dispersion : float or prior
+        Dispersion of peculiar velocities in each component. [km/s] Fixed, it enters the weights
+        alone, for the cosmology's H0; with a prior, the scatter of the galaxies bears on the product of
+        dispersion and H0, and so, as far as the dispersion is known, on H0.
+    excess_noise : float or prior
+        Noise beyond the catalogue's in each component, fixed or free. [µas/yr]
+    spin : None, "free" or Vector
+        No spin; a flat prior; or a Gaussian one. [µas/yr]
+    outliers : prior, optional
+        Of the fraction of sources whose errors are not to be trusted. Every sample then looks at every source.
+    outlier_width : float, optional
+        Their noise beyond the catalogue's; ten times the median error unless given. [µas/yr]
+    """
+
+    velocity: str | Vector | Callable[[FloatArray], FloatArray] = "planck"
+    hubble: str | tuple[float, float] | Prior = "flat"
+    peculiar_dispersion: float | Prior = 750.0
+    excess_noise: float | Prior = 0.0
+    spin: Literal["free"] | Vector | None = None
+    outliers: Prior | tuple[float, float] | None = None
+    outlier_width: float | None = None
+
+
+def as_priors(priors, velocity_prior, hubble_prior, options):
+    """The Priors that `sample` and `grid` were given, in one way or the other.
+
+    Raises
+    ------
+    ParameterError
+        If both ways were used at once.
+    """
+    single = {"velocity": velocity_prior, "hubble": hubble_prior} | options
+    single = {name: value for name, value in single.items() if value is not None}
+    if priors is None:
+        unknown = set(single) - set(Priors.__dataclass_fields__)
+        if unknown:
+            raise ParameterError(f"no prior is called {', '.join(sorted(unknown))}; there are those of Priors")
+        return Priors(**single)
+    if single or not isinstance(priors, Priors):
+        raise ParameterError("give either priors=Priors(…), or priors one by one")
+    return priors
+
+
+@dataclass(frozen=True)
+class ModelPriors:
+    """Priors of a model, checked, along the axes of one frame.
 
     Attributes
     ----------
     velocity : VelocityPrior
+        Of our velocity.
     hubble : prior
-    peculiar, extra : float or prior — fixed (σ_pec then for H_ref), or free
+        Of H0. [km/s/Mpc]
+    peculiar_dispersion, excess_noise : float or prior
+        Fixed (the dispersion then for H_ref), or free.
     """
 
-    velocity: object
-    hubble: object
-    peculiar: object
-    extra: object
+    velocity: "VelocityPrior"
+    hubble: Prior
+    peculiar_dispersion: float | Prior
+    excess_noise: float | Prior
 
     @property
     def free(self):
         """Names and priors of the free numbers besides the velocity; H0 comes first."""
-        named = {"H0": self.hubble, "sigma_pec": self.peculiar, "sigma_extra": self.extra}
-        return {name: prior for name, prior in named.items() if not isinstance(prior, float)}
+        return {name: prior for name, prior in self._named().items() if not isinstance(prior, float)}
 
     def limits(self, name):
         """The smallest and largest value of one of them that is ever asked for."""
-        prior = {"H0": self.hubble, "sigma_pec": self.peculiar, "sigma_extra": self.extra}[name]
+        prior = self._named()[name]
         if isinstance(prior, float):
             return prior, prior
         low, high = prior.low, prior.high
@@ -60,23 +130,34 @@ class Priors:
             total += np.where((column >= low) & (column <= high), prior.log(column), -np.inf)
         return total
 
+    def _named(self):
+        return {"H0": self.hubble, "peculiar_dispersion": self.peculiar_dispersion, "excess_noise": self.excess_noise}
+
     def describe(self):
         """In words, for the fingerprint of a chain and for reports."""
         return {"velocity": self.velocity.name} | {
-            name: repr(getattr(self, name)) for name in ("hubble", "peculiar", "extra")
+            name: repr(getattr(self, name)) for name in ("hubble", "peculiar_dispersion", "excess_noise")
         }
 
 
-def priors(velocity, hubble, peculiar, extra, frame):
-    """Priors as users give them, checked.
+def checked_priors(priors, frame):
+    """Priors as users give them, checked: ModelPriors.
+
+    Parameters
+    ----------
+    priors : Priors
+        As users say it.
+    frame : str
+        Of the axes of the data.
 
     Raises
     ------
     ParameterError
-        If one is none, if neither bounds the ridge (flat for the velocity and without limits for H0), or if
+        If one is none, if the velocity's prior is flat and that on H0 has no limits, or if
         the posterior of H0 is not integrable.
     """
-    velocity, hubble = velocity_prior(velocity, frame), as_prior(hubble, "H0", _HUBBLE_PRIORS)
+    velocity = velocity_prior(priors.velocity, frame)
+    hubble = as_prior(priors.hubble, "H0", _HUBBLE_PRIORS)
     if not (velocity.proper or hubble.proper):
         raise ParameterError(
             "the data see only the product v · H0: with a flat prior on the velocity, that on H0 must be proper "
@@ -88,7 +169,12 @@ def priors(velocity, hubble, peculiar, extra, frame):
             'would win by where the sampler stops. Take velocity_prior="flat-product" (flat in v · H0: the prior on H0 comes '
             "back), or give H0 a lower limit, Normal(mean, sigma, low=…) or Flat(low, high)"
         )
-    return Priors(velocity, hubble, _number_or_prior(peculiar, "peculiar"), _number_or_prior(extra, "extra"))
+    return ModelPriors(
+        velocity,
+        hubble,
+        _number_or_prior(priors.peculiar_dispersion, "peculiar_dispersion"),
+        _number_or_prior(priors.excess_noise, "excess_noise"),
+    )
 
 
 def _number_or_prior(value, name):

@@ -1,20 +1,18 @@
 """Posteriors of our velocity and the Hubble constant, by Markov chains (emcee) or on a grid."""
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from fit.posterior._mixture import MixtureModel
-from fit.posterior._model import drift_model
-from fit.posterior._priors import priors
-from fit.posterior._summary import FITS_UNITS, UNITS, intervals, text_of
+from fit.posterior._model import parallax_model
+from fit.posterior._priors import as_priors, checked_priors
+from fit.posterior._summary import SampleResult, Samples, text_of
 from fit.sampling import Run, as_prior, autocorrelation, check_writable, fingerprint
-from fit.secular_parallax import drift_rows
+from fit.secular_parallax import parallax_equations
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
-from vsh.checks.frozen import Frozen
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
 from vsh.system.quiet import import_quietly
@@ -25,7 +23,7 @@ ENOUGH = 50
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Posterior(Frozen):
+class Posterior(SampleResult):
     """A chain and what it says.
 
     Attributes
@@ -33,7 +31,7 @@ class Posterior(Frozen):
     chain : (steps, walkers, d) array
         All of it, in the coordinates of the sampler.
     log_probability : (steps, walkers) array
-    model : DriftModel or MixtureModel
+    model : ParallaxModel or MixtureModel
     frame : str
         Of velocity and acceleration.
     notes : tuple of str
@@ -63,8 +61,8 @@ class Posterior(Frozen):
         return int(np.ceil(5 * self._slowest()))
 
     @property
-    def thin(self):
-        """Every how many steps one is kept: half the autocorrelation time of the quickest."""
+    def thinning(self):
+        """The thinning interval, in steps: half the autocorrelation time of the quickest."""
         return max(1, int(min(self.autocorrelation.values()) / 2))
 
     @cached_property
@@ -72,8 +70,8 @@ class Posterior(Frozen):
         """Samples after burn-in and thinning, by name: arrays (n,).
 
         v_x, v_y, v_z and speed [km/s, toward the apex, along the axes of `frame`]; H0
-        [km/s/Mpc]; a_x, a_y, a_z [µas/yr]; and what else was free: sigma_pec [km/s],
-        sigma_extra [µas/yr], outlier_fraction.
+        [km/s/Mpc]; a_x, a_y, a_z [µas/yr]; and what else was free: peculiar_dispersion [km/s],
+        excess_noise [µas/yr], outlier_fraction.
 
         Raises
         ------
@@ -81,42 +79,41 @@ class Posterior(Frozen):
             If the chain is shorter than 50 autocorrelation times. `chain` is there all the same.
         """
         self._check_length()
-        kept = self.chain[self.burn_in :: self.thin]
+        kept = self.chain[self.burn_in :: self.thinning]
         return self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
-
-    def summary(self):
-        """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
-        return intervals(self.samples)
-
-    @property
-    def velocity(self):
-        """Mean and covariance of the velocity, a Vector in km/s, toward the apex."""
-        return self._vector("v", "km/s")
-
-    @property
-    def acceleration(self):
-        """Mean and covariance of the acceleration, a Vector in µas/yr."""
-        return self._vector("a", "µas/yr")
 
     def report(self):
         """The summary as text."""
         return text_of(self)
 
+    def kept(self):
+        """The samples without the chain: a `Samples`, which can be written and read back."""
+        return Samples(self.samples, self.frame, tuple(map(str, self.notes)), self.model.priors.describe(), self.seed)
+
     def write(self, path, meta=None):
-        """Write the samples as a table, a column each, which `read_samples` or astropy reads back bit for bit.
+        """Write the samples as a table, a column each; `Posterior.read` reads them back bit for bit, as `Samples`.
 
         The chain itself is what a checkpoint keeps.
-        """
-        from vsh import tables
 
-        about = {"type": "Posterior", "seed": self.seed, "notes": list(map(str, self.notes))}
-        about = {"frame": self.frame, "RESULT": json.dumps(about | {"priors": self.model.priors.describe()})}
-        tables.write(
-            path,
-            self.samples,
-            about | (meta or {}),
-            {name: FITS_UNITS[UNITS[name]] for name in self.samples if UNITS.get(name)},
-        )
+        Parameters
+        ----------
+        path : str or Path
+            An ECSV or FITS file.
+        meta : dict, optional
+            Provenance, plain values.
+        """
+        self.kept().write(path, meta)
+
+    @classmethod
+    def read(cls, path):
+        """Samples that `write` wrote, a `Samples`.
+
+        Parameters
+        ----------
+        path : str or Path
+            An ECSV or FITS file.
+        """
+        return Samples.read(path)
 
     def to_arviz(self):
         """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker."""
@@ -125,7 +122,7 @@ class Posterior(Frozen):
         except ImportError:
             raise ImportError("arviz is not installed: pip install 'vsh-astrometry[arviz]'") from None
         self._check_length()
-        kept = np.moveaxis(self.chain[self.burn_in :: self.thin], 1, 0)
+        kept = np.moveaxis(self.chain[self.burn_in :: self.thinning], 1, 0)
         rng = np.random.default_rng([self.seed, 1])
         named = self.model.to_samples(kept.reshape(-1, kept.shape[-1]), rng)
         groups = {"posterior": {name: values.reshape(kept.shape[:2]) for name, values in named.items()}}
@@ -133,10 +130,8 @@ class Posterior(Frozen):
         return arviz.from_dict(groups) if new else arviz.from_dict(**groups)
 
     def corner(self, names=None):
-        """Corner plot of some of the quantities: velocity, H0 and what else was free. A matplotlib figure."""
-        from fit.posterior._plot import plot_corner
-
-        return plot_corner(self, names)
+        """Corner plot of some of the quantities; the same as `plot`. A matplotlib figure."""
+        return self.plot(names)
 
     def trace(self):
         """The walkers' way, coordinate by coordinate. A matplotlib figure."""
@@ -160,37 +155,34 @@ class Posterior(Frozen):
             f"n_samples={wanted * walkers} or more (a chain with a checkpoint goes on from where it is)"
         )
 
-    def _vector(self, name, unit):
-        three = np.stack([self.samples[f"{name}_{axis}"] for axis in "xyz"])
-        return Vector(three.mean(1), np.cov(three), self.frame, unit)
-
 
 def read_samples(path):
-    """Samples that `Posterior.write` wrote: a dict of name to (n,) array."""
-    from vsh import tables
+    """Samples that `Posterior.write` wrote: a dict of name to (n,) array.
 
-    table = tables.read(path)
-    return {name: np.asarray(table[name], float) for name in table.colnames}
+    Parameters
+    ----------
+    path : str or Path
+        An ECSV or FITS file.
+    """
+    return Samples.read(path).samples
 
 
-@arguments.accepts(field=arguments.a(Field), n_samples=arguments.whole, rng=arguments.seed, walkers=arguments.whole)
+@arguments.accepts(field=arguments.a(Field), n_samples=arguments.whole, rng=arguments.seed, n_walkers=arguments.whole)
 def sample(
     field,
-    velocity_prior="planck",
-    hubble_prior="flat",
+    velocity_prior=None,
+    hubble_prior=None,
+    *,
+    priors=None,
     n_samples=400_000,
     rng=1,
     checkpoint=None,
     cosmology=None,
-    peculiar=750.0,
-    extra=0.0,
-    outliers=None,
-    outlier_width=None,
-    spin=None,
-    walkers=None,
+    n_walkers=None,
     progress=True,
     threads=None,
     save_every=5.0,
+    **noise,
 ):
     """Sample the posterior of our velocity and the Hubble constant, the acceleration marginalised.
 
@@ -198,36 +190,29 @@ def sample(
     ----------
     field : Field
         With redshifts, none below the flow.
-    velocity_prior : "planck", "flat", "flat-product", Vector with covariance [km/s], or a function
-        "flat" is flat in v: p(H0) then goes as its prior over H0³, and a prior on H0 for which that has no
-        integral is refused. "flat-product" is flat in u = v H0, which is what the data see: the prior on H0
-        comes back. A function takes velocities (n, 3) along the field's axes and returns log-densities (n,).
-    hubble_prior : "planck", "flat", (mean, σ), Flat, Normal or Density
-        [km/s/Mpc] "flat" has no upper limit; the chain stays below 1000.
+    velocity_prior, hubble_prior : as in `Priors`, optional
+        "planck" and "flat" unless given.
+    priors : Priors, optional
+        All of them in one noun, in place of `velocity_prior`, `hubble_prior` and `noise`.
     n_samples : int
         Steps times walkers, before burn-in and thinning.
     rng : Generator or int
-    checkpoint : path, optional
-        The chain is kept in this file (NumPy's npz, no pickles), and a run that was broken off goes
-        on from it. The result is the same, bit for bit, as without the break.
+        The source of all randomness.
+    checkpoint : str or Path, optional
+        The chain is kept in this file (NumPy's npz, no pickles), and an interrupted run resumes
+        from it. The result is the same, bit for bit, as without the interruption.
     cosmology : astropy cosmology, optional
         The shape of the distance.
-    peculiar : float or prior
-        Dispersion of peculiar velocities in each component. [km/s] Fixed, it enters the weights
-        alone, for the cosmology's H0; with a prior, the scatter of the galaxies bears on σ_pec H0
-        and so, as far as σ_pec is known, on H0.
-    extra : float or prior
-        Noise beyond the catalogue's in each component, fixed or free. [µas/yr]
-    outliers : prior, optional
-        Of the fraction of sources not to be trusted. Every sample then looks at every source.
-    outlier_width : float, optional
-        Their noise beyond the catalogue's; ten times the median error unless given. [µas/yr]
-    spin : None, "free" or Vector
-        No spin; a flat prior; or a Gaussian one. [µas/yr]
-    walkers : int, optional
+    n_walkers : int, optional
+        128 unless given; 64 with outliers.
     progress : bool
         Show a bar, after two seconds.
-    save_every : float — between checkpoints, at least [s]
+    threads : int, optional
+        How many; one a core unless given.
+    save_every : float
+        Seconds between checkpoints, at least.
+    **noise
+        The other attributes of `Priors`: peculiar_dispersion, excess_noise, spin, outliers, outlier_width.
 
     Returns
     -------
@@ -240,34 +225,40 @@ def sample(
     CheckpointError
         If the checkpoint belongs to another run, or is damaged.
     DegeneracyError, FieldError
-        As for `fit.drift.observer_velocity`.
+        As for `fit.secular_parallax.observer_velocity`.
 
     Notes
     -----
     emcee (Foreman-Mackey et al. 2013, PASP 125, 306) with moves by differential evolution, one in
     ten of them from mode to mode (ter Braak 2006).
     """
-    given = priors(velocity_prior, hubble_prior, peculiar, extra, field.frame)
-    rows = drift_rows(field, cosmology)
-    model = drift_model(rows, given, spin, threads)
+    known = as_priors(priors, velocity_prior, hubble_prior, noise)
+    given, spin, outliers, outlier_width = (
+        checked_priors(known, field.frame),
+        known.spin,
+        known.outliers,
+        known.outlier_width,
+    )
+    rows = parallax_equations(field, cosmology)
+    model = parallax_model(rows, given, spin, threads)
     if outliers is not None:
         width = 10 * float(np.median(np.sqrt(rows.variance))) if outlier_width is None else float(outlier_width)
         model = MixtureModel(model, rows, as_prior(outliers, "outliers"), width, spin, threads)
-    walkers = walkers or (128 if outliers is None else 64)
-    if walkers < 2 * len(model.names):
-        raise ParameterError(f"{walkers} walkers are too few for {len(model.names)} coordinates: take twice as many")
-    steps = -(-int(n_samples) // walkers)
+    n_walkers = n_walkers or (128 if outliers is None else 64)
+    if n_walkers < 2 * len(model.names):
+        raise ParameterError(f"{n_walkers} walkers are too few for {len(model.names)} coordinates: take twice as many")
+    steps = -(-int(n_samples) // n_walkers)
     if steps < 2:
-        raise ParameterError(f"{n_samples} samples are fewer than two steps of {walkers} walkers")
+        raise ParameterError(f"{n_samples} samples are fewer than two steps of {n_walkers} walkers")
     seed = int(generator(rng).integers(2**32))
-    begin = model.start(np.random.default_rng(seed), walkers)
+    begin = model.start(np.random.default_rng(seed), n_walkers)
     run = Run(model, begin, seed, steps, progress, save_every)
     if checkpoint is not None:
         check_writable(checkpoint)
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
         identity = fingerprint(field, given.describe() | {
             "cosmology": repr(cosmology), "spin": spin_said, "outliers": repr(outliers),
-            "outlier width": str(outlier_width), "walkers": str(walkers), "seed": str(seed),
+            "outlier width": str(outlier_width), "walkers": str(n_walkers), "seed": str(seed),
         })  # fmt: skip
         run.resume_from(checkpoint, identity)
     chain, log_probability = run.run()

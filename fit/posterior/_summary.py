@@ -1,15 +1,24 @@
 """Samples in a few numbers: our own, since libraries change what an interval is."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from fit.storage import Result, words
+from vsh import tables
+from vsh.checks.arguments import float_array
+from vsh.sky.frames import check_frame
+from vsh.vector import Vector
+
 UNITS = {
-    "v_x": "km/s", "v_y": "km/s", "v_z": "km/s", "speed": "km/s", "H0": "km/s/Mpc", "sigma_pec": "km/s",
-    "sigma_extra": "µas/yr", "outlier_fraction": "", "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr",
+    "v_x": "km/s", "v_y": "km/s", "v_z": "km/s", "speed": "km/s", "H0": "km/s/Mpc", "peculiar_dispersion": "km/s",
+    "excess_noise": "µas/yr", "outlier_fraction": "", "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr",
     "omega_x": "µas/yr", "omega_y": "µas/yr", "omega_z": "µas/yr",
 }  # fmt: skip
 
+#: Names that are too long for the table.
+_SHOWN = {"peculiar_dispersion": "dispersion"}
 #: The same as standards for tables want them.
 FITS_UNITS = {"km/s": "km / s", "km/s/Mpc": "km / (Mpc s)", "µas/yr": "uas / yr"}
 
@@ -40,28 +49,135 @@ def intervals(samples):
     }
 
 
+class SampleResult(Result):
+    """What samples of velocity, H0 and acceleration say.
+
+    Attributes
+    ----------
+    samples : dict of str to (n,) array
+        By name of quantity.
+    frame : str
+        Of velocity and acceleration.
+    notes : tuple of str
+        What the reader should know of the data.
+    """
+
+    samples: dict
+    frame: str
+    notes: tuple
+
+    def summary(self):
+        """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
+        return intervals(self.samples)
+
+    @property
+    def velocity(self):
+        """Mean and covariance of the velocity, a Vector in km/s, toward the apex."""
+        return self._vector("v", "km/s")
+
+    @property
+    def acceleration(self):
+        """Mean and covariance of the acceleration, a Vector in µas/yr."""
+        return self._vector("a", "µas/yr")
+
+    def to_table(self):
+        """The summary as an astropy Table, a row a quantity."""
+        rows = self.summary()
+        columns = {"quantity": list(rows), "unit": [UNITS.get(name, "") for name in rows]}
+        columns |= {key: [getattr(row, key) for row in rows.values()] for key in Interval._fields}
+        return tables.table_of(columns, {"frame": self.frame})
+
+    def plot(self, names=None):
+        """Corner plot of some of the quantities: velocity, H0 and what else was free. A matplotlib figure."""
+        from fit.posterior._plot import plot_corner
+
+        return plot_corner(self, names)
+
+    def _vector(self, name, unit):
+        three = np.stack([self.samples[f"{name}_{axis}"] for axis in "xyz"])
+        return Vector(three.mean(1), np.cov(three), self.frame, unit)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(SampleResult):
+    """Samples of a posterior without the chain they come from: what a file keeps.
+
+    Attributes
+    ----------
+    samples : dict of str to (n,) array
+        By name of quantity, as `Posterior.samples`.
+    frame : str
+        Of velocity and acceleration.
+    notes : tuple of str
+        What the reader should know of the data.
+    priors : dict of str to str
+        In words.
+    seed : int
+        Of the chain.
+    """
+
+    samples: dict
+    frame: str
+    notes: tuple
+    priors: dict
+    seed: int
+
+    def __repr__(self):
+        return f"<Samples: {len(self.samples['H0'])} of {', '.join(self.samples)}, {self.frame}>"
+
+    def report(self):
+        """The summary as text."""
+        return "\n".join([*heading(self.frame, self.priors), *table_lines(self)]) + "\n"
+
+    def _pack(self):
+        units = {name: FITS_UNITS[UNITS[name]] for name in self.samples if UNITS.get(name)}
+        rest = {"frame": self.frame, "notes": list(map(str, self.notes)), "priors": self.priors, "seed": self.seed}
+        return self.samples, rest, units
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        samples = {name: float_array(name, values) for name, values in columns.items()}
+        return cls(samples, check_frame(rest["frame"]), words(rest["notes"]), dict(rest["priors"]), int(rest["seed"]))
+
+
 def text_of(posterior):
     """A page of text on a posterior."""
     steps, walkers, _ = posterior.chain.shape
     slowest = max(posterior.autocorrelation.values())
     priors = posterior.model.priors
-    said = priors.describe()
+    said = priors.describe() | ({"velocity": priors.velocity.words} if priors.velocity.words else {})
     lines = [
-        f"Posterior ({posterior.frame} axes, velocity toward the apex)",
-        f"priors         velocity: {priors.velocity.words or said['velocity']}",
-        f"               H0: {said['hubble']} km/s/Mpc",
-        f"               peculiar velocities: {said['peculiar']} km/s{_fixed(said['peculiar'])}",
-        f"               extra noise: {said['extra']} µas/yr",
+        *heading(posterior.frame, said),
         f"chain          {steps} steps of {walkers} walkers = {steps / slowest:.0f} autocorrelation times",
         f"               {len(posterior.samples['H0'])} samples kept after burn-in and thinning",
-        f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}",
     ]
-    for name, row in posterior.summary().items():
+    return "\n".join([*lines, *table_lines(posterior), *_at_limits(posterior)])
+
+
+def heading(frame, priors):
+    """The first lines of a report on a posterior: its priors in words."""
+    dispersion = priors["peculiar_dispersion"]
+    fixed = (
+        "fixed: in the weights alone" if dispersion[0].isdigit() else "free: the scatter bears on its product with H0"
+    )
+    return [
+        f"Posterior ({frame} axes, velocity toward the apex)",
+        f"priors         velocity: {priors['velocity']}",
+        f"               H0: {priors['hubble']} km/s/Mpc",
+        f"               peculiar velocities: dispersion {dispersion} km/s ({fixed})",
+        f"               excess noise: {priors['excess_noise']} µas/yr",
+    ]
+
+
+def table_lines(found):
+    """The table of medians and intervals of a SampleResult, as lines."""
+    lines = [f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}"]
+    for name, row in found.summary().items():
         lines.append(
-            f"{name:18}{row.median:10.4g}{row.low68:11.4g} …{row.high68:9.4g}{row.low95:11.4g} …{row.high95:9.4g}  "
-            f"{UNITS[name]}"
+            f"{_SHOWN.get(name, name):18}{row.median:10.4g}{row.low68:11.4g} …{row.high68:9.4g}{row.low95:11.4g} …"
+            f"{row.high95:9.4g}  {UNITS[name]}"
         )
-    return "\n".join([*lines, *_at_limits(posterior)])
+    return lines
 
 
 def _at_limits(posterior, near=0.02, share=1e-3):
@@ -81,7 +197,3 @@ def _at_limits(posterior, near=0.02, share=1e-3):
                 "depends on where it is"
             )
     return lines
-
-
-def _fixed(peculiar):
-    return " (fixed: in the weights alone)" if peculiar[0].isdigit() else " (free: the scatter bears on σ_pec H0)"

@@ -2,7 +2,7 @@
 
 from fit.redshift._bins import binned, equal_information
 from fit.redshift._contrasts import ChiSquare
-from fit.redshift._permutation import chances_by_shuffling
+from fit.redshift._permutation import permutation_test
 from fit.redshift._solution import BinnedSolution, Trend
 
 __all__ = [
@@ -10,6 +10,6 @@ __all__ = [
     "ChiSquare",
     "Trend",
     "binned",
-    "chances_by_shuffling",
+    "permutation_test",
     "equal_information",
 ]

@@ -14,7 +14,7 @@ from vsh.modes import as_modes
 
 
 @arguments.accepts(field=nouns.fields, modes=nouns.modes)
-def binned(field, modes, edges, common=None, threads=None):
+def binned(field, modes, edges, *, shared_higher_degrees=False, threads=None):
     """Fit the same modes in bins of redshift.
 
     Parameters
@@ -24,8 +24,8 @@ def binned(field, modes, edges, common=None, threads=None):
     modes : Modes, or the degree lmax
     edges : (B + 1,) array, or int
         Rising; or the number of bins, of equal information. A bin holds z_low ≤ z < z_high.
-    common : None or "higher"
-        "higher" fits one set of coefficients above degree 1 to all bins.
+    shared_higher_degrees : bool
+        Fit one set of coefficients above degree 1 to all bins.
 
     Returns
     -------
@@ -40,8 +40,6 @@ def binned(field, modes, edges, common=None, threads=None):
     FieldError
         If there are no redshifts.
     """
-    if common not in (None, "higher"):
-        raise ParameterError(f'common is None or "higher", not {common!r}')
     fields = [field] if isinstance(field, Field) else field
     if isinstance(edges, (str, dict)) or np.ndim(edges) == 0:
         if not isinstance(field, Field):
@@ -79,30 +77,38 @@ def binned(field, modes, edges, common=None, threads=None):
                 f"bin {b + 1} of {bins}, {edges[b]:g} ≤ z < {edges[b + 1]:g}, is empty: choose other edges"
             )
     counts = sums[:, 0].astype(int)
-    solutions, covariance, free = (_apart if common is None or modes.lmax == 1 else _joint)(normals, edges)
+    solutions, covariance, free = (_joint if shared_higher_degrees and modes.lmax > 1 else _apart)(normals, edges)
     with np.errstate(invalid="ignore", divide="ignore"):
-        nearness = sums[:, 3] / sums[:, 4]
+        mean_inverse_distance = sums[:, 3] / sums[:, 4]
     return BinnedSolution(
-        edges, solutions, normals, sums[:, 2] / sums[:, 1], counts, covariance, free, nearness, tuple(notes)
+        edges,
+        solutions,
+        normals,
+        sums[:, 2] / sums[:, 1],
+        counts,
+        covariance,
+        free,
+        mean_inverse_distance,
+        tuple(notes),
     )
 
 
-@arguments.accepts(field=arguments.a(Field), bins=arguments.whole)
-def equal_information(field, bins):
-    """Edges of redshift bins that hold the same weight of motions, (bins + 1,)."""
-    bins = int(bins)
-    if bins < 1:
-        raise ParameterError(f"{bins} bins are none")
+@arguments.accepts(field=arguments.a(Field), n_bins=arguments.whole)
+def equal_information(field, n_bins):
+    """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,)."""
+    n_bins = int(n_bins)
+    if n_bins < 1:
+        raise ParameterError(f"{n_bins} bins are none")
     field = with_redshift(field, 0.0)
-    if len(field) < bins:
-        raise DegeneracyError(f"{len(field)} sources do not fill {bins} bins")
+    if len(field) < n_bins:
+        raise DegeneracyError(f"{len(field)} sources do not fill {n_bins} n_bins")
     order = np.argsort(field.redshift, kind="stable")
     z, weight = field.redshift[order], np.cumsum(field.information[order])
-    inner = z[np.searchsorted(weight, weight[-1] * np.arange(1, bins) / bins)]
+    inner = z[np.searchsorted(weight, weight[-1] * np.arange(1, n_bins) / n_bins)]
     edges = np.r_[z[0], inner, np.nextafter(z[-1], np.inf)]
     if not (np.diff(edges) > 0).all():
         raise DegeneracyError(
-            f"{bins} bins cannot hold equal information: a few sources weigh more than a bin; take fewer bins"
+            f"{n_bins} bins cannot hold equal information: a few sources weigh more than a bin; take fewer n_bins"
         )
     return edges
 
@@ -165,7 +171,7 @@ def _joint(normals, edges):
         index = np.empty(len(modes), int)
         index[own], index[rest] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
         values = theta[index]
-        chi2 = float(normal.chi2_zero - 2 * values @ normal.rhs + values @ normal.matrix @ values)
+        chi2 = float(normal.chi2_null - 2 * values @ normal.rhs + values @ normal.matrix @ values)
         solutions.append(
             Solution(Coefficients(modes, values), covariance[np.ix_(index, index)], chi2, normal.n_data,
                      normal.frame, normal.notes, "the catalogue, all bins together")

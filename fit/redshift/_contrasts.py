@@ -8,15 +8,15 @@ import numpy as np
 class ChiSquare(NamedTuple):
     """A χ² with its degrees of freedom, and the probability of as much or more.
 
-    `chi2` and `p` are with the errors of each bin multiplied by the root of its own χ²/dof, which makes them
-    right whatever their scale is in each bin; `quoted` and `p_quoted` with the catalogue's errors as they are.
+    `chi2` and `p_value` are with the errors of each bin multiplied by the root of its own χ²/dof, which makes them
+    right whatever their scale is in each bin; `quoted` and `p_value_quoted` with the catalogue's errors as they are.
     """
 
     chi2: float
     dof: int
-    p: float
+    p_value: float
     quoted: float = float("nan")
-    p_quoted: float = float("nan")
+    p_value_quoted: float = float("nan")
 
 
 def welch(binned, steps):

@@ -16,9 +16,9 @@ from vsh.units import AU_PER_YEAR
 
 
 @arguments.accepts(
-    field=arguments.a(Field), binned=arguments.a(BinnedSolution), rounds=arguments.whole, rng=arguments.seed
+    field=arguments.a(Field), binned=arguments.a(BinnedSolution), n_permutations=arguments.whole, rng=arguments.seed
 )
-def chances_by_shuffling(field, binned, rounds=1000, rng=1, velocity=None):
+def permutation_test(field, binned, n_permutations=1000, rng=1, velocity=None):
     """p-values by permutation: how often redshifts that mean nothing give bins as unlike as these.
 
     Positions, motions and errors stay together; the redshifts are permuted. Before that, the errors of each
@@ -30,15 +30,15 @@ def chances_by_shuffling(field, binned, rounds=1000, rng=1, velocity=None):
     ----------
     field : Field — that went into the bins
     binned : BinnedSolution — of degree 1
-    rounds : int
+    n_permutations : int
     rng : Generator or int
-    velocity : Vector, optional — ours [km/s]: tests "drift" as well, whether the bins contradict a constant
-        acceleration with the drift of that velocity
+    velocity : Vector, optional — ours [km/s]: tests "secular_parallax" as well, whether the bins contradict a constant
+        acceleration with the secular parallax of that velocity
 
     Returns
     -------
     dict of str to float
-        "T" and "S": equality of spin and acceleration; "trend": no slope of both with redshift; "drift".
+        "T" and "S": equality of spin and acceleration; "trend": no slope of both with redshift; "secular_parallax".
 
     Raises
     ------
@@ -50,11 +50,11 @@ def chances_by_shuffling(field, binned, rounds=1000, rng=1, velocity=None):
     Permuting assumes that without a signal a source's motion has nothing to do with its redshift. It fails
     where the sky has degrees above 1 that are the same at all redshifts *and* redshifts depend on the place
     (two surveys of different depth): a dipole then leaks into the bins, by place. Bins with a higher degree
-    in common (`binned(…, common="higher")`) take such a field out.
+    in common (`binned(…, shared_higher_degrees=True)`) take such a field out.
     """
     if binned.modes.lmax != 1:
         raise ParameterError(f"permutations are for bins of degree 1, not {binned.modes.lmax}")
-    rng, rounds = generator(rng), whole("rounds", rounds)
+    rng, n_permutations = generator(rng), whole("n_permutations", n_permutations)
     field = with_redshift(field, 0.0)
     place = np.searchsorted(binned.edges, field.redshift, side="right") - 1
     inside = (place >= 0) & (place < len(binned))
@@ -62,7 +62,7 @@ def chances_by_shuffling(field, binned, rounds=1000, rng=1, velocity=None):
     field = field.with_errors(field.sigma * np.sqrt(binned.scales)[place])
     motions = [field.motion]
     if velocity is not None:
-        motions.append(field.motion - _drift(field, velocity))
+        motions.append(field.motion - _parallax(field, velocity))
     rows = np.concatenate([harmonics(field.lon, field.lat, Modes(1)), np.stack(motions)])
     a, b, c = field.weights
     weighted = np.stack([a * rows[:, 0] + c * rows[:, 1], c * rows[:, 0] + b * rows[:, 1]], axis=1)
@@ -71,7 +71,7 @@ def chances_by_shuffling(field, binned, rounds=1000, rng=1, velocity=None):
     size = products.shape[1]
     products = products.reshape(len(field), -1)
     counts, observed = None, None
-    for _ in range(rounds + 1):
+    for _ in range(n_permutations + 1):
         sums = np.stack([np.bincount(place, column, len(binned)) for column in products.T], axis=1)
         sums = sums.reshape(-1, size, size)
         found = _statistics(sums, np.bincount(place, minlength=len(binned)), binned, velocity is not None)
@@ -80,19 +80,19 @@ def chances_by_shuffling(field, binned, rounds=1000, rng=1, velocity=None):
         for name, chi2 in found.items():
             counts[name] += chi2 >= observed[name] * (1 - 1e-12)
         place = rng.permutation(place)
-    return {name: count / (rounds + 1) for name, count in counts.items()}
+    return {name: count / (n_permutations + 1) for name, count in counts.items()}
 
 
-def _statistics(sums, sources, binned, with_drift):
-    degree = {kind: np.arange(6)[Modes(1).degree(kind, 1)] for kind in "TS"}
+def _statistics(sums, sources, binned, with_velocity):
+    degree = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in "TS"}
     values, covariance = _solved(sums, sources, 6)
     found = {kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in degree.items()}
     if len(binned) > 1:
         found["trend"] = slope_chi2(values, covariance, binned.redshift)
-    if with_drift:
+    if with_velocity:
         values, covariance = _solved(sums, sources, 7)
         at = degree["S"]
-        found["drift"] = equality_chi2(values[:, at], covariance[:, at][:, :, at])
+        found["secular_parallax"] = equality_chi2(values[:, at], covariance[:, at][:, :, at])
     return found
 
 
@@ -106,7 +106,7 @@ def _solved(sums, sources, column):
     return values, inverse * scale[:, None, None]
 
 
-def _drift(field, velocity):
+def _parallax(field, velocity):
     """The motions by our velocity, (2, n); none within the flow. [µas/yr]"""
     from vsh.cosmology import transverse_distance
 

@@ -16,7 +16,7 @@ def plot_bins(binned, velocity="planck"):
     Parameters
     ----------
     binned : BinnedSolution
-    velocity : "planck", Vector or None — whose drift is drawn in, about the acceleration that fits
+    velocity : "planck", Vector or None — whose secular parallax is drawn in, about the acceleration that fits
         best with it
 
     Returns
@@ -62,7 +62,7 @@ def plot_bins(binned, velocity="planck"):
 def _draw_prediction(binned, velocity, panels):
     velocity = velocity_along(velocity, binned.frame)
     try:
-        acceleration, _ = binned.drift(velocity)
+        acceleration, _ = binned.secular_parallax(velocity)
     except ParameterError:
         return  # bins without a distance: there is nothing to predict
     edges = binned.edges
@@ -72,7 +72,7 @@ def _draw_prediction(binned, velocity, panels):
     for curve, colour in zip(curves, _COLOURS, strict=True):
         panels[0].plot(grid, curve, color=colour, linestyle="--", linewidth=1, zorder=0.5)
     # What the test compares with: one value a bin.
-    steps = acceleration.value[:, None] - np.outer(velocity.value, binned.nearness) / AU_PER_YEAR
+    steps = acceleration.value[:, None] - np.outer(velocity.value, binned.mean_inverse_distance) / AU_PER_YEAR
     for step, colour in zip(steps, _COLOURS, strict=True):
         panels[0].hlines(step, edges[:-1], edges[1:], color=colour, linewidth=2, alpha=0.35, zorder=0.6)
     panels[0].plot([], [], color="0.4", linestyle="--", label=f"ã − v/d, |v| = {velocity.amplitude:.0f} km/s")
@@ -84,3 +84,20 @@ def _draw_prediction(binned, velocity, panels):
     panels[1].set_ylim(
         0, 1.3 * max(s.acceleration.amplitude + s.acceleration.amplitude_error for s in binned.solutions)
     )
+
+
+def plot_trend(trend):
+    """Slopes of spin and acceleration with redshift."""
+    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    for at, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):
+        for i, (axis, colour) in enumerate(zip("xyz", _COLOURS, strict=True)):
+            axes.errorbar(
+                at + (i - 1) * 0.15, vector.value[i], vector.sigma[i], fmt="o", color=colour, capsize=3,
+                label=f"{symbol}$_{axis}$",
+            )  # fmt: skip
+    axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
+    axes.set_xticks([0, 1], ["spin", "acceleration"], fontsize=13)
+    axes.set_ylabel("slope  [µas/yr per unit of x]", fontsize=13)
+    axes.legend(frameon=False, fontsize=10, ncols=2)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure

@@ -8,12 +8,13 @@ from scipy.special import chdtrc
 from fit.normal import NormalEquations
 from fit.quality import Quality, f_p_value
 from fit.redshift._contrasts import ChiSquare, gls, information, slope_of, welch
+from fit.redshift._report import text_of
 from fit.solution import Solution
-from fit.storage import Stored, coefficient_columns, count, exact, number, words
+from fit.storage import Result, coefficient_columns, count, exact, number, words
 from vsh import Coefficients, Modes, tables
 from vsh.checks.arguments import covariance, float_array
-from vsh.checks.frozen import Frozen
 from vsh.coefficients import FIRST_DEGREE
+from vsh.cosmology import PLANCK_2018
 from vsh.errors import ParameterError, TableError
 from vsh.sky.frames import check_frame
 from vsh.units import AU_PER_YEAR
@@ -21,7 +22,7 @@ from vsh.vector import Vector
 
 
 @dataclass(frozen=True, eq=False)
-class Trend(Frozen):
+class Trend(Result):
     """Coefficients that change linearly: c(x) = c_0 + slope (x − x_0).
 
     Attributes
@@ -44,16 +45,37 @@ class Trend(Frozen):
     spin: Vector
     acceleration: Vector
 
+    def report(self):
+        """The slopes and their test as text."""
+        lines = [f"slopes of {name:14}" + "".join(f"{x:+10.3f} ± {s:.3f}" for x, s in zip(v.value, v.sigma, strict=True))
+                 for name, v in (("spin", self.spin), ("acceleration", self.acceleration))]  # fmt: skip
+        lines.append(f"no slope: χ² = {self.test.chi2:.2f} for {self.test.dof}, p-value {self.test.p_value:.4g}")
+        return "\n".join(lines) + "\n"
+
+    def to_table(self):
+        """The slopes of spin and acceleration with their errors as an astropy Table."""
+        names = [f"{name}_{axis}" for name in ("spin", "acceleration") for axis in "xyz"]
+        return tables.table_of({
+            "parameter": names, "slope": np.concatenate([self.spin.value, self.acceleration.value]),
+            "sigma": np.concatenate([self.spin.sigma, self.acceleration.sigma]),
+        })  # fmt: skip
+
+    def plot(self):
+        """The slopes with their errors, a matplotlib figure."""
+        from fit.redshift._plot import plot_trend
+
+        return plot_trend(self)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BinnedSolution(Stored):
+class BinnedSolution(Result):
     """Solutions in bins of redshift with their joint covariance.
 
     Attributes
     ----------
     edges : (B + 1,) array
     solutions : list of B Solutions
-        With `common="higher"` they share what is above degree 1.
+        With `shared_higher_degrees` they share what is above degree 1.
     normals : list of B NormalEquations
         Their sum is that of all the sources.
     redshift : (B,) array
@@ -64,7 +86,7 @@ class BinnedSolution(Stored):
         Of the q coefficients that are free in every bin, bin by bin.
     free : (q,) int array
         Their places among the modes.
-    nearness : (B,) array
+    mean_inverse_distance : (B,) array
         Mean of 1/d_M of the sources beyond the flow, weighted by information; nan where there is
         none. [1/Mpc]
     notes : tuple of str
@@ -77,7 +99,7 @@ class BinnedSolution(Stored):
     counts: np.ndarray
     covariance: np.ndarray
     free: np.ndarray
-    nearness: np.ndarray
+    mean_inverse_distance: np.ndarray
     notes: tuple
 
     def __len__(self):
@@ -106,10 +128,12 @@ class BinnedSolution(Stored):
 
     @property
     def effective_redshift(self):
-        """The redshift whose 1/d_M is the bin's mean, (B,): where a drift is measured. Mean redshift where there is no distance."""
+        """The redshift whose 1/d_M is the bin's mean, (B,): where a secular parallax is measured. Mean redshift where there is no distance."""
         from vsh.cosmology import redshift_of
 
-        return np.where(np.isfinite(self.nearness), redshift_of(1 / self.nearness), self.redshift)
+        return np.where(
+            np.isfinite(self.mean_inverse_distance), redshift_of(1 / self.mean_inverse_distance), self.redshift
+        )
 
     @property
     def scales(self):
@@ -146,7 +170,7 @@ class BinnedSolution(Stored):
 
         Parameters
         ----------
-        x : (B,) array, optional — the bins' redshifts unless given; `nearness` makes it a drift
+        x : (B,) array, optional — the bins' redshifts unless given; `mean_inverse_distance` makes it a secular parallax
         """
         x = self.redshift if x is None else np.asarray(x, float)
         if x.shape != (len(self),) or not np.isfinite(x).all():
@@ -168,25 +192,27 @@ class BinnedSolution(Stored):
         test = ChiSquare(explained[0], q, p, explained[1], float(chdtrc(q, explained[1])))
         return Trend(slopes, error, test, misfit, *vectors)
 
-    def drift(self, velocity):
-        """The acceleration that, with the drift of a known velocity, fits the bins best.
+    def secular_parallax(self, velocity):
+        """The acceleration that, with the secular parallax of a known velocity, fits the bins best.
 
         Parameters
         ----------
-        velocity : Vector — ours, toward the apex, at the distances that `nearness` holds [km/s]
+        velocity : Vector — ours, toward the apex, at the distances that `mean_inverse_distance` holds [km/s]
 
         Returns
         -------
         acceleration : Vector
         test : ChiSquare — of the bins about that prediction
         """
-        if not np.isfinite(self.nearness).all():
-            raise ParameterError("a drift needs a distance in every bin, and some bin has none beyond the flow")
+        if not np.isfinite(self.mean_inverse_distance).all():
+            raise ParameterError(
+                "a secular parallax needs a distance in every bin, and some bin has none beyond the flow"
+            )
         values, covariance, free = self._chosen("S", 1)
         rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR
-        constant, drifts = np.ones((len(self), 1)), np.outer(self.nearness, rows)
-        theta, _, spread = gls(values - drifts, covariance, constant)
-        test, _, _ = self._compared("S", 1, constant, drifts)
+        constant, parallaxes = np.ones((len(self), 1)), np.outer(self.mean_inverse_distance, rows)
+        theta, _, spread = gls(values - parallaxes, covariance, constant)
+        test, _, _ = self._compared("S", 1, constant, parallaxes)
         return _vector(self.modes, "S", theta, spread, free, self.frame), test
 
     def to_table(self):
@@ -203,8 +229,24 @@ class BinnedSolution(Stored):
         units = {name: "uas / yr" for name in columns if name.startswith(("spin", "acceleration"))}
         return tables.table_of(columns, {"frame": self.frame, "notes": list(self.notes)}, units)
 
+    def report(self, velocity=PLANCK_2018, p_values=None):
+        """Spin and acceleration in each bin, and whether the bins differ, as text.
+
+        Parameters
+        ----------
+        velocity : Vector or None
+            Whose secular parallax the bins are compared with. [km/s]
+        p_values : dict of str to float, optional
+            From `fit.redshift.permutation_test`.
+
+        Returns
+        -------
+        str
+        """
+        return text_of(self, velocity, p_values)
+
     def plot(self, velocity="planck"):
-        """Components against redshift, with the drift of a velocity drawn in; a matplotlib figure."""
+        """Components against redshift, with the secular parallax of a velocity drawn in; a matplotlib figure."""
         from fit.redshift._plot import plot_bins
 
         return plot_bins(self, velocity)
@@ -221,11 +263,13 @@ class BinnedSolution(Stored):
             "normal_matrix": np.concatenate([n.matrix for n in self.normals]),
             "normal_rhs": np.concatenate([n.rhs for n in self.normals]),
         }  # fmt: skip
-        rest = {name: [exact(x) for x in getattr(self, name)] for name in ("edges", "redshift", "nearness")}
+        rest = {
+            name: [exact(x) for x in getattr(self, name)] for name in ("edges", "redshift", "mean_inverse_distance")
+        }
         rest |= {"counts": self.counts.tolist(), "free": self.free.tolist(), "notes": list(map(str, self.notes)),
                  "lmax": self.modes.lmax, "frame": self.frame,
                  "solutions": [[exact(s.chi2), int(s.n_data), list(map(str, s.notes)), s.errors_from] for s in self.solutions],
-                 "normals": [[exact(n.chi2_zero), int(n.n_data), list(map(str, n.notes))] for n in self.normals]}  # fmt: skip
+                 "normals": [[exact(n.chi2_null), int(n.n_data), list(map(str, n.notes))] for n in self.normals]}  # fmt: skip
         return columns, rest, {"value": "uas / yr"}
 
     @classmethod
@@ -240,12 +284,12 @@ class BinnedSolution(Stored):
                                       words(notes), str(errors_from)))  # fmt: skip
             matrix = covariance("normal_matrix", columns["normal_matrix"][mine], len(modes))
             rhs = float_array("normal_rhs", columns["normal_rhs"][mine], (len(modes),))
-            chi2_zero, n_data, notes = summed
-            normals.append(NormalEquations(modes, matrix, rhs, number(chi2_zero), count(n_data), frame, words(notes)))
+            chi2_null, n_data, notes = summed
+            normals.append(NormalEquations(modes, matrix, rhs, number(chi2_null), count(n_data), frame, words(notes)))
         bins = len(solutions)
-        edges, redshift, nearness = (
-            float_array(name, [number(x) for x in rest[name]], (size,), finite=name != "nearness")
-            for name, size in (("edges", bins + 1), ("redshift", bins), ("nearness", bins))
+        edges, redshift, mean_inverse_distance = (
+            float_array(name, [number(x) for x in rest[name]], (size,), finite=name != "mean_inverse_distance")
+            for name, size in (("edges", bins + 1), ("redshift", bins), ("mean_inverse_distance", bins))
         )
         free = np.array([count(k) for k in rest["free"]], int)
         if not (np.diff(edges) > 0).all() or len(rest["counts"]) != bins or (free >= len(modes)).any():
@@ -253,7 +297,7 @@ class BinnedSolution(Stored):
         size = len(free) * bins
         joint = covariance("joint_covariance", columns["joint_covariance"][:size], size)
         return cls(edges, solutions, normals, redshift, np.array([count(k) for k in rest["counts"]], int), joint, free,
-                   nearness, words(rest["notes"]))  # fmt: skip
+                   mean_inverse_distance, words(rest["notes"]))  # fmt: skip
 
     def _chosen(self, kind, l):
         """Values (B, q) of some of the free coefficients, their covariance and which they are."""
@@ -290,7 +334,7 @@ class BinnedSolution(Stored):
 
 def _vector(modes, kind, values, covariance, free, frame):
     """A vector from those of the values that belong to degree 1 of a kind."""
-    wanted = np.arange(len(modes))[modes.degree(kind, 1)]
+    wanted = np.arange(len(modes))[modes.slice_of(kind, 1)]
     at = [int(np.flatnonzero(free == k)[0]) for k in wanted]
     inverse = np.linalg.inv(FIRST_DEGREE)
     return Vector(inverse @ values[at], inverse @ covariance[np.ix_(at, at)] @ inverse.T, frame)

@@ -14,11 +14,10 @@ import numpy as np
 from scipy.special import stdtrit
 
 from fit.normal import NormalEquations, normal_equations
-from fit.solution import Solution
+from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from vsh.checks import arguments, nouns
 from vsh.checks.arguments import between, generator, whole
-from vsh.checks.frozen import Frozen
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.sky.pixels import pixels_of
@@ -29,7 +28,7 @@ MEMORY = 4 * 2**30
 
 
 @dataclass(frozen=True, eq=False)
-class Resampled(Frozen):
+class Resampled(AboutSolution):
     """A solution and what became of it when the sources were drawn again.
 
     Attributes
@@ -47,6 +46,18 @@ class Resampled(Frozen):
     solution: Solution
     replicates: np.ndarray
     covariance: np.ndarray
+
+    def report(self):
+        """The solution with these errors, as text."""
+        return self.resampled_solution.report()
+
+    def to_table(self):
+        """The coefficients with these errors as an astropy Table, a row each."""
+        return self.resampled_solution.to_table()
+
+    def plot(self):
+        """Power by degree with these errors as a matplotlib figure."""
+        return self.resampled_solution.plot()
 
     @property
     def samples(self):
@@ -87,8 +98,8 @@ class Resampled(Frozen):
         return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
 
 
-@arguments.accepts(field=arguments.a(Field), modes=nouns.modes, n=arguments.whole, rng=arguments.seed)
-def bootstrap(field, modes, n, rng, progress=True):
+@arguments.accepts(field=arguments.a(Field), modes=nouns.modes, n_replicates=arguments.whole, rng=arguments.seed)
+def bootstrap(field, modes, n_replicates, rng, progress=True):
     """Draw the sources again, each a Poisson number of times with mean 1.
 
     Its errors hold for sources whose errors are wrong in any way, but independent of each other.
@@ -97,7 +108,7 @@ def bootstrap(field, modes, n, rng, progress=True):
     ----------
     field : Field
     modes : Modes, or the degree lmax
-    n : int — replicates
+    n_replicates : int
     rng : Generator or int — the source of all randomness
     progress : bool — show a bar, after two seconds
 
@@ -107,7 +118,7 @@ def bootstrap(field, modes, n, rng, progress=True):
     """
     rng = generator(rng)
     solution = solve(normal_equations(field, modes))
-    replicates = np.empty((whole("n", n, 2), len(modes)))
+    replicates = np.empty((whole("n_replicates", n_replicates, 2), len(modes)))
     for replicate in _bar(replicates, progress, "bootstrap"):
         times = rng.poisson(1.0, len(field))
         drawn, times = field[times > 0], times[times > 0]
@@ -117,8 +128,8 @@ def bootstrap(field, modes, n, rng, progress=True):
     return Resampled("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-@arguments.accepts(field=arguments.a(Field), modes=nouns.modes, n=arguments.whole, rng=arguments.seed)
-def parametric_bootstrap(field, modes, n, rng):
+@arguments.accepts(field=arguments.a(Field), modes=nouns.modes, n_replicates=arguments.whole, rng=arguments.seed)
+def parametric_bootstrap(field, modes, n_replicates, rng):
     """Draw the motions again, from the fit and the catalogue's errors.
 
     The fit is linear and the errors are Gaussian, so the replicates are N(c, N⁻¹) exactly
@@ -126,24 +137,24 @@ def parametric_bootstrap(field, modes, n, rng):
 
     Parameters
     ----------
-    field, modes, n, rng
+    field, modes, n_replicates, rng
         As for `bootstrap`.
     """
     solution = solve(normal_equations(field, modes))
-    draws = generator(rng).standard_normal((whole("n", n, 2), len(modes)))
+    draws = generator(rng).standard_normal((whole("n_replicates", n_replicates, 2), len(modes)))
     replicates = solution.coefficients.values + draws @ np.linalg.cholesky(solution.covariance).T
     return Resampled("parametric bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
 @arguments.accepts(
-    field=arguments.a(Field), modes=nouns.modes, nside=arguments.whole, n=arguments.whole, rng=arguments.seed
+    field=arguments.a(Field), modes=nouns.modes, nside=arguments.whole, n_replicates=arguments.whole, rng=arguments.seed
 )
-def block_bootstrap(field, modes, nside, n, rng, progress=True):
+def block_bootstrap(field, modes, nside, n_replicates, rng, progress=True):
     """Draw HEALPix blocks of the sky again: errors that allow for what neighbours share.
 
     Parameters
     ----------
-    field, modes, n, rng, progress
+    field, modes, n_replicates, rng, progress
         As for `bootstrap`.
     nside : int — of the blocks; those without sources are no blocks
 
@@ -152,7 +163,7 @@ def block_bootstrap(field, modes, nside, n, rng, progress=True):
     DegeneracyError
         If fewer than two blocks hold sources, or their matrices do not fit into memory.
     """
-    rng, n = generator(rng), whole("n", n, 2)
+    rng, n_replicates = generator(rng), whole("n_replicates", n_replicates, 2)
     parts = _blocks(field, nside)
     p = len(modes)
     if len(parts) * p * p * 8 > MEMORY:
@@ -163,7 +174,7 @@ def block_bootstrap(field, modes, nside, n, rng, progress=True):
     matrices = np.array([normal.matrix.ravel() for normal in normals])
     sides = np.array([normal.rhs for normal in normals])
     solution = solve(sum(normals))
-    replicates = np.empty((n, p))
+    replicates = np.empty((n_replicates, p))
     for replicate in _bar(replicates, progress, "block bootstrap"):
         times = rng.multinomial(len(parts), np.full(len(parts), 1 / len(parts))).astype(float)
         drawn = NormalEquations(

@@ -5,17 +5,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.normal import normal_equations
-from fit.solution import Solution
+from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from vsh.checks import arguments, nouns
 from vsh.checks.arguments import positive
-from vsh.checks.frozen import Frozen
 from vsh.errors import ConvergenceError
 from vsh.field import Field
 
 
 @dataclass(frozen=True, eq=False)
-class Clipped(Frozen):
+class Clipped(AboutSolution):
     """A fit to the sources that agree with it.
 
     Attributes
@@ -24,7 +23,7 @@ class Clipped(Frozen):
         Of the sources kept.
     kept : (n,) bool array
         Which those are.
-    rounds : int
+    n_rounds : int
         How many fits it took.
     limit : float
         The largest X that was kept.
@@ -35,7 +34,7 @@ class Clipped(Frozen):
 
     solution: Solution
     kept: np.ndarray
-    rounds: int
+    n_rounds: int
     limit: float
     factor: float = 1.0
 
@@ -113,7 +112,7 @@ def clip(field, modes, kappa=3.0, threshold=None, max_rounds=100):
         if (key := kept.tobytes()) in seen:
             raise ConvergenceError(
                 f"the clip goes round in circles after {rounds} rounds: {swing} sources come and go at "
-                f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g} (--threshold)"
+                f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g} (--clip-threshold)"
             )
         seen[key] = rounds
     raise ConvergenceError(f"the clip has not settled after {max_rounds} rounds: {swing} sources still change")

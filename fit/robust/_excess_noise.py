@@ -6,43 +6,42 @@ import numpy as np
 from scipy.optimize import minimize
 
 from fit.normal import normal_equations
-from fit.solution import Solution
+from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from fit.sums import sandwich, weighted_matrix
 from vsh.checks import arguments, nouns
-from vsh.checks.frozen import Frozen
 from vsh.errors import ConvergenceError
 from vsh.field import Field
 
 
 @dataclass(frozen=True, eq=False)
-class ExtraNoise(Frozen):
+class ExcessNoise(AboutSolution):
     """A fit with a variance added to every source.
 
     Attributes
     ----------
     solution : Solution
         Its covariance holds the scatter of the residuals, source by source.
-    extra, extra_error : float
+    excess_noise, excess_noise_error : float
         Standard deviation added in quadrature to both components, and its error. [µas/yr]
     scale, scale_error : float
         Factor on the catalogue's errors; 1 and 0 unless it was asked for.
-    rounds : int
+    n_rounds : int
         How many fits it took.
     """
 
     solution: Solution
-    extra: float
-    extra_error: float
+    excess_noise: float
+    excess_noise_error: float
     scale: float
     scale_error: float
-    rounds: int
+    n_rounds: int
 
 
 @arguments.accepts(
     field=arguments.a(Field), modes=nouns.modes, tolerance=arguments.positive, max_rounds=arguments.whole
 )
-def extra_noise(field, modes, scale=False, tolerance=1e-4, max_rounds=100):
+def excess_noise(field, modes, scale=False, tolerance=1e-4, max_rounds=100):
     """Fit with C + s² I for every source's covariance, s by restricted maximum likelihood.
 
     Parameters
@@ -57,7 +56,7 @@ def extra_noise(field, modes, scale=False, tolerance=1e-4, max_rounds=100):
 
     Returns
     -------
-    ExtraNoise
+    ExcessNoise
 
     Raises
     ------
@@ -83,27 +82,27 @@ def extra_noise(field, modes, scale=False, tolerance=1e-4, max_rounds=100):
     free = parameters > 0
     steps = slope * len(field) * errors  # to the maximum, in errors
     if np.any(np.abs(steps[free]) > 0.05) or np.any(steps[~free] < -0.05):
-        raise ConvergenceError(f"the extra noise has not settled after {problem.rounds} fits ({found.message})")
+        raise ConvergenceError(f"the excess noise has not settled after {problem.n_rounds} fits ({found.message})")
     unit = problem.unit
     enlarged = problem.enlarged(parameters)
     solution = solve(normal_equations(enlarged, modes))
     ones = np.ones(len(field))
     covariance, _ = sandwich(enlarged, modes, solution.residuals(enlarged).motion, ones, ones)
-    extra = unit * np.sqrt(parameters[0])
+    noise = unit * np.sqrt(parameters[0])
     # From the variance s² to s; at the boundary s = 0 the error is the s at one error of s².
-    extra_error = unit**2 * errors[0] / (2 * extra) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
+    noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
     factor = float(np.sqrt(parameters[1])) if scale else 1.0
     factor_error = float(errors[1] / (2 * factor)) if scale else 0.0
-    said = f"extra noise: {extra:.4g} ± {extra_error:.2g} µas/yr added in quadrature to every component"
+    said = f"excess noise: {noise:.4g} ± {noise_error:.2g} µas/yr added in quadrature to every component"
     if scale:
         said += f", after scaling the errors by {factor:.3f} ± {factor_error:.3f}"
     solution = replace(
         solution,
         covariance=covariance,
         notes=(*solution.notes, said),
-        errors_from="the residuals, source by source, with extra noise",
+        errors_from="the residuals, source by source, with excess noise",
     )
-    return ExtraNoise(solution, float(extra), float(extra_error), factor, factor_error, problem.rounds)
+    return ExcessNoise(solution, float(noise), float(noise_error), factor, factor_error, problem.n_rounds)
 
 
 class _Restricted:
@@ -112,18 +111,18 @@ class _Restricted:
     def __init__(self, field, modes, scale):
         self.field, self.modes, self.scale = field, modes, scale
         self.unit = float(np.sqrt(np.median(field.sigma**2)))
-        self.rounds = 0
+        self.n_rounds = 0
 
     def enlarged(self, parameters):
         """The field with errors f² C + s² I."""
         (s1, s2), rho = self.field.sigma, self.field.rho
-        extra, factor = parameters[0] * self.unit**2, parameters[1] if self.scale else 1.0
-        sigma = np.sqrt(factor * self.field.sigma**2 + extra)
+        noise, factor = parameters[0] * self.unit**2, parameters[1] if self.scale else 1.0
+        sigma = np.sqrt(factor * self.field.sigma**2 + noise)
         return self.field.with_errors(sigma, factor * rho * s1 * s2 / (sigma[0] * sigma[1]))
 
     def loss(self, parameters):
         """Value and gradient."""
-        self.rounds += 1
+        self.n_rounds += 1
         field = self.enlarged(parameters)
         normal = normal_equations(field, self.modes)
         solution = solve(normal)
@@ -139,23 +138,23 @@ class _Restricted:
         pulled = (a * east + c * north) ** 2 + (c * east + b * north) ** 2
         squared = np.stack([a * a + c * c, b * b + c * c, c * (a + b)])
         within = float(np.sum(solution.covariance * weighted_matrix(field, squared, self.modes)))
-        by_extra = (np.sum(a + b) - pulled.sum() - within) / 2
-        slope = [by_extra * self.unit**2]
+        by_noise = (np.sum(a + b) - pulled.sum() - within) / 2
+        slope = [by_noise * self.unit**2]
         if self.scale:  # ∂C/∂f² = (C − s² I)/f²
-            extra = parameters[0] * self.unit**2
-            slope.append(((2 * n - chi2.sum() - len(self.modes)) / 2 - extra * by_extra) / parameters[1])
+            noise = parameters[0] * self.unit**2
+            slope.append(((2 * n - chi2.sum() - len(self.modes)) / 2 - noise * by_noise) / parameters[1])
         return value / n, np.array(slope) / n
 
     def errors(self, parameters):
         """Standard errors of the parameters from the expected information, for as many sources as are left by the coefficients."""
         field = self.enlarged(parameters)
         a, b, c = field.weights
-        extra = parameters[0] * self.unit**2
+        noise = parameters[0] * self.unit**2
         # C⁻¹ ∂C: W for s² (in its unit), (1 − s² W)/f² for f².
         first = self.unit**2 * np.stack([a, b, c])
         parts = [first]
         if self.scale:
-            parts.append(np.stack([1 - extra * a, 1 - extra * b, -extra * c]) / parameters[1])
+            parts.append(np.stack([1 - noise * a, 1 - noise * b, -noise * c]) / parameters[1])
         information = (
             np.array([[np.sum(x[0] * y[0] + x[1] * y[1] + 2 * x[2] * y[2]) for y in parts] for x in parts]) / 2
         )

@@ -11,11 +11,10 @@ from scipy.optimize import minimize_scalar
 from scipy.special import gamma, gammainc, gammaln
 
 from fit.normal import normal_equations
-from fit.solution import Solution
+from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from fit.sums import sandwich
 from vsh.checks import arguments, nouns
-from vsh.checks.frozen import Frozen
 from vsh.errors import ConvergenceError
 from vsh.field import Field
 
@@ -24,7 +23,7 @@ _ADAPTING = 15
 
 
 @dataclass(frozen=True, eq=False)
-class Reweighted(Frozen):
+class Reweighted(AboutSolution):
     """A fit that trusts each source as far as the source deserves.
 
     Attributes
@@ -33,45 +32,45 @@ class Reweighted(Frozen):
         Its covariance is that of the residuals, source by source, not of the catalogue's errors.
     weights : (n,) array
         By how much each source's inverse covariance was multiplied, up to a common factor.
-    rounds : int
+    n_rounds : int
         How many fits it took.
     inflation : float
         Standard errors over those of plain least squares with the catalogue's errors, rms over the coefficients.
-    dof : float or None
-        Of the Student-t distribution.
+    nu : float or None
+        Degrees of freedom of the Student-t distribution.
     """
 
     solution: Solution
     weights: np.ndarray
-    rounds: int
+    n_rounds: int
     inflation: float
-    dof: float = None
+    nu: float | None = None
 
     @property
     def effective(self):
         """The number of equally weighted sources with the same weight, (Σu)²/Σu²."""
         return float(self.weights.sum() ** 2 / (self.weights**2).sum())
 
-    def most_downweighted(self, count=10):
+    def most_downweighted(self, n_sources=10):
         """Indices of the sources with the least weight, least first."""
-        return np.argsort(self.weights, kind="stable")[:count]
+        return np.argsort(self.weights, kind="stable")[:n_sources]
 
 
 @arguments.accepts(
     field=arguments.a(Field),
     modes=nouns.modes,
-    dof=arguments.positive,
+    nu=arguments.positive,
     tolerance=arguments.positive,
     max_rounds=arguments.whole,
 )
-def student_t(field, modes, dof=None, tolerance=1e-4, max_rounds=500):
+def student_t(field, modes, nu=None, tolerance=1e-4, max_rounds=500):
     """Fit with a bivariate Student-t likelihood of each source's residual.
 
     Parameters
     ----------
     field : Field
     modes : Modes, or the degree lmax
-    dof : float, optional
+    nu : float, optional
         Degrees of freedom of the distribution; estimated by maximum likelihood, between
         0.5 and 200, unless given.
     tolerance : float
@@ -87,7 +86,7 @@ def student_t(field, modes, dof=None, tolerance=1e-4, max_rounds=500):
     ConvergenceError
         If the weights have not settled.
     ParameterError
-        If dof, tolerance or max_rounds is not positive.
+        If nu, tolerance or max_rounds is not positive.
 
     Notes
     -----
@@ -97,17 +96,18 @@ def student_t(field, modes, dof=None, tolerance=1e-4, max_rounds=500):
     5 % at degree 6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that
     neighbours share.
     """
-    state = {"dof": 4.0 if dof is None else dof}
+    state = {"nu": 4.0 if nu is None else nu}
+    estimated = nu is None
 
     def weight(x2):
-        if dof is None:
-            state["dof"] = _likeliest_dof(x2)
-        nu = state["dof"]
-        u = (nu + 2) / (nu + x2)
-        return u, -u / (nu + x2)
+        if estimated:
+            state["nu"] = _likeliest_nu(x2)
+        dof = state["nu"]
+        u = (dof + 2) / (dof + x2)
+        return u, -u / (dof + x2)
 
     found = _reweighted(field, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
-    return replace(found, dof=float(state["dof"]))
+    return replace(found, nu=float(state["nu"]))
 
 
 @arguments.accepts(
@@ -187,7 +187,7 @@ def _reweighted(field, modes, weight, name, tolerance, max_rounds, power):
     return Reweighted(solution, u, rounds, inflation)
 
 
-def _likeliest_dof(x2):
+def _likeliest_nu(x2):
     """ν of the bivariate t distribution, p(X²) ∝ (1 + X²/ν)^{−(ν+2)/2}, that makes the X² likeliest."""
 
     def loss(log_nu):

@@ -2,12 +2,13 @@
 
 from fit.sampling._chain import Run, autocorrelation
 from fit.sampling._checkpoint import check_writable, fingerprint
-from fit.sampling._priors import Density, Flat, Normal, as_prior, integrable_over_cube, named_function
+from fit.sampling._priors import Density, Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
 
 __all__ = [
     "Density",
     "Flat",
     "Normal",
+    "Prior",
     "Run",
     "as_prior",
     "autocorrelation",

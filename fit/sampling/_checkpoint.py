@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vsh.errors import CheckpointError
-from vsh.system.files import replacing
+from vsh.system.files import atomic_write
 
 _STATE = ("key", "position", "has_gauss", "gauss")
 
@@ -35,7 +35,7 @@ def save(path, fingerprint, chain, log_probability, state):
     """Write a chain (steps, walkers, d), its log-densities and the state of its random numbers."""
     arrays = {"chain": chain, "log_probability": log_probability}
     arrays |= {name: np.asarray(value) for name, value in zip(_STATE, state[1:], strict=True)}
-    with replacing(path) as new, new.open("wb") as file:
+    with atomic_write(path) as new, new.open("wb") as file:
         np.savez(file, fingerprint=np.frombuffer(json.dumps(fingerprint).encode(), np.uint8), **arrays)
 
 

@@ -2,10 +2,34 @@
 
 from dataclasses import dataclass
 from hashlib import sha256
+from typing import Protocol
 
 import numpy as np
 
 from vsh.errors import ParameterError
+from vsh.types import FloatArray
+
+
+class Prior(Protocol):
+    """A prior density of one number.
+
+    Attributes
+    ----------
+    low, high : float
+        Limits, which may be infinite.
+    proper : bool
+        Whether its integral is finite.
+    """
+
+    @property
+    def low(self) -> float: ...  # noqa: D102
+    @property
+    def high(self) -> float: ...  # noqa: D102
+    @property
+    def proper(self) -> bool: ...  # noqa: D102
+    def log(self, x: FloatArray) -> FloatArray:
+        """Log-density at x, any shape."""
+        ...
 
 
 def _limit(name, value):

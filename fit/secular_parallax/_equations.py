@@ -1,4 +1,4 @@
-"""The equations of drift by our own motion, and their sums for any spread of peculiar velocities.
+"""The equations of the secular parallax by our own motion, and their sums for any spread of peculiar velocities.
 
 A source at transverse comoving distance d moves by
 
@@ -6,7 +6,7 @@ A source at transverse comoving distance d moves by
 
 (Bachchan, Hobbs & Lindegren 2016, sect. 2.3 and 4), where distances are those for H_ref: the
 data see the product v H0 only. Each source is turned to the axes of its error ellipse, in which
-a variance that is the same in all directions (peculiar velocities, extra noise) is simply added.
+a variance that is the same in all directions (peculiar velocities, excess noise) is simply added.
 """
 
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ U, A, OMEGA = slice(0, 3), slice(3, 6), slice(6, 9)
 
 
 @dataclass(frozen=True, eq=False)
-class DriftSums:
+class ParallaxSums:
     """N θ = b for θ = (u, ã, ω), with what a likelihood needs besides.
 
     Attributes
     ----------
     matrix : (9, 9) array
     rhs : (9,) array
-    chi2_zero : float — Σ y²/V
+    chi2_null : float — Σ y²/V
     logdet : float — Σ log V
     n_data : int
 
@@ -41,13 +41,13 @@ class DriftSums:
 
     matrix: np.ndarray
     rhs: np.ndarray
-    chi2_zero: np.ndarray
+    chi2_null: np.ndarray
     logdet: np.ndarray
     n_data: int
 
 
 @dataclass(frozen=True, eq=False)
-class DriftRows:
+class ParallaxEquations:
     """Uncorrelated equations, two a source.
 
     Attributes
@@ -69,21 +69,21 @@ class DriftRows:
     frame: str
     notes: tuple
 
-    def sums(self, spread=0.0, extra=0.0, threads=None):
-        """Normal equations with variances V = σ² + (spread k)² + extra².
+    def sums(self, spread=0.0, excess_noise=0.0, threads=None):
+        """Normal equations with variances V = σ² + (spread k)² + excess_noise².
 
         Parameters
         ----------
         spread : float or (m,) array — of peculiar velocities, times H0/H_ref [km/s]
-        extra : float or (m,) array — noise beyond the catalogue's [µas/yr]
+        excess_noise : float or (m,) array — noise beyond the catalogue's [µas/yr]
 
         Returns
         -------
-        DriftSums
-            Its arrays with a leading axis m where spread or extra has one.
+        ParallaxSums
+            Its arrays with a leading axis m where spread or excess_noise has one.
         """
-        spread, extra = np.broadcast_arrays(spread, extra)
-        added = np.stack([np.ravel(spread), np.ravel(extra)]) ** 2
+        spread, excess_noise = np.broadcast_arrays(spread, excess_noise)
+        added = np.stack([np.ravel(spread), np.ravel(excess_noise)]) ** 2
         upper = np.triu_indices(10)
 
         def block(part):
@@ -99,10 +99,10 @@ class DriftRows:
         gram[:, upper[1], upper[0]] = gram[:, upper[0], upper[1]]
         logdet = sum(part[1] for part in parts)
         gram, logdet = gram.reshape(*spread.shape, 10, 10), logdet.reshape(spread.shape)
-        return DriftSums(gram[..., :9, :9], gram[..., :9, 9], gram[..., 9, 9], logdet, len(self.motion))
+        return ParallaxSums(gram[..., :9, :9], gram[..., :9, 9], gram[..., 9, 9], logdet, len(self.motion))
 
 
-def drift_rows(field, cosmology=None):
+def parallax_equations(field, cosmology=None):
     """The equations of a field.
 
     Parameters
@@ -127,7 +127,7 @@ def drift_rows(field, cosmology=None):
     cos, sin = np.cos(angle), np.sin(angle)
     east, north = np.concatenate([-rate * p, p, q]), np.concatenate([-rate * q, q, -p])
     y = field.motion
-    return DriftRows(
+    return ParallaxEquations(
         np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T.copy(),
         np.concatenate([cos * y[0] + sin * y[1], cos * y[1] - sin * y[0]]),
         np.concatenate([large, small]),

@@ -1,7 +1,7 @@
 """Our velocity for a known Hubble constant, or the Hubble constant for a known velocity.
 
 Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4. Velocities are
-ours with respect to the background and point toward the apex; sources drift the other way.
+ours with respect to the background and point toward the apex; galaxies move the other way.
 """
 
 from dataclasses import dataclass
@@ -9,19 +9,23 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.named_solution import NamedSolution
-from fit.secular_parallax._equations import OMEGA, A, U, check_determined, drift_rows
+from fit.linear import NamedSolution
+from fit.secular_parallax._equations import OMEGA, A, U, check_determined, parallax_equations
+from fit.secular_parallax._report import text_of
+from vsh import Coefficients
 from vsh.checks import arguments
-from vsh.cosmology import PLANCK_2018, velocity_along
+from vsh.cosmology import PLANCK_2018, transverse_distance, velocity_along
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.field import Field
+from vsh.sky.sphere import triad
+from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
 
 _PRODUCT = "the motions of sources see only the product of our velocity and the Hubble constant, v · H0"
 
 
 @dataclass(frozen=True, eq=False)
-class DriftSolution(NamedSolution):
+class ParallaxSolution(NamedSolution):
     """What both fits have in common.
 
     Attributes
@@ -36,19 +40,50 @@ class DriftSolution(NamedSolution):
         Two a source.
     frame : str
         Of the axes.
-    peculiar : float
+    peculiar_dispersion : float
         The dispersion of peculiar velocities in each component that the weights allow for. [km/s]
     notes : tuple of str
     """
 
-    peculiar: float = 750.0
+    peculiar_dispersion: float = 750.0
+
+    def report(self, source=None, truth=None):
+        """The result as text.
+
+        Parameters
+        ----------
+        source : str, optional
+            What was fitted.
+        truth : dict, optional
+            "velocity" and "hubble" of a simulated catalogue, printed beside what was found.
+
+        Returns
+        -------
+        str
+        """
+        return text_of(self, source, truth)
+
+    def _motions(self, field, velocity, hubble):
+        """What a velocity and H0 predict, with acceleration and spin, (2, n)."""
+        p, q, _ = triad(field.lon, field.lat)
+        rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, None, hubble))
+        spin = self.spin
+        vectors = Coefficients.from_vectors(np.zeros(3) if spin is None else spin.value, self.acceleration.value)
+        return vectors.at(field.lon, field.lat) - np.stack([velocity @ p, velocity @ q]) * rate
 
 
 @dataclass(frozen=True, eq=False)
-class VelocitySolution(DriftSolution):
+class VelocitySolution(ParallaxSolution):
     """Our velocity, for the Hubble constant in `assumed_hubble`. [km/s/Mpc]"""
 
     assumed_hubble: float = None
+
+    def model(self, field):
+        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
+
+        With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
+        """
+        return self._motions(field, self.velocity.value, self.assumed_hubble)
 
     @property
     def velocity(self):
@@ -67,10 +102,17 @@ class VelocitySolution(DriftSolution):
 
 
 @dataclass(frozen=True, eq=False)
-class HubbleSolution(DriftSolution):
+class HubbleSolution(ParallaxSolution):
     """The Hubble constant, for the velocity in `assumed_velocity` (a Vector, km/s)."""
 
     assumed_velocity: Vector = None
+
+    def model(self, field):
+        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
+
+        With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
+        """
+        return self._motions(field, self.assumed_velocity.to_frame(self.frame).value, self.hubble)
 
     @property
     def hubble(self):
@@ -84,9 +126,12 @@ class HubbleSolution(DriftSolution):
 
 
 @arguments.accepts(
-    field=arguments.a(Field), hubble=arguments.positive, extra=arguments.not_negative, peculiar=arguments.not_negative
+    field=arguments.a(Field),
+    hubble=arguments.positive,
+    excess_noise=arguments.not_negative,
+    peculiar_dispersion=arguments.not_negative,
 )
-def observer_velocity(field, hubble=None, cosmology=None, peculiar=750.0, spin=None, extra=0.0):
+def observer_velocity(field, hubble=None, cosmology=None, peculiar_dispersion=750.0, spin=None, excess_noise=0.0):
     """Our velocity and the acceleration, θ = (v, ã), for a known Hubble constant.
 
     Parameters
@@ -97,13 +142,13 @@ def observer_velocity(field, hubble=None, cosmology=None, peculiar=750.0, spin=N
         H0. [km/s/Mpc]
     cosmology : astropy cosmology, optional
         The shape of the distance; its own H0 does not count. Flat, Ω_m = 0.315 unless given.
-    peculiar : float
+    peculiar_dispersion : float
         Dispersion of the peculiar velocities in each component, which adds (σ_pec/d)² to
         every variance. [km/s]
     spin : None, "free" or Vector
         None takes the frame not to spin; a Vector (of the quasars, say) is held fixed and its
         covariance propagated. [µas/yr]
-    extra : float
+    excess_noise : float
         Noise beyond the catalogue's, in each component. [µas/yr]
 
     Returns
@@ -121,27 +166,32 @@ def observer_velocity(field, hubble=None, cosmology=None, peculiar=750.0, spin=N
     """
     if hubble is None:
         raise DegeneracyError(
-            f"{_PRODUCT}: give hubble=, or a velocity to fit.drift.hubble_constant, or priors to fit.posterior.sample"
+            f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to fit.posterior.sample"
         )
-    rows = drift_rows(field, cosmology)
+    rows = parallax_equations(field, cosmology)
     ratio = hubble / rows.hubble
-    sums = rows.sums(peculiar * ratio, extra)
+    sums = rows.sums(peculiar_dispersion * ratio, excess_noise)
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
     found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows)
-    return VelocitySolution(**found, peculiar=peculiar, assumed_hubble=hubble)
+    return VelocitySolution(**found, peculiar_dispersion=peculiar_dispersion, assumed_hubble=hubble)
 
 
 @arguments.accepts(
-    field=arguments.a(Field), hubble=arguments.positive, extra=arguments.not_negative, peculiar=arguments.not_negative
+    field=arguments.a(Field),
+    hubble=arguments.positive,
+    excess_noise=arguments.not_negative,
+    peculiar_dispersion=arguments.not_negative,
 )
-def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=None, extra=0.0, hubble=None):
+def hubble_constant(
+    field, velocity=None, cosmology=None, peculiar_dispersion=750.0, spin=None, excess_noise=0.0, hubble=None
+):
     """The Hubble constant and the acceleration, θ = (H0, ã), for a known velocity.
 
     Parameters
     ----------
-    field, cosmology, peculiar, spin, extra
+    field, cosmology, peculiar_dispersion, spin, excess_noise
         As for `observer_velocity`.
     velocity : "planck", "paper", Vector or (3,) array
         Ours, toward the apex; an array is along the field's axes. The covariance of a Vector
@@ -161,13 +211,13 @@ def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=N
     """
     if velocity is None:
         raise DegeneracyError(
-            f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.drift.observer_velocity, or priors to "
+            f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.secular_parallax.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
     velocity = velocity_along(velocity, field.frame)
-    rows = drift_rows(field, cosmology)
+    rows = parallax_equations(field, cosmology)
     ratio = 1.0 if hubble is None else hubble / rows.hubble
-    sums = rows.sums(peculiar * ratio, extra)
+    sums = rows.sums(peculiar_dispersion * ratio, excess_noise)
     names = ("H0", "a_x", "a_y", "a_z")
 
     def given(v):
@@ -184,12 +234,12 @@ def hubble_constant(field, velocity=None, cosmology=None, peculiar=750.0, spin=N
              for s in step * np.eye(3)], axis=1,
         )  # fmt: skip
         found["covariance"] = found["covariance"] + slopes @ velocity.covariance @ slopes.T
-    return HubbleSolution(**found, peculiar=peculiar, assumed_velocity=velocity)
+    return HubbleSolution(**found, peculiar_dispersion=peculiar_dispersion, assumed_velocity=velocity)
 
 
 def _solve(sums, to_u, names, spin, rows):
     """Least squares for θ with (u, ã, ω) = to_u θ, and the spin fixed, free or none."""
-    matrix, rhs, chi2_zero = sums.matrix, sums.rhs, sums.chi2_zero
+    matrix, rhs, chi2_null = sums.matrix, sums.rhs, sums.chi2_null
     if isinstance(spin, str) and spin == "free":
         to_u = np.concatenate([to_u, np.eye(9)[:, OMEGA]], axis=1)
         names = (*names, "omega_x", "omega_y", "omega_z")
@@ -201,7 +251,7 @@ def _solve(sums, to_u, names, spin, rows):
     covariance = (inverse + inverse.T) / 2
     if isinstance(spin, Vector):
         spin = spin.to_frame(rows.frame)
-        chi2_zero = chi2_zero - 2 * rhs[OMEGA] @ spin.value + spin.value @ matrix[OMEGA, OMEGA] @ spin.value
+        chi2_null = chi2_null - 2 * rhs[OMEGA] @ spin.value + spin.value @ matrix[OMEGA, OMEGA] @ spin.value
         rhs = rhs - matrix[:, OMEGA] @ spin.value
         carry = covariance @ to_u.T @ matrix[:, OMEGA]
         covariance = covariance + carry @ spin.covariance @ carry.T
@@ -211,7 +261,7 @@ def _solve(sums, to_u, names, spin, rows):
         "names": names,
         "values": values,
         "covariance": covariance,
-        "chi2": float(chi2_zero - values @ rhs),
+        "chi2": float(chi2_null - values @ rhs),
         "n_data": sums.n_data,
         "frame": rows.frame,
         "notes": rows.notes,

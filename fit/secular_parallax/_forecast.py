@@ -8,7 +8,7 @@ from fit.secular_parallax._estimate import hubble_constant, observer_velocity
 from vsh.field import Field
 
 
-def predict(sources, hubble=67.4, velocity="planck", sigma=None, **options):
+def predict(sources, hubble=67.3, velocity="planck", sigma=None, **options):
     """Errors of our velocity and of H0 to come: a VelocitySolution and a HubbleSolution with nan for values.
 
     Parameters

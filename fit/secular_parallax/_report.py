@@ -1,19 +1,16 @@
-"""Velocities, Hubble constants and redshift bins as text."""
+"""Velocities and Hubble constants as text."""
 
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.output import WIDTH, amplitude, components, direction, p_value, pulls
+from fit.output import WIDTH, amplitude, components, direction, note_lines, p_value, pulls
 from vsh.checks.notes import printable
 from vsh.cosmology import PLANCK_2018
 
-#: A p-value below this is called a difference; the Gaussian's three σ.
-_REMARKABLE = 0.0027
 
-
-def report_drift(solution, source=None, truth=None):
+def text_of(solution, source=None, truth=None):
     """A velocity or a Hubble constant as text.
 
     Parameters
@@ -28,7 +25,9 @@ def report_drift(solution, source=None, truth=None):
     """
     velocity = hasattr(solution, "velocity")
     lines = [
-        "Our velocity from the drift of galaxies" if velocity else "The Hubble constant from the drift of galaxies"
+        "Our velocity from the secular parallax of galaxies"
+        if velocity
+        else "The Hubble constant from the secular parallax of galaxies"
     ]
     lines += ["─" * WIDTH]
     if source:
@@ -37,7 +36,7 @@ def report_drift(solution, source=None, truth=None):
     lines += [
         f"sources        {solution.n_data // 2}",
         f"frame          {solution.frame}",
-        f"peculiar       {solution.peculiar:g} km/s in each component, in the weights",
+        f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights",
         f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {quality.reduced:.3f}",
     ]
     if quality.warning():
@@ -54,7 +53,7 @@ def report_drift(solution, source=None, truth=None):
     lines += ["", "Correlations", f"{'':8}" + "".join(f"{name:>8}" for name in solution.names)]
     for name, row in zip(solution.names, solution.correlation, strict=True):
         lines.append(f"{name:8}" + "".join(f"{value:+8.3f}" for value in row))
-    return "\n".join([*lines, *_notes(solution.notes)]) + "\n"
+    return "\n".join([*lines, *note_lines(solution.notes)]) + "\n"
 
 
 def _velocity(solution, quality):
@@ -63,7 +62,7 @@ def _velocity(solution, quality):
     from_planck = solution.against(PLANCK_2018)[0]
     from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
     return [
-        f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (sources drift toward the antapex) [km/s]",
+        f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (galaxies move toward the antapex) [km/s]",
         f"{'velocity':14}{_cells(components(v, 1))}  |v| = {amplitude(v, 1)}",
         f"{'galactic':14}{_cells(components(galactic, 1))}",
         f"{'apex':14}{direction(galactic)}; noise-debiased |v| {v.debiased_amplitude:.1f}",
@@ -106,51 +105,3 @@ def _hubble(solution, quality):
         f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
         f"{'H0':14}{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc, {pull:.1f} standard errors from none{scaled}",
     ]
-
-
-def report_bins(binned, velocity=PLANCK_2018, chances=None):
-    """Dipoles in bins of redshift as text: a table, and whether the bins differ.
-
-    Every hypothesis is tested three ways: with errors as quoted, with the errors of each bin multiplied by
-    the root of its own χ²/dof, and by permuting redshifts. It is called contradicted where both of the last
-    two say so (the second alone where there are no permutations).
-
-    Parameters
-    ----------
-    binned : BinnedSolution
-    velocity : Vector or None — whose drift the bins are compared with
-    chances : dict, optional — from `fit.redshift.chances_by_shuffling`
-    """
-    lines = [f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})", "─" * WIDTH]
-    lines.append(f"{'z':>17}{'sources':>9}{'χ²/dof':>8}{'spin':>26}{'acceleration [µas/yr]':>28}")
-    for b, solution in enumerate(binned.solutions):
-        edges = f"{binned.edges[b]:.4g} – {binned.edges[b + 1]:.4g}"
-        cells = zip(components(solution.spin), components(solution.acceleration), strict=True)
-        for row, (axis, pair) in enumerate(zip("xyz", cells, strict=True)):
-            left = f"{edges:>17}{binned.counts[b]:9d}{solution.reduced_chi2:8.2f}" if row == 0 else " " * 34
-            lines.append(f"{left}   {axis}{pair[0]:>22}{pair[1]:>27}")
-    for b, solution in enumerate(binned.solutions):
-        if solution.quality.warning():
-            lines.append(f"warning: bin {b + 1}: {solution.quality.warning()}")
-    if any(solution.dof < 34 for solution in binned.solutions):
-        lines.append("warning: a bin has fewer than 20 sources, too few to tell the scale of its errors")
-    tests = {"T": ("spin alike in all bins", binned.equality("T", 1))}
-    tests["S"] = ("acceleration alike in all bins", binned.equality("S", 1))
-    if len(binned) > 1:
-        tests["trend"] = ("no slope of either with redshift", binned.trend().test)
-    if velocity is not None and np.isfinite(binned.nearness).all():
-        tests["drift"] = (f"constant ã − v/d, |v| = {velocity.amplitude:.0f} km/s", binned.drift(velocity)[1])
-    lines += ["", f"{'p-values':36}{'χ² (dof)':>16}{'as quoted':>11}{'scaled':>9}{'permuted':>10}"]
-    for key, (name, test) in tests.items():
-        if test.dof == 0:
-            continue
-        permuted = (chances or {}).get(key)
-        believed = test.p if permuted is None else max(test.p, permuted)
-        line = f"{name:36}{test.quoted:10.2f} ({test.dof:3d}){p_value(test.p_quoted):>11}{p_value(test.p):>9}"
-        line += f"{'–' if permuted is None else p_value(permuted):>10}"
-        lines.append(f"{line}  {'contradicted' if believed < _REMARKABLE else 'not contradicted'}")
-    return "\n".join([*lines, *_notes(binned.notes)]) + "\n"
-
-
-def _notes(notes):
-    return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []

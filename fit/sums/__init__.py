@@ -1,6 +1,6 @@
 """Sums over sources: three ways to the same normal equations, and the sandwich of residuals."""
 
-from fit.sums._design_matrix import direct_sums, direct_up_to
+from fit.sums._design_matrix import design_matrix_sums, design_matrix_up_to
 from fit.sums._dipole import dipole_sums
 from fit.sums._rings import Rings, compressed_sums, fourier_sums
 from fit.sums._sandwich import leverage, outer_products, sandwich, weighted_matrix
@@ -9,8 +9,8 @@ __all__ = [
     "Rings",
     "compressed_sums",
     "dipole_sums",
-    "direct_sums",
-    "direct_up_to",
+    "design_matrix_sums",
+    "design_matrix_up_to",
     "fourier_sums",
     "leverage",
     "outer_products",

@@ -9,7 +9,7 @@ from vsh.basis import toroidal_harmonics
 from vsh.system.parallel import map_blocks
 
 
-def direct_sums(field, modes, threads=None):
+def design_matrix_sums(field, modes, threads=None):
     """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up.
 
     Parameters
@@ -22,19 +22,19 @@ def direct_sums(field, modes, threads=None):
     -------
     matrix : (p, p) array
     rhs : (p,) array
-    chi2_zero : float
+    chi2_null : float
     """
     p = len(modes)
     # Enough sources to keep NumPy busy, 64 MiB of whitened basis at most.
     size = max(256, min(2**16, 2**22 // p))
-    matrix, rhs, chi2_zero = np.zeros((p, p)), np.zeros(p), 0.0
+    matrix, rhs, chi2_null = np.zeros((p, p)), np.zeros(p), 0.0
     for n, b, chi2 in map_blocks(
         lambda part: _block(field[part], modes.lmax), len(field), size, threads, "normal equations"
     ):
         matrix += n
         rhs += b
-        chi2_zero += chi2
-    return matrix, rhs, chi2_zero
+        chi2_null += chi2
+    return matrix, rhs, chi2_null
 
 
 def _block(field, lmax):
@@ -61,7 +61,7 @@ def _block(field, lmax):
     return a @ a.T, a @ y, float(y @ y)
 
 
-def direct_up_to(modes):
+def design_matrix_up_to(modes):
     """The number of sources up to which the direct sum is the faster one.
 
     As measured (docs/performance.md): below it the fixed cost of the rings tells, above it

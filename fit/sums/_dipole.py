@@ -24,7 +24,7 @@ def dipole_sums(field):
     -------
     matrix : (6, 6) array
     rhs : (6,) array
-    chi2_zero : float
+    chi2_null : float
     """
     size = min(BLOCK, len(field))
     scratch, rows = np.empty((20, size)), np.empty((7, 2, size))

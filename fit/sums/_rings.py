@@ -38,11 +38,11 @@ def compressed_sums(field, modes, threads=None):
     -------
     matrix : (p, p) array
     rhs : (p,) array
-    chi2_zero : float
+    chi2_null : float
     """
-    weights, motions, chi2_zero = fourier_sums(field, modes.lmax, threads)
+    weights, motions, chi2_null = fourier_sums(field, modes.lmax, threads)
     rings = Rings(modes.lmax)
-    return rings.matrix(weights), rings.rhs(motions), chi2_zero
+    return rings.matrix(weights), rings.rhs(motions), chi2_null
 
 
 def fourier_sums(field, lmax, threads=None):
@@ -54,14 +54,14 @@ def fourier_sums(field, lmax, threads=None):
         Fourier moments of a, b, c for M = 0 … 2L and n = −2L … 2L.
     motions : (2, L + 1, 2L + 1) complex array
         Those of the weighted motions for M = 0 … L and n = −L … L.
-    chi2_zero : float
+    chi2_null : float
         Σ yᵀ C⁻¹ y.
     """
     parts = map_blocks(lambda part: _moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
-    weights, motions, chi2_zero = 0, 0, 0.0
+    weights, motions, chi2_null = 0, 0, 0.0
     for w, z, chi2 in parts:
-        weights, motions, chi2_zero = weights + w, motions + z, chi2_zero + float(chi2)
-    return weights, motions, chi2_zero
+        weights, motions, chi2_null = weights + w, motions + z, chi2_null + float(chi2)
+    return weights, motions, chi2_null
 
 
 def _weighted(field):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fit.sums._design_matrix import direct_up_to
+from fit.sums._design_matrix import design_matrix_up_to
 from fit.sums._rings import Rings, fourier_sums
 from vsh.basis import harmonics
 from vsh.system.parallel import map_blocks
@@ -47,7 +47,7 @@ def weighted_matrix(field, weights, modes, threads=None):
     modes : Modes
     """
     sources = _Weighted(field.lon, field.lat, np.asarray(weights, float))
-    if len(sources) > direct_up_to(modes):
+    if len(sources) > design_matrix_up_to(modes):
         return Rings(modes.lmax).matrix(fourier_sums(sources, modes.lmax, threads)[0])
 
     def block(part):

@@ -1,22 +1,22 @@
 """True fields, which add."""
 
-from sim.signal._expansion import anisotropic_expansion, void
-from sim.signal._galaxies import drift, hubble_rate, peculiar
-from sim.signal._random import isotropic, wave_fractions, waves
-from sim.signal._signal import Signal, acceleration, as_signal, field, spin
+from sim.signal._expansion import anisotropic_expansion, off_centre_void
+from sim.signal._galaxies import hubble_rate, peculiar, secular_parallax
+from sim.signal._random import gravitational_waves, random_field, wave_fractions
+from sim.signal._signal import Signal, acceleration, as_signal, from_coefficients, spin
 
 __all__ = [
     "Signal",
     "acceleration",
     "anisotropic_expansion",
     "as_signal",
-    "drift",
-    "field",
+    "secular_parallax",
+    "from_coefficients",
     "hubble_rate",
-    "isotropic",
+    "random_field",
     "peculiar",
     "spin",
-    "void",
+    "off_centre_void",
     "wave_fractions",
-    "waves",
+    "gravitational_waves",
 ]

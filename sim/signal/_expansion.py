@@ -54,7 +54,7 @@ def anisotropic_expansion(shear):
     return Signal((Shear(shear),))
 
 
-def void(direction, amplitude=0.02, peak=1.0):
+def off_centre_void(direction, amplitude=0.02, peak=1.0):
     """We are off the centre of a large void: a dipole that grows with redshift and fades again.
 
     µ = A f(z) (e − (e·r) r), f = (z/z_p) e^{1 − z/z_p}. The amplitude is that of Bachchan et al.

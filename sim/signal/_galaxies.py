@@ -12,7 +12,7 @@ from vsh.units import AU_PER_YEAR
 
 
 @dataclass(frozen=True)
-class Drift:
+class SecularParallax:
     """Parallax by our velocity [km/s, toward the apex]."""
 
     velocity: np.ndarray
@@ -34,7 +34,7 @@ class Peculiar:
     length: float | None
     cosmology: object
     hubble: float | None
-    waves: int
+    n_waves: int
 
     def __call__(self, lon, lat, redshift):
         draw = np.random.default_rng(self.seed)
@@ -42,9 +42,9 @@ class Peculiar:
         p, q, r = triad(lon, lat)
         if self.length is None:
             return self.sigma * draw.standard_normal((2, len(lon))) / (AU_PER_YEAR * distance)
-        numbers = draw.standard_normal((self.waves, 3)) / self.length
-        phases = draw.uniform(0, 2 * np.pi, self.waves)
-        amplitudes = draw.standard_normal((3, self.waves)) * self.sigma * np.sqrt(2 / self.waves)
+        numbers = draw.standard_normal((self.n_waves, 3)) / self.length
+        phases = draw.uniform(0, 2 * np.pi, self.n_waves)
+        amplitudes = draw.standard_normal((3, self.n_waves)) * self.sigma * np.sqrt(2 / self.n_waves)
         velocity = np.empty((3, len(lon)))
         for start in range(0, len(lon), 8192):
             block = slice(start, start + 8192)
@@ -52,7 +52,7 @@ class Peculiar:
         return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]) / (AU_PER_YEAR * distance)
 
 
-def drift(velocity, cosmology=None, hubble=None):
+def secular_parallax(velocity, cosmology=None, hubble=None):
     """Parallax by our own motion through the Universe: µ = −v_⊥/d_M, towards the antapex.
 
     Parameters
@@ -67,11 +67,11 @@ def drift(velocity, cosmology=None, hubble=None):
     Bachchan, Hobbs & Lindegren (2016), sect. 2.3.
     """
     hubble = None if hubble is None else positive("hubble", hubble)
-    return Signal((Drift(direction_of(velocity, "velocity", "km / s"), cosmology, hubble),))
+    return Signal((SecularParallax(direction_of(velocity, "velocity", "km / s"), cosmology, hubble),))
 
 
 @arguments.accepts(rng=arguments.seed)
-def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, waves=256):
+def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, n_waves=256):
     """Random velocities of the galaxies, in each component a Gaussian of standard deviation `sigma`.
 
     Parameters
@@ -81,13 +81,13 @@ def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, waves=256):
     length : float, optional — velocities r apart are correlated by exp(−r²/(2 length²));
         independent unless given [Mpc]
     cosmology, hubble
-        As for `drift`.
-    waves : int — plane waves that make up a correlated field
+        As for `secular_parallax`.
+    n_waves : int — plane waves that make up a correlated field
     """
     length = None if length is None else positive("length", length)
     hubble = None if hubble is None else positive("hubble", hubble)
     seed = int(generator(rng).integers(2**63))
-    return Signal((Peculiar(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("waves", waves)),))
+    return Signal((Peculiar(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("n_waves", n_waves)),))
 
 
 def hubble_rate(hubble):

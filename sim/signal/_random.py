@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.signal._galaxies import hubble_rate
-from sim.signal._signal import field
+from sim.signal._signal import from_coefficients
 from vsh import Coefficients, Modes
 from vsh.checks import arguments
 from vsh.checks.arguments import float_array, generator, not_negative
@@ -11,7 +11,7 @@ from vsh.errors import ParameterError
 
 
 @arguments.accepts(rng=arguments.seed)
-def isotropic(power, rng):
+def random_field(power, rng):
     """A Gaussian random field with a given power of each degree, the same for T and S.
 
     Parameters
@@ -24,12 +24,12 @@ def isotropic(power, rng):
         raise ParameterError("power is one number of at least zero for each degree from 1 on")
     modes = Modes(len(power))
     l = modes.degrees
-    sigma = np.sqrt(power[l - 1] / (2 * l + 1) / modes.multiplicity)
-    return field(Coefficients(modes, sigma * generator(rng).standard_normal(len(modes))))
+    sigma = np.sqrt(power[l - 1] / (2 * l + 1) / modes.norm2)
+    return from_coefficients(Coefficients(modes, sigma * generator(rng).standard_normal(len(modes))))
 
 
 def wave_fractions(lmax):
-    """Share of each degree in the power of an isotropic gravitational-wave background, (lmax,).
+    """Share of each degree in the power of an random_field gravitational-wave background, (lmax,).
 
     α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
     sum to 1. The fractions are those of Book & Flanagan (2011, PhRvD 83, 024024), table 1.
@@ -41,7 +41,7 @@ def wave_fractions(lmax):
     return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
 
 
-def waves(omega, rng, hubble=70.0, lmax=12):
+def gravitational_waves(omega, rng, hubble=70.0, lmax=12):
     """One draw of a stochastic background of gravitational waves longer than the observations.
 
     Its mean square motion is H0² Ω_GW, so that the quadrupole obeys
@@ -54,4 +54,4 @@ def waves(omega, rng, hubble=70.0, lmax=12):
     hubble : float — [km/s/Mpc]
     """
     total = 4 * np.pi * not_negative("omega", omega) * hubble_rate(hubble) ** 2
-    return isotropic(total * wave_fractions(lmax) / 2, rng)
+    return random_field(total * wave_fractions(lmax) / 2, rng)

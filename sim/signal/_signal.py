@@ -47,7 +47,7 @@ def as_signal(truth):
         If it is neither.
     """
     if isinstance(truth, Coefficients):
-        return field(truth)
+        return from_coefficients(truth)
     if not callable(truth):
         raise ParameterError(f"a true field is a Signal or Coefficients, not {type(truth).__name__}")
     return truth if isinstance(truth, Signal) else Signal((truth,))
@@ -63,7 +63,7 @@ class BandLimited:
         return self.coefficients.at(lon, lat)
 
 
-def field(coefficients):
+def from_coefficients(coefficients):
     """Any band-limited field."""
     if not isinstance(coefficients, Coefficients):
         raise ParameterError(f"a field is made of Coefficients, not {type(coefficients).__name__}")
@@ -72,12 +72,12 @@ def field(coefficients):
 
 def spin(vector):
     """Rigid rotation of the frame, ω × r. [µas/yr]"""
-    return field(Coefficients.from_vectors(rotation=three_components(vector, "spin", "uas / yr")))
+    return from_coefficients(Coefficients.from_vectors(rotation=three_components(vector, "spin", "uas / yr")))
 
 
 def acceleration(vector):
-    """Drift towards a point by the Solar System's acceleration, ã − (ã·r) r. [µas/yr]"""
-    return field(Coefficients.from_vectors(glide=three_components(vector, "acceleration", "uas / yr")))
+    """SecularParallax towards a point by the Solar System's acceleration, ã − (ã·r) r. [µas/yr]"""
+    return from_coefficients(Coefficients.from_vectors(glide=three_components(vector, "acceleration", "uas / yr")))
 
 
 def three_components(value, name, unit=""):

@@ -35,7 +35,7 @@ def test_normal_equations_are_their_definition(lmax):
         matrix, rhs, chi2 = matrix + a @ inverse @ a.T, rhs + a @ inverse @ y, chi2 + y @ inverse @ y
     np.testing.assert_allclose(found.matrix, matrix, atol=1e-10)
     np.testing.assert_allclose(found.rhs, rhs, atol=1e-10)
-    assert found.chi2_zero == pytest.approx(chi2)
+    assert found.chi2_null == pytest.approx(chi2)
     assert found.n_data == 120
 
 

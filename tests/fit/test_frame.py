@@ -52,8 +52,8 @@ def test_pulls_are_standard_normal():
 def test_agrees_with_the_harmonics_to_rounding():
     check = fit.cross_check(random_field(5000, seed=2, rho=0.99))
     assert check.largest < 1e-9
-    np.testing.assert_allclose(check.direct.spin.covariance, check.harmonics.spin.covariance, rtol=1e-9)
-    assert check.direct.chi2 == pytest.approx(check.harmonics.chi2)
+    np.testing.assert_allclose(check.frame.spin.covariance, check.harmonics.spin.covariance, rtol=1e-9)
+    assert check.frame.chi2 == pytest.approx(check.harmonics.chi2)
 
 
 def test_many_blocks_are_one_solution(monkeypatch):

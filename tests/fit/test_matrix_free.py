@@ -32,7 +32,7 @@ def test_a_prior_is_the_dense_prior():
     l = np.arange(1, 9)
     power = 1000.0 / l**2
     # Power P_l over 2l + 1 coefficients, those of m > 0 with half the variance and twice the count.
-    variance = (power / (2 * l + 1))[modes.degrees - 1] / modes.multiplicity
+    variance = (power / (2 * l + 1))[modes.degrees - 1] / modes.norm2
     dense = fit.solve(fit.normal_equations(field, modes), prior=fit.gaussian_prior(modes, np.sqrt(variance)))
     for prior in (power, lambda l: 1000.0 / l**2):
         free = fit.solve_matrix_free(field, modes, prior_power=prior, tolerance=1e-11)
@@ -66,7 +66,7 @@ def test_a_stream_is_read_once():
 def simulated(lmax, n, latitude, seed=1):
     rng = np.random.default_rng(seed)
     modes = Modes(lmax)
-    truth = Coefficients(modes, rng.normal(size=len(modes)) * 10 / modes.degrees / np.sqrt(modes.multiplicity))
+    truth = Coefficients(modes, rng.normal(size=len(modes)) * 10 / modes.degrees / np.sqrt(modes.norm2))
     lon, lat = sim.plane_avoiding_sky(n, rng, latitude) if latitude else sim.uniform_sky(n, rng)
     sigma = rng.uniform(5, 20, (2, n))
     motion = synthesis(truth, lon, lat) + sigma * rng.standard_normal((2, n))

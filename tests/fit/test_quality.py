@@ -83,7 +83,7 @@ def test_errors_of_powers_without_a_signal():
         lon, lat = sim.uniform_sky(200, rng)
         solution = fit.fit_field(Field(lon, lat, rng.normal(size=(2, 200)), np.ones((2, 200))), 2)
         for kind in "TS":
-            c = solution.covariance[solution.modes.degree(kind, 2), solution.modes.degree(kind, 2)]
+            c = solution.covariance[solution.modes.slice_of(kind, 2), solution.modes.slice_of(kind, 2)]
             w = np.array([1, 2, 2, 2, 2])
             ratio.append(solution.power_error(kind, 2) / np.sqrt(2 * np.trace(w[:, None] * c @ (w[:, None] * c))))
     assert np.mean(ratio) < 1.06

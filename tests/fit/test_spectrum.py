@@ -20,7 +20,7 @@ def skies(n, truth):
 def test_p_values_of_noise_are_uniform():
     """On a cut sky, where the coefficients are correlated."""
     null = Coefficients(Modes(3), np.zeros(30))
-    p = np.array([[s.significance(kind, l) for kind in "TS" for l in (1, 2, 3)] for s in skies(400, null)])
+    p = np.array([[s.p_value(kind, l) for kind in "TS" for l in (1, 2, 3)] for s in skies(400, null)])
     for column in p.T:
         assert stats.kstest(column, "uniform").pvalue > 1e-3
 
@@ -43,7 +43,7 @@ def test_deviates_of_a_strong_signal_do_not_overflow():
     solution = next(skies(1, TRUTH * 1000))
     rows = fit.spectrum.spectrum(solution)
     assert [(row.kind, row.l) for row in rows] == [(kind, l) for kind in "TS" for l in (1, 2, 3)]
-    assert rows[3].p == 0
+    assert rows[3].p_value == 0
     assert rows[3].z == pytest.approx(1831.1, abs=0.1)  # √W, with a probability far below the smallest double
     assert rows[3].mk_z > 100
     assert "<1e-300" in fit.report(solution)
@@ -52,5 +52,5 @@ def test_deviates_of_a_strong_signal_do_not_overflow():
 def test_mignard_and_klioners_w_is_power_over_the_zonal_variance():
     solution = next(skies(1, TRUTH))
     row = fit.spectrum.spectrum(solution)[4]
-    zonal = solution.modes.degree("S", 2).start
+    zonal = solution.modes.slice_of("S", 2).start
     assert row.mk_w == pytest.approx(solution.coefficients.power("S", 2) / solution.sigma[zonal] ** 2)

@@ -5,7 +5,7 @@ from conftest import random_field
 
 import fit
 import sim
-from fit.correlation import correlation_map, leakage, predict
+from fit.correlation import correlation_matrices, leakage, predict
 from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.storage import read
@@ -16,7 +16,7 @@ from vsh.errors import TableError
 
 def results():
     field = random_field(200, 1)
-    galaxies = sim.observe(sim.galaxies(200, 1), sim.drift((300, 0, 0)), rng=1, sigma=5.0)
+    galaxies = sim.observe(sim.galaxies(200, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
     binning = galaxies.add_note("a note: ã in µas/yr")
     spin = Vector([0.1, 0.2, 0.3], 0.01 * np.eye(3))
     return {
@@ -28,8 +28,8 @@ def results():
         "velocity and spin": observer_velocity(galaxies, 67.3, spin="free"),
         "hubble": hubble_constant(galaxies, PLANCK_2018),
         "bins": binned(binning, 2, 2),
-        "common": binned(binning, 2, 2, common="higher"),
-        "correlations": correlation_map({"one": field, "two": random_field(300, 3)}, 2),
+        "common": binned(binning, 2, 2, shared_higher_degrees=True),
+        "correlations": correlation_matrices({"one": field, "two": random_field(300, 3)}, 2),
         "leakage": leakage(field, 1, 3),
     }
 

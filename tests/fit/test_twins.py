@@ -6,8 +6,8 @@ from astropy.table import Table
 
 import fit
 import sim
-from fit.commands.redshift import main as drift
-from fit.redshift import binned, chances_by_shuffling
+from fit.commands.redshift import main as redshift
+from fit.redshift import binned, permutation_test
 from fit.secular_parallax import report_bins
 from vsh import Coefficients, Modes
 from vsh.catalogue import match, read_field, read_icrf
@@ -52,7 +52,7 @@ def test_a_table_of_radio_sources_is_read_whole(vlba):
 def test_robust_fits_find_the_acceleration(vlba):
     field = read_field(vlba)
     for solution in (fit.robust.student_t(field, 1).solution, fit.robust.permissive(field, 1).solution,
-                     fit.robust.extra_noise(field, 1, scale=True).solution, fit.resample.jackknife(field, 1, 4).resampled_solution):  # fmt: skip
+                     fit.robust.excess_noise(field, 1, scale=True).solution, fit.resample.jackknife(field, 1, 4).resampled_solution):  # fmt: skip
         a = solution.acceleration
         assert np.abs((a.value - ACCELERATION) / a.sigma).max() < 3.5
 
@@ -68,16 +68,16 @@ def test_clipped_residuals_suggest_larger_errors(vlba):
 def test_bins_of_a_table_with_wrong_errors_claim_nothing(vlba):
     field = read_field(vlba)
     found = binned(field, 1, [0.01, 0.5, 1, 1.5, 7])
-    text = report_bins(found, chances=chances_by_shuffling(field, found, 199))
+    text = report_bins(found, chances=permutation_test(field, found, 199))
     assert "  contradicted" not in text
     assert "54 missing, 4 zero or negative" in text
-    assert found.trend().test.p_quoted < 0.05
+    assert found.trend().test.p_value_quoted < 0.05
 
 
 def test_velocity_and_bins_from_the_shell(vlba, capsys):
-    assert drift([str(vlba), "--bins", "0.01,0.5,1,1.5,7", "--hubble", "67.4"]) == 1
+    assert redshift([str(vlba), "--bins", "0.01,0.5,1,1.5,7", "--h0", "67.4"]) == 1
     assert "58 of 713 redshifts give no distance" in capsys.readouterr().err
-    assert drift([str(vlba), "--bins", "0.01,0.5,1,1.5,7", "--hubble", "67.4", "--on-bad", "drop"]) == 0
+    assert redshift([str(vlba), "--bins", "0.01,0.5,1,1.5,7", "--h0", "67.4", "--on-bad", "drop"]) == 0
     text = capsys.readouterr().out
     assert "left out 58 of 713 sources without a usable redshift: 54 missing, 4 zero or negative" in text
     assert "no velocity at all: χ²" in text
@@ -123,7 +123,18 @@ def test_a_selection_function_from_a_file(tmp_path, capsys):
     assert (len(values), frame) == (12 * 256, "galactic")
     out = tmp_path / "q.fits"
     assert (
-        simulate(["quasars", "--n", "500", "--short", "--selection", str(tmp_path / "map.fits"), "--output", str(out)])
+        simulate(
+            [
+                "quasars",
+                "--number",
+                "500",
+                "--no-transits",
+                "--selection",
+                str(tmp_path / "map.fits"),
+                "--output",
+                str(out),
+            ]
+        )
         == 0
     )
     assert "3 of 3072 pixels" in capsys.readouterr().out
@@ -134,9 +145,9 @@ def test_a_selection_function_from_a_file(tmp_path, capsys):
         simulate(
             [
                 "quasars",
-                "--n",
+                "--number",
                 "500",
-                "--short",
+                "--no-transits",
                 "--selection",
                 str(tmp_path / "inf.fits"),
                 "--output",
@@ -159,7 +170,9 @@ def test_redshifts_and_places_of_a_survey(tmp_path, capsys):
     good = np.isfinite(population.redshift) & (population.redshift > 1e-3)
     assert good.sum() > 2900
     velocity = np.array([-359.0, 76.7, -44.7])
-    field = sim.observe(population[good], sim.drift(velocity) + sim.acceleration((-0.236, -3.756, -2.08)), 1, sigma=3.0)
+    field = sim.observe(
+        population[good], sim.secular_parallax(velocity) + sim.acceleration((-0.236, -3.756, -2.08)), 1, sigma=3.0
+    )
     from vsh.catalogue import write_field
 
     write_field(field, tmp_path / "simulated.fits")
@@ -167,12 +180,12 @@ def test_redshifts_and_places_of_a_survey(tmp_path, capsys):
         str(tmp_path / "simulated.fits"),
         "--bins",
         "0.001,0.01,0.02,0.031",
-        "--hubble",
+        "--h0",
         "67.3",
-        "--peculiar",
+        "--peculiar-dispersion",
         "0",
     ]
-    assert drift([*arguments, "--output", str(tmp_path / "out")]) == 0
+    assert redshift([*arguments, "--output", str(tmp_path / "out")]) == 0
     found = Table.read(tmp_path / "out" / "velocity.ecsv")
     assert np.abs((found["value"][:3] - velocity) / found["sigma"][:3]).max() < 4
     assert "spin alike in all bins" in capsys.readouterr().out

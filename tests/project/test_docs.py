@@ -29,10 +29,10 @@ def test_links_to_files_hold(path):
             assert target.exists() or (path.name == "CHANGELOG.md" and (ROOT / link).exists()), link
 
 
-@pytest.mark.parametrize("name", ["vsh-fit", "vsh-sim", "vsh-drift", "vsh-correlate", "vsh-study"])
+@pytest.mark.parametrize("name", ["vsh-fit", "vsh-sim", "vsh-redshift", "vsh-correlate", "vsh-study"])
 def test_options_that_the_pages_name_exist(name):
     """Every option of a command that stands on a page is one that the command has."""
-    module = {"vsh-fit": "fit.commands.fit", "vsh-sim": "sim.command", "vsh-drift": "fit.commands.redshift", "vsh-correlate": "fit.commands.correlate",
+    module = {"vsh-fit": "fit.commands.fit", "vsh-sim": "sim.command", "vsh-redshift": "fit.commands.redshift", "vsh-correlate": "fit.commands.correlate",
               "vsh-study": "study.command"}[name]  # fmt: skip
     done = subprocess.run([sys.executable, "-m", module, "--help"], cwd=ROOT, capture_output=True, text=True, encoding="utf-8",
                           check=True)  # fmt: skip

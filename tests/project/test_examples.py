@@ -84,10 +84,10 @@ def test_velocity_or_hubble(tmp_path):
 
 
 def test_correlation_map(tmp_path):
-    text = run("correlation_map.py", folder=tmp_path)
+    text = run("correlation_matrices.py", folder=tmp_path)
     assert "upper GUMS-like, lower IGQL-like" in text
     assert "thinned to |ρ| < 0.2" in text
-    for name in ("correlation_map.png", "influence.png"):
+    for name in ("correlation_matrices.png", "influence.png"):
         assert (tmp_path / name).stat().st_size > 10_000
 
 

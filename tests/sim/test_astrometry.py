@@ -7,8 +7,8 @@ from scipy import stats
 import fit
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
-from sim.astrometry import PARAMETERS, solve, transit_error, unit_errors
-from sim.expected import scanned_errors
+from sim.astrometry import PARAMETERS, errors_of_unit_transits, solve, transit_error
+from sim.expected import errors_by_place
 from sim.noise import parallax_error
 from sim.variability import Variability, markov_chain
 from vsh.cosmology import BACHCHAN_2016
@@ -49,14 +49,14 @@ def test_bad_chains_are_refused():
 
 
 def test_ratios_to_the_parallax_error_are_the_published_ones():
-    unit = unit_errors(LAW, n=20_000)
+    unit = errors_of_unit_transits(LAW, n=20_000)
     np.testing.assert_allclose(unit / unit[2], [0.787, 0.699, 1, 0.556, 0.496], rtol=0.05)
 
 
 def test_parallax_errors_are_the_published_ones():
     magnitude = np.array([14.0, 17.0, 20.0])
-    error = transit_error(magnitude, LAW, "DR4")
-    np.testing.assert_allclose(error * unit_errors(LAW)[2], parallax_error(magnitude, "DR4"))
+    error = transit_error(magnitude, LAW, release="DR4")
+    np.testing.assert_allclose(error * errors_of_unit_transits(LAW)[2], parallax_error(magnitude, "DR4"))
 
 
 def one_source(n, lon=1.0, lat=0.4):
@@ -120,7 +120,7 @@ def test_too_few_transits_are_no_solution():
 def test_the_short_way_has_the_errors_of_the_long_one():
     quasars = sim.quasars(2000, rng=1)
     long = sim.observe(quasars, sim.spin((0, 0, 0)), 2, mission=LAW, release="DR4")
-    sigma, rho = scanned_errors(quasars.magnitude, quasars.lon, quasars.lat, LAW, "DR4")
+    sigma, rho = errors_by_place(quasars.magnitude, quasars.lon, quasars.lat, LAW, release="DR4")
     # Pixels of 3.7° blur the caustics of the scanning law.
     ratio = sigma / long.sigma
     assert abs(np.median(ratio) - 1) < 0.02
@@ -155,9 +155,9 @@ def test_orientation_from_vlbi():
     pulls = []
     for seed in range(60):
         motions = sim.observe(
-            quasars, sim.spin(truth[3:6]) + sim.acceleration(truth[6:]), [seed, 1], mission=LAW, attitude=0
+            quasars, sim.spin(truth[3:6]) + sim.acceleration(truth[6:]), [seed, 1], mission=sim.Mission(LAW, attitude=0)
         )
-        offsets = sim.observe_offsets(vlbi, sim.spin(truth[:3]), [seed, 2], LAW, radio=100.0, attitude=0)
+        offsets = sim.observe_offsets(vlbi, sim.spin(truth[:3]), [seed, 2], sim.Mission(LAW, attitude=0), radio=100.0)
         found = fit.solve_frame(motions, offsets)
         pulls.append((found.values - truth) / found.sigma)
     pulls = np.array(pulls)
@@ -183,7 +183,9 @@ def test_formal_errors_and_correlations_of_the_paper():
         if sky == "igql":
             np.testing.assert_allclose(found.correlation[:3, 3:], PAPER_D_TIES, atol=0.06)
     galaxies = sim.galaxies(n, 1, "gums")
-    field = sim.observe(galaxies, sim.spin((0, 0, 0)), 2, mission=law, release="paper", progress=False, excess=215.0)
+    field = sim.observe(
+        galaxies, sim.spin((0, 0, 0)), 2, mission=law, release="paper", progress=False, excess_noise=215.0
+    )
     found = observer_velocity(field.to_frame("galactic"), 67.3)
     np.testing.assert_allclose(found.sigma, [98.7, 97.8, 97.2, 0.27, 0.27, 0.27], rtol=0.15)
     assert hubble_constant(field, BACHCHAN_2016).hubble_error == pytest.approx(18.15, rel=0.15)

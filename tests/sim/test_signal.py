@@ -12,7 +12,7 @@ from vsh.basis import harmonics
 from vsh.cosmology import transverse_distance
 from vsh.errors import FieldError
 
-SKY = sim.galaxies(300, rng=1, sky="gums", nearest=0.002)
+SKY = sim.galaxies(300, rng=1, sky="gums", min_redshift=0.002)
 PLACES = (SKY.lon, SKY.lat, SKY.redshift)
 LAW = sim.NominalScanningLaw()
 APEX = np.array([-25.7, -244.3, 275.3])
@@ -26,17 +26,17 @@ APEX = np.array([-25.7, -244.3, 275.3])
 def test_drift_values(z, distance, motion):
     """conventions.md: d_M and the drift of 369 km/s."""
     assert float(transverse_distance([z])[0]) == pytest.approx(distance, abs=0.05 if z == 1 else 6e-4)  # as printed
-    away = sim.drift((369.0, 0, 0))([np.pi / 2], [0.0], [z])  # 90° from the apex
+    away = sim.secular_parallax((369.0, 0, 0))([np.pi / 2], [0.0], [z])  # 90° from the apex
     np.testing.assert_allclose(away[:, 0], [motion, 0], atol=6e-4 if z < 0.01 else 6e-5)
 
 
 def test_drift_is_away_from_the_apex_and_scales_with_hubble():
     lon, lat = np.array([1.0]), np.array([0.0])
-    toward_lower_longitude = sim.drift((1000.0, 0, 0))(lon, lat, [0.01])[0, 0]
+    toward_lower_longitude = sim.secular_parallax((1000.0, 0, 0))(lon, lat, [0.01])[0, 0]
     assert toward_lower_longitude > 0  # the apex is at longitude 0; east is away from it
-    one, two = (sim.drift(APEX, hubble=h)(*PLACES) for h in (67.3, 134.6))
+    one, two = (sim.secular_parallax(APEX, hubble=h)(*PLACES) for h in (67.3, 134.6))
     np.testing.assert_allclose(two, 2 * one)
-    other = sim.drift(APEX, cosmology=Planck18, hubble=67.3)(*PLACES)
+    other = sim.secular_parallax(APEX, cosmology=Planck18, hubble=67.3)(*PLACES)
     np.testing.assert_allclose(other, one, rtol=2e-3)
 
 
@@ -49,7 +49,7 @@ def test_distances_are_not_asked_for_bad_redshifts(z):
     with pytest.raises(FieldError, match="1 of 2 redshifts give no distance"):
         transverse_distance([0.01, z], Watched(70, 0.3))
     with pytest.raises(FieldError, match="no redshifts"):
-        sim.drift(APEX)([0.0], [0.0])
+        sim.secular_parallax(APEX)([0.0], [0.0])
 
 
 def test_peculiar_motion_has_its_dispersion():
@@ -89,7 +89,7 @@ def test_waves_have_the_known_correlation(theta, value):
     lmax = 60
     modes = Modes(lmax)
     l = modes.degrees
-    variance = wave_fractions(lmax)[l - 1] / 2 / (2 * l + 1) / modes.multiplicity
+    variance = wave_fractions(lmax)[l - 1] / 2 / (2 * l + 1) / modes.norm2
     # Along the equator: east is along the arc, north across it.
     basis = harmonics([0.0, theta], [0.0, 0.0], modes)
     both = np.einsum("pki,p,pkj->kij", basis, variance, basis)
@@ -107,7 +107,7 @@ def test_waves_have_their_power():
     solver = np.linalg.pinv(basis.T)
     powers = []
     for seed in range(400):
-        c = Coefficients(modes, solver @ sim.waves(omega, seed, lmax=4)(lon, lat).ravel())
+        c = Coefficients(modes, solver @ sim.gravitational_waves(omega, seed, lmax=4)(lon, lat).ravel())
         powers.append([c.power("T", 2), c.power("S", 2), c.power("S", 1)])
     t, s, dipole = np.mean(powers, 0)
     expected = 5 / 12 * 4 * np.pi * omega * hubble_rate(70) ** 2
@@ -117,7 +117,7 @@ def test_waves_have_their_power():
     assert dipole < 1e-20
     assert 1.2 / (4 * np.pi * hubble_rate(70) ** 2) == pytest.approx(4.37944e-4, rel=1e-5)
     with pytest.raises(ValueError, match="omega must be zero or more, not -1"):
-        sim.waves(-1, 1)
+        sim.gravitational_waves(-1, 1)
 
 
 def test_anisotropic_expansion_is_a_quadrupole():
@@ -132,14 +132,14 @@ def test_anisotropic_expansion_is_a_quadrupole():
 
 
 def test_void():
-    signal = sim.void((0, 0, 2.0), amplitude=0.02, peak=1.0)
+    signal = sim.off_centre_void((0, 0, 2.0), amplitude=0.02, peak=1.0)
     motion = signal(np.zeros(3), np.zeros(3), np.array([0.1, 1.0, 5.0]))
     assert motion[1, 1] == pytest.approx(0.02)
     assert motion[1, 0] < motion[1, 1] > motion[1, 2]
     with pytest.raises(FieldError, match="these sources have none"):
         signal([0.0], [0.0])
     with pytest.raises(ValueError, match="not all zero"):
-        sim.void((0, 0, 0))
+        sim.off_centre_void((0, 0, 0))
 
 
 SHEARS = [np.diag([1, -1, 0.0]), np.diag([1, 1, -2.0])] + [
@@ -150,18 +150,18 @@ AXES = np.eye(3)
 
 def of_modes(lmax, lowest):
     modes = Modes(lmax)
-    return [sim.field(Coefficients(modes, row)) for row in np.eye(len(modes))[modes.degrees >= lowest]]
+    return [sim.from_coefficients(Coefficients(modes, row)) for row in np.eye(len(modes))[modes.degrees >= lowest]]
 
 
 #: Each kind of signal as a sum of unit signals, and the size to inject.
 LINEAR = {
     "spin": ([sim.spin(e) for e in AXES], 5.0),
     "acceleration": ([sim.acceleration(e) for e in AXES], 5.0),
-    "drift": ([sim.drift(e) for e in AXES], 300.0),
+    "drift": ([sim.secular_parallax(e) for e in AXES], 300.0),
     "any coefficients": (of_modes(2, 1), 5.0),
     "waves": (of_modes(3, 2), 5.0),
     "anisotropic expansion": ([sim.anisotropic_expansion(s) for s in SHEARS], 3.0),
-    "void": ([sim.void(e, amplitude=1.0, peak=0.02) for e in AXES], 5.0),
+    "void": ([sim.off_centre_void(e, amplitude=1.0, peak=0.02) for e in AXES], 5.0),
 }
 
 
@@ -175,7 +175,7 @@ def test_injection_and_recovery(kind):
     assert total(*PLACES).shape == (2, len(SKY))
     pulls = []
     for seed in range(200):
-        field = sim.observe(SKY, sim.spin((0, 0, 0)), seed, mission=LAW, attitude=0, progress=False)
+        field = sim.observe(SKY, sim.spin((0, 0, 0)), seed, mission=sim.Mission(LAW, attitude=0), progress=False)
         a, b, c = field.weights
         motion = field.motion + np.tensordot(truth, design, axes=1)
         weighted = np.stack([a * design[:, 0] + c * design[:, 1], c * design[:, 0] + b * design[:, 1]], axis=1)

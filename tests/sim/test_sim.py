@@ -21,7 +21,7 @@ def test_errors_at_20_are_the_published_ones(release, east, north):
 def test_magnitudes_have_the_published_counts():
     """Of 1 215 942 quasars, 29 200 to G = 18, 146 614 to 19, 490 161 to 20."""
     n = 200_000
-    magnitude = sim.quasars(n, rng=1, faintest=21.0).magnitude
+    magnitude = sim.quasars(n, rng=1, max_magnitude=21.0).magnitude
     for faintest, count in ((18, 29_200), (19, 175_814), (20, 665_975)):
         share = count / 1_215_942
         assert abs((magnitude <= faintest).mean() - share) < 4 * np.sqrt(share / n)
@@ -64,7 +64,7 @@ def test_wrong_names_are_told_the_right_ones():
     with pytest.raises(ValueError, match="unknown release 'DR9': choose one of DR3"):
         sim.gaia_errors(np.array([20.0]), "DR9")
     with pytest.raises(ValueError, match="18 < G ≤ 21"):
-        sim.quasars(10, rng=1, faintest=25)
+        sim.quasars(10, rng=1, max_magnitude=25)
 
 
 def test_the_demo_is_what_its_script_makes():

@@ -19,7 +19,9 @@ from vsh.catalogue import read_field
 
 def test_simulate_and_fit(tmp_path, capsys):
     path = str(tmp_path / "q.fits")
-    assert main(["quasars", "--n", "3000", "--sky", "gums", "--spin", "0,0,30", "--seed", "2", "--output", path]) == 0
+    assert (
+        main(["quasars", "--number", "3000", "--sky", "gums", "--spin", "0,0,30", "--seed", "2", "--output", path]) == 0
+    )
     assert "3000 sources" in capsys.readouterr().out
     assert fit.commands.fit.main([path, "--lmax", "1"]) == 0
     text = capsys.readouterr().out
@@ -36,7 +38,17 @@ def test_same_seed_same_bytes(tmp_path, ending):
     written = []
     for name, seed, threads in (("a", 5, 1), ("b", 5, 4), ("c", 6, 4)):
         path = tmp_path / f"{name}.{ending}"
-        arguments = ["quasars", "--n", "2500", "--variability", "100", "--seed", str(seed), "--threads", str(threads)]
+        arguments = [
+            "quasars",
+            "--number",
+            "2500",
+            "--variability",
+            "100",
+            "--seed",
+            str(seed),
+            "--threads",
+            str(threads),
+        ]
         assert main([*arguments, "--output", str(path)]) == 0
         written.append(path.read_bytes())
     assert written[0] == written[1] != written[2]
@@ -44,27 +56,39 @@ def test_same_seed_same_bytes(tmp_path, ending):
 
 def test_galaxies_vlbi_and_the_short_way(tmp_path):
     out = str(tmp_path / "t.ecsv")
-    assert main(["galaxies", "--n", "500", "--velocity", "374,-63,53", "--peculiar", "750", "--output", out]) == 0
+    assert (
+        main(
+            ["galaxies", "--number", "500", "--velocity", "374,-63,53", "--peculiar-dispersion", "750", "--output", out]
+        )
+        == 0
+    )
     assert np.isfinite(read_field(out).redshift).all()
-    assert main(["vlbi", "--n", "200", "--orientation", "-10,20,30", "--output", out, "--overwrite"]) == 0
+    assert main(["vlbi", "--number", "200", "--orientation", "-10,20,30", "--output", out, "--overwrite"]) == 0
     assert len(read_field(out)) == 200
-    assert main(["quasars", "--n", "500", "--short", "--output", out]) == 1  # it is there already
-    assert main(["quasars", "--n", "500", "--short", "--output", out, "--overwrite"]) == 0
-    assert main(["quasars", "--n", "500", "--short", "--acceleration", "-1,2,3", "--output", out, "--overwrite"]) == 0
+    assert main(["quasars", "--number", "500", "--no-transits", "--output", out]) == 1  # it is there already
+    assert main(["quasars", "--number", "500", "--no-transits", "--output", out, "--overwrite"]) == 0
+    assert (
+        main(
+            ["quasars", "--number", "500", "--no-transits", "--acceleration", "-1,2,3", "--output", out, "--overwrite"]
+        )
+        == 0
+    )
     assert Table.read(out).meta["ACC_X"] == -1
 
 
 def test_selection_map(tmp_path):
     selection = str(real_catalogue("selection_function_NSIDE64_G20.0.fits"))
     out = str(tmp_path / "t.fits")
-    assert main(["quasars", "--n", "500", "--selection", selection, "--map-frame", "galactic", "--output", out]) == 0
+    assert (
+        main(["quasars", "--number", "500", "--selection", selection, "--map-frame", "galactic", "--output", out]) == 0
+    )
 
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["stars"], ["quasars"], ["quasars", "--n", "0"], ["quasars", "--spin", "1,2"], ["quasars", "--years", "-1"],
+    [[], ["stars"], ["quasars"], ["quasars", "--number", "0"], ["quasars", "--spin", "1,2"], ["quasars", "--years", "-1"],
      ["quasars", "--velocity", "1,2,3"], ["quasars", "--sky", "gums", "--selection", "m.fits"],
-     ["quasars", "--short", "--variability", "5"]],
+     ["quasars", "--no-transits", "--variability", "5"]],
 )  # fmt: skip
 def test_bad_usage_is_status_2(arguments, tmp_path, capsys):
     output = ["--output", str(tmp_path / "x.fits")] if len(arguments) > 1 else []
@@ -85,7 +109,7 @@ def test_bad_usage_is_status_2(arguments, tmp_path, capsys):
 )
 def test_bad_data_is_status_1(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["quasars", "--n", "10", *arguments]) == 1
+    assert main(["quasars", "--number", "10", *arguments]) == 1
     error = capsys.readouterr().err
     assert error.startswith("vsh-sim: error: ")
     assert any(part in error for part in message.split("|"))
@@ -95,7 +119,7 @@ def test_a_killed_run_leaves_no_broken_file(tmp_path):
     path = tmp_path / "q.fits"
     for wait in (0.7, 1.5, 2.5):
         run = subprocess.Popen(
-            [sys.executable, "-m", "sim.command", "quasars", "--n", "300000", "--output", str(path)],
+            [sys.executable, "-m", "sim.command", "quasars", "--number", "300000", "--output", str(path)],
             cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": str(ROOT)},
         )  # fmt: skip
         time.sleep(wait)

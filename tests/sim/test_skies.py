@@ -68,7 +68,7 @@ def test_galaxies_fill_the_volume():
     counts, edges = np.histogram(faint.magnitude, np.arange(12, 20.1, 0.5))
     assert 16 <= edges[counts.argmax()] <= 17.5
     with pytest.raises(ValueError, match="(must rise from above zero|nearest must be above zero)"):
-        sim.galaxies(10, 1, nearest=0.0)
+        sim.galaxies(10, 1, min_redshift=0.0)
 
 
 def test_vlbi_is_a_subset():

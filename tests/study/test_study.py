@@ -127,10 +127,14 @@ def test_the_noise_has_the_true_covariance(tmp_path):
 def test_galaxies_move_with_everything():
     from study.realise import _galaxy_signal, true_velocity
 
-    small = study.load(SMALL | {"case": [SMALL["case"][0] | {"galaxies": {"n": 10}}]})
+    small = study.load(SMALL | {"case": [SMALL["case"][0] | {"galaxies": {"number": 10}}]})
     lon, lat = sim.uniform_sky(50, 1)
     z = np.full(50, 0.01)
-    whole = sim.spin((1, 0, -1)) + sim.acceleration((4.3, 0, 0)) + sim.drift(true_velocity(small).value, hubble=67.3)
+    whole = (
+        sim.spin((1, 0, -1))
+        + sim.acceleration((4.3, 0, 0))
+        + sim.secular_parallax(true_velocity(small).value, hubble=67.3)
+    )
     found = _galaxy_signal(small, 0, "galactic", np.random.default_rng(1))
     np.testing.assert_allclose(found(lon, lat, z), whole(lon, lat, z))
 
@@ -139,7 +143,7 @@ def test_another_configuration_is_refused(finished, tmp_path):
     with pytest.raises(StudyError, match=r"holds another study \(mission.release: there DR5, here DR4\)"):
         study.run(study.load(changed(mission={"release": "DR4"})), finished, progress=False)
     other = changed()
-    other["case"][0]["quasars"]["n"] = 1501
+    other["case"][0]["quasars"]["number"] = 1501
     with pytest.raises(StudyError, match=r"case\[0\].quasars.n: there 1500, here 1501"):
         study.run(study.load(other), finished, progress=False)
     (tmp_path / "study.json").write_text("{")
@@ -163,14 +167,14 @@ def test_more_realisations_go_on_from_the_first(finished, tmp_path):
         (lambda c: c.update(stduy={}), "unknown sections stduy"),
         (lambda c: c["study"].update(reals=3), "study: unknown key reals; there are name, seed"),
         (lambda c: c["study"].pop("name"), "study: name must be given"),
-        (lambda c: c["study"].update(realisations=0), "realisations must be at least 1"),
-        (lambda c: c["study"].update(realisations="many"), "realisations is a int, not 'many'"),
+        (lambda c: c["study"].update(n_realisations=0), "n_realisations must be at least 1"),
+        (lambda c: c["study"].update(n_realisations="many"), "n_realisations is a int, not 'many'"),
         (lambda c: c["study"].update(frame="icrf"), "frame is one of icrs, galactic, ecliptic"),
         (lambda c: c["truth"].update(spin=[1, 2]), "spin is three finite numbers"),
         (lambda c: c["truth"].update(hubble=-1), "hubble must be at least"),
         (lambda c: c["case"][0].update(stars={}), "case A: unknown stars"),
         (lambda c: c["case"][0].pop("quasars"), "case A has no quasars"),
-        (lambda c: c["case"][0]["quasars"].pop("n"), "case A, quasars: n must be given"),
+        (lambda c: c["case"][0]["quasars"].pop("number"), "case A, quasars: number must be given"),
         (lambda c: c["case"][1].update(name="A"), "names of cases must differ"),
         (lambda c: c["case"][1].update(name="../x"), "letters and digits"),
     ],
@@ -198,12 +202,12 @@ def test_the_command(tmp_path, capsys):
     path = tmp_path / "small.toml"
     path.write_text("""[study]
 name = "tiny"
-realisations = 3
+n_realisations = 3
 [truth]
 acceleration = [4.3, 0, 0]
 [[case]]
 name = "A"
-quasars = { n = 500 }
+quasars = { number = 500 }
 """)
     assert main([str(path), "--output", str(tmp_path / "out"), "--workers", "1"]) == 0
     text = capsys.readouterr().out
@@ -221,7 +225,7 @@ def test_the_paper_in_small(tmp_path):
 
     configuration = tomllib.loads((ROOT / "study" / "paper.toml").read_text(encoding="utf-8"))
     for case in configuration["case"]:
-        case["quasars"]["n"], case["vlbi"]["n"], case["galaxies"]["n"] = 4000, 300, 3000
+        case["quasars"]["number"], case["vlbi"]["number"], case["galaxies"]["number"] = 4000, 300, 3000
     small = study.load(configuration)
     folder = study.run(small, tmp_path / "paper", 3, progress=False)
     from study.paper import write_paper
@@ -256,16 +260,16 @@ def test_expected_covariances_are_those_of_the_draws():
     wander = sim.Variability(300.0, 2.0)
     for what, excess in (("motion", 0.0), ("position", 100.0)):
         formal, true = sim.expected_covariances(
-            one, law, what, variability=wander, excess=excess, attitude=0.0, progress=False
+            one, sim.Mission(law, "DR4", 0.0), what, variability=wander, excess_noise=excess, progress=False
         )
         still = sim.spin((0, 0, 0))
-        options = {"mission": law, "variability": wander, "attitude": 0.0, "progress": False, "release": "DR4"}
+        options = {"mission": sim.Mission(law, "DR4", 0.0), "variability": wander, "progress": False}
         if what == "motion":
-            field = sim.observe(many, still, 5, excess=excess, **options)
+            field = sim.observe(many, still, 5, excess_noise=excess, **options)
             assert np.cov(field.motion) == pytest.approx(true[0], rel=0.12, abs=0.05 * true[0, 0, 0])
             np.testing.assert_allclose(field.sigma[:, 0] ** 2, np.diag(formal[0]), rtol=1e-9)
         assert (np.diag(true[0]) > np.diag(formal[0])).all()
-    with pytest.raises(ValueError, match="motion or position"):
+    with pytest.raises(ValueError, match="kind must be one of 'motion', 'position'"):
         sim.expected_covariances(one, law, "parallax")
 
 
@@ -273,6 +277,6 @@ def test_the_attitude_is_added_to_every_transit():
     law, one = sim.NominalScanningLaw(years=3.0, rng=1), sim.quasars(5, 3)
     from sim.astrometry import transit_error
 
-    formal, true = sim.expected_covariances(one, law, attitude=50.0, progress=False)
+    formal, true = sim.expected_covariances(one, sim.Mission(law, "DR4", 50.0), progress=False)
     ratio = 1 + 50.0**2 / transit_error(one.magnitude, law) ** 2
     np.testing.assert_allclose(true, formal * ratio[:, None, None], rtol=1e-9)

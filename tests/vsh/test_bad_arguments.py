@@ -8,19 +8,19 @@ import pytest
 import fit
 import sim
 from fit.correlation import (
-    correlation_map,
+    compare_cuts,
+    correlation_matrices,
+    downweight,
     eigenmodes,
-    gain,
+    gain_of_sources,
     influence,
     leakage,
     lmax_table,
-    plan,
     predict,
     recommend_lmax,
-    thin,
 )
 from fit.posterior import Flat, Normal, grid
-from fit.redshift import binned, chances_by_shuffling, equal_information
+from fit.redshift import binned, equal_information, permutation_test
 from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Coefficients, Field, Modes, Vector, cosmology
 from vsh.basis import harmonics
@@ -39,22 +39,22 @@ NORMAL = fit.normal_equations(FIELD, 1)
 CALLS = {
     fit.normal_equations: (FIELD, 1), fit.solve: (NORMAL,), fit.fit_field: (FIELD, 1), fit.solve_frame: (FIELD,),
     fit.cross_check: (FIELD,), fit.gaussian_prior: (1, 1.0), fit.clip: (FIELD, 1, 3.0),
-    fit.robust.student_t: (FIELD, 1, 4.0), fit.robust.permissive: (FIELD, 1), fit.robust.extra_noise: (FIELD, 1),
+    fit.robust.student_t: (FIELD, 1, 4.0), fit.robust.permissive: (FIELD, 1), fit.robust.excess_noise: (FIELD, 1),
     fit.resample.bootstrap: (FIELD, 1, 3, 1), fit.resample.jackknife: (FIELD, 1, 1), fit.resample.block_bootstrap: (FIELD, 1, 1, 3, 1),
     fit.resample.parametric_bootstrap: (FIELD, 1, 3, 1), fit.solve_matrix_free: (FIELD, 2), binned: (FIELD, 1, 2),
-    chances_by_shuffling: (FIELD, BINS, 3, 1), equal_information: (FIELD, 2), observer_velocity: (FIELD, 70.0),
-    hubble_constant: (FIELD, "planck"), grid: (FIELD, "planck", Flat(20, 150)), predict: (FIELD, 1), correlation_map: (FIELD,),
-    influence: (FIELD, 1, "a_x", 1), gain: (FIELD, 1, "a_x", 1), leakage: (FIELD, 1, 2), lmax_table: (FIELD, 2),
-    recommend_lmax: (FIELD, 1e9, 0.99, 2), eigenmodes: (FIELD, 1), plan: (FIELD, {"all": None}), thin: (FIELD, 0.9, 1),
+    permutation_test: (FIELD, BINS, 3, 1), equal_information: (FIELD, 2), observer_velocity: (FIELD, 70.0),
+    hubble_constant: (FIELD, "planck"), grid: (FIELD, "planck", Flat(20, 150)), predict: (FIELD, 1), correlation_matrices: (FIELD,),
+    influence: (FIELD, 1, "a_x", 1), gain_of_sources: (FIELD, 1, "a_x", 1), leakage: (FIELD, 1, 2), lmax_table: (FIELD, 2),
+    recommend_lmax: (FIELD, 1e9, 0.99, 2), eigenmodes: (FIELD, 1), compare_cuts: (FIELD, {"all": None}), downweight: (FIELD, 0.9, 1),
     Coefficients: (1, np.zeros(6)), Coefficients.from_vectors: ((1, 2, 3), (1, 2, 3), 1), Modes: (1,), Vector: ([1, 2, 3], np.eye(3)),
-    Vector.from_polar: (1.0, 10.0, 20.0), Normal: (67.0, 1.0), Flat: (50.0, 80.0), harmonics: (FIELD.lon, FIELD.lat, 1),
+    Vector.from_spherical: (1.0, 10.0, 20.0), Normal: (67.0, 1.0), Flat: (50.0, 80.0), harmonics: (FIELD.lon, FIELD.lat, 1),
     synthesis: (Coefficients(1, np.zeros(6)), FIELD.lon, FIELD.lat), adjoint: (1, FIELD.lon, FIELD.lat, FIELD.motion),
     rotate: (Coefficients(1, np.zeros(6)), "galactic"), pixels_of: (FIELD.lon, FIELD.lat, 1), random_positions: (np.ones(12), 3, 1),
     transverse_distance: (FIELD.redshift,), match: (FIELD, FIELD, "position"), Field: (FIELD.lon, FIELD.lat, FIELD.motion, FIELD.sigma),
     Field.from_columns: tuple(np.ones(3) for _ in range(6)), read_field: ({"ra": [1.0]},), cosmology.velocity_along: ("planck", "icrs"),
     cosmology.velocity_from_apex: (300, 10, 20), sim.quasars: (10, 1, "uniform", 20.0), sim.galaxies: (10, 1), sim.observe: (sim.quasars(10, 1), sim.spin((1, 2, 3)), 1, 10.0),
-    sim.spin: ((1, 2, 3),), sim.drift: ((1, 2, 3),), sim.peculiar: (300.0, 1), sim.isotropic: (np.ones(2), 1), sim.waves: (1e-3, 1),
-    sim.void: ((1, 0, 0),), sim.anisotropic_expansion: (np.zeros((3, 3)),), sim.NominalScanningLaw: (2014.73, 0.2),
+    sim.spin: ((1, 2, 3),), sim.secular_parallax: ((1, 2, 3),), sim.peculiar: (300.0, 1), sim.random_field: (np.ones(2), 1), sim.gravitational_waves: (1e-3, 1),
+    sim.off_centre_void: ((1, 0, 0),), sim.anisotropic_expansion: (np.zeros((3, 3)),), sim.NominalScanningLaw: (2014.73, 0.2),
     sim.Variability: (100.0, 2.0), sim.uniform_sky: (10, 1), sim.vlbi_quasars: (sim.quasars(10, 1), 3, 1), sim.gaia_errors: (np.ones(3),),
     positive: ("x", 1), not_negative: ("x", 1), number: ("x", 1), between: ("x", 1, 0, 2), whole: ("x", 1), choice: ("x", 1, (1,)),
 }  # fmt: skip

@@ -71,7 +71,7 @@ def check_addition_theorem(lon, lat, lmax, rtol):
     basis = harmonics([lon], [lat], modes)[:, :, 0]
     for kind in "TS":
         square = np.array(
-            [np.sum(weight(l) * np.sum(basis[modes.degree(kind, l)] ** 2, 1)) for l in range(1, lmax + 1)]
+            [np.sum(weight(l) * np.sum(basis[modes.slice_of(kind, l)] ** 2, 1)) for l in range(1, lmax + 1)]
         )
         np.testing.assert_allclose(square, (2 * np.arange(1, lmax + 1) + 1) / (4 * np.pi), rtol=rtol)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from vsh.checks.notes import printable
 from vsh.errors import VshError
-from vsh.system.files import replacing_folder
+from vsh.system.files import atomic_folder
 
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
@@ -69,7 +69,7 @@ def results_folder(path, command, provenance, overwrite=False):
     """
     check_folder(path, command, overwrite)
     Path(os.path.realpath(path)).parent.mkdir(parents=True, exist_ok=True)
-    with replacing_folder(path) as folder:
+    with atomic_folder(path) as folder:
         yield folder
         files = sorted(x.name for x in folder.iterdir())
         mark = {"command": command, "files": files} | provenance

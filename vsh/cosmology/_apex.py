@@ -10,9 +10,9 @@ from vsh.sky.frames import check_frame
 from vsh.vector import Vector
 
 #: Planck Collaboration (2020, A&A 641, A1), table 3: toward the apex. [km/s]
-PLANCK_2018 = Vector.from_polar(369.82, 264.021, 48.253, (0.11, 0.011, 0.005), "galactic", "km/s")
+PLANCK_2018 = Vector.from_spherical(369.82, 264.021, 48.253, (0.11, 0.011, 0.005), "galactic", "km/s")
 #: What Bachchan, Hobbs & Lindegren (2016, A&A 589, A71) put into their simulations. [km/s]
-BACHCHAN_2016 = Vector.from_polar(369.0, 263.99, 48.26, frame="galactic", unit="km/s")
+BACHCHAN_2016 = Vector.from_spherical(369.0, 263.99, 48.26, frame="galactic", unit="km/s")
 #: Velocities that have names, in every command and study.
 VELOCITIES = {"planck": PLANCK_2018, "paper": BACHCHAN_2016}
 
@@ -71,4 +71,4 @@ def velocity_from_apex(speed, l, b):
             f"a velocity is SPEED,L,B: km/s above zero, Galactic longitude and latitude of the apex in degrees; not "
             f"{speed:g},{l:g},{b:g}"
         )
-    return Vector.from_polar(speed, l, b, frame="galactic", unit="km/s")
+    return Vector.from_spherical(speed, l, b, frame="galactic", unit="km/s")

@@ -8,13 +8,13 @@ from vsh.errors import FieldError
 FLOW_LIMIT = 1e-4
 
 
-def usable(redshift, lowest=FLOW_LIMIT):
-    """Which redshifts are finite, positive and at least `lowest`: a mask."""
+def usable(redshift, min_redshift=FLOW_LIMIT):
+    """Which redshifts are finite, positive and at least `min_redshift`: a mask."""
     redshift = np.asarray(redshift, float)
-    return np.isfinite(redshift) & (redshift > 0) & (redshift >= lowest)
+    return np.isfinite(redshift) & (redshift > 0) & (redshift >= min_redshift)
 
 
-def count_unusable(redshift, lowest=FLOW_LIMIT):
+def count_unusable(redshift, min_redshift=FLOW_LIMIT):
     """How many redshifts cannot be used, and why, in words.
 
     >>> count_unusable([np.nan, 0.0, -0.1, 5e-5, 0.1])
@@ -24,18 +24,18 @@ def count_unusable(redshift, lowest=FLOW_LIMIT):
     counts = {
         "missing": int((~np.isfinite(redshift)).sum()),
         "zero or negative": int((np.isfinite(redshift) & (redshift <= 0)).sum()),
-        f"below {lowest:g}": int(((redshift > 0) & (redshift < lowest)).sum()),
+        f"below {min_redshift:g}": int(((redshift > 0) & (redshift < min_redshift)).sum()),
     }
     return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
 
 
-def with_redshift(field, lowest=FLOW_LIMIT):
+def with_redshift(field, min_redshift=FLOW_LIMIT):
     """The sources of a field whose redshift can be used; a note counts the others and names the first.
 
     Parameters
     ----------
     field : Field
-    lowest : float — the smallest redshift of use
+    min_redshift : float — the smallest redshift of use
 
     Raises
     ------
@@ -44,12 +44,10 @@ def with_redshift(field, lowest=FLOW_LIMIT):
     """
     if field.redshift is None:
         raise FieldError("these sources have no redshifts: the table needs a column of them (--columns redshift=NAME)")
-    good = usable(field.redshift, lowest)
+    good = usable(field.redshift, min_redshift)
     if good.all():
         return field
-    said = (
-        f"{(~good).sum()} of {len(field)} sources without a usable redshift: {count_unusable(field.redshift, lowest)}"
-    )
+    said = f"{(~good).sum()} of {len(field)} sources without a usable redshift: {count_unusable(field.redshift, min_redshift)}"
     if not good.any():
         raise FieldError(f"{said}. No source is left")
     named = ""

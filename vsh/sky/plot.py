@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from vsh.sky.sphere import angles, triad
-from vsh.system.files import replacing
+from vsh.system.files import atomic_write
 
 _AXES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
@@ -42,9 +42,9 @@ def on_map(lon):
     return -((np.asarray(lon) + np.pi) % (2 * np.pi) - np.pi)
 
 
-def draw_sources(axes, lon, lat, most=20_000, **style):
+def draw_sources(axes, lon, lat, max_sources=20_000, **style):
     """Sources as small dots; every k-th of more than `most`."""
-    step = max(1, len(lon) // most)
+    step = max(1, len(lon) // max_sources)
     style = {"s": 3, "color": "0.6", "linewidths": 0, "zorder": 1} | style
     return axes.scatter(on_map(lon[::step]), lat[::step], **style)
 
@@ -148,7 +148,7 @@ def save_figures(figures, folder):
     paths = []
     for name, figure in figures.items():
         paths.append(Path(folder) / f"{name}.png")
-        with replacing(paths[-1]) as new:
+        with atomic_write(paths[-1]) as new:
             figure.savefig(new, format="png", dpi=150)
         plt.close(figure)
     return paths

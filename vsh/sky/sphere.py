@@ -45,13 +45,13 @@ def sin_cos(x):
     return t, square
 
 
-def multiples(x, most):
-    """cos kx and sin kx for k = 1 … most: two (most, n) arrays, by doubling."""
-    cos, sin = np.empty((most, *np.shape(x))), np.empty((most, *np.shape(x)))
+def multiples(x, max_k):
+    """cos kx and sin kx for k = 1 … max_k: two (max_k, n) arrays, by doubling."""
+    cos, sin = np.empty((max_k, *np.shape(x))), np.empty((max_k, *np.shape(x)))
     sin[0], cos[0] = sin_cos(x)
     k = 1
-    while k < most:
-        more = slice(k, min(2 * k, most))
+    while k < max_k:
+        more = slice(k, min(2 * k, max_k))
         old = slice(0, more.stop - k)
         cos[more] = cos[old] * cos[k - 1] - sin[old] * sin[k - 1]
         sin[more] = sin[old] * cos[k - 1] + cos[old] * sin[k - 1]

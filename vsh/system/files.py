@@ -13,7 +13,7 @@ _UNFINISHED = ".vsh-unfinished-"
 
 
 @contextmanager
-def replacing(path):
+def atomic_write(path):
     """A name to write a new file under, which takes the place of `path` once it is complete.
 
     A process killed at any moment leaves the old file or the new one, never a part of either; any
@@ -40,14 +40,14 @@ def replacing(path):
 
 
 def remove_unfinished(folder):
-    """Remove what killed writers left in a folder and below: files by the names that only `replacing` gives."""
+    """Remove what killed writers left in a folder and below: files by the names that only `atomic_write` gives."""
     for file in Path(folder).rglob(f"{_UNFINISHED}*"):
         if file.is_file() and not file.is_symlink():
             file.unlink(missing_ok=True)
 
 
 @contextmanager
-def replacing_folder(path):
+def atomic_folder(path):
     """A new, empty folder that takes the place of `path` once it is complete.
 
     Killed at any moment, there is the old folder or the new one under the name, never a part of either.

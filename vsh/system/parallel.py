@@ -3,6 +3,8 @@
 import os
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import lru_cache
 
 from threadpoolctl import ThreadpoolController
@@ -10,10 +12,36 @@ from threadpoolctl import ThreadpoolController
 from vsh.system.progress import progress_bar
 
 
+#: What `limited` set.
+_LIMIT = ContextVar("threads", default=None)
+
+
+@contextmanager
+def limited(threads=None):
+    """Within it, that many threads at most unless a function is told otherwise.
+
+    Parameters
+    ----------
+    threads : int, optional
+        No limit unless given.
+    """
+    token = _LIMIT.set(threads)
+    try:
+        yield
+    finally:
+        _LIMIT.reset(token)
+
+
 def cores(threads=None):
-    """How many threads to use: `threads`, or one for each core this process may run on."""
-    if threads:
-        return threads
+    """How many threads to use: `threads`, the limit that is set, or one for each core this process may run on.
+
+    Parameters
+    ----------
+    threads : int, optional
+        The limit or the machine's cores unless given.
+    """
+    if threads or _LIMIT.get():
+        return threads or _LIMIT.get()
     affinity = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
     return len(affinity(0)) if affinity else os.cpu_count()
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from vsh.checks.notes import printable
 from vsh.errors import TableError, first_line
-from vsh.system.files import replacing
+from vsh.system.files import atomic_write
 from vsh.tables._open import format_of, open_table
 
 
@@ -76,7 +76,7 @@ def write_table(table, path, meta=None):
     check_writable(path)
     table.meta.update(meta or {})
     kind = format_of(path)
-    with replacing(path) as new, warnings.catch_warnings():
+    with atomic_write(path) as new, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # units that a format spells in its own way
         if kind == "votable":
             _write_votable(table, new)

@@ -139,7 +139,7 @@ def test_careless_spelling(tmp_path, capsys):
 
 
 def test_a_threshold_takes_the_place_of_kappa(capsys):
-    assert main(["--demo", "--lmax", "1", "--threshold", "3"]) == 0
+    assert main(["--demo", "--lmax", "1", "--clip-threshold", "3"]) == 0
     assert "with X > 3 (the given threshold" in capsys.readouterr().out
 
 

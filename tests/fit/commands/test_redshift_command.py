@@ -14,7 +14,7 @@ from vsh.cosmology import BACHCHAN_2016, PLANCK_2018
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    truth = sim.drift(BACHCHAN_2016.to_frame("icrs").value) + sim.acceleration((-0.236, -3.756, -2.08))
+    truth = sim.secular_parallax(BACHCHAN_2016.to_frame("icrs").value) + sim.acceleration((-0.236, -3.756, -2.08))
     field = sim.observe(sim.galaxies(2000, rng=1), truth, rng=2, sigma=5.0)
     path = tmp_path_factory.mktemp("catalogue") / "galaxies.fits"
     catalogue.write_field(field, path)
@@ -23,8 +23,17 @@ def path(tmp_path_factory):
 
 def test_everything_at_once(path, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = [path, "--hubble", "67.3", "--velocity", "planck", "--bins", "0.001,0.01,0.02,0.03", "--posterior"]
-    arguments += ["--peculiar", "0", "--output", out, "--frame", "galactic", "--checkpoint", tmp_path / "chain.npz"]
+    arguments = [path, "--h0", "67.3", "--velocity", "planck", "--bins", "0.001,0.01,0.02,0.03", "--posterior"]
+    arguments += [
+        "--peculiar-dispersion",
+        "0",
+        "--output",
+        out,
+        "--frame",
+        "galactic",
+        "--checkpoint",
+        tmp_path / "chain.npz",
+    ]
     assert main([str(each) for each in arguments]) == 0
     text = capsys.readouterr().out
     for words in ("spin alike in all bins", "toward the apex", "H0  ", "Posterior (galactic axes"):
@@ -55,12 +64,12 @@ def test_everything_at_once(path, tmp_path, capsys):
 def test_other_options(path, capsys):
     assert main([str(path), "--velocity", "500,264,48", "--omega-m", "0.3", "--free-spin", "--clip", "5"]) == 0
     assert "omega_x" in capsys.readouterr().out
-    arguments = ["--posterior", "--hubble-range", "30,120", "--free-peculiar", "1500", "--samples", "400000"]
+    arguments = ["--posterior", "--h0-range", "30,120", "--peculiar-dispersion-max", "1500", "--n-samples", "400000"]
     assert main([str(path), *arguments]) == 0
-    assert "sigma_pec" in capsys.readouterr().out
-    assert main([str(path), "--posterior", "--hubble", "70", "--hubble-error", "2"]) == 0
+    assert "peculiar_dispersion" in capsys.readouterr().out
+    assert main([str(path), "--posterior", "--h0", "70", "--h0-error", "2"]) == 0
     assert "H0: Normal(mean=70.0, sigma=2.0" in capsys.readouterr().out
-    assert main([str(path), "--bins", "3", "--lmax", "2", "--common"]) == 0
+    assert main([str(path), "--bins", "3", "--lmax", "2", "--shared-higher-degrees"]) == 0
     assert "degree 1 to 2" in capsys.readouterr().out
 
 
@@ -68,15 +77,15 @@ def test_other_options(path, capsys):
     ("arguments", "words"),
     [
         ([], "say what is wanted"),
-        (["--hubble", "0"], "a positive number"),
+        (["--h0", "0"], "a positive number"),
         (["--velocity", "0,1,2"], "SPEED,L,B is wanted"),
         (["--velocity", "cobe"], "SPEED,L,B is wanted"),
         (["--bins", "1,0.1"], "edges must rise"),
         (["--bins", "0"], "a whole number of at least 1"),
         (["--bins", "a,b"], "numbers separated by commas"),
-        (["--hubble", "67", "--checkpoint", "x.npz"], "--checkpoint is for --posterior"),
-        (["--posterior", "--hubble-range", "90,20"], "two rising numbers"),
-        (["--hubble", "67", "--omega-m", "3"], "Ω_m between 0 and 2"),
+        (["--h0", "67", "--checkpoint", "x.npz"], "--checkpoint is for --posterior"),
+        (["--posterior", "--h0-range", "90,20"], "two rising numbers"),
+        (["--h0", "67", "--omega-m", "3"], "Ω_m between 0 and 2"),
     ],
 )
 def test_bad_usage_ends_with_2(path, arguments, words, capsys):
@@ -90,7 +99,7 @@ def test_bad_usage_ends_with_2(path, arguments, words, capsys):
     ("arguments", "words"),
     [
         (["--bins", "0.001,0.0010001,0.03"], "bin 1 of 2, 0.001 ≤ z < 0.0010001, is empty"),
-        (["--posterior", "--samples", "2000"], "50 times are needed for a result"),
+        (["--posterior", "--n-samples", "2000"], "50 times are needed for a result"),
         (["--posterior", "--checkpoint", "/nowhere/chain.npz"], "no such folder"),
     ],
 )
@@ -105,11 +114,11 @@ def test_redshifts_missing_and_absent(path, tmp_path, capsys):
     table = Table.read(path)
     table["redshift"][:3] = [0.0, -1.0, np.nan]
     table.write(tmp_path / "broken.fits")
-    assert main([str(tmp_path / "broken.fits"), "--hubble", "67"]) == 1
+    assert main([str(tmp_path / "broken.fits"), "--h0", "67"]) == 1
     assert "3 of 2000 redshifts give no distance: 2 missing, 1 zero or negative" in capsys.readouterr().err
-    assert main([str(tmp_path / "broken.fits"), "--hubble", "67", "--on-bad", "drop"]) == 0
+    assert main([str(tmp_path / "broken.fits"), "--h0", "67", "--on-bad", "drop"]) == 0
     assert "left out 3 of 2000 sources without a usable redshift" in capsys.readouterr().out
-    assert main([str(ROOT / "fit" / "demo.fits"), "--hubble", "67"]) == 1
+    assert main([str(ROOT / "fit" / "demo.fits"), "--h0", "67"]) == 1
     assert "has no column of redshifts: name it, --columns redshift=NAME" in capsys.readouterr().err
     table.rename_column("redshift", "zed")
     table.write(tmp_path / "named.fits")
@@ -118,7 +127,7 @@ def test_redshifts_missing_and_absent(path, tmp_path, capsys):
 
 def test_a_real_catalogue(capsys):
     path = str(real_catalogue("td2017_vlba_proper_motions.ecsv"))
-    assert main([path, "--bins", "0.01,0.5,1,1.5,7", "--hubble", "67.4", "--on-bad", "drop"]) == 0
+    assert main([path, "--bins", "0.01,0.5,1,1.5,7", "--h0", "67.4", "--on-bad", "drop"]) == 0
     text = capsys.readouterr().out
     assert ": contradicted" not in text
     assert "the residuals suggest errors 2.72 times as large" in text
@@ -136,10 +145,10 @@ def test_simulate_bin_drift_on_real_redshifts(name, column, edges, tmp_path, cap
     population = sim.population.from_table(table, ra, dec, redshift=column)
     good = np.isfinite(population.redshift) & (population.redshift > 1e-3)
     velocity = BACHCHAN_2016.to_frame("icrs").value * (1 if "galaxies" in name else 1000)
-    truth = sim.drift(velocity) + sim.acceleration((-0.236, -3.756, -2.08))
+    truth = sim.secular_parallax(velocity) + sim.acceleration((-0.236, -3.756, -2.08))
     field = sim.observe(population[good], truth, rng=1, sigma=3.0)
     catalogue.write_field(field, tmp_path / "simulated.fits")
-    arguments = [tmp_path / "simulated.fits", "--bins", edges, "--hubble", "67.3", "--peculiar", "0"]
+    arguments = [tmp_path / "simulated.fits", "--bins", edges, "--h0", "67.3", "--peculiar-dispersion", "0"]
     assert main([str(each) for each in [*arguments, "--output", tmp_path / "out"]]) == 0
     found = Table.read(tmp_path / "out" / "velocity.ecsv")
     assert np.abs((found["value"][:3] - velocity) / found["sigma"][:3]).max() < 4
@@ -150,17 +159,28 @@ def test_the_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsy
     from sim.command import main as simulate
 
     path = str(tmp_path / "galaxies.fits")
-    arguments = ["galaxies", "--n", "3000", "--short", "--release", "DR5", "--velocity", "planck", "--output", path]
-    assert simulate([*arguments, "--hubble", "70"]) == 0
+    arguments = [
+        "galaxies",
+        "--number",
+        "3000",
+        "--no-transits",
+        "--release",
+        "DR5",
+        "--velocity",
+        "planck",
+        "--output",
+        path,
+    ]
+    assert simulate([*arguments, "--h0", "70"]) == 0
     capsys.readouterr()
-    assert main([path, "--hubble", "70", "--velocity", "planck", "--frame", "galactic"]) == 0
+    assert main([path, "--h0", "70", "--velocity", "planck", "--frame", "galactic"]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  truth")]
     assert len(lines) == 2
     assert "-25.3" in lines[0] or "-24." in lines[0] or "-25." in lines[0]
     assert lines[1].split()[1] == "70.00"
     for line in lines:
         assert max(abs(float(x)) for x in re.findall(r"\(([+-][0-9.]+)σ\)", line)) < 4
-    assert main([path, "--hubble", "140"]) == 0
+    assert main([path, "--h0", "140"]) == 0
     text = capsys.readouterr().out
     assert f"{PLANCK_2018.to_frame('icrs').value[0] / 2:+.1f}" in text
     assert "(simulated with H0 = 70)" in text

@@ -5,15 +5,15 @@ from conftest import patchy, random_field
 import fit
 import sim
 from fit.correlation import (
-    blamed,
-    correlation_map,
+    correlation_matrices,
+    downweight,
     eigenmodes,
-    gain,
-    influence,
+    gain_of_sources,
+    influence_map,
     leakage,
+    most_influential,
     named,
-    parameters,
-    thin,
+    parameters_of,
 )
 from vsh import Field
 from vsh.errors import DegeneracyError, FieldError, FrameError, ModesError, ParameterError
@@ -21,8 +21,8 @@ from vsh.sky.sphere import triad
 
 
 def test_names_and_rows():
-    assert parameters("frame").names == ("omega_x", "omega_y", "omega_z", "a_x", "a_y", "a_z")
-    assert parameters(2).names[:2] == ("t(1,0)", "t(1,1,re)")
+    assert parameters_of("spin+acceleration").names == ("omega_x", "omega_y", "omega_z", "a_x", "a_y", "a_z")
+    assert parameters_of(2).names[:2] == ("t(1,0)", "t(1,1,re)")
     field = random_field(200, 1)
     solution = fit.fit_field(field, 3)
     chosen = named(("omega_y", "t(2,0)", "a_z"), 3)
@@ -30,14 +30,14 @@ def test_names_and_rows():
     np.testing.assert_allclose(values[[0, 2]], [solution.spin.value[1], solution.acceleration.value[2]])
     with pytest.raises(ParameterError, match="no parameter is called omega_w; there are omega_x"):
         named(("omega_w",), 1)
-    with pytest.raises(ParameterError, match='"frame", a degree or Modes'):
-        parameters("vsh")
+    with pytest.raises(ParameterError, match="'spin.acceleration', a degree or Modes"):
+        parameters_of("vsh")
 
 
 @pytest.mark.parametrize("even", [True, False])
 def test_both_solvers_give_the_same_matrix(even):
     field = patchy(even=even)
-    one, two = correlation_map(field), correlation_map(field, solver="frame")
+    one, two = correlation_matrices(field), correlation_matrices(field, solver="frame")
     assert one.names == two.names
     np.testing.assert_allclose(one.matrix(0), two.matrix(0), atol=1e-10)
 
@@ -55,67 +55,67 @@ def test_equal_weights_are_tied_by_the_dipole_to_second_order():
         weight = 1 + size * (direction @ symmetric + 0.5 * (symmetric[2] ** 2 - 1 / 3))
         lon2, lat2 = np.concatenate([lon, lon + np.pi]), np.concatenate([lat, -lat])
         field = Field(lon2, lat2, np.zeros((2, lon2.size)), np.broadcast_to(1 / np.sqrt(weight), (2, lon2.size)))
-        found = correlation_map(field)
+        found = correlation_matrices(field)
         np.testing.assert_allclose(found.dipoles[0], size * direction / 3, atol=0.01)
-        left.append(np.abs(found.matrix(0)[:3, 3:] - found.explained(0)).max())
+        left.append(np.abs(found.matrix(0)[:3, 3:] - found.dipole_prediction(0)).max())
     assert left[0] < 0.1
     assert left[1] / left[0] < 0.35
 
 
 def test_two_catalogues_in_one_matrix():
     a, b = patchy(even=True), patchy(seed=2)
-    both = correlation_map({"A": a, "B": b})
-    matrix = both.both()
+    both = correlation_matrices({"A": a, "B": b})
+    matrix = both.combined()
     assert matrix[0, 4] == both.matrix(0)[0, 4]
     assert matrix[4, 0] == both.matrix(1)[4, 0]
     assert both.labels == ("A", "B")
-    table = both.table()
+    table = both.to_table()
     assert table.meta["upper"] == "A"
     np.testing.assert_allclose([table[name][0] for name in both.names], matrix[0])
-    text = both.text()
+    text = both.report()
     assert "upper A, lower B" in text
     assert "by the dipole along z" in text
-    assert abs(both.worst(0)[0]) == pytest.approx(0.45, abs=0.08)
+    assert abs(both.largest(0)[0]) == pytest.approx(0.45, abs=0.08)
     assert "A, B" in repr(both)
 
 
 def test_orientation_in_front():
     field, offsets = patchy(), patchy(200, 5)
-    found = correlation_map(field, offsets=offsets)
+    found = correlation_matrices(field, offsets=offsets)
     assert found.names[:3] == ("epsilon_x", "epsilon_y", "epsilon_z")
-    np.testing.assert_allclose(found.matrix(0)[3:, 3:], correlation_map(field).matrix(0), atol=1e-10)
+    np.testing.assert_allclose(found.matrix(0)[3:, 3:], correlation_matrices(field).matrix(0), atol=1e-10)
     np.testing.assert_array_equal(found.matrix(0)[:3, 3:].round(12), 0)
 
 
 def test_positions_are_enough():
     quasars = sim.quasars(2000, 1, "igql")
-    found = correlation_map(quasars, sigma=300.0)
+    found = correlation_matrices(quasars, sigma=300.0)
     still = Field.without_motions(quasars, 300.0)
-    np.testing.assert_allclose(found.matrix(0), correlation_map(still).matrix(0))
+    np.testing.assert_allclose(found.matrix(0), correlation_matrices(still).matrix(0))
     with pytest.raises(FieldError, match="without errors need sigma="):
-        correlation_map(quasars)
+        correlation_matrices(quasars)
 
 
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [
-        (lambda f: correlation_map([f, f.to_frame("icrs")]), FrameError, "galactic and icrs"),
-        (lambda f: correlation_map(f, labels=["a", "b"]), ParameterError, "2 labels for 1"),
-        (lambda f: correlation_map(f, 2, solver="frame"), ParameterError, "parameters of the frame"),
-        (lambda f: correlation_map(f, solver="qr"), ParameterError, 'solver is "harmonics" or "frame"'),
-        (lambda f: correlation_map(f[:2]), DegeneracyError, "cannot separate"),
-        (lambda f: influence(f, 1, ("a_x", "a_x")), ParameterError, "two different"),
-        (lambda f: influence(f, 1, ("a_x", "t(2,0)")), ParameterError, r"no parameter is called t\(2,0\)"),
-        (lambda f: influence(f, 1, "a_x", of="mean"), ParameterError, "of is None"),
-        (lambda f: influence(f, 1, ("a_x", "a_y"), of="value"), ParameterError, "of one parameter"),
-        (lambda f: influence(f, 1, "a_x", nside=3), FieldError, "power of two"),
-        (lambda f: gain(f, 1, "a_x", of="value"), ParameterError, "no motions"),
+        (lambda f: correlation_matrices([f, f.to_frame("icrs")]), FrameError, "galactic and icrs"),
+        (lambda f: correlation_matrices(f, labels=["a", "b"]), ParameterError, "2 labels for 1"),
+        (lambda f: correlation_matrices(f, 2, solver="frame"), ParameterError, "parameters of the frame"),
+        (lambda f: correlation_matrices(f, solver="qr"), ParameterError, 'solver is "harmonics" or "frame"'),
+        (lambda f: correlation_matrices(f[:2]), DegeneracyError, "cannot separate"),
+        (lambda f: influence_map(f, 1, ("a_x", "a_x")), ParameterError, "two different"),
+        (lambda f: influence_map(f, 1, ("a_x", "t(2,0)")), ParameterError, r"no parameter is called t\(2,0\)"),
+        (lambda f: influence_map(f, 1, "a_x", of="mean"), ParameterError, "of is None"),
+        (lambda f: influence_map(f, 1, ("a_x", "a_y"), quantity="value"), ParameterError, "of one parameter"),
+        (lambda f: influence_map(f, 1, "a_x", nside=3), FieldError, "power of two"),
+        (lambda f: gain_of_sources(f, 1, "a_x", quantity="value"), ParameterError, "no motions"),
         (lambda f: leakage(f, 3, 2), ModesError, "above degree 3"),
         (lambda f: leakage(f, 1, 3).bias([1.0]), ParameterError, "each degree from 2 to 3"),
         (lambda f: leakage(f, 1, 3).bias({4: 1.0}), ParameterError, "degree 4 is not among"),
         (lambda f: leakage(f, 1, 3).bias(-1.0), ParameterError, "cannot be negative"),
-        (lambda f: thin(f, 1.5), ParameterError, "between 0 and 1"),
-        (lambda f: blamed(np.ones(12), 0.0), FieldError, "share"),
+        (lambda f: downweight(f, 1.5), ParameterError, "between 0 and 1"),
+        (lambda f: most_influential(np.ones(12), 0.0), FieldError, "share"),
     ],
 )
 def test_bad_input(call, error, words):
@@ -128,12 +128,12 @@ def test_figures():
     from fit.correlation import plot_influence, pretty
 
     assert pretty("omega_y") == r"$\omega_y$"
-    for found in (correlation_map([field, patchy(seed=2)]), correlation_map(field, 3)):
+    for found in (correlation_matrices([field, patchy(seed=2)]), correlation_matrices(field, 3)):
         figure = found.plot()
         image = figure.axes[0].images[0]
         assert image.norm.vmin == -image.norm.vmax
         assert "galactic" in figure.axes[1].get_ylabel()
-    figure = plot_influence(influence(field, 1, ("omega_y", "a_x"), 8), field, "title", "label")
+    figure = plot_influence(influence_map(field, 1, ("omega_y", "a_x"), 8), field, "title", "label")
     mesh = figure.axes[0].collections[0]
     assert mesh.norm.vmin == -mesh.norm.vmax
     assert len(leakage(field, 1, 3).plot().axes) == 2

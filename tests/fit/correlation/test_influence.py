@@ -3,21 +3,21 @@ import pytest
 from conftest import patchy
 
 import fit
-from fit.correlation import blamed, correlation_map, gain, influence, named, parameters
+from fit.correlation import correlation_matrices, gain_of_sources, influence_map, most_influential, named, parameters_of
 from fit.correlation._forecast import reweighted
 from vsh import Field, Modes
 from vsh.sky.pixels import pixels_of
 from vsh.vector import correlation_of
 
 
-def finite_difference(field, modes, pair, pixels, pixel, step=1e-4, of=None):
+def finite_difference(field, modes, pair, pixels, pixel, step=1e-4, quantity=None):
     values = []
     for sign in (1, -1):
         factor = np.where(pixels == pixel, 1 + sign * step, 1.0)
-        solution = fit.solve(fit.normal_equations(reweighted(field, factor), modes, method="direct"))
+        solution = fit.solve(fit.normal_equations(reweighted(field, factor), modes, method="design-matrix"))
         chosen = named((pair,) if isinstance(pair, str) else pair, modes)
         covariance = chosen.covariance(solution.covariance)
-        if of == "value":
+        if quantity == "value":
             values.append((chosen.rows @ solution.coefficients.values)[0])
         elif len(chosen) == 1:
             values.append(np.log(covariance[0, 0]))
@@ -31,9 +31,9 @@ def test_influence_against_finite_differences(seed):
     rng = np.random.default_rng(seed)
     field = patchy(800, seed)
     lmax = int(rng.integers(1, 4))
-    names = [str(mode) for mode in Modes(lmax)] + list(parameters("frame").names)
+    names = [str(mode) for mode in Modes(lmax)] + list(parameters_of("spin+acceleration").names)
     pair = tuple(rng.choice(names, 2, replace=False))
-    found = influence(field, lmax, pair, nside=2)
+    found = influence_map(field, lmax, pair, nside=2)
     pixels = pixels_of(field.lon, field.lat, 2)
     for pixel in rng.choice(np.unique(pixels), 3, replace=False):
         expected = finite_difference(field, Modes(lmax), pair, pixels, pixel)
@@ -44,19 +44,19 @@ def test_influence_on_variances_and_values():
     field = patchy(800, 3)
     field = field._with(motion=np.random.default_rng(1).normal(size=(2, 800)) * field.sigma)
     pixels = pixels_of(field.lon, field.lat, 2)
-    variance, value = influence(field, 2, "a_x", 2), influence(field, 2, "a_x", 2, of="value")
+    variance, value = influence_map(field, 2, "a_x", 2), influence_map(field, 2, "a_x", 2, quantity="value")
     for pixel in np.unique(pixels)[:4]:
         assert variance[pixel] == pytest.approx(finite_difference(field, Modes(2), "a_x", pixels, pixel), rel=1e-6)
-        expected = finite_difference(field, Modes(2), "a_x", pixels, pixel, of="value")
+        expected = finite_difference(field, Modes(2), "a_x", pixels, pixel, quantity="value")
         assert value[pixel] == pytest.approx(expected, rel=1e-5, abs=1e-8)
     assert variance.sum() == pytest.approx(-1)  # doubling everything halves a variance: d ln σ²/d ln w = −1
     assert value.sum() == pytest.approx(0, abs=1e-9)
-    assert influence(field, "frame", ("omega_x", "a_y"), 2).sum() == pytest.approx(0, abs=1e-12)
+    assert influence_map(field, "spin+acceleration", ("omega_x", "a_y"), 2).sum() == pytest.approx(0, abs=1e-12)
 
 
 def test_thousands_of_sources_take_the_transform():
     field = patchy(12_000, 3)
-    few = influence(field, 2, ("omega_x", "a_y"), 4)
+    few = influence_map(field, 2, ("omega_x", "a_y"), 4)
     parts = [influence_of_part(field, keep) for keep in np.array_split(np.arange(12_000), 2)]
     np.testing.assert_allclose(sum(parts), few, atol=1e-11)
 
@@ -79,22 +79,22 @@ def influence_of_part(field, keep):
 
 def test_removing_the_blamed_region_lowers_the_correlation_as_foretold():
     field = patchy(20_000, 4, even=True)
-    before = correlation_map(field).matrix(0)[0, 4]
-    values = influence(field, 1, ("omega_x", "a_y"), 4)
+    before = correlation_matrices(field).matrix(0)[0, 4]
+    values = influence_map(field, 1, ("omega_x", "a_y"), 4)
     pixels = pixels_of(field.lon, field.lat, 4)
-    mask = blamed(values, 0.3)
+    mask = most_influential(values, 0.3)
     assert 1 < mask.sum() < 96
     # A tenth of its weight: what the derivative foretells; all of it: lower still.
     factor = np.where(mask[pixels], 0.9, 1.0)
-    after = correlation_map(reweighted(field, factor)).matrix(0)[0, 4]
+    after = correlation_matrices(reweighted(field, factor)).matrix(0)[0, 4]
     assert after - before == pytest.approx(-0.1 * values[mask].sum(), rel=0.05)
     assert after < before
-    assert abs(correlation_map(field[~mask[pixels]]).matrix(0)[0, 4]) < before - 0.1
+    assert abs(correlation_matrices(field[~mask[pixels]]).matrix(0)[0, 4]) < before - 0.1
 
 
 def test_adding_sources_does_what_was_foretold():
     field = patchy(20_000, 4, even=True)
-    values = gain(field, 1, ("omega_x", "a_y"), 2, new=200)
+    values = gain_of_sources(field, 1, ("omega_x", "a_y"), 2, new=200)
     from vsh.sky.pixels import centres
 
     lon, lat = (x[int(values.argmin())] for x in centres(2))
@@ -102,6 +102,6 @@ def test_adding_sources_does_what_was_foretold():
     more = [np.concatenate([old, np.full(200, new) + 1e-3 * rng.normal(size=200)])
             for old, new in ((field.lon, lon), (field.lat, lat))]  # fmt: skip
     richer = Field(*more, np.zeros((2, 20_200)), np.full((2, 20_200), 300.0), frame="galactic")
-    change = correlation_map(richer).matrix(0)[0, 4] - correlation_map(field).matrix(0)[0, 4]
+    change = correlation_matrices(richer).matrix(0)[0, 4] - correlation_matrices(field).matrix(0)[0, 4]
     assert change == pytest.approx(values.min(), rel=0.05)
-    assert (gain(field, 1, "a_x", 2) <= 0).all()
+    assert (gain_of_sources(field, 1, "a_x", 2) <= 0).all()

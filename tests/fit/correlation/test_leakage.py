@@ -24,7 +24,7 @@ def test_leakage_is_the_bias_of_a_noiseless_fit():
     assert found.matrix.shape == (16, 54)
     assert found.names[0] == "t(1,0)"
     assert found.unmodelled_names[0] == "t(3,0)"
-    assert len(found.table()) == 16
+    assert len(found.to_table()) == 16
 
 
 def test_mean_squared_bias_of_2000_skies():
@@ -35,7 +35,7 @@ def test_mean_squared_bias_of_2000_skies():
     expected = found.bias(power)
     squares = np.zeros(6)
     for seed in range(2000):
-        truth = sim.isotropic(np.r_[0.0, power], rng=seed)
+        truth = sim.random_field(np.r_[0.0, power], rng=seed)
         solution = fit.fit_field(field._with(motion=truth(field.lon, field.lat)), 1)
         squares += solution.coefficients.values**2 / 2000
     assert np.mean(squares / expected**2) == pytest.approx(1, abs=0.05)
@@ -54,7 +54,7 @@ def test_an_even_sky_leaks_nothing():
     assert np.abs(leakage(field, 2, 4).matrix).max() < 2e-3
     np.testing.assert_allclose(eigenmodes(field, 2).information, 1, atol=5e-3)
     assert predict(field, 1).efficiency == pytest.approx(1, abs=1e-3)
-    assert recommend_lmax(field, highest=4) == 4
+    assert recommend_lmax(field, max_lmax=4) == 4
 
 
 def test_recommended_degree():

@@ -4,10 +4,10 @@ from conftest import patchy
 
 import fit
 import sim
-from fit.correlation import correlation_map, plan, predict, thin
+from fit.correlation import compare_cuts, correlation_matrices, downweight, predict
 from fit.correlation._forecast import reweighted
 from fit.secular_parallax import hubble_constant, observer_velocity
-from fit.secular_parallax import predict as predict_drift
+from fit.secular_parallax import predict as predict_parallax
 from vsh import Field
 from vsh.errors import FieldError
 from vsh.sky.pixels import pixels_of
@@ -28,31 +28,31 @@ def test_a_prediction_is_the_covariance_of_the_fit_to_come():
     evenly = fit.correlation.predict(sim.Population(*sim.uniform_sky(50_000, 1), None), 1, sigma=1.0)
     assert evenly.efficiency == pytest.approx(1, abs=1e-3)
     assert "Prediction: degree 3" in repr(found)
-    value, pair = predict(field, 1).worst
-    assert value == pytest.approx(correlation_map(field).worst(0)[0])
-    assert pair == correlation_map(field).worst(0)[1]
+    value, pair = predict(field, 1).largest
+    assert value == pytest.approx(correlation_matrices(field).largest(0)[0])
+    assert pair == correlation_matrices(field).largest(0)[1]
 
 
 def test_plans_side_by_side():
     field = patchy()
     north = field.lat > 0
-    table = plan(field, {"all": None, "north": north, "half the weight": np.full(len(field), 0.5)})
+    table = compare_cuts(field, {"all": None, "north": north, "half the weight": np.full(len(field), 0.5)})
     assert list(table["case"]) == ["all", "north", "half the weight"]
     assert table["sources"][1] == north.sum()
     assert table["sigma_spin"][2] == pytest.approx(np.sqrt(2) * table["sigma_spin"][0])
     assert table["efficiency"][1] < table["efficiency"][0]
     for bad, words in ((np.ones(3), "one value a source"), (np.full(len(field), -1.0), "finite and not negative")):
         with pytest.raises(FieldError, match=words):
-            plan(field, {"bad": bad})
+            compare_cuts(field, {"bad": bad})
 
 
 def test_predicted_velocity_and_hubble():
     galaxies = sim.galaxies(500, rng=1)
-    velocity, hubble = predict_drift(galaxies, 70.0, sigma=5.0, peculiar=300.0)
+    velocity, hubble = predict_parallax(galaxies, 70.0, sigma=5.0, peculiar_dispersion=300.0)
     field = Field.without_motions(galaxies, 5.0)
-    np.testing.assert_allclose(velocity.sigma, observer_velocity(field, 70.0, peculiar=300.0).sigma)
+    np.testing.assert_allclose(velocity.sigma, observer_velocity(field, 70.0, peculiar_dispersion=300.0).sigma)
     assert hubble.hubble_error == pytest.approx(
-        hubble_constant(field, "planck", peculiar=300.0, hubble=70.0).hubble_error, rel=1e-3
+        hubble_constant(field, "planck", peculiar_dispersion=300.0, hubble=70.0).hubble_error, rel=1e-3
     )
     assert np.isnan(velocity.velocity.value).all()
 
@@ -60,9 +60,9 @@ def test_predicted_velocity_and_hubble():
 @pytest.mark.parametrize("bound", [0.3, 0.1])
 def test_thinning_reaches_its_bound_at_little_cost(bound):
     field = patchy(20_000, 1)
-    found = thin(field, bound)
-    assert abs(found.before.worst[0]) > 0.35
-    assert abs(found.after.worst[0]) <= bound + 1e-3
+    found = downweight(field, bound)
+    assert abs(found.before.largest[0]) > 0.35
+    assert abs(found.after.largest[0]) <= bound + 1e-3
     assert np.nanmin(found.keep) >= 0
     assert np.nanmax(found.keep) <= 1
     # Against the plain way, all pixels cut down to one density: the same bound costs less.
@@ -72,7 +72,7 @@ def test_thinning_reaches_its_bound_at_little_cost(bound):
     flat = np.minimum(1, np.quantile(weight[weight > 0], 0.5) / weight[pixels])
     plain = predict(reweighted(field, flat), 1)
     assert ratio < 1.35
-    if abs(plain.worst[0]) >= bound:
+    if abs(plain.largest[0]) >= bound:
         assert ratio < np.sqrt(np.mean(plain.acceleration.sigma**2) / np.mean(found.before.acceleration.sigma**2)) * 1.2
     mask = found.mask(rng=1)
     assert mask.mean() == pytest.approx(found.factors.mean(), abs=0.02)

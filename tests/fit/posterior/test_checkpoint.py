@@ -9,14 +9,14 @@ from conftest import ROOT
 import sim
 from fit.posterior import Flat, Normal, sample
 from vsh.errors import CheckpointError
-from vsh.system.files import replacing
+from vsh.system.files import atomic_write
 
 COMMON = {"hubble_prior": Flat(20, 150), "n_samples": 3200, "walkers": 32, "progress": False, "rng": 3}
 
 
 @pytest.fixture(scope="module")
 def field():
-    truth = sim.drift((300.0, 0, 0)) + sim.acceleration((0, 4, 0))
+    truth = sim.secular_parallax((300.0, 0, 0)) + sim.acceleration((0, 4, 0))
     return sim.observe(sim.galaxies(300, rng=1), truth, rng=2, sigma=3.0)
 
 
@@ -46,11 +46,11 @@ def test_the_same_seed_gives_the_same_chain(field):
     [
         ({"rng": 4}, "seed: there"),
         ({"walkers": 34}, "walkers: there 32, here 34"),
-        ({"peculiar": 700.0}, r"peculiar: there 750.0, here 700.0"),
+        ({"peculiar_dispersion": 700.0}, r"peculiar: there 750.0, here 700.0"),
         ({"hubble_prior": Flat(20, 151)}, r"hubble: there Flat\(low=20, high=150\), here Flat\(low=20, high=151\)"),
         ({"velocity_prior": lambda v: -np.sum(v**2, 1) / 1e5}, "velocity: there Gaussian"),
         ({"spin": "free"}, "spin: there None, here free"),
-        ({"extra": 1.0}, "extra: there 0.0, here 1.0"),
+        ({"excess_noise": 1.0}, "excess_noise: there 0.0, here 1.0"),
     ],
 )
 def test_another_model_is_refused(field, tmp_path, change, words):
@@ -108,11 +108,11 @@ def test_damaged_files_are_refused(field, tmp_path):
 
 def test_a_file_is_whole_or_not_there(tmp_path):
     path = tmp_path / "file"
-    with replacing(path) as new:
+    with atomic_write(path) as new:
         new.write_text("old")
 
     def fail():
-        with replacing(path) as new:
+        with atomic_write(path) as new:
             new.write_text("ne")
             raise RuntimeError
 

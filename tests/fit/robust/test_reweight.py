@@ -1,4 +1,4 @@
-"""Robust likelihoods and extra noise."""
+"""Robust likelihoods and excess noise."""
 
 import numpy as np
 import pytest
@@ -95,9 +95,9 @@ def test_degrees_of_freedom_are_found():
     found = fit.robust.student_t(heavy, Modes(1))
     # Fisher's information of ν = 3 from 20 000 pairs: a few per cent.
     assert found.dof == pytest.approx(3, rel=0.1)
-    assert fit.robust.student_t(heavy, Modes(1), dof=5).dof == 5
+    assert fit.robust.student_t(heavy, Modes(1), nu=5).dof == 5
     with pytest.raises(ValueError, match="dof must be above zero"):
-        fit.robust.student_t(heavy, Modes(1), dof=0)
+        fit.robust.student_t(heavy, Modes(1), nu=0)
 
 
 def noisy(seed, extra, factor=1.0):
@@ -113,8 +113,8 @@ def noisy(seed, extra, factor=1.0):
 
 
 def test_extra_noise_is_recovered():
-    found = [fit.robust.extra_noise(noisy(seed, 15.0), Modes(1)) for seed in range(60)]
-    pulls = np.array([(f.extra - 15) / f.extra_error for f in found])
+    found = [fit.robust.excess_noise(noisy(seed, 15.0), Modes(1)) for seed in range(60)]
+    pulls = np.array([(f.excess_noise - 15) / f.excess_noise_error for f in found])
     assert abs(pulls.mean()) < 4 / np.sqrt(60)
     assert abs(pulls.std() - 1) < 4 / np.sqrt(120)
     of_the_fit = np.array([pull(f.solution) for f in found])
@@ -122,17 +122,17 @@ def test_extra_noise_is_recovered():
 
 
 def test_extra_noise_and_scale_together():
-    found = [fit.robust.extra_noise(noisy(seed, 15.0, 1.3), Modes(1), scale=True) for seed in range(40)]
-    for value, name in ((15.0, "extra"), (1.3, "scale")):
+    found = [fit.robust.excess_noise(noisy(seed, 15.0, 1.3), Modes(1), scale=True) for seed in range(40)]
+    for value, name in ((15.0, "excess_noise"), (1.3, "scale")):
         pulls = np.array([(getattr(f, name) - value) / getattr(f, f"{name}_error") for f in found])
         assert abs(pulls.mean()) < 4 / np.sqrt(40)
         assert abs(pulls.std() - 1) < 4 / np.sqrt(80)
 
 
 def test_no_extra_noise_is_none():
-    found = [fit.robust.extra_noise(noisy(seed, 0.0), Modes(1)) for seed in range(20)]
-    assert sum(f.extra == 0 for f in found) >= 4  # half of the time the best variance would be negative
-    assert all(f.extra < 4 * f.extra_error for f in found)
+    found = [fit.robust.excess_noise(noisy(seed, 0.0), Modes(1)) for seed in range(20)]
+    assert sum(f.excess_noise == 0 for f in found) >= 4  # half of the time the best variance would be negative
+    assert all(f.excess_noise < 4 * f.excess_noise_error for f in found)
 
 
 def test_vlba_accelerations_point_to_the_galactic_centre():

@@ -56,7 +56,7 @@ def test_a_source_may_come_back():
     clipped = fit.robust.clip(field, Modes(1), threshold=5.0)
     first = np.sqrt(fit.fit_field(field, 1).residuals(field).chi2) <= 5.0
     assert (clipped.kept & ~first).sum() > 100
-    assert clipped.rounds > 2
+    assert clipped.n_rounds > 2
 
 
 def test_an_unsettled_clip_is_never_returned():

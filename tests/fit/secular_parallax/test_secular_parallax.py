@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sim
-from fit.secular_parallax import drift_rows, hubble_constant, observer_velocity
+from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
 from vsh import Field, Vector
 from vsh.cosmology import BACHCHAN_2016, flat
 from vsh.errors import DegeneracyError, FieldError, ParameterError
@@ -16,7 +16,7 @@ SPIN = np.array([0.3, -0.2, 0.5])
 
 def galaxies(n, seed, sigma=2.0, rho=0.5, truth=None, **options):
     population = sim.galaxies(n, rng=seed)
-    truth = truth or sim.drift(VELOCITY, **options) + sim.acceleration(ACCELERATION)
+    truth = truth or sim.secular_parallax(VELOCITY, **options) + sim.acceleration(ACCELERATION)
     rng = np.random.default_rng(seed)
     sigma = sigma * np.exp(rng.normal(0, 0.5, (2, n)))
     return sim.observe(population, truth, rng=rng, sigma=sigma, rho=rng.uniform(-rho, rho, n))
@@ -28,7 +28,7 @@ def exact(field, truth):
 
 
 def test_both_truths_come_out_of_noiseless_motions():
-    truth = sim.drift(VELOCITY, hubble=72.0) + sim.acceleration(ACCELERATION)
+    truth = sim.secular_parallax(VELOCITY, hubble=72.0) + sim.acceleration(ACCELERATION)
     field = exact(galaxies(500, 1), truth)
     found = observer_velocity(field, 72.0)
     np.testing.assert_allclose(found.values, [*VELOCITY, *ACCELERATION], rtol=1e-9)
@@ -41,19 +41,19 @@ def test_both_truths_come_out_of_noiseless_motions():
 
 def test_sources_drift_toward_the_antapex():
     field = Field([0.0], [0.0], np.zeros((2, 1)), np.ones((2, 1)), redshift=[0.01])
-    north = sim.drift((0, 0, 100.0))(field.lon, field.lat, field.redshift)
+    north = sim.secular_parallax((0, 0, 100.0))(field.lon, field.lat, field.redshift)
     assert north[1, 0] < 0
-    np.testing.assert_allclose(drift_rows(field).design[:, 2] * 100.0, [north[0, 0], north[1, 0]], atol=1e-15)
+    np.testing.assert_allclose(parallax_equations(field).design[:, 2] * 100.0, [north[0, 0], north[1, 0]], atol=1e-15)
 
 
 def test_another_cosmology_changes_the_shape_alone():
     cosmology = flat(0.2)
-    truth = sim.drift(VELOCITY, cosmology=cosmology, hubble=80.0) + sim.acceleration(ACCELERATION)
+    truth = sim.secular_parallax(VELOCITY, cosmology=cosmology, hubble=80.0) + sim.acceleration(ACCELERATION)
     field = exact(galaxies(500, 1), truth)
     np.testing.assert_allclose(observer_velocity(field, 80.0, cosmology).velocity.value, VELOCITY, rtol=1e-9)
 
 
-def design_matrix(field, hubble, peculiar, extra):
+def design_matrix(field, hubble, peculiar, excess_noise):
     """The same least squares, written out with full 2 × 2 covariances."""
     from vsh.cosmology import transverse_distance
     from vsh.sky.sphere import triad
@@ -65,7 +65,7 @@ def design_matrix(field, hubble, peculiar, extra):
     for i in range(len(field)):
         s1, s2 = field.sigma[:, i]
         c = np.array([[s1**2, field.rho[i] * s1 * s2], [field.rho[i] * s1 * s2, s2**2]])
-        c += ((peculiar * rate[i]) ** 2 + extra**2) * np.eye(2)
+        c += ((peculiar * rate[i]) ** 2 + excess_noise**2) * np.eye(2)
         rows = np.array([[*(-rate[i] * p[:, i]), *p[:, i], *q[:, i]], [*(-rate[i] * q[:, i]), *q[:, i], *-p[:, i]]])
         normal += rows.T @ np.linalg.solve(c, rows)
         rhs += rows.T @ np.linalg.solve(c, field.motion[:, i])
@@ -76,17 +76,17 @@ def design_matrix(field, hubble, peculiar, extra):
 def test_against_the_plain_design_matrix(seed):
     field = galaxies(150, seed, rho=0.95)
     normal, rhs = design_matrix(field, 70.0, 600.0, 1.5)
-    found = observer_velocity(field, 70.0, peculiar=600.0, extra=1.5)
+    found = observer_velocity(field, 70.0, peculiar_dispersion=600.0, excess_noise=1.5)
     six = slice(0, 6)
     np.testing.assert_allclose(found.covariance, np.linalg.inv(normal[six, six]), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(found.values, np.linalg.solve(normal[six, six], rhs[six]), rtol=1e-9)
-    free = observer_velocity(field, 70.0, peculiar=600.0, extra=1.5, spin="free")
+    free = observer_velocity(field, 70.0, peculiar_dispersion=600.0, excess_noise=1.5, spin="free")
     np.testing.assert_allclose(free.values, np.linalg.solve(normal, rhs), rtol=1e-9)
     np.testing.assert_allclose(free.spin.covariance, np.linalg.inv(normal)[6:, 6:], rtol=1e-9, atol=1e-12)
 
 
 def test_a_known_spin_is_taken_away_and_its_errors_carried_on():
-    truth = sim.drift(VELOCITY) + sim.acceleration(ACCELERATION) + sim.spin(SPIN)
+    truth = sim.secular_parallax(VELOCITY) + sim.acceleration(ACCELERATION) + sim.spin(SPIN)
     field = exact(galaxies(300, 2), truth)
     known = Vector(SPIN, np.zeros((3, 3)))
     np.testing.assert_allclose(observer_velocity(field, 67.3, spin=known).velocity.value, VELOCITY, rtol=1e-8)
@@ -116,7 +116,10 @@ def test_the_frame_does_not_matter():
 
 def test_velocity_and_hubble_are_the_same_product():
     field = galaxies(400, 4)
-    one, two = observer_velocity(field, 67.3, peculiar=0), observer_velocity(field, 134.6, peculiar=0)
+    one, two = (
+        observer_velocity(field, 67.3, peculiar_dispersion=0),
+        observer_velocity(field, 134.6, peculiar_dispersion=0),
+    )
     np.testing.assert_allclose(one.velocity.value, 2 * two.velocity.value, rtol=1e-9)
     fast, slow = hubble_constant(field, 2 * VELOCITY), hubble_constant(field, VELOCITY)
     assert slow.hubble == pytest.approx(2 * fast.hubble)
@@ -136,7 +139,7 @@ def test_errors_of_the_velocity_are_carried_into_hubble():
 def test_pulls_with_peculiar_velocities():
     pulls = []
     for seed in range(60):
-        truth = sim.drift(VELOCITY) + sim.acceleration(ACCELERATION) + sim.peculiar(750.0, rng=1000 + seed)
+        truth = sim.secular_parallax(VELOCITY) + sim.acceleration(ACCELERATION) + sim.peculiar(750.0, rng=1000 + seed)
         field = galaxies(400, seed, sigma=1.0, truth=truth)
         found = observer_velocity(field, 67.3)
         pulls.append((found.values - [*VELOCITY, *ACCELERATION]) / found.sigma)
@@ -145,7 +148,7 @@ def test_pulls_with_peculiar_velocities():
     pulls = np.array(pulls)
     assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(60)
     assert pulls.std() == pytest.approx(1, abs=0.12)
-    ignored = observer_velocity(field, 67.3, peculiar=0.0)
+    ignored = observer_velocity(field, 67.3, peculiar_dispersion=0.0)
     assert ignored.chi2 / ignored.dof > 1.5
 
 
@@ -170,7 +173,11 @@ def test_the_background_as_a_test():
         (lambda f: hubble_constant(f, (0, 0, 0)), ParameterError, "has no direction"),
         (lambda f: hubble_constant(f, (1, 2)), ParameterError, "three components"),
         (lambda f: hubble_constant(f, "cobe"), ParameterError, "there are planck, paper"),
-        (lambda f: observer_velocity(f, 70, peculiar=-1), ParameterError, "peculiar must be zero or more, not -1"),
+        (
+            lambda f: observer_velocity(f, 70, peculiar_dispersion=-1),
+            ParameterError,
+            "peculiar must be zero or more, not -1",
+        ),
         (lambda f: observer_velocity(f, 70, spin="none"), ParameterError, "spin is None, 'free' or a Vector"),
         (lambda f: observer_velocity(f[:2], 70), DegeneracyError, "2 sources cannot separate v_x"),
         (lambda f: observer_velocity(f._with(redshift=None), 70), FieldError, "no redshifts"),

@@ -1,18 +1,13 @@
-"""What the commands share: arguments and their types, exit status, provenance."""
+"""Options of the commands: those that several share, and the types of their values."""
 
 import argparse
-import hashlib
-import platform
 import re
 import sys
-import warnings
-from pathlib import Path
 
 import numpy as np
 
-from vsh.checks.notes import printable
 from vsh.cosmology import VELOCITIES, velocity_from_apex
-from vsh.errors import ParameterError, VshError, VshWarning
+from vsh.errors import ParameterError
 from vsh.sky.frames import FRAMES
 
 _NEGATIVE = re.compile(r"-[\d.]")
@@ -30,82 +25,6 @@ def parse(parser, arguments=None):
     return parser.parse_args(joined)
 
 
-def guarded(program, action):
-    """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", VshWarning)  # the report's notes say it
-            action()
-    except MemoryError:
-        return _failed(program, "error: not enough memory: lower the degree, or read fewer sources")
-    except BrokenPipeError:  # whoever read our output has seen enough
-        sys.stdout = None
-        return 0
-    except (VshError, OSError) as error:
-        return _failed(program, f"error: {error}")
-    except KeyboardInterrupt:
-        return _failed(program, "interrupted")
-    return 0
-
-
-def _failed(program, said):
-    print(f"{program}: {printable(said)}", file=sys.stderr)
-    return 1
-
-
-def say(text):
-    """Print text without the control characters that file and column names may bring along."""
-    print("\n".join(printable(line) for line in str(text).split("\n")))
-
-
-def written(path, files):
-    """What the last line of a command says of its folder."""
-    return f"written to {path}: {', '.join(sorted(files))}"
-
-
-def provenance(paths, options, versions, **counts):
-    """Where a result comes from: files and their hashes, counts of rows, options, versions.
-
-    Parameters
-    ----------
-    paths : path or list of paths
-    options : argparse.Namespace
-    versions : dict — of this program and whatever else matters
-    """
-    import astropy
-    import scipy
-
-    paths = [Path(str(path)) for path in (paths if isinstance(paths, list) else [paths])]
-    hashes = [_hash(path) for path in paths]
-    one = len(paths) == 1
-    return {
-        "catalogue": paths[0].name if one else [path.name for path in paths],
-        "sha256": hashes[0] if one else hashes,
-        **counts,
-        "options": {key: _plain(value, paths) for key, value in vars(options).items() if value is not None and key not in ("output", "html", "overwrite")},
-        "versions": versions | {
-            "python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__,
-            "astropy": astropy.__version__,
-        },
-    }  # fmt: skip
-
-
-def _hash(path):
-    """SHA-256 of a file, or of the names and hashes of all files of a folder."""
-    if path.is_dir():
-        inside = sorted(file for file in path.rglob("*") if file.is_file())
-        digest = hashlib.sha256("\n".join(f"{f.relative_to(path)} {_hash(f)}" for f in inside).encode())
-        return digest.hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _plain(value, paths):
-    if isinstance(value, str) and value in map(str, paths):
-        return Path(value).name  # results are handed round: names of files, not where they lie on this disk
-    return value if isinstance(value, (str, int, float, tuple, list, dict)) else str(value)
-
-
 def add_reading(parser):
     """The options of every command that reads a catalogue."""
     parser.add_argument("--frame", choices=list(FRAMES), default="icrs", help="axes of the result (default: icrs)")
@@ -121,6 +40,13 @@ def add_reading(parser):
     )
     parser.add_argument("--output", metavar="DIR", type=_named, help="write report, tables and figures to this folder")
     add_overwrite(parser)
+
+
+def add_threads(parser):
+    """How many threads, in every command that uses several."""
+    parser.add_argument(
+        "--threads", type=count(1), metavar="N", help="one a core unless given; changes no digit of the results"
+    )
 
 
 def add_overwrite(parser):

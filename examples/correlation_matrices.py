@@ -11,8 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import sim
-from fit.correlation import correlation_map, influence, leakage, plan, plot_influence, thin
-from sim.expected import scanned_errors
+from fit.correlation import compare_cuts, correlation_matrices, downweight, influence_map, leakage, plot_influence
+from sim.expected import errors_by_place
 from vsh import Field
 
 # %%
@@ -22,7 +22,7 @@ law = sim.NominalScanningLaw(dead_time=0.06, rng=1)
 
 def catalogue(sky):
     quasars = sim.quasars(50_000, rng=2, sky=sky)
-    sigma, rho = scanned_errors(quasars.magnitude, quasars.lon, quasars.lat, law, "paper")
+    sigma, rho = errors_by_place(quasars.magnitude, quasars.lon, quasars.lat, law, "paper")
     return Field(quasars.lon, quasars.lat, np.zeros_like(sigma), sigma, rho).to_frame("galactic")
 
 
@@ -31,14 +31,14 @@ gums, igql = catalogue("gums"), catalogue("igql")
 # %%
 # The correlation matrices, one in each triangle, as in Bachchan et al. (2016), and what the
 # dipole of each catalogue explains of them.
-both = correlation_map({"GUMS-like": gums, "IGQL-like": igql})
-print(both.text())
+both = correlation_matrices({"GUMS-like": gums, "IGQL-like": igql})
+print(both.report())
 both.plot()
-plt.savefig("correlation_map.png", dpi=150)
+plt.savefig("correlation_matrices.png", dpi=150)
 
 # %%
 # Where it comes from: the change of one correlation if the weight of a pixel were doubled.
-blame = influence(igql, "frame", ("omega_x", "a_y"), nside=16)
+blame = influence_map(igql, "spin+acceleration", ("omega_x", "a_y"), nside=16)
 plot_influence(
     blame, igql, "IGQL-like: what ties $\\omega_x$ to $\\tilde a_y$", "change per doubling of a pixel's weight"
 )
@@ -46,9 +46,11 @@ plt.savefig("influence.png", dpi=150)
 
 # %%
 # What to do: leave out the dense cap, or thin it out just as much as is needed.
-thinned = thin(igql, max_correlation=0.2)
+thinned = downweight(igql, max_correlation=0.2)
 cap = (igql.lat > np.radians(28)) & (np.random.default_rng(3).uniform(size=len(igql)) > 0.5)
-plan(igql, {"all": None, "half of the northern cap": ~cap, "thinned to |ρ| < 0.2": thinned.factors}).pprint_all()
+compare_cuts(
+    igql, {"all": None, "half of the northern cap": ~cap, "thinned to |ρ| < 0.2": thinned.factors}
+).pprint_all()
 
 # %%
 # What is not fitted leaks into what is: one (µas/yr)² in each degree from 2 to 4.

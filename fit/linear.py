@@ -1,19 +1,102 @@
-"""Parameters with names and a joint covariance: what the frame solver and the drift have in common."""
+"""What all linear least-squares solutions have in common, and those whose parameters have names."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 
-from fit.quality import Judged
-from fit.storage import Stored, count, exact, number
+from fit.quality import Quality
+from fit.storage import Result, count, exact, number
+from vsh import tables
 from vsh.checks.arguments import covariance, float_array
 from vsh.errors import TableError
 from vsh.sky.frames import check_frame
-from vsh.vector import Vector
+from vsh.vector import Vector, correlation_of
+
+
+class LinearSolution(Result):
+    """A least-squares solution: parameters with a covariance, and how well they fit.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the parameters.
+    values : (p,) array
+        The parameters.
+    covariance : (p, p) array
+        Of the parameters, in the order of `names`.
+    chi2 : float
+        Of the residuals.
+    n_data : int
+        Data points: two a source.
+    frame : str
+        Of the axes.
+    notes : tuple of str
+        What the reader should know of the data.
+    """
+
+    names: tuple
+    values: np.ndarray
+    covariance: np.ndarray
+    chi2: float
+    n_data: int
+    frame: str
+    notes: tuple
+
+    @abstractmethod
+    def model(self, field):
+        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]"""
+
+    @property
+    def sigma(self):
+        """Standard error of each parameter, (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self):
+        """Correlation matrix of the parameters, (p, p)."""
+        return correlation_of(self.covariance)
+
+    @property
+    def dof(self):
+        """Degrees of freedom: data points less parameters."""
+        return self.n_data - len(self.names)
+
+    @property
+    def quality(self):
+        """What χ² says of the errors, a `fit.quality.Quality`."""
+        return Quality(self.chi2, self.dof)
+
+    @property
+    def reduced_chi2(self):
+        """χ² per degree of freedom; nan where there is none."""
+        return self.quality.reduced
+
+    def residuals(self, field):
+        """The field less the model: a Field, whose `chi2` is that of each source.
+
+        Its `.whitened` are the residuals decorrelated and in units of their errors.
+
+        Parameters
+        ----------
+        field : Field
+            In the frame of the solution.
+
+        Returns
+        -------
+        Field
+
+        Raises
+        ------
+        FrameError
+            If the field is in another frame.
+        """
+        field.check_frame(self.frame)
+        return field.minus(self.model(field))
 
 
 @dataclass(frozen=True, eq=False)
-class NamedSolution(Judged, Stored):
+class NamedSolution(LinearSolution):
     """A least-squares solution for named parameters.
 
     Attributes
@@ -73,20 +156,6 @@ class NamedSolution(Judged, Stored):
         return cls(names=names, values=columns["value"], covariance=columns["covariance"], **options)
 
     @property
-    def sigma(self):
-        """Standard error of each parameter, (p,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def correlation(self):
-        """Correlation matrix, (p, p), rows and columns as in `names`."""
-        return self.covariance / np.outer(self.sigma, self.sigma)
-
-    @property
-    def dof(self):
-        return self.n_data - len(self.names)
-
-    @property
     def spin(self):
         """ω, a Vector in µas/yr, or None where it is not among the parameters."""
         return self._vector("omega") if "omega_x" in self.names else None
@@ -95,6 +164,18 @@ class NamedSolution(Judged, Stored):
     def acceleration(self):
         """ã, a Vector in µas/yr."""
         return self._vector("a")
+
+    def to_table(self):
+        """Parameters with their errors and correlations as an astropy Table, a row each."""
+        columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
+        columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
+        return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
+
+    def plot(self):
+        """The correlation matrix of the parameters as a matplotlib figure."""
+        from fit.output import plot_correlation
+
+        return plot_correlation(self)
 
     def _vector(self, name, unit="µas/yr"):
         start = self.names.index(f"{name}_x")

@@ -1,0 +1,84 @@
+"""A mission: how the sky is scanned, and how well each transit is measured."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.astrometry import attitude_noise, errors_of_unit_transits, transit_error
+from sim.noise import RELEASES
+from sim.scanning import NominalScanningLaw
+from vsh.checks import arguments
+from vsh.errors import FrameError, ParameterError
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A scanning law with the errors of its measurements.
+
+    Attributes
+    ----------
+    scanning_law : NominalScanningLaw
+        Which source is seen when, and under which angle.
+    release : {"DR3", "DR4", "DR5", "paper"}
+        Whose parallax errors the transits are made to give, whatever the length of the mission.
+    attitude : float
+        Error of the attitude in 30-second intervals, shared by all sources that are seen in one. [µas]
+
+    Raises
+    ------
+    ParameterError
+        If there is no such release, or the attitude's error is negative.
+
+    Examples
+    --------
+    >>> mission = Mission(NominalScanningLaw(years=1.0), release="DR4")
+    >>> mission.years
+    1.0
+    """
+
+    scanning_law: NominalScanningLaw
+    release: str = "DR3"
+    attitude: float = 10.0
+
+    def __post_init__(self):
+        arguments.a(NominalScanningLaw)("scanning_law", self.scanning_law)
+        if self.release not in RELEASES:
+            raise ParameterError(f"unknown release {self.release!r}: choose one of {', '.join(RELEASES)}")
+        object.__setattr__(self, "attitude", arguments.not_negative("attitude", self.attitude))
+
+    @property
+    def years(self):
+        """Length of the mission. [yr]"""
+        return self.scanning_law.years
+
+    @property
+    def frame(self):
+        """Of the positions it takes."""
+        return self.scanning_law.frame
+
+    def check_frame(self, frame):
+        """Raise FrameError unless positions are in the frame of the scanning law."""
+        if frame != self.frame:
+            raise FrameError(f"positions are in {frame}, the mission's in {self.frame}")
+
+    def transit_error(self, magnitude, excess_noise=0.0):
+        """Along-scan error of a transit by magnitude G, (n,), with excess noise in quadrature. [µas]"""
+        unit = errors_of_unit_transits(self.scanning_law)
+        return np.hypot(transit_error(magnitude, self.scanning_law, self.release, unit), excess_noise)
+
+    def attitude_noise(self, rng):
+        """Error of the attitude in every interval between knots, (k,) [µas]; None where it has none."""
+        return attitude_noise(self.scanning_law, self.attitude, rng) if self.attitude else None
+
+
+def as_mission(mission, release="DR3"):
+    """A Mission; a bare scanning law becomes one with the errors of a release.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither.
+    """
+    if isinstance(mission, NominalScanningLaw):
+        return Mission(mission, release)
+    return arguments.a(Mission, NominalScanningLaw)("mission", mission)

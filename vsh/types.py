@@ -1,0 +1,39 @@
+"""Types that signatures share."""
+
+from os import PathLike
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "ArrayLike",
+    "BoolArray",
+    "ComplexArray",
+    "FloatArray",
+    "FrameName",
+    "IntArray",
+    "Kind",
+    "OnBad",
+    "PathName",
+    "Quantity",
+    "Release",
+    "Rng",
+]
+
+#: Arrays as results have them; shapes and units are in the docstrings.
+FloatArray: TypeAlias = NDArray[Any]
+IntArray: TypeAlias = NDArray[Any]
+BoolArray: TypeAlias = NDArray[Any]
+ComplexArray: TypeAlias = NDArray[Any]
+
+#: A source of randomness: NumPy's generator, or a number (or a sequence of them) that seeds one.
+Rng: TypeAlias = np.random.Generator | int | list[int]
+PathName: TypeAlias = str | PathLike[str]
+FrameName: TypeAlias = Literal["icrs", "galactic", "ecliptic"] | str
+#: Toroidal or spheroidal.
+Kind: TypeAlias = Literal["T", "S"]
+OnBad: TypeAlias = Literal["raise", "drop"]
+Release: TypeAlias = Literal["DR3", "DR4", "DR5", "paper"]
+#: astropy's Quantity, which is not imported for its name.
+Quantity: TypeAlias = Any
