@@ -22,7 +22,7 @@ def main(lmax=3):
     print(f"{'radius':>7} {'condition':>10} {'N':>9} {'b':>9} {'coefficients [σ]':>17} {'σ':>9}")
     for radius in (180, 90, 60, 45, 35, 30, 25, 20):
         direct, compressed = (
-            fit.normal_equations(cap(10_000, radius), Modes(lmax), m) for m in ("direct", "compressed")
+            fit.normal_equations(cap(10_000, radius), Modes(lmax), method=m) for m in ("design-matrix", "compressed")
         )
         scale = 1 / np.sqrt(np.diag(direct.matrix))
         condition = np.linalg.cond(direct.matrix * np.outer(scale, scale))

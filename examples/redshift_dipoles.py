@@ -12,7 +12,6 @@ import numpy as np
 
 import sim
 from fit.redshift import binned
-from fit.secular_parallax import report_bins
 from vsh import Field
 from vsh.cosmology import PLANCK_2018
 
@@ -37,7 +36,7 @@ both = Field(
     redshift=np.concatenate([galaxies.redshift, quasars.redshift]),
 )
 bins = binned(both, modes=1, edges=[0.001, 0.004, 0.007, 0.011, 0.02, 0.03, 1.0, 5.0])
-print(report_bins(bins))
+print(bins.report())
 
 # %%
 # Do the bins agree? The spin does; the acceleration does not, until the drift is taken away.

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 
 import sim
 from fit.posterior import Flat, Normal, grid, sample
-from fit.secular_parallax import hubble_constant, observer_velocity, report_parallax
+from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh.cosmology import PLANCK_2018
 
 # %%
@@ -27,8 +27,8 @@ field = sim.observe(sim.galaxies(50_000, rng=2), truth, rng=6, sigma=8.0)
 # Either, by least squares.
 velocity = observer_velocity(field, hubble=70.0, peculiar_dispersion=300.0)
 hubble = hubble_constant(field, PLANCK_2018, peculiar_dispersion=300.0)
-print(report_parallax(velocity))
-print(report_parallax(hubble))
+print(velocity.report())
+print(hubble.report())
 pulls = (velocity.velocity.value - PLANCK_2018.to_frame("icrs").value) / velocity.velocity.sigma
 print("velocity: found − true, in standard errors:", pulls.round(2))
 print(f"H0:       found − true, in standard errors: [{(hubble.hubble - 70.0) / hubble.hubble_error:.2f}]")

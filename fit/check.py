@@ -1,5 +1,7 @@
 """Two solvers that share no formula, on the same sources."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +15,7 @@ from vsh import tables
 from vsh.checks import arguments
 from vsh.field import Field
 from vsh.modes import Modes
+from vsh.types import Figure, Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +34,13 @@ class CrossCheck(Result):
     frame: FrameSolution
     largest: float
 
-    def report(self):
+    def report(self) -> str:
         """Whether the two solvers agree, as text."""
         from fit.output import report_check
 
         return report_check(self) + "\n"
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """Both solutions as an astropy Table: a row for each component of spin and acceleration."""
         columns = {"parameter": list(self.frame.names)}
         for name, found in (("harmonics", self.harmonics), ("frame_solver", self.frame)):
@@ -45,13 +48,13 @@ class CrossCheck(Result):
             columns[f"{name}_error"] = np.concatenate([found.spin.sigma, found.acceleration.sigma])
         return tables.table_of(columns, {"frame": self.frame.frame})
 
-    def plot(self):
+    def plot(self) -> Figure:
         """The correlations of the frame solver's parameters as a matplotlib figure."""
         return self.frame.plot()
 
 
 @arguments.accepts(field=arguments.a(Field))
-def cross_check(field):
+def cross_check(field: Field) -> CrossCheck:
     """Fit degree 1 to a field by both solvers and compare.
 
     Raises

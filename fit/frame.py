@@ -10,6 +10,8 @@ This file knows neither the harmonics nor the normal equations. It is there to d
 when they are wrong.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +22,8 @@ from vsh.checks.notes import merge_notes
 from vsh.errors import DegeneracyError, FieldError, FrameError
 from vsh.field import Field
 from vsh.sky.sphere import triad
+from vsh.types import FloatArray
+from vsh.vector import Vector
 
 _AXES = "xyz"
 _ROWS = 100_000
@@ -42,7 +46,7 @@ class FrameSolution(NamedSolution):
     notes : tuple of str
     """
 
-    def report(self):
+    def report(self) -> str:
         """Orientation, spin and acceleration with their correlations as text."""
         lines = [
             f"Orientation, spin and acceleration by the direct frame solver ({self.frame} axes)",
@@ -53,19 +57,19 @@ class FrameSolution(NamedSolution):
         lines += ["correlations", *("".join(f"{x:+8.3f}" for x in row) for row in self.correlation)]
         return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
 
-    def model(self, field):
+    def model(self, field: Field) -> FloatArray:
         """The motions by spin and acceleration at the sources of a field, (2, n). [µas/yr]"""
         p, q, _ = triad(field.lon, field.lat)
         spin, acceleration = self.spin.value, self.acceleration.value
         return np.stack([spin @ q + acceleration @ p, acceleration @ q - spin @ p])
 
     @property
-    def orientation(self):
+    def orientation(self) -> Vector | None:
         """ε, a Vector in µas, or None where no offsets were given."""
         return self._vector("epsilon", "µas") if "epsilon_x" in self.names else None
 
 
-def solve_frame(motions, offsets=None):
+def solve_frame(motions: Field, offsets: Field | None = None) -> FrameSolution:
     """Solve for the spin and the acceleration, and for the orientation where offsets are given.
 
     Parameters

@@ -1,5 +1,7 @@
 """What all linear least-squares solutions have in common, and those whose parameters have names."""
 
+from __future__ import annotations
+
 from abc import abstractmethod
 from dataclasses import dataclass
 
@@ -10,7 +12,9 @@ from fit.storage import Result, count, exact, number
 from vsh import tables
 from vsh.checks.arguments import covariance, float_array
 from vsh.errors import TableError
+from vsh.field import Field
 from vsh.sky.frames import check_frame
+from vsh.types import Figure, FloatArray, Table
 from vsh.vector import Vector, correlation_of
 
 
@@ -44,35 +48,35 @@ class LinearSolution(Result):
     notes: tuple
 
     @abstractmethod
-    def model(self, field):
+    def model(self, field: Field) -> FloatArray:
         """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]"""
 
     @property
-    def sigma(self):
+    def sigma(self) -> FloatArray:
         """Standard error of each parameter, (p,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def correlation(self):
+    def correlation(self) -> FloatArray:
         """Correlation matrix of the parameters, (p, p)."""
         return correlation_of(self.covariance)
 
     @property
-    def dof(self):
+    def dof(self) -> int:
         """Degrees of freedom: data points less parameters."""
         return self.n_data - len(self.names)
 
     @property
-    def quality(self):
+    def quality(self) -> Quality:
         """What χ² says of the errors, a `fit.quality.Quality`."""
         return Quality(self.chi2, self.dof)
 
     @property
-    def reduced_chi2(self):
+    def reduced_chi2(self) -> float:
         """χ² per degree of freedom; nan where there is none."""
         return self.quality.reduced
 
-    def residuals(self, field):
+    def residuals(self, field: Field) -> Field:
         """The field less the model: a Field, whose `chi2` is that of each source.
 
         Its `.whitened` are the residuals decorrelated and in units of their errors.
@@ -122,7 +126,7 @@ class NamedSolution(LinearSolution):
     frame: str
     notes: tuple = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up.
 
         Raises
@@ -156,22 +160,22 @@ class NamedSolution(LinearSolution):
         return cls(names=names, values=columns["value"], covariance=columns["covariance"], **options)
 
     @property
-    def spin(self):
+    def spin(self) -> Vector | None:
         """ω, a Vector in µas/yr, or None where it is not among the parameters."""
         return self._vector("omega") if "omega_x" in self.names else None
 
     @property
-    def acceleration(self):
+    def acceleration(self) -> Vector:
         """ã, a Vector in µas/yr."""
         return self._vector("a")
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """Parameters with their errors and correlations as an astropy Table, a row each."""
         columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
         columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
         return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
 
-    def plot(self):
+    def plot(self) -> Figure:
         """The correlation matrix of the parameters as a matplotlib figure."""
         from fit.output import plot_correlation
 

@@ -6,6 +6,9 @@ each point and an adjoint synthesis. A step of the conjugate gradients takes as 
 ten million sources as for ten thousand.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,6 +22,7 @@ from vsh.checks import arguments, nouns
 from vsh.checks.notes import merge_notes
 from vsh.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
 from vsh.system.progress import progress_bar
+from vsh.types import ArrayLike, Figure, FloatArray, Table
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.
 LOW = 12
@@ -60,11 +64,11 @@ class MatrixFreeSolution(HarmonicSolution):
     residual: float = 0.0
     condition: float = 1.0
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<MatrixFreeSolution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}>"
 
     @property
-    def covariance(self):
+    def covariance(self) -> FloatArray:
         """There is none.
 
         Raises
@@ -77,7 +81,7 @@ class MatrixFreeSolution(HarmonicSolution):
             "coefficients with errors_of=[Mode(…), …], or use fit.solve at a lower degree"
         )
 
-    def report(self):
+    def report(self) -> str:
         """Powers by degree as text, with what is known of errors."""
         lines = [
             f"Vector spherical harmonics to degree {self.modes.lmax}, matrix-free",
@@ -94,7 +98,7 @@ class MatrixFreeSolution(HarmonicSolution):
             lines.append(f"{mode!s:12}{self.values[self.modes.index(mode)]:+.4g} ± {error:.2g} µas/yr")
         return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """The coefficients as an astropy Table, a row each; errors are nan where they were not asked for."""
         sigma = np.full(len(self.modes), np.nan)
         for mode, error in self.errors.items():
@@ -102,7 +106,7 @@ class MatrixFreeSolution(HarmonicSolution):
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": sigma}
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
-    def plot(self):
+    def plot(self) -> Figure:
         """Power by degree as fitted, a matplotlib figure."""
         from fit.output import plot_power
 
@@ -116,8 +120,16 @@ class MatrixFreeSolution(HarmonicSolution):
 
 @arguments.accepts(fields=nouns.fields, modes=nouns.modes, tolerance=arguments.positive, max_iterations=arguments.whole)
 def solve_matrix_free(
-    fields, modes, prior_power=None, errors_of=(), tolerance=1e-8, max_iterations=500, threads=None, progress=True
-):
+    fields: Field | Iterable[Field],
+    modes: Modes | int,
+    *,
+    prior_power: float | ArrayLike | Callable[[int], float] | None = None,
+    errors_of: Iterable[Mode] = (),
+    tolerance: float = 1e-8,
+    max_iterations: int = 500,
+    threads: int | None = None,
+    progress: bool = True,
+) -> MatrixFreeSolution:
     """Fit to a degree at which the normal matrix is too large to write down.
 
     Parameters
@@ -171,7 +183,7 @@ def solve_matrix_free(
     )
 
 
-def prior_precision(modes, power):
+def prior_precision(modes: Modes, power: float | ArrayLike | Callable[[int], float] | None) -> FloatArray:
     """Inverse prior variance of each coefficient for a power per degree, (p,).
 
     An isotropic field of power P_l has var(c_l0) = P_l/(2l + 1), and half of that for each

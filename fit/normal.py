@@ -1,7 +1,11 @@
 """Normal equations: all that a least-squares fit needs to remember of the data."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 from os import PathLike
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +16,7 @@ from vsh.checks.arguments import choice, float_array
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
 from vsh.errors import FieldError, FrameError, ModesError
+from vsh.types import ArrayLike
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30
@@ -47,17 +52,17 @@ class NormalEquations(Frozen):
     frame: str = None
     notes: tuple = ()
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<NormalEquations: {self.n_data} numbers, degree {self.modes.lmax}, {self.frame or 'any frame'}>"
 
-    def __add__(self, other):
+    def __add__(self, other: NormalEquations) -> NormalEquations:
         return self._combine(other, +1)
 
-    def __sub__(self, other):
+    def __sub__(self, other: NormalEquations) -> NormalEquations:
         """Take data away that went in before: a block of the sky, say."""
         return self._combine(other, -1)
 
-    def __radd__(self, other):
+    def __radd__(self, other: Any) -> NormalEquations:
         return self if other == 0 else NotImplemented  # the start of sum()
 
     def _combine(self, other, sign):
@@ -84,7 +89,13 @@ class NormalEquations(Frozen):
 
 
 @arguments.accepts(modes=nouns.modes)
-def normal_equations(field, modes, method="auto", threads=None):
+def normal_equations(
+    field: Field | Iterable[Field],
+    modes: Modes | int,
+    *,
+    method: Literal["auto", "design-matrix", "compressed"] = "auto",
+    threads: int | None = None,
+) -> NormalEquations:
     """Sum a field, or a stream of fields, into normal equations.
 
     Parameters
@@ -146,7 +157,9 @@ def normal_equations(field, modes, method="auto", threads=None):
 
 
 @arguments.accepts(modes=nouns.modes)
-def gaussian_prior(modes, sigma, mean=0.0, frame=None):
+def gaussian_prior(
+    modes: Modes | int, sigma: ArrayLike, mean: ArrayLike = 0.0, *, frame: str | None = None
+) -> NormalEquations:
     """The prior c ~ N(mean, sigma²), as data: one number for each coefficient it bears on.
 
     Parameters

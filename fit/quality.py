@@ -4,6 +4,8 @@ A χ² per degree of freedom of 1.4 means nothing for ten numbers and a great de
 rule is one of significance, not of size. Text, page, bins, velocity and posterior all ask here.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,26 +29,26 @@ class Quality:
     dof: int
 
     @property
-    def reduced(self):
+    def reduced(self) -> float:
         """χ² per degree of freedom; nan where there is none."""
         return self.chi2 / self.dof if self.dof > 0 else float("nan")
 
     @property
-    def deviations(self):
+    def deviations(self) -> float:
         """How far χ² is from its expectation, as a normal deviate: positive where residuals are too large."""
         return float(normal_deviate(self.chi2, self.dof)) if self.dof > 0 and self.chi2 >= 0 else 0.0
 
     @property
-    def contradicted(self):
+    def contradicted(self) -> bool:
         """Whether the residuals contradict the errors, in either direction."""
         return abs(self.deviations) > SIGNIFICANT
 
     @property
-    def factor(self):
+    def factor(self) -> float:
         """By what errors would have to be multiplied for χ² to be as expected; 1 where they are not contradicted."""
         return float(np.sqrt(self.reduced)) if self.contradicted else 1.0
 
-    def warning(self):
+    def warning(self) -> str | None:
         """What a report says, or None."""
         if self.dof <= 0:
             return "no degrees of freedom are left: the residuals say nothing of the errors"
@@ -58,7 +60,7 @@ class Quality:
         return f"χ²/dof {size}: the errors seem too large, by {1 / self.factor:.3g}"
 
 
-def log_p_value(chi2, dof):
+def log_p_value(chi2: float, dof: float) -> float:
     """Logarithm of the probability of as much χ² or more; exact where the probability itself is zero in double precision.
 
     >>> round(float(log_p_value(2000.0, 3)), 2)
@@ -78,7 +80,7 @@ def log_p_value(chi2, dof):
     return (a - 1) * np.log(x) - x - gammaln(a) + np.log(total)
 
 
-def normal_deviate(chi2, dof):
+def normal_deviate(chi2: float, dof: float) -> float:
     """The z with the same tail probability as χ² with so many degrees of freedom, of any size.
 
     >>> round(float(normal_deviate(12, 3)), 4), round(float(normal_deviate(2000, 3)), 1)
@@ -91,7 +93,7 @@ def normal_deviate(chi2, dof):
     return -ndtri_exp(log_p_value(chi2, dof))
 
 
-def f_p_value(chi2, numerator, denominator):
+def f_p_value(chi2: float, numerator: float, denominator: float) -> float:
     """Probability of as much or more of χ² whose scale was estimated: chi2/numerator against F(numerator, denominator)."""
     if not numerator:
         return float("nan")

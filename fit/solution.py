@@ -1,7 +1,10 @@
 """What a fit found, and all that can be read off it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -11,8 +14,10 @@ from fit.storage import Result, coefficient_columns, count, exact, number, words
 from vsh import tables
 from vsh.checks.arguments import covariance, float_array
 from vsh.coefficients import FIRST_DEGREE, Coefficients
+from vsh.field import Field
 from vsh.modes import Modes
 from vsh.sky.frames import check_frame
+from vsh.types import Figure, FloatArray, Kind, Table
 from vsh.vector import Vector, correlation_of
 
 
@@ -28,35 +33,35 @@ class HarmonicSolution(LinearSolution):
     coefficients: Coefficients
 
     @property
-    def modes(self):
+    def modes(self) -> Modes:
         """The Modes that were fitted."""
         return self.coefficients.modes
 
     @cached_property
-    def names(self):
+    def names(self) -> tuple[str, ...]:
         """Names of the coefficients, (p,)."""
         return tuple(map(str, self.modes))
 
     @property
-    def values(self):
+    def values(self) -> FloatArray:
         """The coefficients as an array, (p,). [µas/yr]"""
         return self.coefficients.values
 
-    def model(self, field):
+    def model(self, field: Field) -> FloatArray:
         """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]"""
         return at_sources(self.coefficients, field)
 
     @property
-    def spin(self):
+    def spin(self) -> Vector:
         """The spin ω of the frame, a Vector. [µas/yr]"""
         return self._vector("T")
 
     @property
-    def acceleration(self):
+    def acceleration(self) -> Vector:
         """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
         return self._vector("S")
 
-    def power(self, kind, l, debiased=True):
+    def power(self, kind: Kind, l: int, *, debiased: bool = True) -> float:
         """Power of one kind and degree, ∫ |V_l|² dΩ. [(µas/yr)²]
 
         Noise adds Σ σ² (with the weights of the power) on average; it is taken away
@@ -65,11 +70,11 @@ class HarmonicSolution(LinearSolution):
         power = self.coefficients.power(kind, l)
         return power - self.noise_power(kind, l) if debiased else power
 
-    def noise_power(self, kind, l):
+    def noise_power(self, kind: Kind, l: int) -> float:
         """The power that noise alone gives on average. [(µas/yr)²]"""
         return float(np.trace(self._weighted_covariance(kind, l)))
 
-    def power_error(self, kind, l):
+    def power_error(self, kind: Kind, l: int) -> float:
         """Standard error of the power. [(µas/yr)²]
 
         For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
@@ -85,7 +90,7 @@ class HarmonicSolution(LinearSolution):
             signal = 0.0
         return float(np.sqrt(4 * signal + 2 * wcwc))
 
-    def p_value(self, kind, l):
+    def p_value(self, kind: Kind, l: int) -> float:
         """Probability that noise alone gives this degree as much signal or more.
 
         W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
@@ -93,7 +98,7 @@ class HarmonicSolution(LinearSolution):
         """
         return float(chdtrc(2 * l + 1, self.chi2_of_degree(kind, l)))
 
-    def chi2_of_degree(self, kind, l):
+    def chi2_of_degree(self, kind: Kind, l: int) -> float:
         """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree."""
         degree = self.modes.slice_of(kind, l)
         c = self.coefficients.values[degree]
@@ -145,39 +150,39 @@ class Solution(HarmonicSolution):
     notes: tuple = ()
     errors_from: str = "the catalogue"
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
 
-    def report(self, check=None, truth=None, source=None):
+    def report(self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
         """A page of text, as `fit.report` makes it."""
         from fit.output import report
 
         return report(self, check, truth, source)
 
-    def plot(self):
+    def plot(self) -> Figure:
         """Power by degree as a matplotlib figure."""
         from fit.output import plot_spectrum
 
         return plot_spectrum(self)
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each."""
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
-    def _repr_html_(self):
+    def _repr_html_(self) -> str:
         from fit.output import html_of
 
         return html_of(self)
 
-    def latex(self):
+    def latex(self) -> str:
         """Spin, acceleration and powers as a LaTeX table (booktabs)."""
         from fit.output import latex_of
 
         return latex_of(self)
 
     @property
-    def scaled(self):
+    def scaled(self) -> Solution:
         """The same solution with errors multiplied by √(χ²/dof) where χ² contradicts them, and only there."""
         factor = self.quality.factor
         if factor == 1.0 or self.errors_from != "the catalogue":
@@ -185,16 +190,16 @@ class Solution(HarmonicSolution):
         return replace(self, covariance=self.covariance * factor**2, errors_from=f"the catalogue, times {factor:.3g}")
 
     @cached_property
-    def sigma(self):
+    def sigma(self) -> FloatArray:
         """Standard error of each coefficient, (p,). [µas/yr]"""
         return np.sqrt(np.diag(self.covariance))
 
     @cached_property
-    def correlation(self):
+    def correlation(self) -> FloatArray:
         """Correlation matrix of the coefficients, (p, p)."""
         return correlation_of(self.covariance)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up.
 
         Raises
@@ -237,20 +242,20 @@ class AboutSolution(Result):
 
     solution: Solution
 
-    def report(self):
+    def report(self) -> str:
         """The solution as text."""
         return self.solution.report()
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each."""
         return self.solution.to_table()
 
-    def plot(self):
+    def plot(self) -> Figure:
         """Power by degree as a matplotlib figure."""
         return self.solution.plot()
 
 
-def at_sources(coefficients, field):
+def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
     """The motions of coefficients at the sources of a field, (2, n); by the transform for many of them."""
     if len(field) < 10_000:
         return coefficients.at(field.lon, field.lat)

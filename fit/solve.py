@@ -1,5 +1,9 @@
 """The solution of normal equations."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.linalg.lapack import dpocon
@@ -9,6 +13,7 @@ from fit.solution import Solution
 from vsh import Coefficients, Field
 from vsh.checks import arguments, nouns
 from vsh.errors import DegeneracyError, ParameterError
+from vsh.modes import Modes
 
 _LOST = "warning: motions are a million times their errors, so χ² is lost to rounding: take a model away first"
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
@@ -16,7 +21,9 @@ MAX_CONDITION = 1e10
 
 
 @arguments.accepts(prior=arguments.a(NormalEquations), max_condition=arguments.positive)
-def solve(normal, prior=None, max_condition=MAX_CONDITION):
+def solve(
+    normal: NormalEquations, prior: NormalEquations | None = None, *, max_condition: float = MAX_CONDITION
+) -> Solution:
     """Solve normal equations for the coefficients and their covariance.
 
     Parameters
@@ -69,7 +76,7 @@ def solve(normal, prior=None, max_condition=MAX_CONDITION):
 
 
 @arguments.accepts(modes=nouns.modes)
-def fit_field(field, modes):
+def fit_field(field: Field | Iterable[Field], modes: Modes | int) -> Solution:
     """Fit all modes to a degree to a field: normal equations, solved.
 
     Parameters

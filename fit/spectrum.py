@@ -1,10 +1,54 @@
 """Power by degree, and how surprising it would be if there were only noise."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from fit.quality import normal_deviate
+from fit.quality import Quality, normal_deviate
+from vsh import Coefficients, Field, Modes, Vector
+from vsh.types import FloatArray, Kind
+
+
+class HarmonicResult(Protocol):
+    """What a spectrum and a report need of a solution."""
+
+    @property
+    def modes(self) -> Modes: ...
+    @property
+    def coefficients(self) -> Coefficients: ...
+    @property
+    def covariance(self) -> FloatArray: ...
+    @property
+    def correlation(self) -> FloatArray: ...
+    @property
+    def spin(self) -> Vector: ...
+    @property
+    def acceleration(self) -> Vector: ...
+    @property
+    def chi2(self) -> float: ...
+    @property
+    def reduced_chi2(self) -> float: ...
+    @property
+    def dof(self) -> int: ...
+    @property
+    def quality(self) -> Quality: ...
+    @property
+    def n_data(self) -> int: ...
+    @property
+    def frame(self) -> str: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+    @property
+    def errors_from(self) -> str: ...
+    @property
+    def scaled(self) -> HarmonicResult: ...
+    def noise_power(self, kind: Kind, l: int) -> float: ...
+    def power_error(self, kind: Kind, l: int) -> float: ...
+    def p_value(self, kind: Kind, l: int) -> float: ...
+    def chi2_of_degree(self, kind: Kind, l: int) -> float: ...
+    def residuals(self, field: Field) -> Field: ...
 
 
 class Degree(NamedTuple):
@@ -27,16 +71,16 @@ class Degree(NamedTuple):
     mk_z: float
 
     @property
-    def debiased(self):
+    def debiased(self) -> float:
         return self.power - self.noise
 
 
-def spectrum(solution):
+def spectrum(solution: HarmonicResult) -> list[Degree]:
     """Every kind and degree of a solution, a list of Degree: T first, then S."""
     return [_degree(solution, kind, l) for kind in "TS" for l in range(1, solution.modes.lmax + 1)]
 
 
-def wilson_hilferty(w, n):
+def wilson_hilferty(w: float, n: float) -> float:
     """Z = √(9n/2) [(W/n)^⅓ − (1 − 2/(9n))]: nearly normal when W is χ² with n degrees of freedom.
 
     >>> round(float(wilson_hilferty(12, 3)), 4)

@@ -7,6 +7,8 @@ Each kind of result says itself how it is packed; this file knows none of them b
 checked as strictly as a field is: what was written is what comes back, or an error that says what is wrong.
 """
 
+from __future__ import annotations
+
 import base64
 import json
 import re
@@ -14,6 +16,7 @@ import zlib
 from dataclasses import fields, is_dataclass
 from html import escape
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +24,8 @@ from vsh import tables
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import printable
 from vsh.errors import TableError, VshError
+from vsh.modes import Modes
+from vsh.types import Figure, PathName, Table
 
 #: Kinds of results whose modules have been imported, by name.
 _KINDS = {}
@@ -36,20 +41,20 @@ class Result(Frozen):
     columns) and the class method `_unpack(columns, rest)`, which may raise anything on what is not right.
     """
 
-    def report(self):
+    def report(self) -> str:
         """The result as text."""
         raise NotImplementedError
 
-    def plot(self):
+    def plot(self) -> Figure:
         """The result as a matplotlib figure."""
         raise NotImplementedError
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """The result as an astropy Table: the columns that `write` writes."""
         columns, _, units = self._pack()
         return tables.table_of(columns, {"frame": getattr(self, "frame", None)}, units)
 
-    def _repr_html_(self):
+    def _repr_html_(self) -> str:
         """The report, for a notebook."""
         return f"<pre>{escape(self.report())}</pre>"
 
@@ -67,7 +72,7 @@ class Result(Frozen):
         super().__init_subclass__(**options)
         _KINDS[cls.__name__] = cls
 
-    def write(self, path, meta=None):
+    def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
         """Write to an ECSV or FITS file, which takes its name when it is complete.
 
         Parameters
@@ -90,7 +95,7 @@ class Result(Frozen):
         tables.write(path, columns, plain | (meta or {}) | {"RESULT": mark}, units)
 
     @classmethod
-    def read(cls, path):
+    def read(cls, path: PathName) -> Any:
         """Read what `write` wrote, bit for bit.
 
         Raises
@@ -105,17 +110,17 @@ class Result(Frozen):
             )
         return found
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         """Whether two results are of one kind and the same in every number."""
         if type(other) is not type(self):
             return NotImplemented
         return all(same(getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
 
-    def __hash__(self):
+    def __hash__(self) -> int:
         return hash((type(self).__name__, repr(self)))
 
 
-def same(one, two):
+def same(one: Any, two: Any) -> bool:
     """Whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
     if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):
         one, two = np.asarray(one), np.asarray(two)
@@ -129,7 +134,7 @@ def same(one, two):
     return bool(one == two)
 
 
-def read(path):
+def read(path: PathName) -> Any:
     """Read any result that was written to a file.
 
     Raises
@@ -247,7 +252,7 @@ def _decoded(plain):
     return kind(**{name: _decoded(each) for name, each in plain["fields"].items()})
 
 
-def coefficient_columns(modes):
+def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
     """The columns that name each coefficient."""
     modes = list(modes)
     return {
@@ -256,24 +261,24 @@ def coefficient_columns(modes):
     }  # fmt: skip
 
 
-def exact(x):
+def exact(x: float) -> str:
     """A number in hexadecimal: every bit, nan and inf among them."""
     return float(x).hex()
 
 
-def number(text):
+def number(text: Any) -> Any:
     """What `exact` wrote, as a number; anything else as it is."""
     return float.fromhex(text) if isinstance(text, str) else text
 
 
-def words(values):
+def words(values: Any) -> tuple[str, ...]:
     """A list of strings, checked, as a tuple."""
     if not isinstance(values, list) or not all(isinstance(each, str) for each in values):
         raise TableError(f"{values!r} is no list of words")
     return tuple(values)
 
 
-def count(value):
+def count(value: Any) -> int:
     """A whole number of at least zero, checked."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise TableError(f"{value!r} is no count")

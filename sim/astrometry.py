@@ -7,6 +7,8 @@ A transit at time t under the position angle ψ measures, along the scan,
 The problem is linear, so the errors of a solution are those of a solution of the noise.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,10 +16,12 @@ import numpy as np
 
 from sim.noise import parallax_error
 from sim.population import uniform_sky
-from sim.variability import markov_chain
+from sim.scanning import NominalScanningLaw, Transits
+from sim.variability import Variability, markov_chain
 from vsh.checks.arguments import generator
 from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
+from vsh.types import ArrayLike, BoolArray, FloatArray, Release, Rng
 
 #: Knots of the attitude, whose error all sources seen in between share. [yr]
 KNOT = 30.0 / (365.25 * 86400)
@@ -43,12 +47,21 @@ class Astrometry(Frozen):
     transits: np.ndarray
 
     @property
-    def solved(self):
+    def solved(self) -> BoolArray:
         """Which sources have a solution, (n,)."""
         return np.isfinite(self.covariance[:, 0, 0])
 
 
-def solve(transits, error, rng, years=5.0, variability=None, attitude=None, quote_variability=False):
+def solve(
+    transits: Transits,
+    error: ArrayLike,
+    rng: Rng,
+    *,
+    years: float = 5.0,
+    variability: Variability | None = None,
+    attitude: FloatArray | None = None,
+    quote_variability: bool = False,
+) -> Astrometry:
     """Simulate the measurements of all transits and solve for every source.
 
     Parameters
@@ -99,7 +112,14 @@ def solve(transits, error, rng, years=5.0, variability=None, attitude=None, quot
     return Astrometry(errors, covariance, counts)
 
 
-def expected_solution_covariances(transits, error, years=5.0, variability=None, attitude=0.0):
+def expected_solution_covariances(
+    transits: Transits,
+    error: FloatArray,
+    *,
+    years: float = 5.0,
+    variability: Variability | None = None,
+    attitude: float = 0.0,
+) -> tuple[FloatArray, FloatArray]:
     """Formal and true covariances of the solutions, without drawing them: two (n, 5, 5) arrays.
 
     The true one adds A⁺ C A⁺ᵀ of the wandering, and the attitude's error as if it were independent
@@ -127,7 +147,7 @@ def _spread(inverse, design, transits, variability, n):
     return out
 
 
-def errors_of_unit_transits(law, n=2000, seed=1):
+def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 1) -> FloatArray:
     """Sky-mean errors of (α*, δ, ϖ, µ_α*, µ_δ) for a transit error of one, (5,).
 
     From n uniform positions, always the same ones; the law remembers the result.
@@ -143,7 +163,9 @@ def errors_of_unit_transits(law, n=2000, seed=1):
     return law.remembered[n, seed]
 
 
-def transit_error(magnitude, law, release="DR4", unit=None):
+def transit_error(
+    magnitude: ArrayLike, law: NominalScanningLaw, release: Release = "DR4", unit: FloatArray | None = None
+) -> FloatArray:
     """Along-scan error of a transit by magnitude, (n,). [µas]
 
     Such that the sky-mean parallax error of the mission is the published one of the release,
@@ -160,6 +182,6 @@ def transit_error(magnitude, law, release="DR4", unit=None):
     return parallax_error(np.asarray(magnitude, float), release) / unit[2]
 
 
-def attitude_noise(law, sigma, rng):
+def attitude_noise(law: NominalScanningLaw, sigma: float, rng: Rng) -> FloatArray:
     """Error of the attitude along scan in every interval between knots, (k,). [µas]"""
     return sigma * generator(rng).standard_normal(int(np.ceil(law.years / KNOT)) + 1)

@@ -1,8 +1,11 @@
 """`vsh-sim`: a simulated catalogue with a known truth, on the command line."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,7 +18,7 @@ from vsh.commands import outputs, parsing, running
 ACCELERATION = "-0.235965,-3.755779,-2.080491"
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run `vsh-sim`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
     options = parsing.parse(parser, arguments)

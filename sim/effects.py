@@ -4,10 +4,15 @@ The tables of Bachchan, Hobbs & Lindegren (2016), recomputed: Table 2 (accelerat
 Local Group and by clusters), eq. 1, sects. 2.3 and 2.6, and the appendix on microlensing.
 """
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 from astropy import constants
 from astropy import units as u
 
+from vsh.types import Quantity
 from vsh.units import AU_PER_YEAR
 
 #: Masses [solar masses] and distances [kpc] of the paper's Table 2, after van den Bergh (2000) and NED.
@@ -29,7 +34,7 @@ ATTRACTORS = {
 _ANGULAR = u.dimensionless_angles()
 
 
-def apparent_motion(acceleration):
+def apparent_motion(acceleration: Quantity) -> Any:
     """ã = a/c of an acceleration, as a Quantity in µas/yr.
 
     >>> f"{apparent_motion(1e-10 * u.m / u.s**2):.6f}"
@@ -38,7 +43,7 @@ def apparent_motion(acceleration):
     return (acceleration / constants.c).to(u.uas / u.yr, equivalencies=_ANGULAR)
 
 
-def circular_acceleration(speed, radius):
+def circular_acceleration(speed: Quantity, radius: Quantity) -> Any:
     """ã = v²/(R c) of a circular orbit, µas/yr (eq. 1).
 
     Parameters
@@ -53,7 +58,7 @@ def circular_acceleration(speed, radius):
     return apparent_motion(speed**2 / radius)
 
 
-def attraction(mass, distance):
+def attraction(mass: Quantity, distance: Quantity) -> Any:
     """ã = GM/(d² c) by a mass at a distance, µas/yr (Table 2).
 
     >>> f"{attraction(2e10 * u.M_sun, 50 * u.kpc):.1e}"
@@ -62,12 +67,12 @@ def attraction(mass, distance):
     return apparent_motion(constants.G * mass / distance**2)
 
 
-def attractions():
+def attractions() -> dict[str, Any]:
     """The paper's Table 2: a dict from name to ã. [µas/yr]"""
     return {name: float(attraction(m * u.M_sun, d * u.kpc).value) for name, (m, d) in ATTRACTORS.items()}
 
 
-def transverse_motion(speed, distance):
+def transverse_motion(speed: Quantity, distance: Quantity) -> Any:
     """µ = v/d of a transverse speed, ours or the source's, µas/yr (eqs. 2 and 4).
 
     >>> f"{transverse_motion(750 * u.km / u.s, 44.44 * u.Mpc):.2f}"
@@ -76,7 +81,7 @@ def transverse_motion(speed, distance):
     return (speed / distance).to(u.uas / u.yr, equivalencies=_ANGULAR)
 
 
-def lensing_depth(density, mass, lens_distance, source_distance):
+def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, source_distance: Quantity) -> Any:
     """Photometric optical depth τ = π θ_E² N of lenses along the way to a source (appendix).
 
     θ_E² = (4GM/c²)(1/D_L − 1/D_Q), and N = n D_L² D_Q lenses to the steradian, taken for all of the
@@ -95,12 +100,12 @@ def lensing_depth(density, mass, lens_distance, source_distance):
     return float((np.pi * einstein * density * lens_distance**2 * source_distance).to_value(u.dimensionless_unscaled))
 
 
-def lensing_motion(lens_motion, depth):
+def lensing_motion(lens_motion: Quantity, depth: Quantity) -> Any:
     """Rms apparent motion of a source at rest behind moving lenses, µ_L √τ (eq. 5)."""
     return lens_motion * np.sqrt(depth)
 
 
-def effects(redshift=0.01):
+def effects(redshift: float = 0.01) -> dict[str, Any]:
     """The paper's Table 1, as numbers. [µas/yr]
 
     Parameters

@@ -1,27 +1,34 @@
 """What a mission would do to sources, without drawing it: formal and true covariances of their solutions."""
 
+from __future__ import annotations
+
+from typing import Literal
+
 import numpy as np
 
 from sim.astrometry import expected_solution_covariances, solve
-from sim.mission import as_mission
-from sim.scanning import BLOCK
+from sim.mission import Mission, as_mission
+from sim.population import Population
+from sim.scanning import BLOCK, NominalScanningLaw
+from sim.variability import Variability
 from vsh.checks import arguments
 from vsh.system.parallel import map_blocks
+from vsh.types import ArrayLike, FloatArray, Release
 
 _COLUMNS = {"motion": [3, 4], "position": [0, 1]}
 
 
 def expected_covariances(
-    population,
-    mission,
-    kind="motion",
+    population: Population,
+    mission: Mission | NominalScanningLaw,
+    kind: Literal["motion", "position"] = "motion",
     *,
-    variability=None,
-    excess_noise=0.0,
-    release="DR3",
-    threads=None,
-    progress=True,
-):
+    variability: Variability | None = None,
+    excess_noise: ArrayLike = 0.0,
+    release: Release = "DR3",
+    threads: int | None = None,
+    progress: bool = True,
+) -> tuple[FloatArray, FloatArray]:
     """Formal and true 2 × 2 covariances of five-parameter solutions over a mission.
 
     Parameters
@@ -72,7 +79,15 @@ def expected_covariances(
     return formal, true
 
 
-def errors_by_place(magnitude, lon, lat, mission, *, release="DR3", nside=16):
+def errors_by_place(
+    magnitude: ArrayLike,
+    lon: ArrayLike,
+    lat: ArrayLike,
+    mission: Mission | NominalScanningLaw,
+    *,
+    release: Release = "DR3",
+    nside: int = 16,
+) -> tuple[FloatArray, FloatArray]:
     """Errors and correlation of µ_α* and µ_δ by magnitude and place, without simulating each transit.
 
     The scanning law is followed for the centre of every HEALPix pixel; a source has the errors

@@ -1,5 +1,7 @@
 """A mission: how the sky is scanned, and how well each transit is measured."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +11,7 @@ from sim.noise import RELEASES
 from sim.scanning import NominalScanningLaw
 from vsh.checks import arguments
 from vsh.errors import FrameError, ParameterError
+from vsh.types import ArrayLike, FloatArray, Release, Rng
 
 
 @dataclass(frozen=True)
@@ -40,38 +43,38 @@ class Mission:
     release: str = "DR3"
     attitude: float = 10.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         arguments.a(NominalScanningLaw)("scanning_law", self.scanning_law)
         if self.release not in RELEASES:
             raise ParameterError(f"unknown release {self.release!r}: choose one of {', '.join(RELEASES)}")
         object.__setattr__(self, "attitude", arguments.not_negative("attitude", self.attitude))
 
     @property
-    def years(self):
+    def years(self) -> float:
         """Length of the mission. [yr]"""
         return self.scanning_law.years
 
     @property
-    def frame(self):
+    def frame(self) -> str:
         """Of the positions it takes."""
         return self.scanning_law.frame
 
-    def check_frame(self, frame):
+    def check_frame(self, frame: str) -> None:
         """Raise FrameError unless positions are in the frame of the scanning law."""
         if frame != self.frame:
             raise FrameError(f"positions are in {frame}, the mission's in {self.frame}")
 
-    def transit_error(self, magnitude, excess_noise=0.0):
+    def transit_error(self, magnitude: ArrayLike | None, excess_noise: ArrayLike = 0.0) -> FloatArray:
         """Along-scan error of a transit by magnitude G, (n,), with excess noise in quadrature. [µas]"""
         unit = errors_of_unit_transits(self.scanning_law)
         return np.hypot(transit_error(magnitude, self.scanning_law, self.release, unit), excess_noise)
 
-    def attitude_noise(self, rng):
+    def attitude_noise(self, rng: Rng) -> FloatArray | None:
         """Error of the attitude in every interval between knots, (k,) [µas]; None where it has none."""
         return attitude_noise(self.scanning_law, self.attitude, rng) if self.attitude else None
 
 
-def as_mission(mission, release="DR3"):
+def as_mission(mission: Mission | NominalScanningLaw, release: Release = "DR3") -> Mission:
     """A Mission; a bare scanning law becomes one with the errors of a release.
 
     Raises

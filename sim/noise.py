@@ -1,9 +1,12 @@
 """Gaia-like errors by magnitude."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vsh.checks import arguments
 from vsh.errors import ParameterError
+from vsh.types import ArrayLike, FloatArray, Release
 
 #: For each release: the factor t on the parallax error, and σ_µα* and σ_µδ in parallax errors a year.
 #: "paper" is Bachchan et al.'s five-year mission: the t of DR4 (five and a half years) times 0.886, which
@@ -16,7 +19,7 @@ RELEASES = {
 }
 
 
-def parallax_error(magnitude, release="DR3"):
+def parallax_error(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
     """Sky-mean standard error of the parallax, (n,). [µas]
 
     Gaia's published error model: √(40 + 800 z + 30 z²) · t with z = 10^{0.4 (max(G, 13) − 15)}.
@@ -28,7 +31,7 @@ def parallax_error(magnitude, release="DR3"):
 
 
 @arguments.accepts(magnitude=arguments.float_array)
-def gaia_errors(magnitude, release="DR3"):
+def gaia_errors(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
     """Sky-mean standard errors of µ_α* and µ_δ, (2, n). [µas/yr]
 
     >>> gaia_errors(np.array([20.0]), "DR5").round().ravel()

@@ -1,36 +1,41 @@
 """A true field, seen through noise."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from sim.astrometry import solve
-from sim.mission import as_mission
+from sim.mission import Mission, as_mission
 from sim.noise import gaia_errors
 from sim.population import Population
-from sim.scanning import BLOCK
-from sim.signal import as_signal
+from sim.scanning import BLOCK, NominalScanningLaw
+from sim.signal import Signal, as_signal
+from sim.variability import Variability
 from vsh import Field
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.coefficients import Coefficients
 from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
+from vsh.types import ArrayLike, Release, Rng
 
 
 @arguments.accepts(population=arguments.a(Population), rng=arguments.seed)
 def observe(
-    population,
-    signal,
-    rng,
+    population: Population,
+    signal: Signal | Coefficients,
+    rng: Rng,
     *,
-    mission=None,
-    variability=None,
-    excess_noise=0.0,
-    quote_variability=False,
-    sigma=None,
-    rho=0.0,
-    release="DR3",
-    threads=None,
-    progress=True,
-):
+    mission: Mission | NominalScanningLaw | None = None,
+    variability: Variability | None = None,
+    excess_noise: ArrayLike = 0.0,
+    quote_variability: bool = False,
+    sigma: ArrayLike | None = None,
+    rho: ArrayLike = 0.0,
+    release: Release = "DR3",
+    threads: int | None = None,
+    progress: bool = True,
+) -> Field:
     """Draw a field whose expectation is the signal.
 
     Parameters
@@ -105,17 +110,17 @@ def observe(
 
 
 def observe_offsets(
-    population,
-    signal,
-    rng,
-    mission,
+    population: Population,
+    signal: Signal | Coefficients,
+    rng: Rng,
+    mission: Mission | NominalScanningLaw,
     *,
-    radio=100.0,
-    variability=None,
-    release="DR3",
-    threads=None,
-    progress=True,
-):
+    radio: ArrayLike = 100.0,
+    variability: Variability | None = None,
+    release: Release = "DR3",
+    threads: int | None = None,
+    progress: bool = True,
+) -> Field:
     """Draw the offsets of optical positions from noisy radio positions.
 
     Parameters

@@ -1,19 +1,23 @@
 """Figures of a simulated sky (matplotlib)."""
 
+from __future__ import annotations
+
 import matplotlib.pyplot as plt
 import numpy as np
 
-from sim.variability import markov_chain
+from sim.population import Population
+from sim.variability import Variability, markov_chain
 from vsh.checks.arguments import generator
 from vsh.cosmology import PLANCK_2013, transverse_distance
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import mean_map, pixels_of
 from vsh.sky.plot import draw_map, on_map, sky_axes
 from vsh.sky.sphere import angles, triad
+from vsh.types import Cosmology, Figure, FloatArray, Rng
 from vsh.units import AU_PER_YEAR
 
 
-def plot_density(population, nside=16, title=None):
+def plot_density(population: Population, nside: int = 16, title: str | None = None) -> Figure:
     """Sources per square degree over the sky, with the ecliptic. Returns the figure."""
     pixel = pixels_of(population.lon, population.lat, nside)
     density = np.bincount(pixel, minlength=12 * nside**2) / (41252.96 / (12 * nside**2))
@@ -30,7 +34,7 @@ def plot_density(population, nside=16, title=None):
     return axes.figure
 
 
-def plot_transits(population, counts, nside=16):
+def plot_transits(population: Population, counts: FloatArray, nside: int = 16) -> Figure:
     """Transits per source over the sky. Returns the figure.
 
     Parameters
@@ -44,7 +48,7 @@ def plot_transits(population, counts, nside=16):
     return axes.figure
 
 
-def plot_histograms(population):
+def plot_histograms(population: Population) -> Figure:
     """Magnitudes and redshifts. Returns the figure."""
     columns = {"G": population.magnitude, "redshift": population.redshift}
     columns = {name: values for name, values in columns.items() if values is not None}
@@ -55,7 +59,7 @@ def plot_histograms(population):
     return figure
 
 
-def plot_tracks(times, variability, rng, n_tracks=3):
+def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks: int = 3) -> Figure:
     """Photocentres that wander: tracks on the sky of a few draws. Returns the figure.
 
     Parameters
@@ -76,7 +80,7 @@ def plot_tracks(times, variability, rng, n_tracks=3):
     return figure
 
 
-def plot_distance_and_parallax(speed=369.0, cosmology=PLANCK_2013):
+def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = PLANCK_2013) -> Figure:
     """Comoving distance and the drift by our velocity, against redshift. Returns the figure."""
     z = np.geomspace(1e-3, 6, 400)
     distance = transverse_distance(z, cosmology)

@@ -1,6 +1,9 @@
 """Sources: where they are, how bright, how far."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +14,7 @@ from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, ParameterError, TableError
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import angles, triad
+from vsh.types import FloatArray, Rng
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
 _BRIGHTER_THAN = {18.0: 29_200, 19.0: 175_814, 20.0: 665_975, 21.0: 1_215_942}
@@ -34,24 +38,24 @@ class Population(Frozen):
     redshift: np.ndarray = None
     frame: str = "icrs"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_frame(self.frame)
         for name in ("lon", "lat", "magnitude", "redshift"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, np.array(as_floats(name, getattr(self, name))[0]))
         super().__post_init__()
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.lon)
 
-    def __getitem__(self, keep):
+    def __getitem__(self, keep: Any):
         """The sources picked by a mask, a slice or indices."""
         columns = {f.name: getattr(self, f.name) for f in fields(self)}
         return Population(**{k: v[keep] if isinstance(v, np.ndarray) else v for k, v in columns.items()})
 
 
 @arguments.accepts(n=arguments.whole, rng=arguments.seed)
-def uniform_sky(n, rng):
+def uniform_sky(n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     """n positions, uniform over the sphere: longitude and latitude. [rad]
 
     >>> lon, lat = uniform_sky(1000, rng=1)
@@ -62,7 +66,7 @@ def uniform_sky(n, rng):
     return rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
 
 
-def plane_avoiding_sky(n, rng, latitude=15.0):
+def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatArray, FloatArray]:
     """n positions in ICRS, uniform over the sphere but for the Galactic plane, |b| < `latitude` degrees. [rad]"""
     from vsh.sky.frames import rotation_matrix
 
@@ -73,7 +77,9 @@ def plane_avoiding_sky(n, rng, latitude=15.0):
 
 
 @arguments.accepts(n=arguments.whole, rng=arguments.seed, max_magnitude=arguments.number)
-def quasars(n, rng, sky="uniform", max_magnitude=20.0, map_frame="icrs"):
+def quasars(
+    n: int, rng: Rng, sky: str | FloatArray = "uniform", *, max_magnitude: float = 20.0, map_frame: str = "icrs"
+) -> Population:
     """n quasars with Gaia's distribution of magnitudes.
 
     Parameters
@@ -102,7 +108,7 @@ def quasars(n, rng, sky="uniform", max_magnitude=20.0, map_frame="icrs"):
 
 
 @arguments.accepts(quasars=arguments.a(Population), n=arguments.whole, rng=arguments.seed)
-def vlbi_quasars(quasars, n, rng):
+def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
     """n of the quasars, at random: those whose positions VLBI knows (the paper has 3300 of 500 000)."""
     if not 0 < n <= len(quasars):
         raise ParameterError(f"{n} of {len(quasars)} quasars cannot be chosen")
@@ -119,16 +125,17 @@ def vlbi_quasars(quasars, n, rng):
     spread=arguments.positive,
 )
 def galaxies(
-    n,
-    rng,
-    sky="uniform",
-    min_redshift=0.001,
-    max_redshift=0.03,
-    max_magnitude=20.0,
-    absolute=-18.0,
-    spread=1.5,
-    map_frame="icrs",
-):
+    n: int,
+    rng: Rng,
+    sky: str | FloatArray = "uniform",
+    *,
+    min_redshift: float = 0.001,
+    max_redshift: float = 0.03,
+    max_magnitude: float = 20.0,
+    absolute: float = -18.0,
+    spread: float = 1.5,
+    map_frame: str = "icrs",
+) -> Population:
     """n galaxies, evenly in the volume between two redshifts, as far as they are bright enough.
 
     Parameters
@@ -165,7 +172,9 @@ def galaxies(
     return Population(lon, lat, magnitude[:n], redshift[:n])
 
 
-def from_table(source, ra="ra", dec="dec", redshift=None, magnitude=None):
+def from_table(
+    source: Any, *, ra: str = "ra", dec: str = "dec", redshift: str | None = None, magnitude: str | None = None
+) -> Population:
     """The positions, and perhaps redshifts and magnitudes, of a real table.
 
     Parameters
@@ -205,7 +214,7 @@ def from_table(source, ra="ra", dec="dec", redshift=None, magnitude=None):
     return Population(lon, lat, columns.get("magnitude"), columns.get("redshift"))
 
 
-def quasar_magnitudes(n, rng, max_magnitude=20.0):
+def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArray:
     """n magnitudes G with the number counts of Gaia's quasars, log-linear between the published ones.
 
     Brighter than G = 18 the first slope is continued.
@@ -220,7 +229,7 @@ def quasar_magnitudes(n, rng, max_magnitude=20.0):
     return np.interp(drawn, log_count, magnitude)
 
 
-def quasar_redshifts(n, rng, scale=0.55, shape=2.7):
+def quasar_redshifts(n: int, rng: Rng, scale: float = 0.55, shape: float = 2.7) -> FloatArray:
     """n redshifts from a gamma distribution of mean 1.5, about that of Gaia's and SDSS' quasars; at least 0.05."""
     return np.maximum(generator(rng).gamma(shape, scale, n), 0.05)
 

@@ -6,12 +6,15 @@ their results: GUMS is all of the sky but the Galactic plane, where extinction h
 the Initial Gaia Quasar List is a sum of surveys, each with its footprint.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
 from vsh.errors import ParameterError
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import centres, random_positions
 from vsh.sky.sphere import angles, triad
+from vsh.types import FloatArray, Rng
 
 NSIDE = 64
 
@@ -35,7 +38,7 @@ IGQL_SHARES = {
 }
 
 
-def sky_map(sky):
+def sky_map(sky: str | FloatArray) -> tuple[FloatArray, str]:
     """The density of a named sky, (12 · 64²,), and the frame of its axes.
 
     Parameters
@@ -53,7 +56,9 @@ def sky_map(sky):
     return makers[sky](), "galactic"
 
 
-def draw_positions(n, rng, sky="uniform", map_frame="icrs"):
+def draw_positions(
+    n: int, rng: Rng, sky: str | FloatArray = "uniform", map_frame: str = "icrs"
+) -> tuple[FloatArray, FloatArray]:
     """n positions in ICRS, with the density of a sky. [rad]
 
     Parameters

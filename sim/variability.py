@@ -4,6 +4,8 @@ Bachchan, Hobbs & Lindegren (2016), eqs. 8 and 9: x_i = e^{−Δt/τ} x_{i−1} 
 standard deviation σ √(1 − e^{−2Δt/τ}).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,6 +13,7 @@ import numpy as np
 
 from vsh.checks.arguments import generator, not_negative, positive
 from vsh.errors import ParameterError
+from vsh.types import FloatArray, IntArray, Rng
 
 
 @dataclass(frozen=True)
@@ -26,16 +29,16 @@ class Variability:
     sigma: float
     tau: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         not_negative("sigma", self.sigma)
         positive("tau", self.tau)
 
-    def covariance(self, times):
+    def covariance(self, times: FloatArray) -> FloatArray:
         """Covariance of one coordinate at given times, (k, k). [µas²]"""
         return self.sigma**2 * np.exp(-np.abs(np.subtract.outer(times, times)) / self.tau)
 
 
-def markov_chain(times, sigma, tau, rng, source=None):
+def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: IntArray | None = None) -> FloatArray:
     """One draw of the chain at irregular times.
 
     Parameters

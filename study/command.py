@@ -1,7 +1,10 @@
 """`vsh-study`: a simulation study from a TOML file, on the command line."""
 
+from __future__ import annotations
+
 import argparse
 import sys
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -9,7 +12,7 @@ import vsh
 from vsh.commands import parsing, running
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run `vsh-study`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
     options = parsing.parse(parser, arguments)

@@ -1,9 +1,12 @@
 """What a study is: a TOML file, checked, with every default spelled out."""
 
+from __future__ import annotations
+
 import json
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +14,7 @@ from vsh.checks.notes import printable
 from vsh.cosmology import VELOCITIES, velocity_from_apex
 from vsh.errors import ParameterError, VshError
 from vsh.sky.frames import FRAMES
+from vsh.types import PathName
 
 
 class StudyError(VshError, ValueError):
@@ -61,10 +65,10 @@ class Study:
     cases: list
 
     @property
-    def n_realisations(self):
+    def n_realisations(self) -> int:
         return self.settings["n_realisations"]
 
-    def plain(self):
+    def plain(self) -> dict[str, Any]:
         """All that determines a result, as plain values; the number of realisations does not."""
         study = {key: value for key, value in self.settings.items() if key != "n_realisations"}
         return json.loads(
@@ -72,7 +76,7 @@ class Study:
         )
 
 
-def load(source):
+def load(source: PathName | dict[str, Any]) -> Study:
     """Read and check a configuration.
 
     Parameters

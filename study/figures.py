@@ -1,5 +1,9 @@
 """The paper's four figures, drawn from the study's own populations (matplotlib)."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
@@ -8,12 +12,13 @@ import sim
 from sim.astrometry import transit_error
 from sim.plot import plot_density, plot_distance_and_parallax
 from sim.variability import markov_chain
+from study.config import Study
 from vsh.cosmology import transverse_distance
 from vsh.system.files import atomic_write
 from vsh.units import AU_PER_YEAR
 
 
-def write_figures(study, folder):
+def write_figures(study: Study, folder: Path) -> None:
     """Figures 1 to 4 as PNG and PDF; returns their paths."""
     matplotlib.use("agg")  # files, no windows
     figures = {
@@ -66,7 +71,7 @@ def _galaxies(study):
     )
     law = sim.NominalScanningLaw(years=study.mission["years"], dead_time=study.mission["dead_time"], rng=1)
     some = slice(0, min(5000, len(galaxies)))
-    error = np.hypot(transit_error(galaxies.magnitude, law, study.mission["release"]), case["excess"])
+    error = np.hypot(transit_error(galaxies.magnitude, law, study.mission["release"]), case["excess_noise"])
     counts = law.transits(galaxies.lon[some], galaxies.lat[some]).counts(some.stop)
     figure, panels = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
     (weight, redshift), (number, drift) = panels

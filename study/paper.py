@@ -1,11 +1,14 @@
 """The paper's tables and figures from a study of its four cases, and the two side by side."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
 
 import fit
 from sim.effects import attractions, effects
+from study.config import Study
 from study.published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEEDS, published
 from study.results import read_realisations, summary
 from vsh import Field, Vector, tables
@@ -19,7 +22,7 @@ _SET = {
 }
 
 
-def write_paper(study, folder, n_realisations, draw=True):
+def write_paper(study: Study, folder: Path, n_realisations: int, draw: bool = True) -> None:
     """Write tables.md, tables.ecsv, comparison.md and the figures into the folder of a finished study.
 
     Parameters

@@ -1,17 +1,27 @@
 """What all realisations of a case share: positions, and covariances from every transit of the mission."""
 
+from __future__ import annotations
+
 import hashlib
 import json
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
 import sim
-from study.config import StudyError
+from study.config import Study, StudyError
 from vsh import Field
 from vsh.system.files import atomic_write
 
 
-def prepared(study, case, kind, folder, progress=True):
+def prepared(
+    study: Study,
+    case: dict[str, Any],
+    kind: Literal["quasars", "vlbi", "galaxies"],
+    folder: Path,
+    progress: bool = True,
+) -> Path:
     """The file with the sources of one kind, made if it is not there.
 
     Parameters

@@ -1,18 +1,22 @@
 """One realisation: noise on the truth, and what every estimator makes of it."""
 
+from __future__ import annotations
+
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
 import fit
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
+from study.config import Study
 from vsh import Field, Modes, Vector
 
 _KINDS = ("quasars", "vlbi", "galaxies")
 
 
-def realise(study, index, files, number):
+def realise(study: Study, index: int, files: dict[str, Path], number: int) -> dict[str, dict[str, float]]:
     """Draw and fit one realisation.
 
     Parameters
@@ -64,7 +68,7 @@ def realise(study, index, files, number):
     }
 
 
-def true_velocity(study):
+def true_velocity(study: Study) -> Vector:
     """The velocity of the configuration (speed, l, b), a Vector along the study's axes. [km/s]"""
     return Vector.from_spherical(*study.truth["velocity"], frame="galactic", unit="km/s").to_frame(
         study.settings["frame"]

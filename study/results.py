@@ -1,13 +1,18 @@
 """What came of all realisations: one table of everything, one of means and scatter."""
 
+from __future__ import annotations
+
 import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from study.config import Study
 from vsh import tables
 
 
-def read_realisations(study, folder, n_realisations):
+def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
     """Values and errors of all realisations, by case: dicts of name to (n_realisations,) arrays."""
     found = {}
     for case in study.cases:
@@ -20,7 +25,7 @@ def read_realisations(study, folder, n_realisations):
     return found
 
 
-def write_results(study, folder, n_realisations):
+def write_results(study: Study, folder: Path, n_realisations: int) -> None:
     """Write results.ecsv (every number of every realisation) and summary.ecsv (a row a case and parameter)."""
     found = read_realisations(study, folder, n_realisations)
     columns = {"case": [], "realisation": [], "parameter": [], "value": [], "sigma": []}
@@ -37,7 +42,7 @@ def write_results(study, folder, n_realisations):
     tables.write(folder / "summary.ecsv", {key: [row[key] for row in rows] for key in rows[0]}, meta)
 
 
-def summary(study, found):
+def summary(study: Study, found: Any) -> list[dict[str, Any]]:
     """Mean, standard deviation and mean formal error of every parameter: a list of dicts.
 
     The truth stands beside them, and how far the mean is from it in standard errors of the mean.
@@ -55,7 +60,7 @@ def summary(study, found):
     return rows
 
 
-def truth_of(study, name):
+def truth_of(study: Study, name: str) -> float:
     """The true value of a parameter."""
     from study.realise import true_velocity
 

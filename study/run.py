@@ -1,5 +1,7 @@
 """All realisations of a study, on all cores, each written when it is done; a killed study goes on."""
 
+from __future__ import annotations
+
 import json
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from multiprocessing import get_context
@@ -7,7 +9,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from study.config import StudyError
+from study.config import Study, StudyError
 from study.prepare import prepared
 from study.realise import realise
 from study.results import write_results
@@ -15,9 +17,17 @@ from vsh.checks.notes import printable
 from vsh.system.files import atomic_write, remove_unfinished
 from vsh.system.parallel import cores
 from vsh.system.progress import progress_bar
+from vsh.types import PathName
 
 
-def run(study, folder, n_realisations=None, workers=None, progress=True):
+def run(
+    study: Study,
+    folder: PathName,
+    *,
+    n_realisations: int | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Path:
     """Run a study into a folder, or go on with one.
 
     Parameters

@@ -11,15 +11,19 @@ in l runs for all m at once; to degree 1000 its sectoral start underflows only w
 function itself is below 1e-100.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
 from vsh.checks import arguments, nouns
 from vsh.errors import ParameterError
+from vsh.modes import Modes
 from vsh.sky.sphere import multiples, sin_cos
+from vsh.types import ArrayLike, FloatArray
 
 
 @arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), modes=nouns.modes)
-def harmonics(lon, lat, modes):
+def harmonics(lon: ArrayLike, lat: ArrayLike, modes: Modes | int) -> FloatArray:
     """The field of each mode at each source: the design matrix.
 
     Parameters
@@ -44,12 +48,12 @@ def harmonics(lon, lat, modes):
     return np.concatenate([toroidal, spheroidal_twin(toroidal)])
 
 
-def spheroidal_twin(toroidal):
+def spheroidal_twin(toroidal: FloatArray) -> FloatArray:
     """S is T turned by +90° about the line of sight: (e, n) → (-n, e), axis 1."""
     return np.stack([-toroidal[:, 1], toroidal[:, 0]], axis=1)
 
 
-def toroidal_harmonics(lon, lat, lmax):
+def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
     """The toroidal half of `harmonics`: (lmax (lmax + 2), 2, n)."""
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     sin, cos = sin_cos(lat)

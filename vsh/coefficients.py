@@ -1,5 +1,7 @@
 """The coefficients of a vector field, and the physics read off their first degree."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +12,7 @@ from vsh.checks.frozen import Frozen
 from vsh.errors import ModesError
 from vsh.modes import Modes, as_modes
 from vsh.system.parallel import map_blocks
+from vsh.types import ArrayLike, FloatArray, Kind
 
 #: Degree 1 is a rigid rotation (T) or a glide (S): rows (1,0), (1,1,re), (1,1,im) of its
 #: coefficients from x, y, z of the vector (docs/conventions.md).
@@ -47,7 +50,7 @@ class Coefficients(Frozen):
     modes: Modes
     values: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         modes = as_modes(self.modes)
         object.__setattr__(self, "modes", modes)
         # nan stands for coefficients to come, in predictions.
@@ -62,7 +65,7 @@ class Coefficients(Frozen):
         object.__setattr__(self, "values", values)
 
     @classmethod
-    def from_vectors(cls, rotation=(0, 0, 0), glide=(0, 0, 0), lmax=1):
+    def from_vectors(cls, rotation: ArrayLike = (0, 0, 0), glide: ArrayLike = (0, 0, 0), lmax: int = 1) -> Coefficients:
         """The rotation ω × r plus the glide g - (g·r) r, vectors in µas/yr."""
         modes = as_modes(lmax)
         values = np.zeros(len(modes))
@@ -71,21 +74,21 @@ class Coefficients(Frozen):
         return cls(modes, values)
 
     @property
-    def rotation(self):
+    def rotation(self) -> FloatArray:
         """The spin vector ω along the axes of the frame, (3,). [µas/yr]"""
         return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.slice_of("T", 1)])
 
     @property
-    def glide(self):
+    def glide(self) -> FloatArray:
         """The glide vector g along the axes of the frame, (3,). [µas/yr]"""
         return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.slice_of("S", 1)])
 
-    def power(self, kind, l):
+    def power(self, kind: Kind, l: int) -> float:
         """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]"""
         c = self.values[self.modes.slice_of(kind, l)]
         return float(c[0] ** 2 + 2 * np.sum(c[1:] ** 2))
 
-    def at(self, lon, lat):
+    def at(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
         """The field at each position: east and north component, (2, n). [µas/yr]
 
         Parameters
@@ -104,7 +107,7 @@ class Coefficients(Frozen):
             pass
         return out
 
-    def to_degree(self, lmax):
+    def to_degree(self, lmax: int) -> Coefficients:
         """The same field with modes to another degree: new ones are zero, those above are cut off."""
         modes = as_modes(lmax)
         values = np.zeros(len(modes))
@@ -113,14 +116,14 @@ class Coefficients(Frozen):
                 values[modes.slice_of(kind, l)] = self.values[self.modes.slice_of(kind, l)]
         return Coefficients(modes, values)
 
-    def __add__(self, other):
+    def __add__(self, other: Coefficients) -> Coefficients:
         """The sum of two fields; the lower degree is padded."""
         if not isinstance(other, Coefficients):
             return NotImplemented
         lmax = max(self.modes.lmax, other.modes.lmax)
         return Coefficients(Modes(lmax), self.to_degree(lmax).values + other.to_degree(lmax).values)
 
-    def __mul__(self, factor):
+    def __mul__(self, factor: float) -> Coefficients:
         """The field times a number."""
         return Coefficients(self.modes, self.values * float(factor))
 

@@ -3,6 +3,9 @@
 Signs and factors are those of docs/conventions.md; a test pins each.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -10,6 +13,7 @@ import numpy as np
 from vsh.coefficients import Coefficients
 from vsh.errors import ModesError
 from vsh.modes import Mode, Modes
+from vsh.types import ArrayLike, ComplexArray
 
 _1, _20, _21, _22 = (np.sqrt(x * np.pi / 15) for x in (20, 32, 12, 48))
 
@@ -35,7 +39,7 @@ ICRF3 = {
 }
 
 
-def to_icrf3(coefficients):
+def to_icrf3(coefficients: Coefficients) -> dict[str, float]:
     """The parameters of degrees 1 and 2 under the names and signs of the ICRF3 papers.
 
     Degrees above 2 have no such names and are left out.
@@ -60,7 +64,7 @@ def to_icrf3(coefficients):
     }
 
 
-def from_icrf3(parameters):
+def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
     """Coefficients from a dict of ICRF3 parameters; those not named are zero.
 
     Raises
@@ -79,7 +83,7 @@ def from_icrf3(parameters):
     return Coefficients(modes, values)
 
 
-def to_healpy(coefficients):
+def to_healpy(coefficients: Coefficients) -> ComplexArray:
     """E and B alm of the spin-1 field whose maps are (south, east): E = +s, B = −t.
 
     Returns
@@ -98,7 +102,7 @@ def to_healpy(coefficients):
     return alm
 
 
-def from_healpy(alm):
+def from_healpy(alm: ArrayLike) -> Coefficients:
     """Coefficients from E and B alm (2, …) of a spin-1 field: the inverse of `to_healpy`.
 
     Raises

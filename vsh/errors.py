@@ -1,12 +1,14 @@
 """What can go wrong, each with the remedy in its message."""
 
+from __future__ import annotations
+
 from vsh.checks.notes import printable
 
 
 class VshError(Exception):
     """Base of every error this project raises on purpose; every one of them is a ValueError too."""
 
-    def __str__(self):
+    def __str__(self) -> str:
         return printable(super().__str__())  # what files and columns are called must not steer a terminal
 
 
@@ -62,7 +64,7 @@ class VshWarning(UserWarning):
     """Base of every warning: the answer stands, but read it with care."""
 
 
-def first_line(error):
+def first_line(error: object) -> str:
     """The first line of what an error says."""
     text = str(error).strip()
     return text.splitlines()[0].rstrip(".") if text else type(error).__name__

@@ -1,6 +1,10 @@
 """A field of proper motions: the one noun that simulations make and fits consume."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +15,7 @@ from vsh.checks.validation import as_floats, check_shapes, checked_columns, faul
 from vsh.errors import FieldError, FrameError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
+from vsh.types import ArrayLike, FloatArray, OnBad
 from vsh.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.
@@ -63,7 +68,7 @@ class Field(Frozen):
     frame: str = "icrs"
     notes: tuple = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_frame(self.frame)
         for column, array in checked_columns(self, _NUMBERS, ("name",)).items():
             self._set(column, array)
@@ -72,21 +77,22 @@ class Field(Frozen):
     @classmethod
     def from_columns(
         cls,
-        ra,
-        dec,
-        pmra,
-        pmdec,
-        pmra_error,
-        pmdec_error,
-        pmra_pmdec_corr=None,
-        redshift=None,
-        magnitude=None,
-        name=None,
-        frame="icrs",
-        on_bad="raise",
-        notes=(),
-        first_row=0,
-    ):
+        ra: Any,
+        dec: Any,
+        pmra: Any,
+        pmdec: Any,
+        pmra_error: Any,
+        pmdec_error: Any,
+        pmra_pmdec_corr: ArrayLike | None = None,
+        *,
+        redshift: ArrayLike | None = None,
+        magnitude: ArrayLike | None = None,
+        name: ArrayLike | None = None,
+        frame: str = "icrs",
+        on_bad: OnBad = "raise",
+        notes: Iterable[str] = (),
+        first_row: int = 0,
+    ) -> Field:
         """A field from columns as catalogues have them.
 
         Parameters
@@ -150,7 +156,7 @@ class Field(Frozen):
         )  # fmt: skip
 
     @classmethod
-    def without_motions(cls, sources, sigma=None):
+    def without_motions(cls, sources: Any, sigma: ArrayLike | None = None) -> Field:
         """Positions and errors as a Field whose motions are zero; a Field as it is.
 
         Parameters
@@ -176,14 +182,14 @@ class Field(Frozen):
             getattr(sources, "rho", None), getattr(sources, "redshift", None), frame=getattr(sources, "frame", "icrs"),
         )  # fmt: skip
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self.lon.size
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         known = [name for name in ("redshift", "magnitude", "name") if getattr(self, name) is not None]
         return f"<Field: {len(self)} sources, {self.frame}{', with ' if known else ''}{', '.join(known)}>"
 
-    def __getitem__(self, keep):
+    def __getitem__(self, keep: Any) -> Field:
         """The sources picked by a mask, a slice or indices."""
         if isinstance(keep, (int, np.integer)):
             keep = [keep]
@@ -196,11 +202,11 @@ class Field(Frozen):
         }
         return self._with(**picked)
 
-    def minus(self, model):
+    def minus(self, model: ArrayLike) -> Field:
         """What is left when a model's motions, (2, n) [µas/yr], are taken away."""
         return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 
-    def with_errors(self, sigma, rho=None):
+    def with_errors(self, sigma: ArrayLike, rho: ArrayLike | None = None) -> Field:
         """The same motions with other standard errors, (2, n) [µas/yr], and perhaps correlations, (n,)."""
         rho = self.rho if rho is None else float_array("rho", rho, finite=False)
         sigma = float_array("sigma", sigma, finite=False)
@@ -208,7 +214,7 @@ class Field(Frozen):
         refuse(faults(self.lon, self.lat, self.motion, sigma, rho), len(self))
         return self._with(sigma=sigma, rho=rho)
 
-    def check_frame(self, frame):
+    def check_frame(self, frame: str) -> None:
         """Raise FrameError unless the field is in a frame.
 
         Parameters
@@ -224,40 +230,40 @@ class Field(Frozen):
         if self.frame != frame:
             raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')
 
-    def add_note(self, *notes):
+    def add_note(self, *notes: str) -> Field:
         """The same field with more that its reader should know."""
         return self._with(notes=merge_notes((*self.notes, *notes)))
 
     @property
-    def weights(self):
+    def weights(self) -> FloatArray:
         """The inverse covariance [[a, c], [c, b]] of each source, (3, n): a, b, c. [(yr/µas)²]"""
         a, b = 1 / self.sigma**2
         c = -self.rho / (self.sigma[0] * self.sigma[1])
         return np.stack([a, b, c]) / (1 - self.rho**2)
 
     @property
-    def whitened(self):
+    def whitened(self) -> FloatArray:
         """The motions decorrelated and in units of their errors, L⁻¹ µ with L Lᵀ = C, (2, n)."""
         (s1, s2), rho, (east, north) = self.sigma, self.rho, self.motion
         return np.stack([east / s1, (north / s2 - rho * east / s1) / np.sqrt(1 - rho**2)])
 
-    def inner(self, x, y):
+    def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """xᵀ C⁻¹ y of each source, (n,), for two sets of motions (2, n)."""
         a, b, c = self.weights
         return a * x[0] * y[0] + b * x[1] * y[1] + c * (x[0] * y[1] + x[1] * y[0])
 
     @property
-    def chi2(self):
+    def chi2(self) -> FloatArray:
         """µᵀ C⁻¹ µ of each source: the χ² of its motion against none, (n,)."""
         return self.inner(self.motion, self.motion)
 
     @property
-    def information(self):
+    def information(self) -> FloatArray:
         """The trace of each source's inverse covariance, (n,): its weight in sums over both components. [(yr/µas)²]"""
         a, b, _ = self.weights
         return a + b
 
-    def to_frame(self, name):
+    def to_frame(self, name: str) -> Field:
         """The same sources in another frame; motions and covariances turn with the axes."""
         if check_frame(name) == self.frame:
             return self

@@ -11,6 +11,9 @@ A real field of degree 1 … lmax has ``2 lmax (lmax + 2)`` parameters, kept as:
     ]
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import index
 from typing import NamedTuple
@@ -18,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vsh.errors import ModesError
+from vsh.types import FloatArray, IntArray, Kind
 
 
 class Mode(NamedTuple):
@@ -28,7 +32,7 @@ class Mode(NamedTuple):
     m: int
     part: str = "re"
 
-    def __str__(self):
+    def __str__(self) -> str:
         order = f"{self.m}" if self.m == 0 else f"{self.m},{self.part}"
         return f"{self.kind.lower()}({self.l},{order})"
 
@@ -60,7 +64,7 @@ class Modes:
 
     lmax: int
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         try:
             lmax = index(self.lmax)
         except TypeError:
@@ -69,10 +73,10 @@ class Modes:
             raise ModesError(f"lmax must be a whole number of at least 1, not {self.lmax!r}")
         object.__setattr__(self, "lmax", lmax)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return 2 * self.lmax * (self.lmax + 2)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[Mode]:
         for kind in "TS":
             for l in range(1, self.lmax + 1):
                 yield Mode(kind, l, 0)
@@ -81,13 +85,13 @@ class Modes:
                     yield Mode(kind, l, m, "im")
 
     @property
-    def degrees(self):
+    def degrees(self) -> IntArray:
         """The degree l of each mode, a (p,) array."""
         l = np.arange(1, self.lmax + 1)
         return np.tile(np.repeat(l, 2 * l + 1), 2)
 
     @property
-    def norm2(self):
+    def norm2(self) -> FloatArray:
         """∫ |V_i|² dΩ of each mode, a (p,) array: 1, and 2 where the mode stands for ±m."""
         degrees = self.degrees
         zonal = np.flatnonzero(np.diff(degrees, prepend=-1))
@@ -97,7 +101,7 @@ class Modes:
         out[zonal] = 1.0
         return out
 
-    def index(self, mode):
+    def index(self, mode: tuple[str, int, int, str]) -> int:
         """Where `mode` is stored; degrees below l fill the first l² - 1 places of its kind."""
         kind, l, m, part = mode
         if kind not in ("T", "S") or not 1 <= l <= self.lmax or not 0 <= m <= l or part not in ("re", "im"):
@@ -107,13 +111,13 @@ class Modes:
         within = 2 * m - (m > 0) + (part == "im")
         return (kind == "S") * len(self) // 2 + l * l - 1 + within
 
-    def slice_of(self, kind, l):
+    def slice_of(self, kind: Kind, l: int) -> slice:
         """The slice that holds every order of one degree of one kind."""
         start = self.index(Mode(kind, l, 0))
         return slice(start, start + 2 * l + 1)
 
 
-def as_modes(modes):
+def as_modes(modes: Modes | int) -> Modes:
     """Modes, or the degree lmax in their place.
 
     Raises

@@ -5,6 +5,10 @@ as exp(iφ n·J), with J the matrices of angular momentum; the exponential is ta
 eigenvectors of n·J, so no Euler angles and no recurrence come in.
 """
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
@@ -13,10 +17,11 @@ from vsh.checks import arguments
 from vsh.coefficients import Coefficients
 from vsh.errors import FrameError, ModesError
 from vsh.sky.frames import rotation_matrix
+from vsh.types import ArrayLike, FloatArray
 
 
 @arguments.accepts(coefficients=arguments.a(Coefficients))
-def rotate(coefficients, to, covariance=None, frame="icrs"):
+def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None = None, frame: str = "icrs") -> Any:
     """The same field along the axes of another frame.
 
     Parameters
@@ -63,7 +68,7 @@ def rotate(coefficients, to, covariance=None, frame="icrs"):
     return rotated if turned is None else (rotated, turned)
 
 
-def degree_matrix(l, vector):
+def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
     """How one degree's real coefficients (c_0, c_1^R, c_1^I, …) turn, (2l + 1, 2l + 1).
 
     Parameters

@@ -4,6 +4,8 @@ Sizes, angles and types are checked or set here, before ducc0 sees them: it woul
 short array out of bounds, and go on over the pole in silence.
 """
 
+from __future__ import annotations
+
 import ducc0
 import numpy as np
 
@@ -11,15 +13,16 @@ from vsh.checks import arguments, nouns
 from vsh.coefficients import Coefficients
 from vsh.conventions import from_healpy, to_healpy
 from vsh.errors import FieldError
-from vsh.modes import as_modes
+from vsh.modes import Modes, as_modes
 from vsh.system.parallel import cores
+from vsh.types import ArrayLike, FloatArray
 
 #: Relative accuracy asked of ducc0; it reaches 2e-13 at best in double precision.
 EPSILON = 5e-13
 
 
 @arguments.accepts(coefficients=arguments.a(Coefficients), lon=arguments.float_array, lat=arguments.float_array)
-def synthesis(coefficients, lon, lat, threads=None):
+def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, threads: int | None = None) -> FloatArray:
     """The field at each position, as `Coefficients.at` gives it, to 1e-12 of its size.
 
     Takes time ∝ n + lmax³ where the exact sum takes n · lmax².
@@ -55,7 +58,9 @@ def synthesis(coefficients, lon, lat, threads=None):
 @arguments.accepts(
     modes=nouns.modes, lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array
 )
-def adjoint(modes, lon, lat, motion, threads=None):
+def adjoint(
+    modes: Modes | int, lon: ArrayLike, lat: ArrayLike, motion: ArrayLike, *, threads: int | None = None
+) -> FloatArray:
     """Σ over the sources of motion · V_i for every mode i: Aᵀ y for the design matrix A.
 
     Parameters
@@ -97,7 +102,9 @@ def adjoint(modes, lon, lat, motion, threads=None):
     return modes.norm2 * from_healpy(alm).values
 
 
-def fourier_moments(lon, lat, values, max_order, threads=1):
+def fourier_moments(
+    lon: ArrayLike, lat: ArrayLike, values: FloatArray, max_order: int, threads: int | None = 1
+) -> FloatArray:
     """Σ over the sources of values · e^{−i(Mα + nδ)}, a non-uniform Fourier transform.
 
     Parameters
@@ -124,7 +131,7 @@ def fourier_moments(lon, lat, values, max_order, threads=1):
     return out
 
 
-def synthesis_on_rings(coefficients, shape, threads=None):
+def synthesis_on_rings(coefficients: Coefficients, shape: tuple[int, ...], threads: int | None = None) -> FloatArray:
     """The field on rings of latitude, (2, rings, points): east and north.
 
     Parameters
@@ -144,7 +151,7 @@ def synthesis_on_rings(coefficients, shape, threads=None):
     return np.stack([east[::-1], -south[::-1]])
 
 
-def adjoint_on_rings(modes, motion, threads=None):
+def adjoint_on_rings(modes: Modes | int, motion: FloatArray, threads: int | None = None) -> FloatArray:
     """Σ over the points of rings of motion · V_i, the adjoint of `synthesis_on_rings`.
 
     Parameters

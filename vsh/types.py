@@ -1,17 +1,27 @@
 """Types that signatures share."""
 
 from os import PathLike
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+if TYPE_CHECKING:
+    from astropy.cosmology import FLRW as Cosmology
+    from astropy.table import Table
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+else:  # not imported for their names
+    Axes = Cosmology = Figure = Table = Any
+
 __all__ = [
     "ArrayLike",
+    "Axes",
     "BoolArray",
     "ComplexArray",
+    "Cosmology",
+    "Figure",
     "FloatArray",
-    "FrameName",
     "IntArray",
     "Kind",
     "OnBad",
@@ -19,6 +29,7 @@ __all__ = [
     "Quantity",
     "Release",
     "Rng",
+    "Table",
 ]
 
 #: Arrays as results have them; shapes and units are in the docstrings.
@@ -30,7 +41,6 @@ ComplexArray: TypeAlias = NDArray[Any]
 #: A source of randomness: NumPy's generator, or a number (or a sequence of them) that seeds one.
 Rng: TypeAlias = np.random.Generator | int | list[int]
 PathName: TypeAlias = str | PathLike[str]
-FrameName: TypeAlias = Literal["icrs", "galactic", "ecliptic"] | str
 #: Toroidal or spheroidal.
 Kind: TypeAlias = Literal["T", "S"]
 OnBad: TypeAlias = Literal["raise", "drop"]

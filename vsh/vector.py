@@ -1,5 +1,8 @@
 """A vector with its covariance: a spin, an acceleration, an orientation or a velocity."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +13,7 @@ from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
+from vsh.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +45,7 @@ class Vector(Frozen):
     frame: str = "icrs"
     unit: str = "µas/yr"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_frame(self.frame)
         # nan stands for components to come, in predictions.
         value = float_array("the components of a Vector", self.value, (3,), finite=False)
@@ -51,7 +55,15 @@ class Vector(Frozen):
         object.__setattr__(self, "covariance", covariance("the covariance of a Vector", self.covariance, 3))
 
     @classmethod
-    def from_spherical(cls, amplitude, lon, lat, errors=(0.0, 0.0, 0.0), frame="icrs", unit="µas/yr"):
+    def from_spherical(
+        cls,
+        amplitude: float,
+        lon: float,
+        lat: float,
+        errors: Sequence[float] = (0.0, 0.0, 0.0),
+        frame: str = "icrs",
+        unit: str = "µas/yr",
+    ) -> Vector:
         """A vector of known length and direction.
 
         Parameters
@@ -74,17 +86,17 @@ class Vector(Frozen):
         return cls(amplitude * r, steps.T @ steps, frame, unit)
 
     @property
-    def sigma(self):
+    def sigma(self) -> FloatArray:
         """Standard error of each component, (3,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def amplitude(self):
+    def amplitude(self) -> float:
         """Length of the vector as estimated; noise makes it too long on average."""
         return float(np.linalg.norm(self.value))
 
     @property
-    def amplitude_error(self):
+    def amplitude_error(self) -> float:
         """Standard error of the length, to first order (nan for a null vector): good from a signal to noise of 2 on.
 
         Below it, `amplitude_interval` and `amplitude_limit`.
@@ -93,12 +105,12 @@ class Vector(Frozen):
         return float(np.sqrt(along @ self.covariance @ along))
 
     @property
-    def debiased_amplitude(self):
+    def debiased_amplitude(self) -> float:
         """√(|v|² − tr C), or 0 where the noise accounts for all of the length."""
         return float(np.sqrt(max(0.0, self.value @ self.value - np.trace(self.covariance))))
 
     @property
-    def p_value(self):
+    def p_value(self) -> float:
         """Probability that noise alone gives as long a vector, in units of its errors: χ² with 3 degrees of freedom.
 
         nan where there is no error.
@@ -107,7 +119,7 @@ class Vector(Frozen):
             return float("nan")
         return float(chdtrc(3, self.value @ np.linalg.solve(self.covariance, self.value)))
 
-    def amplitude_interval(self, probability=0.68):
+    def amplitude_interval(self, probability: float = 0.68) -> tuple[float, float]:
         """Lower and upper end of the length, two floats.
 
         Holds the true length with at least this probability at any signal to noise, zero among them, where
@@ -132,7 +144,7 @@ class Vector(Frozen):
             low = brentq(lambda a: 1 - chndtr(x, 3, a * a) - tail, 0, np.sqrt(x) + 1)
         return float(low * sigma), self._upper(tail)
 
-    def amplitude_limit(self, probability=0.95):
+    def amplitude_limit(self, probability: float = 0.95) -> float:
         """Upper limit of the length: a longer vector would have been found longer with this probability.
 
         Holds with at least this probability at any signal to noise; see `amplitude_interval`.
@@ -152,7 +164,7 @@ class Vector(Frozen):
         top = np.sqrt(x) + 10
         return float(sigma * brentq(lambda a: chndtr(x, 3, a * a) / alone - tail, 0, top))
 
-    def direction_cone(self, probability=0.68):
+    def direction_cone(self, probability: float = 0.68) -> float:
         """Opening of the cone about `direction` that holds the true one with this probability. [deg]
 
         Covers 61, 69, 73, 73, 70 % (for 68) at a signal to noise of 1, 1.5, 2, 3, 5; below 1 no cone does
@@ -182,12 +194,12 @@ class Vector(Frozen):
         return float(np.degrees(np.interp(probability, held / held[-1], angle)))
 
     @property
-    def direction(self):
+    def direction(self) -> tuple[float, float]:
         """Longitude in [0, 360) and latitude, a pair. [deg]"""
         return tuple(float(np.degrees(angle)) for angle in angles(self.value))
 
     @property
-    def direction_error(self):
+    def direction_error(self) -> tuple[float, float]:
         """Standard errors of longitude (not times cos) and latitude, to first order. [deg]
 
         Good where they are small; `direction_cone` otherwise, and near a pole.
@@ -199,7 +211,7 @@ class Vector(Frozen):
             north = np.sqrt(q @ self.covariance @ q) / self.amplitude
         return float(np.degrees(east)), float(np.degrees(north))
 
-    def to_frame(self, name):
+    def to_frame(self, name: str) -> Vector:
         """The same vector along the axes of another frame."""
         matrix = rotation_matrix(self.frame, name)
         return replace(self, value=matrix @ self.value, covariance=matrix @ self.covariance @ matrix.T, frame=name)
@@ -209,7 +221,7 @@ class Vector(Frozen):
             return self.value / np.linalg.norm(self.value)
 
 
-def correlation_of(covariance):
+def correlation_of(covariance: FloatArray) -> FloatArray:
     """The correlation matrix of a covariance."""
     sigma = np.sqrt(np.diag(covariance))
     return covariance / np.outer(sigma, sigma)

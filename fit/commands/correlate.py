@@ -1,8 +1,11 @@
 """`vsh-correlate`: what a catalogue's sky cannot tell apart, on the command line."""
 
+from __future__ import annotations
+
 import argparse
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +17,7 @@ from vsh.commands import outputs, parsing, running
 FRAME = "spin+acceleration"
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run `vsh-correlate`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
     options = parsing.parse(parser, arguments)

@@ -1,7 +1,10 @@
 """`vsh-fit`: from a catalogue to spin and acceleration, on the command line."""
 
+from __future__ import annotations
+
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -14,7 +17,7 @@ from vsh.commands import outputs, parsing, running
 DEMO = "demo.fits"
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run `vsh-fit`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
     options = parsing.parse(parser, arguments)

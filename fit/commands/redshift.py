@@ -1,7 +1,10 @@
 """`vsh-redshift`: our velocity, the Hubble constant and dipoles in redshift bins, on the command line."""
 
+from __future__ import annotations
+
 import argparse
 import sys
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +18,7 @@ from vsh.errors import ConvergenceError, VshError
 from vsh.vector import Vector
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run `vsh-redshift`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
     parser = _parser()
     options = parsing.parse(parser, arguments)

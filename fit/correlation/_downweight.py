@@ -1,6 +1,9 @@
 """Thinning a dense survey until spin and acceleration come apart, at the least cost in error."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -13,6 +16,7 @@ from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
+from vsh.types import ArrayLike, BoolArray, Figure, Rng, Table
 from vsh.vector import correlation_of
 
 
@@ -35,7 +39,7 @@ class Downweighted(Result):
     before: Prediction
     after: Prediction
 
-    def report(self):
+    def report(self) -> str:
         """What it costs and what it gains, as text."""
         lines = [f"{np.nanmean(self.factors):.0%} of the weight is kept"]
         for words, found in (("before", self.before), ("after", self.after)):
@@ -46,23 +50,23 @@ class Downweighted(Result):
             )
         return "\n".join(lines) + "\n"
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """Share of the weight to keep in each pixel, as an astropy Table in ring order."""
         return tables.table_of({"keep": self.keep}, {"frame": self.after.frame})
 
-    def plot(self):
+    def plot(self) -> Figure:
         """The shares as a map; a matplotlib figure."""
         from fit.correlation._plot import plot_shares
 
         return plot_shares(self.keep, self.after.frame)
 
-    def mask(self, rng):
+    def mask(self, rng: Rng) -> BoolArray:
         """Which sources to keep, if whole ones are drawn with these shares: a mask (n,)."""
         return generator(rng).uniform(size=len(self.factors)) < self.factors
 
 
 @arguments.accepts(max_correlation=arguments.number, nside=arguments.whole)
-def downweight(sources, max_correlation, nside=4, sigma=None):
+def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: ArrayLike | None = None) -> Downweighted:
     """Shares of the weight in each pixel that bring all correlations of spin and acceleration under a bound.
 
     Parameters

@@ -1,6 +1,10 @@
 """What a catalogue will tell, before anybody has measured it: covariances without data."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +18,8 @@ from vsh.checks import arguments, nouns
 from vsh.checks.arguments import covariance
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import FieldError, ParameterError
+from vsh.modes import Modes
+from vsh.types import ArrayLike, Table
 from vsh.vector import correlation_of
 
 
@@ -21,11 +27,11 @@ from vsh.vector import correlation_of
 class Prediction(Solution):
     """A solution without coefficients: they are nan, its covariance is that of the fit to come."""
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<Prediction: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}>"
 
     @property
-    def efficiency(self):
+    def efficiency(self) -> float:
         """Share of the weight that spin and acceleration keep, against the same weight spread evenly: 0 to 1.
 
         The sixth root of the ratio of determinants of their normal equations of degree 1 alone.
@@ -34,7 +40,7 @@ class Prediction(Solution):
         return float(np.exp((np.linalg.slogdet(self._alone)[1] - np.linalg.slogdet(even)[1]) / 6))
 
     @property
-    def largest(self):
+    def largest(self) -> tuple[float, tuple[str, str]]:
         """The largest correlation among spin and acceleration, and the pair it is of."""
         pair = named([f"{v}_{axis}" for v in ("omega", "a") for axis in "xyz"], self.modes)
         correlation = correlation_of(pair.covariance(self.covariance))
@@ -60,7 +66,7 @@ class Prediction(Solution):
 
 
 @arguments.accepts(modes=nouns.modes)
-def predict(sources, modes=1, sigma=None):
+def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = None) -> Prediction:
     """The covariance that a fit to these sources would have.
 
     Parameters
@@ -95,7 +101,9 @@ def predict(sources, modes=1, sigma=None):
 
 
 @arguments.accepts(cases=arguments.a(dict), modes=nouns.modes)
-def compare_cuts(sources, cases, modes=1, sigma=None):
+def compare_cuts(
+    sources: Any, cases: Mapping[str, Any], modes: Modes | int = 1, *, sigma: ArrayLike | None = None
+) -> Table:
     """What a cut, a mask or a reweighting would give, side by side.
 
     Parameters
@@ -127,7 +135,7 @@ def compare_cuts(sources, cases, modes=1, sigma=None):
                            units=dict.fromkeys(("sigma_spin", "sigma_acceleration"), "uas / yr"))  # fmt: skip
 
 
-def reweighted(field, case):
+def reweighted(field: Field, case: ArrayLike | None) -> Field:
     """The field with a mask, or factors on its weights, or as it is."""
     if case is None:
         return field

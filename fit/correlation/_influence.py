@@ -1,5 +1,10 @@
 """Which part of the sky is to blame: the derivative of a result by the weight of each pixel."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
 import numpy as np
 
 from fit.correlation._parameters import FRAME, named
@@ -10,11 +15,20 @@ from vsh import Coefficients
 from vsh.checks import arguments
 from vsh.errors import ParameterError
 from vsh.field import Field
-from vsh.modes import as_modes
+from vsh.modes import Modes, as_modes
+from vsh.types import ArrayLike, BoolArray, FloatArray
 
 
 @arguments.accepts(nside=arguments.whole)
-def influence_map(sources, modes, parameters, nside=16, quantity=None, sigma=None):
+def influence_map(
+    sources: Any,
+    modes: Modes | int | Literal["spin+acceleration"],
+    parameters: str | Sequence[str],
+    nside: int = 16,
+    *,
+    quantity: Literal["value"] | None = None,
+    sigma: ArrayLike | None = None,
+) -> FloatArray:
     """How a result changes with the weight of each HEALPix pixel; exact, from the normal matrix.
 
     Parameters
@@ -51,7 +65,16 @@ def influence_map(sources, modes, parameters, nside=16, quantity=None, sigma=Non
 
 
 @arguments.accepts(nside=arguments.whole, n_sources=arguments.positive, sigma=arguments.positive)
-def gain_of_sources(sources, modes, parameters, nside=16, n_sources=1000, sigma=None, quantity=None):
+def gain_of_sources(
+    sources: Any,
+    modes: Modes | int | Literal["spin+acceleration"],
+    parameters: str | Sequence[str],
+    nside: int = 16,
+    *,
+    n_sources: int = 1000,
+    sigma: float | None = None,
+    quantity: Literal["value"] | None = None,
+) -> FloatArray:
     """How a result would change if new sources were added in each pixel.
 
     Parameters
@@ -116,7 +139,7 @@ def _prepared(field, modes, parameters):
     return covariance, chosen.rows[0], chosen.rows[1] if len(names) == 2 else None, chosen
 
 
-def most_influential(influence, fraction=0.5):
+def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
     """The pixels that hold the largest part of an influence of one sign: a mask (12 nside²,).
 
     Those with the largest influence of the sign that prevails, until they hold `fraction` of it.

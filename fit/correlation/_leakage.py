@@ -1,6 +1,10 @@
 """What is not fitted leaks into what is: on an uneven sky the harmonics are not orthogonal."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
@@ -16,6 +20,7 @@ from vsh.errors import DegeneracyError, ParameterError, TableError
 from vsh.field import Field
 from vsh.modes import as_modes
 from vsh.sky.frames import check_frame
+from vsh.types import ArrayLike, Figure, FloatArray, Table
 from vsh.vector import correlation_of
 
 
@@ -41,16 +46,16 @@ class Leakage(Result):
     unmodelled_names: tuple
     frame: str
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<Leakage of degrees {self.fitted.lmax + 1} to {self.unmodelled.lmax} into 1 to {self.fitted.lmax}>"
 
-    def of(self, coefficients):
+    def of(self, coefficients: Coefficients) -> Coefficients:
         """The bias that a given field causes, as Coefficients; its fitted degrees do not count."""
         return Coefficients(
             self.fitted, self.matrix @ self._columns(coefficients.to_degree(self.unmodelled.lmax).values)
         )
 
-    def covariance(self, power):
+    def covariance(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
         """Covariance of the biases, (p, p), for a Gaussian random field. [(µas/yr)²]
 
         Parameters
@@ -62,30 +67,30 @@ class Leakage(Result):
         variance = self._columns(self._variances(power))
         return (self.matrix * variance) @ self.matrix.T
 
-    def bias(self, power):
+    def bias(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
         """Rms bias of each fitted coefficient, (p,), for a Gaussian random field. [µas/yr]
 
         `power` as for `covariance`.
         """
         return np.sqrt(np.diag(self.covariance(power)))
 
-    def bias_of(self, names, power):
+    def bias_of(self, names: Sequence[str], power: float | Mapping[int, float] | ArrayLike) -> dict[str, float]:
         """Rms bias of parameters by name: omega_x … a_z, or coefficients. A dict. [µas/yr]"""
         chosen = named(names, self.fitted)
         return dict(zip(names, np.sqrt(np.diag(chosen.covariance(self.covariance(power)))).tolist(), strict=True))
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """The matrix as an astropy Table: a row a fitted coefficient."""
         columns = {"coefficient": list(self.names)} | dict(zip(self.unmodelled_names, self.matrix.T, strict=True))
         return tables.table_of(columns, {"frame": self.frame})
 
-    def report(self):
+    def report(self) -> str:
         """What a power of 1 (µas/yr)² in each unmodelled degree and kind does to spin and acceleration, as text."""
         names = ("omega_x", "omega_y", "omega_z", "a_x", "a_y", "a_z")
         cells = ", ".join(f"{name} {value:.3g}" for name, value in self.bias_of(names, 1.0).items())
         return f"{self!r}: rms bias by a power of 1 (µas/yr)² in each [µas/yr]\n  {cells}\n"
 
-    def plot(self):
+    def plot(self) -> Figure:
         """The matrix as a figure."""
         from fit.correlation._plot import plot_leakage
 
@@ -134,7 +139,7 @@ class Leakage(Result):
 
 
 @arguments.accepts(fitted=nouns.modes, unmodelled=nouns.modes)
-def leakage(sources, fitted, unmodelled, sigma=None):
+def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma: ArrayLike | None = None) -> Leakage:
     """The matrix that carries unmodelled degrees into the fitted ones.
 
     Parameters
@@ -161,7 +166,7 @@ def leakage(sources, fitted, unmodelled, sigma=None):
 
 
 @arguments.accepts(max_lmax=arguments.whole)
-def lmax_table(sources, max_lmax=10, sigma=None):
+def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = None) -> list[tuple[int, float, float]]:
     """Condition and largest correlation of fits of every degree: rows of (lmax, condition, correlation).
 
     The condition is that of the correlation matrix; inf for a fit that the sources do not bear.
@@ -184,7 +189,14 @@ def lmax_table(sources, max_lmax=10, sigma=None):
 
 
 @arguments.accepts(max_condition=arguments.positive, max_correlation=arguments.positive, max_lmax=arguments.whole)
-def recommend_lmax(sources, max_condition=100.0, max_correlation=0.5, max_lmax=10, sigma=None):
+def recommend_lmax(
+    sources: Any,
+    *,
+    max_condition: float = 100.0,
+    max_correlation: float = 0.5,
+    max_lmax: int = 10,
+    sigma: ArrayLike | None = None,
+) -> int:
     """The largest degree whose fit, and that of every lower one, stays under both bounds.
 
     Parameters
@@ -234,7 +246,7 @@ class Eigenmodes(Result):
     fields: list
     frame: str
 
-    def report(self):
+    def report(self) -> str:
         """How well the best and the worst are measured, as text."""
         error = 1 / np.sqrt(self.information)
         return (
@@ -242,11 +254,11 @@ class Eigenmodes(Result):
             f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of the same weight on a uniform sky\n"
         )
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """Information of each as an astropy Table, from the worst to the best."""
         return tables.table_of({"information": self.information}, {"frame": self.frame})
 
-    def plot(self, n_fields=2):
+    def plot(self, n_fields: int = 2) -> Figure:
         """The worst and the best as maps of arrows; a matplotlib figure."""
         from fit.correlation._plot import plot_eigenmodes
 
@@ -254,7 +266,7 @@ class Eigenmodes(Result):
 
 
 @arguments.accepts(modes=nouns.modes)
-def eigenmodes(sources, modes, sigma=None):
+def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = None) -> Eigenmodes:
     """An orthogonal basis on the given sky.
 
     Parameters

@@ -1,6 +1,10 @@
 """Which parameters a sky cannot tell apart, which part of it is to blame, and what to do about it."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,8 +16,10 @@ from fit.storage import Result, exact, number, words
 from vsh.checks.arguments import covariance, float_array
 from vsh.errors import FrameError, ParameterError, TableError
 from vsh.field import Field
+from vsh.modes import Modes
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import triad
+from vsh.types import ArrayLike, Figure, FloatArray, Table
 from vsh.vector import correlation_of
 
 
@@ -40,33 +46,33 @@ class CorrelationMatrices(Result):
     dipoles: list
     frame: str
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<CorrelationMatrices: {', '.join(self.labels)}; {len(self.names)} parameters, {self.frame}>"
 
-    def matrix(self, i=0):
+    def matrix(self, i: int = 0) -> FloatArray:
         """The correlation matrix of one catalogue, (k, k)."""
         return self.matrices[i]
 
-    def combined(self, upper=0, lower=1):
+    def combined(self, upper: int = 0, lower: int = 1) -> FloatArray:
         """Two catalogues in one matrix, one in each triangle."""
         if len(self.matrices) == 1:
             return self.matrices[0]
         k = len(self.names)
         return np.triu(self.matrices[upper], 1) + np.tril(self.matrices[lower], -1) + np.eye(k)
 
-    def dipole_prediction(self, i=0):
+    def dipole_prediction(self, i: int = 0) -> FloatArray:
         """−(3/2) [r̄]ₓ: the block ω–ã that the catalogue's dipole alone would give, (3, 3)."""
         x, y, z = self.dipoles[i]
         return -1.5 * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
-    def largest(self, i=0):
+    def largest(self, i: int = 0) -> tuple[float, tuple[str, str]]:
         """The largest correlation of a catalogue and the pair it is of."""
         off = np.abs(self.matrices[i] - np.eye(len(self.names)))
         row, column = np.unravel_index(np.argmax(off), off.shape)
         row, column = sorted((row, column))
         return float(self.matrices[i][row, column]), (self.names[row], self.names[column])
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """The matrix, of two catalogues in its two triangles, as an astropy Table."""
         from vsh import tables
 
@@ -75,7 +81,7 @@ class CorrelationMatrices(Result):
             {"parameter": list(self.names)} | dict(zip(self.names, self.combined().T, strict=True)), meta
         )
 
-    def report(self, max_size=12):
+    def report(self, max_size: int = 12) -> str:
         """The matrix as text, if it is not too large, and what explains its largest elements."""
         lines = [f"Correlations in {self.frame} axes: " + ("upper {}, lower {}".format(*self.labels[:2])
                  if len(self.labels) > 1 else self.labels[0])]  # fmt: skip
@@ -91,7 +97,7 @@ class CorrelationMatrices(Result):
                 lines += self._explanation(i)
         return "\n".join(lines) + "\n"
 
-    def plot(self):
+    def plot(self) -> Figure:
         """The matrix as a figure, one or two catalogues in it."""
         from fit.correlation._plot import plot_matrix
 
@@ -135,7 +141,15 @@ class CorrelationMatrices(Result):
         return lines
 
 
-def correlation_matrices(fields, parameters=FRAME, labels=None, offsets=None, solver="harmonics", sigma=None):
+def correlation_matrices(
+    fields: Any,
+    parameters: Modes | int | Literal["spin+acceleration"] = FRAME,
+    *,
+    labels: Sequence[str] | None = None,
+    offsets: Field | Sequence[Field] | None = None,
+    solver: Literal["harmonics", "frame"] = "harmonics",
+    sigma: ArrayLike | None = None,
+) -> CorrelationMatrices:
     """Correlation matrices of one or several catalogues; positions and errors are enough.
 
     Parameters
@@ -194,7 +208,7 @@ def correlation_matrices(fields, parameters=FRAME, labels=None, offsets=None, so
     return CorrelationMatrices(names, matrices, labels, [dipole(field) for field in fields], frames.pop())
 
 
-def dipole(field):
+def dipole(field: Field) -> FloatArray:
     """Mean direction of the sources by weight, (3,): zero on an even sky."""
     weight = field.information
     return triad(field.lon, field.lat)[2] @ weight / weight.sum()

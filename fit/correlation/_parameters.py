@@ -1,5 +1,8 @@
 """Names for what a sky may or may not tell apart: coefficients, and the components of spin and acceleration."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +12,7 @@ from vsh.checks.frozen import Frozen
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import ModesError, ParameterError
 from vsh.modes import Modes, as_modes
+from vsh.types import FloatArray
 
 #: What stands for the six components of spin and acceleration.
 FRAME: Literal["spin+acceleration"] = "spin+acceleration"
@@ -32,15 +36,15 @@ class Parameters(Frozen):
     modes: Modes
     rows: np.ndarray
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.names)
 
-    def covariance(self, covariance):
+    def covariance(self, covariance: FloatArray) -> FloatArray:
         """Their covariance (k, k) from that of the coefficients."""
         return self.rows @ covariance @ self.rows.T
 
 
-def parameters_of(what):
+def parameters_of(what: Modes | int | str) -> Parameters:
     """All parameters of a kind.
 
     Parameters
@@ -56,7 +60,7 @@ def parameters_of(what):
     return Parameters(tuple(map(str, modes)), modes, np.eye(len(modes)))
 
 
-def named(names, what):
+def named(names: Sequence[str], what: Modes | int | str) -> Parameters:
     """Some parameters of a fit by name: coefficients, "t(1,0)" say, or omega_x … a_z.
 
     Raises
@@ -80,13 +84,13 @@ def named(names, what):
     return Parameters(tuple(names), modes, np.stack([known[name] for name in names]))
 
 
-def check_lower(fitted, unmodelled):
+def check_lower(fitted: Modes, unmodelled: Modes) -> None:
     """Raise ModesError unless the second degree is the higher one."""
     if not unmodelled.lmax > fitted.lmax:
         raise ModesError(f"what is not fitted must lie above degree {fitted.lmax}: {unmodelled.lmax} does not")
 
 
-def symbol(name):
+def symbol(name: str) -> str:
     """A parameter's name as it is written: ω_x, ã_x, t(2,0)."""
     for plain, symbol in (("epsilon_", r"\epsilon"), ("omega_", r"\omega"), ("a_", r"\tilde a")):
         if name.startswith(plain):

@@ -1,16 +1,22 @@
 """Figures of correlations, influence and leakage (matplotlib)."""
 
+from __future__ import annotations
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from fit.correlation._leakage import Eigenmodes, Leakage
+from fit.correlation._matrices import CorrelationMatrices
 from fit.correlation._parameters import symbol
+from vsh.field import Field
 from vsh.sky.plot import draw_map, draw_sources, draw_vectors, even_grid, sky_axes
+from vsh.types import Figure, FloatArray
 
 _MAP = "RdBu_r"  # diverging, told apart by the colour-blind, centred on zero
 
 
-def plot_matrix(correlations):
+def plot_matrix(correlations: CorrelationMatrices) -> Figure:
     """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room."""
     matrix, names = correlations.combined(), [symbol(name) for name in correlations.names]
     k = len(names)
@@ -41,7 +47,7 @@ def plot_matrix(correlations):
     return figure
 
 
-def plot_influence(values, field, title, label, max_sources=3000):
+def plot_influence(values: FloatArray, field: Field, title: str, label: str, *, max_sources: int = 3000) -> Figure:
     """A map of influence on the sky with the sources.
 
     Parameters
@@ -63,7 +69,7 @@ def plot_influence(values, field, title, label, max_sources=3000):
     return axes.figure
 
 
-def plot_shares(keep, frame):
+def plot_shares(keep: FloatArray, frame: str) -> Figure:
     """A map of the share of the weight that is kept in each pixel, (12 nside²,)."""
     axes = sky_axes(frame)
     axes.set_facecolor("0.85")
@@ -73,7 +79,7 @@ def plot_shares(keep, frame):
     return axes.figure
 
 
-def plot_leakage(leakage):
+def plot_leakage(leakage: Leakage) -> Figure:
     """The leakage matrix: what one unit of each unmodelled coefficient does to the fitted ones."""
     rows, columns = leakage.matrix.shape
     figure, axes = plt.subplots(figsize=(min(16, 4 + 0.12 * columns), min(12, 3 + 0.3 * rows)), layout="constrained")
@@ -95,7 +101,7 @@ def plot_leakage(leakage):
     return figure
 
 
-def plot_eigenmodes(eigen, n_fields=2):
+def plot_eigenmodes(eigen: Eigenmodes, n_fields: int = 2) -> Figure:
     """The worst and the best measured fields of a sky, as arrows."""
     count = min(n_fields, len(eigen.fields) // 2)
     figure = plt.figure(figsize=(8 * count, 9.6), layout="constrained")

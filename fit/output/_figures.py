@@ -1,17 +1,23 @@
 """Figures of a solution: its spectrum and its correlations (matplotlib)."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fit.spectrum import spectrum
+from fit.spectrum import HarmonicResult, spectrum
+from vsh.field import Field
 from vsh.sky.pixels import mean_map
 from vsh.sky.plot import draw_map, sky_axes
+from vsh.types import Figure
 
 _COLOURS = {"T": "#c55a11", "S": "#0b5394"}
 _NAMES = {"T": "toroidal", "S": "spheroidal"}
 
 
-def plot_spectrum(solution):
+def plot_spectrum(solution: HarmonicResult) -> Figure:
     """Power by degree and kind, with what noise alone gives on average.
 
     Returns
@@ -43,7 +49,7 @@ def plot_spectrum(solution):
     return figure
 
 
-def plot_power(solution):
+def plot_power(solution: HarmonicResult) -> Figure:
     """Power by degree and kind as fitted, for a solution without a covariance.
 
     Returns
@@ -62,7 +68,7 @@ def plot_power(solution):
     return figure
 
 
-def plot_correlation(solution):
+def plot_correlation(solution: Any) -> Figure:
     """The correlation matrix of the coefficients, colour-blind safe and centred on zero.
 
     Returns
@@ -89,7 +95,7 @@ def plot_correlation(solution):
     return figure
 
 
-def plot_residuals(solution, field, nside=None):
+def plot_residuals(solution: HarmonicResult, field: Field, *, nside: int | None = None) -> Figure:
     """Mean normalised residual χ²/2 in each HEALPix pixel: 1 where the errors are right.
 
     Parameters

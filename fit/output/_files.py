@@ -1,18 +1,26 @@
 """A solution as files: report, tables with their provenance, figures."""
 
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
+from fit.spectrum import HarmonicResult
 from vsh import tables
+from vsh.field import Field
+from vsh.types import Figure, PathName
 
 
-def write_correlation(solution, path, meta=None):
+def write_correlation(solution: HarmonicResult, path: PathName, meta: dict[str, Any] | None = None) -> None:
     """Write the correlation matrix as a table, a row and a column for each coefficient."""
     names = [str(mode) for mode in solution.modes]
     columns = {"coefficient": names} | dict(zip(names, np.asarray(solution.correlation)))
     tables.write(path, columns, meta)
 
 
-def draw_figures(solution, field):
+def draw_figures(solution: HarmonicResult, field: Field) -> dict[str, Figure]:
     """The sky, the spectrum, the correlations and the residuals: a dict of matplotlib figures."""
     from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
     from vsh.sky.plot import plot_field
@@ -25,14 +33,14 @@ def draw_figures(solution, field):
     }
 
 
-def write_figures(solution, field, folder):
+def write_figures(solution: HarmonicResult, field: Field, folder: PathName) -> list[Path]:
     """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths."""
     from vsh.sky.plot import save_figures
 
     return save_figures(draw_figures(solution, field), folder)
 
 
-def write_html(solution, field, path, **about):
+def write_html(solution: HarmonicResult, field: Field, path: PathName, **about: Any) -> None:
     """Write a self-contained page with everything; `about` as for `fit.output.html_report`."""
     import matplotlib.pyplot as plt
 

@@ -1,13 +1,19 @@
 """A report to hand round: one page that needs nothing but itself."""
 
+from __future__ import annotations
+
 import base64
 import io
 import shlex
+from collections.abc import Sequence
 from html import escape
 from string import Template
+from typing import Any
 
 from fit.output._report import AGREE, warnings_of
 from fit.output._rows import amplitude, components, direction, is_scaled, power_rows, vector_rows, vectors_of
+from fit.spectrum import HarmonicResult
+from vsh.types import Figure
 
 _PAGE = Template("""<!doctype html>
 <html lang="en">
@@ -78,7 +84,16 @@ _CAPTIONS = {
 }
 
 
-def html_report(solution, figures, check=None, truth=None, source="", provenance=None, command=None):
+def html_report(
+    solution: HarmonicResult,
+    figures: dict[str, Figure],
+    *,
+    check: Any = None,
+    truth: dict[str, Any] | None = None,
+    source: str = "",
+    provenance: dict[str, Any] | None = None,
+    command: Sequence[str] | None = None,
+) -> str:
     """A self-contained page about a solution.
 
     Parameters

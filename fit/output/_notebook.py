@@ -1,14 +1,17 @@
 """Solutions for notebooks and papers: HTML and LaTeX."""
 
+from __future__ import annotations
+
 import re
 from html import escape
 
 from fit.output._rows import power_rows, vector_rows, vectors_of
+from fit.spectrum import HarmonicResult
 
 _SYMBOLS = {"spin": r"\omega", "acceleration": r"\tilde a"}
 
 
-def html_of(solution):
+def html_of(solution: HarmonicResult) -> str:
     """Spin, acceleration and powers as HTML tables, for a notebook."""
     rows = "".join(
         f"<tr><th>{row.name}</th>{_cells(row.cells)}<td>{escape(row.amplitude)}</td></tr>"
@@ -32,7 +35,7 @@ def _cells(cells):
     return "".join(f"<td>{escape(cell)}</td>" for cell in cells)
 
 
-def latex_of(solution):
+def latex_of(solution: HarmonicResult) -> str:
     """Spin, acceleration and powers as a LaTeX table (booktabs)."""
     lines = [r"\begin{tabular}{lcccc}", r"\toprule", r" & $x$ & $y$ & $z$ & amplitude \\", r"\midrule"]
     for row in vector_rows(vectors_of(solution)):

@@ -1,12 +1,19 @@
 """A solution as a page of text."""
 
+from __future__ import annotations
+
+from typing import Any
+
 from fit.output._rows import components, direction, is_scaled, power_rows, vector_rows, vectors_of
+from fit.spectrum import HarmonicResult
 from vsh.checks.notes import printable
 
 WIDTH = 88
 
 
-def report(solution, check=None, truth=None, source=None):
+def report(
+    solution: HarmonicResult, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None
+) -> str:
     """Summarise a solution for a human; returns the text and prints nothing.
 
     Parameters
@@ -44,7 +51,7 @@ def _heading(solution, source):
     return "\n".join(lines)
 
 
-def warnings_of(solution):
+def warnings_of(solution: HarmonicResult) -> list[tuple[str, str]]:
     """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
     found = []
     if solution.errors_from != "the catalogue":
@@ -95,7 +102,7 @@ def _degrees(solution):
     return "\n".join(lines)
 
 
-def report_check(check):
+def report_check(check: Any) -> str:
     """Whether two solvers agree, as text."""
     if check.largest < AGREE:
         return (

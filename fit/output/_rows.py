@@ -1,10 +1,15 @@
 """What is printed of vectors and powers: the one place that text, page, notebook and LaTeX take their rows from."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from fit.spectrum import spectrum
+from fit.spectrum import HarmonicResult, spectrum
+from vsh.types import FloatArray
+from vsh.vector import Vector
 
 #: From this signal to noise on, a length has a symmetric error.
 _SURE = 3.0
@@ -29,7 +34,7 @@ class VectorRow(NamedTuple):
     is_truth: bool
 
 
-def vector_rows(vectors, truth=None):
+def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | None = None) -> list[VectorRow]:
     """Rows of the table of vectors.
 
     Parameters
@@ -50,22 +55,22 @@ def vector_rows(vectors, truth=None):
     return rows
 
 
-def vectors_of(solution):
+def vectors_of(solution: HarmonicResult) -> dict[str, Vector]:
     """Spin and acceleration of a solution by name."""
     return {"spin": solution.spin, "acceleration": solution.acceleration}
 
 
-def pulls(vector, true):
+def pulls(vector: Vector, true: Vector) -> FloatArray:
     """How far a fit is from the truth in its own errors, (3,): positive where the fit is larger."""
     return (vector.value - true.to_frame(vector.frame).value) / vector.sigma
 
 
-def components(vector, digits=3):
+def components(vector: Vector, digits: int = 3) -> tuple[str, ...]:
     """Three components with their errors."""
     return tuple(f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in zip(vector.value, vector.sigma, strict=True))
 
 
-def amplitude(vector, digits=3):
+def amplitude(vector: Vector, digits: int = 3) -> str:
     """Length with its error; at low signal to noise with its 68 % interval, or its upper limit where it is not significant."""
     if not vector.amplitude_error > 0:
         return f"{vector.amplitude:.{digits}f}"
@@ -77,7 +82,7 @@ def amplitude(vector, digits=3):
     return f"{low:.{digits}f} … {high:.{digits}f} (68 %)"
 
 
-def direction(vector):
+def direction(vector: Vector) -> str:
     """Where a vector points: "toward …", named after the frame, with errors; at low signal to noise with a cone."""
     names = _ANGLES[vector.frame]
     errors = vector.direction_error
@@ -104,7 +109,7 @@ class PowerRow(NamedTuple):
     mk_z: str
 
 
-def power_rows(solution):
+def power_rows(solution: HarmonicResult) -> list[PowerRow]:
     """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it."""
     scaled = spectrum(solution.scaled)
     return [
@@ -114,16 +119,16 @@ def power_rows(solution):
     ]  # fmt: skip
 
 
-def p_value(p):
+def p_value(p: float) -> str:
     """A probability as it is printed."""
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300"
 
 
-def note_lines(notes):
+def note_lines(notes: Iterable[str]) -> list[str]:
     """Notes as the last lines of a report."""
     return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []
 
 
-def is_scaled(solution):
+def is_scaled(solution: HarmonicResult) -> bool:
     """Whether p-values are shown twice: as quoted, and with scaled errors."""
     return solution.scaled is not solution

@@ -1,17 +1,23 @@
 """The same posterior without chance: on a grid, for cross-check and for figures."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 
 from fit.posterior._model import parallax_model
-from fit.posterior._priors import as_priors, checked_priors
+from fit.posterior._priors import NoiseOptions, Priors, as_priors, checked_priors
+from fit.sampling import Prior
 from fit.secular_parallax import parallax_equations
 from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
 from vsh.errors import ParameterError
 from vsh.field import Field
+from vsh.types import Cosmology, Figure, FloatArray, Table
 from vsh.vector import Vector
 
 
@@ -36,7 +42,7 @@ class GridPosterior(Result):
     probability: np.ndarray
     velocity: Vector
 
-    def report(self):
+    def report(self) -> str:
         """Means and standard deviations as text."""
         v = self.velocity
         lines = [f"Posterior on a grid ({v.frame} axes, velocity toward the apex)"]
@@ -44,31 +50,31 @@ class GridPosterior(Result):
         lines += [f"v_{axis:20}{x:+.1f} ± {s:.1f} km/s" for axis, x, s in zip("xyz", v.value, v.sigma, strict=True)]
         return "\n".join(lines) + "\n"
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """Marginal probabilities as an astropy Table: for each quantity its values and their probabilities."""
         columns = {}
         for name in self.names:
             columns[name], columns[f"probability_{name}"] = self.marginal(name)
         return tables.table_of(columns, {"frame": self.velocity.frame})
 
-    def plot(self):
+    def plot(self) -> Figure:
         """Marginal densities, a matplotlib figure."""
         from fit.posterior._plot import plot_marginals
 
         return plot_marginals(self)
 
-    def marginal(self, name):
+    def marginal(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Values and probabilities of one quantity: two arrays."""
         index = self.names.index(name)
         others = tuple(i for i in range(len(self.names)) if i != index)
         return self.axes[index], self.probability.sum(others)
 
-    def mean(self, name):
+    def mean(self, name: str) -> float:
         """Posterior mean."""
         x, p = self.marginal(name)
         return float(x @ p)
 
-    def sigma(self, name):
+    def sigma(self, name: str) -> float:
         """Posterior standard deviation."""
         x, p = self.marginal(name)
         return float(np.sqrt((x - x @ p) ** 2 @ p))
@@ -76,8 +82,16 @@ class GridPosterior(Result):
 
 @arguments.accepts(field=arguments.a(Field), n_points=arguments.whole)
 def grid(
-    field, velocity_prior=None, hubble_prior=None, *, priors=None, cosmology=None, n_points=400, threads=None, **noise
-):
+    field: Field,
+    velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None = None,
+    hubble_prior: str | tuple[float, float] | Prior | None = None,
+    *,
+    priors: Priors | None = None,
+    cosmology: Cosmology | None = None,
+    n_points: int = 400,
+    threads: int | None = None,
+    **noise: Unpack[NoiseOptions],
+) -> GridPosterior:
     """Evaluate the posterior on a grid of its non-linear parameters, at most two.
 
     Parameters

@@ -9,13 +9,17 @@ is tabulated at Chebyshev nodes of asinh(s) and asinh(x) and interpolated; the n
 until the table agrees with sums made between them. A sample then costs microseconds, however many the sources.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from fit.secular_parallax import OMEGA, A, U, check_determined
+from fit.secular_parallax import OMEGA, A, ParallaxEquations, ParallaxSums, U, check_determined
 from vsh.errors import ConvergenceError, ParameterError
+from vsh.types import ArrayLike, FloatArray
 from vsh.vector import Vector
 
 _UPPER = np.triu_indices(3)
@@ -32,27 +36,27 @@ class Axis:
     count: int
 
     @property
-    def nodes(self):
+    def nodes(self) -> FloatArray:
         if self.count == 1:
             return np.array([self.low])
         return self._value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
 
-    def basis(self, value):
+    def basis(self, value: ArrayLike) -> FloatArray:
         """Chebyshev polynomials at values inside the limits, (n, count)."""
         if self.count == 1:
             return np.ones((len(value), 1))
         a, b = self._ends
         return chebyshev.chebvander((2 * np.arcsinh(value / self.scale) - a - b) / (b - a), self.count - 1)
 
-    def to_coefficients(self, table, axis):
+    def to_coefficients(self, table: FloatArray, axis: int) -> FloatArray:
         """From values at the nodes, along one axis of a table, to Chebyshev coefficients."""
         vander = self.basis(self.nodes)
         return np.moveaxis(np.tensordot(np.linalg.inv(vander), table, (1, axis)), 0, axis)
 
-    def finer(self):
+    def finer(self) -> Axis:
         return Axis(self.low, self.high, self.scale, 2 * self.count if self.count > 1 else 1)
 
-    def at(self, fraction):
+    def at(self, fraction: FloatArray) -> FloatArray:
         """Values at fractions of the way from low to high."""
         return self._value(2 * np.asarray(fraction) - 1) if self.count > 1 else np.full(len(fraction), self.low)
 
@@ -84,12 +88,14 @@ class CompressedLikelihood:
     hubble: float
     frame: str
 
-    def __call__(self, spread, excess_noise):
+    def __call__(self, spread: float, excess_noise: float) -> Any:
         """c (n,), û (n, 3), M (n, 3, 3) at (n,) spreads and excess noises, inside the limits."""
         c, peak, matrix = np.split(self._at(spread, excess_noise, slice(0, 10)), [1, 4], axis=1)
         return c[:, 0], peak, _symmetric(matrix)
 
-    def acceleration(self, spread, excess_noise, u):
+    def acceleration(
+        self, spread: FloatArray, excess_noise: FloatArray, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest."""
         mean, slope, covariance = np.split(self._at(spread, excess_noise, slice(10, 28)), [3, 12], axis=1)
         return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _symmetric(covariance)
@@ -99,7 +105,15 @@ class CompressedLikelihood:
         return np.einsum("ns,nfs->nf", self.spread.basis(np.asarray(spread)), half)
 
 
-def compress_likelihood(rows, spread=(0.0, 0.0), excess_noise=(0.0, 0.0), spin=None, accuracy=1e-5, threads=None):
+def compress_likelihood(
+    rows: ParallaxEquations,
+    spread: tuple[float, float] = (0.0, 0.0),
+    excess_noise: tuple[float, float] = (0.0, 0.0),
+    spin: Literal["free"] | Vector | None = None,
+    *,
+    accuracy: float = 1e-5,
+    threads: int | None = None,
+) -> CompressedLikelihood:
     """Tabulate the likelihood between limits.
 
     Parameters
@@ -151,7 +165,7 @@ def _table(rows, axes, spin, threads):
     return CompressedLikelihood(*axes, values, rows.hubble, rows.frame)
 
 
-def marginalise(sums, spin, frame):
+def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
     """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9)."""
     matrix, rhs, chi2 = sums.matrix, sums.rhs, sums.chi2_null
     rest = list(range(A.start, A.stop))

@@ -5,14 +5,18 @@ probability f, from one widened by B in each axis. Nothing can be summed beforeh
 costs one look at every source, and ã (and ω, if free) are sampled with the rest.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
 
 from fit.posterior._model import ParallaxModel
+from fit.posterior._priors import ModelPriors
 from fit.secular_parallax import OMEGA, A, ParallaxEquations
 from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
+from vsh.types import FloatArray
 
 _BLOCK = 2**12
 
@@ -39,22 +43,22 @@ class MixtureModel:
     spin: object = None
     threads: int = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not (self.fraction.low >= 0 and self.fraction.high <= 1):
             raise ParameterError(f"a fraction lies between 0 and 1, not between the limits of {self.fraction}")
         if self.spin not in (None, "free"):
             raise ParameterError("with outliers the spin is None or 'free': take a known one away from the field first")
 
     @property
-    def priors(self):
+    def priors(self) -> ModelPriors:
         return self.base.priors
 
     @property
-    def names(self):
+    def names(self) -> tuple[str, ...]:
         spin = ("omega_x", "omega_y", "omega_z") if self.spin == "free" else ()
         return (*self.base.names, "outlier_fraction", "a_x", "a_y", "a_z", *spin)
 
-    def log_probability(self, theta):
+    def log_probability(self, theta: FloatArray) -> FloatArray:
         """Log posterior density of coordinates (n, d), up to a constant."""
         k = len(self.base.names)
         numbers, fraction, linear = theta[:, 3:k], theta[:, k], theta[:, k + 1 :]
@@ -92,7 +96,7 @@ class MixtureModel:
 
         return sum(map_blocks(block, n, _BLOCK, self.threads))
 
-    def start(self, rng, walkers):
+    def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
         """Coordinates of walkers: those of the model without outliers, and small fractions."""
         theta = self.base.start(rng, walkers)
         named = self.base.to_samples(theta, rng)
@@ -105,7 +109,7 @@ class MixtureModel:
             linear += list(error[:, None] * rng.standard_normal((3, walkers)))
         return np.column_stack([theta, fraction, *linear])
 
-    def to_samples(self, theta, rng):
+    def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
         """What a user asks for, by name."""
         k = len(self.base.names)
         samples = self.base.to_samples(theta[:, :k], rng)

@@ -9,13 +9,19 @@ One with a prior makes the scatter of the galaxies a ruler of σ_pec H0, as good
 Fixing it there would let a number that nobody knows measure H0 to a few per cent.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from fit.posterior._likelihood import CompressedLikelihood, compress_likelihood
-from fit.posterior._priors import Priors
+from fit.posterior._priors import ModelPriors, Priors
+from fit.secular_parallax import ParallaxEquations
 from vsh.errors import ParameterError
+from vsh.types import FloatArray
+from vsh.vector import Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,22 +41,22 @@ class ParallaxModel:
     along: str = "u"
 
     @property
-    def names(self):
+    def names(self) -> tuple[str, ...]:
         """Of the coordinates."""
         return (*(f"{self.along}_{axis}" for axis in "xyz"), *self.priors.free)
 
-    def velocities(self, theta):
+    def velocities(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """u and v, (n, 3) each, of coordinates (n, d)."""
         ratio = theta[:, 3:4] / self.likelihood.hubble  # H0 is the first of the free numbers
         return (theta[:, :3], theta[:, :3] / ratio) if self.along == "u" else (theta[:, :3] * ratio, theta[:, :3])
 
-    def log_jacobian(self, ratio):
+    def log_jacobian(self, ratio: FloatArray) -> FloatArray | float:
         """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u."""
         if self.priors.velocity.in_product:
             return 0.0 if self.along == "u" else 3 * np.log(ratio)
         return -3 * np.log(ratio) if self.along == "u" else 0.0
 
-    def log_probability(self, theta):
+    def log_probability(self, theta: FloatArray) -> FloatArray:
         """Log posterior density of coordinates (n, d), up to a constant."""
         total = self.priors.log(theta[:, 3:])
         good = np.isfinite(total)
@@ -62,7 +68,7 @@ class ParallaxModel:
         total[good] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
         return np.where(np.isnan(total), -np.inf, total)
 
-    def spreads(self, numbers):
+    def spreads(self, numbers: FloatArray) -> tuple[FloatArray, ...]:
         """s and x of the likelihood, and H0/H_ref, from the free numbers (n, k)."""
         columns = dict(zip(self.priors.free, numbers.T, strict=True))
         ratio = columns["H0"] / self.likelihood.hubble
@@ -76,7 +82,7 @@ class ParallaxModel:
                   ((spread, self.likelihood.spread), (excess_noise, self.likelihood.excess_noise))]  # fmt: skip
         return (*inside, ratio)
 
-    def conditional(self, numbers):
+    def conditional(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Given the free numbers (n, k): log of the posterior with v marginalised, v's mean and covariance.
 
         For Gaussian (and flat) priors on the velocity, exactly.
@@ -97,7 +103,7 @@ class ParallaxModel:
             log += 3 * np.log(ratio)
         return self.priors.log(numbers) + log, mean, covariance
 
-    def start(self, rng, walkers):
+    def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
         """Coordinates of walkers, spread over the posterior, (walkers, d).
 
         Candidates are drawn, weighed by their density, and the draw is repeated around the best.
@@ -143,7 +149,7 @@ class ParallaxModel:
         logdet = np.log(np.einsum("nii->ni", root)).sum(1)
         return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - logdet
 
-    def to_samples(self, theta, rng):
+    def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
         """What a user asks for, by name: v, H0, the others, and ã, drawn given them."""
         numbers = theta[:, 3:]
         spread, excess_noise, _ = self.spreads(numbers)
@@ -155,7 +161,12 @@ class ParallaxModel:
         return samples | dict(zip(("a_x", "a_y", "a_z"), a.T))
 
 
-def parallax_model(rows, given, spin=None, threads=None):
+def parallax_model(
+    rows: ParallaxEquations,
+    given: ModelPriors,
+    spin: Literal["free"] | Vector | None = None,
+    threads: int | None = None,
+) -> ParallaxModel:
     """The posterior of a catalogue's equations under priors."""
     spread = given.limits("peculiar_dispersion")
     if "peculiar_dispersion" in given.free:

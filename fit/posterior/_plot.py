@@ -1,10 +1,17 @@
 """Figures of a posterior (corner, matplotlib)."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fit.posterior._summary import UNITS
+from fit.posterior._summary import SampleResult
+from fit.posterior._units import UNITS
 from vsh.system.quiet import import_quietly
+from vsh.types import Figure
 
 corner = import_quietly("corner")
 
@@ -15,13 +22,13 @@ _LABELS = {
 }  # fmt: skip
 
 
-def label(name):
+def label(name: str) -> str:
     """A quantity's name with its unit, as on an axis."""
     unit = f"\n[{UNITS[name]}]" if UNITS.get(name) else ""
     return _LABELS.get(name, name) + unit
 
 
-def plot_corner(posterior, names=None):
+def plot_corner(posterior: SampleResult, names: Sequence[str] | None = None) -> Figure:
     """Every pair of quantities, with 68 and 95 % contours."""
     samples = posterior.samples
     if names is None:
@@ -37,7 +44,7 @@ def plot_corner(posterior, names=None):
     return figure
 
 
-def plot_trace(posterior, n_shown=40):
+def plot_trace(posterior: Any, n_shown: int = 40) -> Figure:
     """Coordinates of the sampler against steps, some walkers; the burn-in shaded."""
     names, chain = posterior.model.names, posterior.chain
     figure, rows = plt.subplots(
@@ -53,7 +60,7 @@ def plot_trace(posterior, n_shown=40):
     return figure
 
 
-def plot_marginals(grid):
+def plot_marginals(grid: Any) -> Figure:
     """The marginal density of each quantity on a grid."""
     figure, panels = plt.subplots(
         1, len(grid.names), figsize=(5.5 * len(grid.names), 4), layout="constrained", squeeze=False

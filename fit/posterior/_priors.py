@@ -1,8 +1,10 @@
 """What is known before of our velocity, of H0 and of the noise."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, TypedDict
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
@@ -64,7 +66,12 @@ class Priors:
     outlier_width: float | None = None
 
 
-def as_priors(priors, velocity_prior, hubble_prior, options):
+def as_priors(
+    priors: Priors | None,
+    velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None,
+    hubble_prior: str | tuple[float, float] | Prior | None,
+    options: Mapping[str, Any],
+) -> Priors:
     """The Priors that `sample` and `grid` were given, in one way or the other.
 
     Raises
@@ -104,11 +111,11 @@ class ModelPriors:
     excess_noise: float | Prior
 
     @property
-    def free(self):
+    def free(self) -> dict[str, Prior]:
         """Names and priors of the free numbers besides the velocity; H0 comes first."""
         return {name: prior for name, prior in self._named().items() if not isinstance(prior, float)}
 
-    def limits(self, name):
+    def limits(self, name: str) -> tuple[float, float]:
         """The smallest and largest value of one of them that is ever asked for."""
         prior = self._named()[name]
         if isinstance(prior, float):
@@ -122,7 +129,7 @@ class ModelPriors:
             raise ParameterError(f"the prior on {name} needs an upper limit: Flat(0, high)")
         return max(low, 0.0), high
 
-    def log(self, values):
+    def log(self, values: FloatArray) -> FloatArray:
         """Summed log-density of the free numbers, (n,), from their columns (n, k)."""
         total = np.zeros(len(values))
         for column, (name, prior) in zip(values.T, self.free.items(), strict=True):
@@ -133,14 +140,14 @@ class ModelPriors:
     def _named(self):
         return {"H0": self.hubble, "peculiar_dispersion": self.peculiar_dispersion, "excess_noise": self.excess_noise}
 
-    def describe(self):
+    def describe(self) -> dict[str, str]:
         """In words, for the fingerprint of a chain and for reports."""
         return {"velocity": self.velocity.name} | {
             name: repr(getattr(self, name)) for name in ("hubble", "peculiar_dispersion", "excess_noise")
         }
 
 
-def checked_priors(priors, frame):
+def checked_priors(priors: Priors, frame: str) -> ModelPriors:
     """Priors as users give them, checked: ModelPriors.
 
     Parameters
@@ -206,20 +213,20 @@ class VelocityPrior:
     words: str = ""
 
     @property
-    def proper(self):
+    def proper(self) -> bool:
         return self.name not in ("flat", "flat-product")
 
     @property
-    def in_product(self):
+    def in_product(self) -> bool:
         """Whether the density is flat in u = v H0, not in v: p(v, H0) = p(H0) H0³."""
         return self.name == "flat-product"
 
     @property
-    def gaussian(self):
+    def gaussian(self) -> bool:
         """Whether it is a Gaussian, the flat one (precision zero) among them."""
         return self.function is None
 
-    def log(self, v):
+    def log(self, v: FloatArray) -> FloatArray:
         """Log-density at velocities v, (n, 3)."""
         if self.function is not None:
             return np.asarray(self.function(v), float)
@@ -228,7 +235,7 @@ class VelocityPrior:
         return (logdet - np.einsum("ni,ij,nj->n", away, self.precision, away)) / 2
 
 
-def velocity_prior(value, frame):
+def velocity_prior(value: Any, frame: str) -> VelocityPrior:
     """A velocity prior along the axes of `frame`.
 
     Parameters

@@ -1,21 +1,26 @@
 """Posteriors of our velocity and the Hubble constant, by Markov chains (emcee) or on a grid."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Unpack
 
 import numpy as np
 
 from fit.posterior._mixture import MixtureModel
 from fit.posterior._model import parallax_model
-from fit.posterior._priors import as_priors, checked_priors
+from fit.posterior._priors import NoiseOptions, Priors, as_priors, checked_priors
 from fit.posterior._summary import SampleResult, Samples, text_of
-from fit.sampling import Run, as_prior, autocorrelation, check_writable, fingerprint
+from fit.sampling import Prior, Run, as_prior, autocorrelation, check_writable, fingerprint
 from fit.secular_parallax import parallax_equations
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
 from vsh.system.quiet import import_quietly
+from vsh.types import Cosmology, Figure, FloatArray, PathName, Rng
 from vsh.vector import Vector
 
 #: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
@@ -45,28 +50,28 @@ class Posterior(SampleResult):
     notes: tuple
     seed: int
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         steps, walkers, _ = self.chain.shape
         return f"<Posterior: {steps} steps of {walkers} walkers, {', '.join(self.model.names)}, {self.frame}>"
 
     @cached_property
-    def autocorrelation(self):
+    def autocorrelation(self) -> dict[str, float]:
         """Integrated autocorrelation time of each coordinate, by name. [steps]"""
         times = autocorrelation(self.chain)
         return dict(zip(self.model.names, map(float, times)))
 
     @property
-    def burn_in(self):
+    def burn_in(self) -> int:
         """Steps left out at the start: five autocorrelation times of the slowest coordinate."""
         return int(np.ceil(5 * self._slowest()))
 
     @property
-    def thinning(self):
+    def thinning(self) -> int:
         """The thinning interval, in steps: half the autocorrelation time of the quickest."""
         return max(1, int(min(self.autocorrelation.values()) / 2))
 
     @cached_property
-    def samples(self):
+    def samples(self) -> dict[str, FloatArray]:
         """Samples after burn-in and thinning, by name: arrays (n,).
 
         v_x, v_y, v_z and speed [km/s, toward the apex, along the axes of `frame`]; H0
@@ -82,15 +87,15 @@ class Posterior(SampleResult):
         kept = self.chain[self.burn_in :: self.thinning]
         return self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
 
-    def report(self):
+    def report(self) -> str:
         """The summary as text."""
         return text_of(self)
 
-    def kept(self):
+    def kept(self) -> Samples:
         """The samples without the chain: a `Samples`, which can be written and read back."""
         return Samples(self.samples, self.frame, tuple(map(str, self.notes)), self.model.priors.describe(), self.seed)
 
-    def write(self, path, meta=None):
+    def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
         """Write the samples as a table, a column each; `Posterior.read` reads them back bit for bit, as `Samples`.
 
         The chain itself is what a checkpoint keeps.
@@ -105,7 +110,7 @@ class Posterior(SampleResult):
         self.kept().write(path, meta)
 
     @classmethod
-    def read(cls, path):
+    def read(cls, path: PathName) -> Samples:
         """Samples that `write` wrote, a `Samples`.
 
         Parameters
@@ -115,7 +120,7 @@ class Posterior(SampleResult):
         """
         return Samples.read(path)
 
-    def to_arviz(self):
+    def to_arviz(self) -> Any:
         """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker."""
         try:
             arviz = import_quietly("arviz")
@@ -129,11 +134,11 @@ class Posterior(SampleResult):
         new = int(arviz.__version__.split(".")[0]) >= 1
         return arviz.from_dict(groups) if new else arviz.from_dict(**groups)
 
-    def corner(self, names=None):
+    def corner(self, names: Sequence[str] | None = None) -> Figure:
         """Corner plot of some of the quantities; the same as `plot`. A matplotlib figure."""
         return self.plot(names)
 
-    def trace(self):
+    def trace(self) -> Figure:
         """The walkers' way, coordinate by coordinate. A matplotlib figure."""
         from fit.posterior._plot import plot_trace
 
@@ -156,7 +161,7 @@ class Posterior(SampleResult):
         )
 
 
-def read_samples(path):
+def read_samples(path: PathName) -> dict[str, FloatArray]:
     """Samples that `Posterior.write` wrote: a dict of name to (n,) array.
 
     Parameters
@@ -169,21 +174,21 @@ def read_samples(path):
 
 @arguments.accepts(field=arguments.a(Field), n_samples=arguments.whole, rng=arguments.seed, n_walkers=arguments.whole)
 def sample(
-    field,
-    velocity_prior=None,
-    hubble_prior=None,
+    field: Field,
+    velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None = None,
+    hubble_prior: str | tuple[float, float] | Prior | None = None,
     *,
-    priors=None,
-    n_samples=400_000,
-    rng=1,
-    checkpoint=None,
-    cosmology=None,
-    n_walkers=None,
-    progress=True,
-    threads=None,
-    save_every=5.0,
-    **noise,
-):
+    priors: Priors | None = None,
+    n_samples: int = 400_000,
+    rng: Rng = 1,
+    checkpoint: PathName | None = None,
+    cosmology: Cosmology | None = None,
+    n_walkers: int | None = None,
+    progress: bool = True,
+    threads: int | None = None,
+    save_every: float = 5.0,
+    **noise: Unpack[NoiseOptions],
+) -> Posterior:
     """Sample the posterior of our velocity and the Hubble constant, the acceleration marginalised.
 
     Parameters

@@ -1,26 +1,20 @@
 """Samples in a few numbers: our own, since libraries change what an interval is."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fit.posterior._units import FITS_UNITS, SHORT_NAMES, UNITS
 from fit.storage import Result, words
 from vsh import tables
 from vsh.checks.arguments import float_array
 from vsh.sky.frames import check_frame
+from vsh.types import Figure, FloatArray, Table
 from vsh.vector import Vector
-
-UNITS = {
-    "v_x": "km/s", "v_y": "km/s", "v_z": "km/s", "speed": "km/s", "H0": "km/s/Mpc", "peculiar_dispersion": "km/s",
-    "excess_noise": "µas/yr", "outlier_fraction": "", "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr",
-    "omega_x": "µas/yr", "omega_y": "µas/yr", "omega_z": "µas/yr",
-}  # fmt: skip
-
-#: Names that are too long for the table.
-_SHOWN = {"peculiar_dispersion": "dispersion"}
-#: The same as standards for tables want them.
-FITS_UNITS = {"km/s": "km / s", "km/s/Mpc": "km / (Mpc s)", "µas/yr": "uas / yr"}
 
 
 class Interval(NamedTuple):
@@ -35,7 +29,7 @@ class Interval(NamedTuple):
     sigma: float
 
 
-def intervals(samples):
+def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
     """An Interval for each name.
 
     >>> found = intervals({"x": np.arange(101.0)})["x"]
@@ -66,28 +60,28 @@ class SampleResult(Result):
     frame: str
     notes: tuple
 
-    def summary(self):
+    def summary(self) -> dict[str, Interval]:
         """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
         return intervals(self.samples)
 
     @property
-    def velocity(self):
+    def velocity(self) -> Vector:
         """Mean and covariance of the velocity, a Vector in km/s, toward the apex."""
         return self._vector("v", "km/s")
 
     @property
-    def acceleration(self):
+    def acceleration(self) -> Vector:
         """Mean and covariance of the acceleration, a Vector in µas/yr."""
         return self._vector("a", "µas/yr")
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """The summary as an astropy Table, a row a quantity."""
         rows = self.summary()
         columns = {"quantity": list(rows), "unit": [UNITS.get(name, "") for name in rows]}
         columns |= {key: [getattr(row, key) for row in rows.values()] for key in Interval._fields}
         return tables.table_of(columns, {"frame": self.frame})
 
-    def plot(self, names=None):
+    def plot(self, names: Sequence[str] | None = None) -> Figure:
         """Corner plot of some of the quantities: velocity, H0 and what else was free. A matplotlib figure."""
         from fit.posterior._plot import plot_corner
 
@@ -122,10 +116,10 @@ class Samples(SampleResult):
     priors: dict
     seed: int
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<Samples: {len(self.samples['H0'])} of {', '.join(self.samples)}, {self.frame}>"
 
-    def report(self):
+    def report(self) -> str:
         """The summary as text."""
         return "\n".join([*heading(self.frame, self.priors), *table_lines(self)]) + "\n"
 
@@ -140,7 +134,7 @@ class Samples(SampleResult):
         return cls(samples, check_frame(rest["frame"]), words(rest["notes"]), dict(rest["priors"]), int(rest["seed"]))
 
 
-def text_of(posterior):
+def text_of(posterior: Any) -> str:
     """A page of text on a posterior."""
     steps, walkers, _ = posterior.chain.shape
     slowest = max(posterior.autocorrelation.values())
@@ -154,7 +148,7 @@ def text_of(posterior):
     return "\n".join([*lines, *table_lines(posterior), *_at_limits(posterior)])
 
 
-def heading(frame, priors):
+def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
     """The first lines of a report on a posterior: its priors in words."""
     dispersion = priors["peculiar_dispersion"]
     fixed = (
@@ -169,12 +163,12 @@ def heading(frame, priors):
     ]
 
 
-def table_lines(found):
+def table_lines(found: SampleResult) -> list[str]:
     """The table of medians and intervals of a SampleResult, as lines."""
     lines = [f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}"]
     for name, row in found.summary().items():
         lines.append(
-            f"{_SHOWN.get(name, name):18}{row.median:10.4g}{row.low68:11.4g} …{row.high68:9.4g}{row.low95:11.4g} …"
+            f"{SHORT_NAMES.get(name, name):18}{row.median:10.4g}{row.low68:11.4g} …{row.high68:9.4g}{row.low95:11.4g} …"
             f"{row.high95:9.4g}  {UNITS[name]}"
         )
     return lines

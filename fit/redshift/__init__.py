@@ -1,9 +1,9 @@
 """Any degrees in bins of redshift: do all sources see the same sky?"""
 
 from fit.redshift._bins import binned, equal_information
-from fit.redshift._contrasts import ChiSquare
+from fit.redshift._contrasts import ChiSquare, Trend
 from fit.redshift._permutation import permutation_test
-from fit.redshift._solution import BinnedSolution, Trend
+from fit.redshift._solution import BinnedSolution
 
 __all__ = [
     "BinnedSolution",

@@ -1,5 +1,9 @@
 """Dipoles, or any degrees, in bins of redshift: do all sources see the same sky?"""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+
 import numpy as np
 
 from fit.normal import NormalEquations, normal_equations
@@ -10,11 +14,19 @@ from vsh import Coefficients, Field
 from vsh.checks import arguments, nouns
 from vsh.cosmology import FLOW_LIMIT, usable, with_redshift
 from vsh.errors import DegeneracyError, ParameterError
-from vsh.modes import as_modes
+from vsh.modes import Modes, as_modes
+from vsh.types import ArrayLike, FloatArray
 
 
 @arguments.accepts(field=nouns.fields, modes=nouns.modes)
-def binned(field, modes, edges, *, shared_higher_degrees=False, threads=None):
+def binned(
+    field: Field | Iterable[Field],
+    modes: Modes | int,
+    edges: ArrayLike | int,
+    *,
+    shared_higher_degrees: bool = False,
+    threads: int | None = None,
+) -> BinnedSolution:
     """Fit the same modes in bins of redshift.
 
     Parameters
@@ -94,7 +106,7 @@ def binned(field, modes, edges, *, shared_higher_degrees=False, threads=None):
 
 
 @arguments.accepts(field=arguments.a(Field), n_bins=arguments.whole)
-def equal_information(field, n_bins):
+def equal_information(field: Field, n_bins: int) -> FloatArray:
     """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,)."""
     n_bins = int(n_bins)
     if n_bins < 1:

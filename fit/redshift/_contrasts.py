@@ -1,8 +1,16 @@
 """Tests of estimates in bins: least squares with a joint covariance, and p-values whose scales were estimated."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from fit.storage import Result
+from vsh import tables
+from vsh.types import Figure, FloatArray, Table
+from vsh.vector import Vector
 
 
 class ChiSquare(NamedTuple):
@@ -19,7 +27,53 @@ class ChiSquare(NamedTuple):
     p_value_quoted: float = float("nan")
 
 
-def welch(binned, steps):
+@dataclass(frozen=True, eq=False)
+class Trend(Result):
+    """Coefficients that change linearly: c(x) = c_0 + slope (x − x_0).
+
+    Attributes
+    ----------
+    slopes : (q,) array
+        Of each coefficient that is free in every bin. [µas/yr per unit of x]
+    covariance : (q, q) array
+    test : ChiSquare
+        Of no slope.
+    misfit : ChiSquare
+        Of the bins about the trend.
+    spin, acceleration : Vector
+        The slopes of degree 1 as vectors.
+    """
+
+    slopes: np.ndarray
+    covariance: np.ndarray
+    test: ChiSquare
+    misfit: ChiSquare
+    spin: Vector
+    acceleration: Vector
+
+    def report(self) -> str:
+        """The slopes and their test as text."""
+        lines = [f"slopes of {name:14}" + "".join(f"{x:+10.3f} ± {s:.3f}" for x, s in zip(v.value, v.sigma, strict=True))
+                 for name, v in (("spin", self.spin), ("acceleration", self.acceleration))]  # fmt: skip
+        lines.append(f"no slope: χ² = {self.test.chi2:.2f} for {self.test.dof}, p-value {self.test.p_value:.4g}")
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """The slopes of spin and acceleration with their errors as an astropy Table."""
+        names = [f"{name}_{axis}" for name in ("spin", "acceleration") for axis in "xyz"]
+        return tables.table_of({
+            "parameter": names, "slope": np.concatenate([self.spin.value, self.acceleration.value]),
+            "sigma": np.concatenate([self.spin.sigma, self.acceleration.sigma]),
+        })  # fmt: skip
+
+    def plot(self) -> Figure:
+        """The slopes with their errors, a matplotlib figure."""
+        from fit.redshift._plot import plot_trend
+
+        return plot_trend(self)
+
+
+def welch(binned: Any, steps: int) -> tuple[float, float]:
     """By what a scaled χ² is divided, and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
     weight, dof = information(binned)
     share = weight / weight.sum()
@@ -28,24 +82,24 @@ def welch(binned, steps):
     return 1 + 2 * (k - 2) / (k * k - 1) * spread, (k * k - 1) / (3 * spread)
 
 
-def information(binned):
+def information(binned: Any) -> tuple[FloatArray, FloatArray]:
     """Weight of each bin with scaled errors, and the degrees of freedom of its scale."""
     weight = np.array([1 / np.trace(s.covariance) for s in binned.solutions]) / binned.scales
     return weight, np.array([max(s.dof, 1) for s in binned.solutions])
 
 
-def slope_of(theta, least, spread, q):
+def slope_of(theta: FloatArray, least: float, spread: FloatArray, q: int) -> float:
     return float(theta[q:] @ np.linalg.solve(spread[q:, q:], theta[q:]))
 
 
-def equality_chi2(values, covariance):
+def equality_chi2(values: FloatArray, covariance: FloatArray) -> float:
     """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
     weight = np.linalg.inv(covariance)
     pull = np.einsum("bij,bj->bi", weight, values)
     return float(np.sum(values * pull) - pull.sum(0) @ np.linalg.solve(weight.sum(0), pull.sum(0)))
 
 
-def slope_chi2(values, covariance, x):
+def slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> float:
     """χ² that a straight line takes away from independent bins: that of no slope."""
     weight = np.linalg.inv(covariance)
     design = np.stack([np.ones_like(x), x - x.mean()])
@@ -54,7 +108,7 @@ def slope_chi2(values, covariance, x):
     return float(rhs.ravel() @ np.linalg.solve(normal, rhs.ravel()) - rhs[0] @ np.linalg.solve(weight.sum(0), rhs[0]))
 
 
-def gls(values, covariance, design):
+def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and θ's covariance."""
     q = values.shape[1]
     full = np.kron(design, np.eye(q))

@@ -1,5 +1,7 @@
 """Permutation tests of bins: redshifts dealt out anew among the sources."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from fit.redshift._contrasts import equality_chi2, slope_chi2
@@ -12,13 +14,17 @@ from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.sky.sphere import triad
+from vsh.types import Rng
 from vsh.units import AU_PER_YEAR
+from vsh.vector import Vector
 
 
 @arguments.accepts(
     field=arguments.a(Field), binned=arguments.a(BinnedSolution), n_permutations=arguments.whole, rng=arguments.seed
 )
-def permutation_test(field, binned, n_permutations=1000, rng=1, velocity=None):
+def permutation_test(
+    field: Field, binned: BinnedSolution, *, n_permutations: int = 1000, rng: Rng = 1, velocity: Vector | None = None
+) -> dict[str, float]:
     """p-values by permutation: how often redshifts that mean nothing give bins as unlike as these.
 
     Positions, motions and errors stay together; the redshifts are permuted. Before that, the errors of each

@@ -1,16 +1,22 @@
 """Dipoles against redshift (matplotlib)."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 
 from vsh.cosmology import FLOW_LIMIT, transverse_distance, velocity_along
 from vsh.errors import ParameterError
+from vsh.types import Figure
 from vsh.units import AU_PER_YEAR
+from vsh.vector import Vector
 
 _COLOURS = ("#0b5394", "#c55a11", "#38761d")
 
 
-def plot_bins(binned, velocity="planck"):
+def plot_bins(binned: Any, velocity: str | Vector | None = "planck") -> Figure:
     """Spin and acceleration, components and amplitude, in each bin.
 
     Parameters
@@ -86,7 +92,7 @@ def _draw_prediction(binned, velocity, panels):
     )
 
 
-def plot_trend(trend):
+def plot_trend(trend: Any) -> Figure:
     """Slopes of spin and acceleration with redshift."""
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
     for at, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):

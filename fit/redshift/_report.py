@@ -1,14 +1,20 @@
 """Dipoles in bins of redshift as text."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from fit.output import WIDTH, components, note_lines, p_value
+from vsh.vector import Vector
 
 #: A p-value below this is called a difference; the Gaussian's three σ.
 _REMARKABLE = 0.0027
 
 
-def text_of(binned, velocity, p_values=None):
+def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] | None = None) -> str:
     """Dipoles in bins of redshift as text: a table, and whether the bins differ.
 
     Every hypothesis is tested three ways: with errors as quoted, with the errors of each bin multiplied by

@@ -1,5 +1,8 @@
 """Solutions in bins of redshift, and the questions one asks of them."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +10,7 @@ from scipy.special import chdtrc
 
 from fit.normal import NormalEquations
 from fit.quality import Quality, f_p_value
-from fit.redshift._contrasts import ChiSquare, gls, information, slope_of, welch
+from fit.redshift._contrasts import ChiSquare, Trend, gls, information, slope_of, welch
 from fit.redshift._report import text_of
 from fit.solution import Solution
 from fit.storage import Result, coefficient_columns, count, exact, number, words
@@ -17,54 +20,9 @@ from vsh.coefficients import FIRST_DEGREE
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ParameterError, TableError
 from vsh.sky.frames import check_frame
+from vsh.types import ArrayLike, Figure, FloatArray, Kind, Table
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
-
-
-@dataclass(frozen=True, eq=False)
-class Trend(Result):
-    """Coefficients that change linearly: c(x) = c_0 + slope (x − x_0).
-
-    Attributes
-    ----------
-    slopes : (q,) array
-        Of each coefficient that is free in every bin. [µas/yr per unit of x]
-    covariance : (q, q) array
-    test : ChiSquare
-        Of no slope.
-    misfit : ChiSquare
-        Of the bins about the trend.
-    spin, acceleration : Vector
-        The slopes of degree 1 as vectors.
-    """
-
-    slopes: np.ndarray
-    covariance: np.ndarray
-    test: ChiSquare
-    misfit: ChiSquare
-    spin: Vector
-    acceleration: Vector
-
-    def report(self):
-        """The slopes and their test as text."""
-        lines = [f"slopes of {name:14}" + "".join(f"{x:+10.3f} ± {s:.3f}" for x, s in zip(v.value, v.sigma, strict=True))
-                 for name, v in (("spin", self.spin), ("acceleration", self.acceleration))]  # fmt: skip
-        lines.append(f"no slope: χ² = {self.test.chi2:.2f} for {self.test.dof}, p-value {self.test.p_value:.4g}")
-        return "\n".join(lines) + "\n"
-
-    def to_table(self):
-        """The slopes of spin and acceleration with their errors as an astropy Table."""
-        names = [f"{name}_{axis}" for name in ("spin", "acceleration") for axis in "xyz"]
-        return tables.table_of({
-            "parameter": names, "slope": np.concatenate([self.spin.value, self.acceleration.value]),
-            "sigma": np.concatenate([self.spin.sigma, self.acceleration.sigma]),
-        })  # fmt: skip
-
-    def plot(self):
-        """The slopes with their errors, a matplotlib figure."""
-        from fit.redshift._plot import plot_trend
-
-        return plot_trend(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,32 +60,32 @@ class BinnedSolution(Result):
     mean_inverse_distance: np.ndarray
     notes: tuple
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.solutions)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<BinnedSolution: {len(self)} bins, {self.counts.sum()} sources, degree {self.modes.lmax}>"
 
     @property
-    def modes(self):
+    def modes(self) -> Modes:
         return self.solutions[0].modes
 
     @property
-    def frame(self):
+    def frame(self) -> str:
         return self.solutions[0].frame
 
     @property
-    def quality(self):
+    def quality(self) -> Quality:
         """What χ² of all bins together says of the errors, a `fit.quality.Quality`."""
         return Quality(sum(s.chi2 for s in self.solutions), sum(s.dof for s in self.solutions))
 
     @property
-    def reduced_chi2(self):
+    def reduced_chi2(self) -> float:
         """χ² per degree of freedom, over all bins."""
         return self.quality.reduced
 
     @property
-    def effective_redshift(self):
+    def effective_redshift(self) -> FloatArray:
         """The redshift whose 1/d_M is the bin's mean, (B,): where a secular parallax is measured. Mean redshift where there is no distance."""
         from vsh.cosmology import redshift_of
 
@@ -136,14 +94,14 @@ class BinnedSolution(Result):
         )
 
     @property
-    def scales(self):
+    def scales(self) -> FloatArray:
         """χ² per degree of freedom of each bin, (B,): what variances are multiplied with in tests.
 
         1 for a bin without degrees of freedom.
         """
         return np.array([s.reduced_chi2 if s.dof > 0 and s.chi2 > 0 else 1.0 for s in self.solutions])
 
-    def equality(self, kind=None, l=None):
+    def equality(self, kind: Kind | None = None, l: int | None = None) -> ChiSquare:
         """Are all bins alike? χ² of their differences, with the full covariance.
 
         Parameters
@@ -165,7 +123,7 @@ class BinnedSolution(Result):
         """
         return self._compared(kind, l, np.ones((len(self), 1)))[0]
 
-    def trend(self, x=None):
+    def trend(self, x: ArrayLike | None = None) -> Trend:
         """Do they change with x? A straight line through the bins.
 
         Parameters
@@ -192,7 +150,7 @@ class BinnedSolution(Result):
         test = ChiSquare(explained[0], q, p, explained[1], float(chdtrc(q, explained[1])))
         return Trend(slopes, error, test, misfit, *vectors)
 
-    def secular_parallax(self, velocity):
+    def secular_parallax(self, velocity: Vector) -> tuple[Vector, ChiSquare]:
         """The acceleration that, with the secular parallax of a known velocity, fits the bins best.
 
         Parameters
@@ -215,7 +173,7 @@ class BinnedSolution(Result):
         test, _, _ = self._compared("S", 1, constant, parallaxes)
         return _vector(self.modes, "S", theta, spread, free, self.frame), test
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """Spin and acceleration in each bin, with errors, as an astropy Table."""
         columns = {
             "z_low": self.edges[:-1], "z_high": self.edges[1:], "z": self.redshift, "sources": self.counts,
@@ -229,7 +187,7 @@ class BinnedSolution(Result):
         units = {name: "uas / yr" for name in columns if name.startswith(("spin", "acceleration"))}
         return tables.table_of(columns, {"frame": self.frame, "notes": list(self.notes)}, units)
 
-    def report(self, velocity=PLANCK_2018, p_values=None):
+    def report(self, velocity: Vector | None = PLANCK_2018, p_values: Mapping[str, float] | None = None) -> str:
         """Spin and acceleration in each bin, and whether the bins differ, as text.
 
         Parameters
@@ -245,7 +203,7 @@ class BinnedSolution(Result):
         """
         return text_of(self, velocity, p_values)
 
-    def plot(self, velocity="planck"):
+    def plot(self, velocity: str | Vector | None = "planck") -> Figure:
         """Components against redshift, with the secular parallax of a velocity drawn in; a matplotlib figure."""
         from fit.redshift._plot import plot_bins
 

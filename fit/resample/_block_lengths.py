@@ -1,5 +1,8 @@
 """How long the blocks of a jackknife must be: several lengths side by side."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +10,7 @@ import numpy as np
 from vsh.checks import arguments, nouns
 from vsh.errors import DegeneracyError
 from vsh.field import Field
+from vsh.modes import Modes
 
 
 class BlockLength(NamedTuple):
@@ -25,7 +29,9 @@ class BlockLength(NamedTuple):
 
 
 @arguments.accepts(field=arguments.a(Field), modes=nouns.modes)
-def compare_blocks(field, modes, nsides=(8, 4, 2, 1), progress=True):
+def compare_blocks(
+    field: Field, modes: Modes | int, *, nsides: Sequence[int] = (8, 4, 2, 1), progress: bool = True
+) -> tuple[list[BlockLength], BlockLength, str]:
     """Jackknife errors with blocks of several sizes, side by side: which are long enough?
 
     Errors that neighbours share make the jackknife's errors grow with the size of the blocks, until blocks

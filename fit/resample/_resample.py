@@ -8,6 +8,8 @@ want blocks longer than the sharing reaches (`compare_blocks` looks for that len
 sky shares, a glide or a rotation of the frame above all, no resampling can see.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,8 +22,11 @@ from vsh.checks import arguments, nouns
 from vsh.checks.arguments import between, generator, whole
 from vsh.errors import DegeneracyError
 from vsh.field import Field
+from vsh.modes import Modes
 from vsh.sky.pixels import pixels_of
 from vsh.system.progress import progress_bar
+from vsh.types import Figure, FloatArray, Rng, Table
+from vsh.vector import Vector
 
 #: Beyond this, the normal matrices of all blocks are not kept at once. [bytes]
 MEMORY = 4 * 2**30
@@ -47,45 +52,45 @@ class Resampled(AboutSolution):
     replicates: np.ndarray
     covariance: np.ndarray
 
-    def report(self):
+    def report(self) -> str:
         """The solution with these errors, as text."""
         return self.resampled_solution.report()
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """The coefficients with these errors as an astropy Table, a row each."""
         return self.resampled_solution.to_table()
 
-    def plot(self):
+    def plot(self) -> Figure:
         """Power by degree with these errors as a matplotlib figure."""
         return self.resampled_solution.plot()
 
     @property
-    def samples(self):
+    def samples(self) -> FloatArray:
         """Another name of `replicates`."""
         return self.replicates
 
     @property
-    def sigma(self):
+    def sigma(self) -> FloatArray:
         """Standard error of each coefficient, (p,). [µas/yr]"""
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def resampled_solution(self):
+    def resampled_solution(self) -> Solution:
         """The solution with this covariance in place of N⁻¹: its `spin` and `acceleration` carry these errors."""
         source = f"the {self.method}, {len(self.replicates)} replicates"
         return replace(self.solution, covariance=self.covariance, errors_from=source)
 
     @property
-    def spin(self):
+    def spin(self) -> Vector:
         """The spin with these errors, a Vector. [µas/yr]"""
         return self.resampled_solution.spin
 
     @property
-    def acceleration(self):
+    def acceleration(self) -> Vector:
         """The acceleration with these errors, a Vector. [µas/yr]"""
         return self.resampled_solution.acceleration
 
-    def interval(self, probability=0.68):
+    def interval(self, probability: float = 0.68) -> FloatArray:
         """Lower and upper end of each coefficient's interval, (2, p). [µas/yr]
 
         Percentiles of the replicates; for the jackknife, whose replicates lie close together, the
@@ -99,7 +104,7 @@ class Resampled(AboutSolution):
 
 
 @arguments.accepts(field=arguments.a(Field), modes=nouns.modes, n_replicates=arguments.whole, rng=arguments.seed)
-def bootstrap(field, modes, n_replicates, rng, progress=True):
+def bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng, *, progress: bool = True) -> Resampled:
     """Draw the sources again, each a Poisson number of times with mean 1.
 
     Its errors hold for sources whose errors are wrong in any way, but independent of each other.
@@ -129,7 +134,7 @@ def bootstrap(field, modes, n_replicates, rng, progress=True):
 
 
 @arguments.accepts(field=arguments.a(Field), modes=nouns.modes, n_replicates=arguments.whole, rng=arguments.seed)
-def parametric_bootstrap(field, modes, n_replicates, rng):
+def parametric_bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng) -> Resampled:
     """Draw the motions again, from the fit and the catalogue's errors.
 
     The fit is linear and the errors are Gaussian, so the replicates are N(c, N⁻¹) exactly
@@ -149,7 +154,9 @@ def parametric_bootstrap(field, modes, n_replicates, rng):
 @arguments.accepts(
     field=arguments.a(Field), modes=nouns.modes, nside=arguments.whole, n_replicates=arguments.whole, rng=arguments.seed
 )
-def block_bootstrap(field, modes, nside, n_replicates, rng, progress=True):
+def block_bootstrap(
+    field: Field, modes: Modes | int, nside: int, n_replicates: int, rng: Rng, *, progress: bool = True
+) -> Resampled:
     """Draw HEALPix blocks of the sky again: errors that allow for what neighbours share.
 
     Parameters
@@ -185,7 +192,7 @@ def block_bootstrap(field, modes, nside, n_replicates, rng, progress=True):
 
 
 @arguments.accepts(field=arguments.a(Field), modes=nouns.modes, nside=arguments.whole)
-def jackknife(field, modes, nside, progress=True):
+def jackknife(field: Field, modes: Modes | int, nside: int, *, progress: bool = True) -> Resampled:
     """Leave out one HEALPix block of the sky after the other.
 
     Parameters

@@ -1,5 +1,7 @@
 """Fits that do not trust every source."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +13,7 @@ from vsh.checks import arguments, nouns
 from vsh.checks.arguments import positive
 from vsh.errors import ConvergenceError
 from vsh.field import Field
+from vsh.modes import Modes
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,9 @@ class Clipped(AboutSolution):
     threshold=arguments.positive,
     max_rounds=arguments.whole,
 )
-def clip(field, modes, kappa=3.0, threshold=None, max_rounds=100):
+def clip(
+    field: Field, modes: Modes | int, kappa: float = 3.0, threshold: float | None = None, *, max_rounds: int = 100
+) -> Clipped:
     """Fit, leave out what lies too far from the fit, and fit again until nothing changes.
 
     The distance is X = √(Δᵀ C⁻¹ Δ), Δ the residual of a source, C its covariance. Every
@@ -118,7 +123,7 @@ def clip(field, modes, kappa=3.0, threshold=None, max_rounds=100):
     raise ConvergenceError(f"the clip has not settled after {max_rounds} rounds: {swing} sources still change")
 
 
-def truncation(q):
+def truncation(q: float) -> tuple[float, float]:
     """What a cut at X²/2 = q does to Gaussian residuals of two components: factors on variance and on χ².
 
     >>> [round(float(np.sqrt(truncation(kappa**2 * np.log(2))[0])), 3) for kappa in (3, 2.5, 2, 1.5)]

@@ -1,5 +1,7 @@
 """Noise that the catalogue's errors leave out, estimated together with the fit."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +14,7 @@ from fit.sums import sandwich, weighted_matrix
 from vsh.checks import arguments, nouns
 from vsh.errors import ConvergenceError
 from vsh.field import Field
+from vsh.modes import Modes
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +44,9 @@ class ExcessNoise(AboutSolution):
 @arguments.accepts(
     field=arguments.a(Field), modes=nouns.modes, tolerance=arguments.positive, max_rounds=arguments.whole
 )
-def excess_noise(field, modes, scale=False, tolerance=1e-4, max_rounds=100):
+def excess_noise(
+    field: Field, modes: Modes | int, *, scale: bool = False, tolerance: float = 1e-4, max_rounds: int = 100
+) -> ExcessNoise:
     """Fit with C + s² I for every source's covariance, s by restricted maximum likelihood.
 
     Parameters

@@ -4,6 +4,8 @@ Each is the chain, called again and again on a field whose errors grow where the
 left large residuals, X² = Δᵀ C⁻¹ Δ of both components together.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +19,8 @@ from fit.sums import sandwich
 from vsh.checks import arguments, nouns
 from vsh.errors import ConvergenceError
 from vsh.field import Field
+from vsh.modes import Modes
+from vsh.types import IntArray
 
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
@@ -47,11 +51,11 @@ class Reweighted(AboutSolution):
     nu: float | None = None
 
     @property
-    def effective(self):
+    def effective(self) -> float:
         """The number of equally weighted sources with the same weight, (Σu)²/Σu²."""
         return float(self.weights.sum() ** 2 / (self.weights**2).sum())
 
-    def most_downweighted(self, n_sources=10):
+    def most_downweighted(self, n_sources: int = 10) -> IntArray:
         """Indices of the sources with the least weight, least first."""
         return np.argsort(self.weights, kind="stable")[:n_sources]
 
@@ -63,7 +67,9 @@ class Reweighted(AboutSolution):
     tolerance=arguments.positive,
     max_rounds=arguments.whole,
 )
-def student_t(field, modes, nu=None, tolerance=1e-4, max_rounds=500):
+def student_t(
+    field: Field, modes: Modes | int, *, nu: float | None = None, tolerance: float = 1e-4, max_rounds: int = 500
+) -> Reweighted:
     """Fit with a bivariate Student-t likelihood of each source's residual.
 
     Parameters
@@ -113,7 +119,7 @@ def student_t(field, modes, nu=None, tolerance=1e-4, max_rounds=500):
 @arguments.accepts(
     field=arguments.a(Field), modes=nouns.modes, tolerance=arguments.positive, max_rounds=arguments.whole
 )
-def permissive(field, modes, tolerance=1e-4, max_rounds=500):
+def permissive(field: Field, modes: Modes | int, *, tolerance: float = 1e-4, max_rounds: int = 500) -> Reweighted:
     """Fit taking every error for a lower bound: Sivia's conservative formulation.
 
     The true errors are s ≥ 1 times the stated ones, with probability density 1/s². For two

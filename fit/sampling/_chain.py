@@ -1,6 +1,9 @@
 """A Markov chain on its way: from its start or from a checkpoint to its last step (emcee)."""
 
+from __future__ import annotations
+
 import time
+from typing import Any
 
 import emcee
 import numpy as np
@@ -8,9 +11,10 @@ import numpy as np
 from fit.sampling import _checkpoint as checkpoints
 from vsh.errors import CheckpointError, ParameterError
 from vsh.system.progress import progress_bar
+from vsh.types import FloatArray, PathName
 
 
-def autocorrelation(chain):
+def autocorrelation(chain: FloatArray) -> FloatArray:
     """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]"""
     with np.errstate(invalid="ignore", divide="ignore"):
         return emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
@@ -23,7 +27,7 @@ class Run:
     depend on where it was broken off, nor on how often it was saved.
     """
 
-    def __init__(self, model, begin, seed, steps, progress, save_every):
+    def __init__(self, model: Any, begin: FloatArray, seed: int, steps: int, progress: bool, save_every: float) -> None:
         self.sampler = emcee.EnsembleSampler(
             *begin.shape, model.log_probability, vectorize=True,
             moves=[(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
@@ -38,7 +42,7 @@ class Run:
         self.progress, self.save_every = progress, save_every
         self.path = self.fingerprint = None
 
-    def resume_from(self, path, fingerprint):
+    def resume_from(self, path: PathName, fingerprint: dict[str, str]) -> None:
         """Go on from a checkpoint, if it is there, and write to it from now on."""
         self.path, self.fingerprint = path, fingerprint | {"start": f"{self.start[1].sum():.17g}"}
         found = checkpoints.load(path, self.fingerprint)
@@ -51,7 +55,7 @@ class Run:
         self.chain[: self.done], self.log_probability[: self.done] = chain[: self.done], log_probability[: self.done]
         self.state = emcee.State(chain[-1], log_prob=log_probability[-1], random_state=random_state)
 
-    def run(self):
+    def run(self) -> tuple[FloatArray, FloatArray]:
         last = time.monotonic()
         cost = 0.0
         bar = progress_bar(None, len(self.chain), "chain", self.progress, " steps", initial=self.done)

@@ -1,19 +1,25 @@
 """Chains that survive being killed: one file, whole or not there, that knows what it belongs to."""
 
+from __future__ import annotations
+
 import json
 import os
+from collections.abc import Mapping
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vsh.errors import CheckpointError
+from vsh.field import Field
 from vsh.system.files import atomic_write
+from vsh.types import FloatArray, PathName
 
 _STATE = ("key", "position", "has_gauss", "gauss")
 
 
-def fingerprint(field, model):
+def fingerprint(field: Field, model: Mapping[str, str]) -> dict[str, str]:
     """What a chain belongs to: a hash of the data, and the model in words.
 
     Parameters
@@ -31,7 +37,9 @@ def fingerprint(field, model):
     return {"data": f"{len(field)} sources, {field.frame}, {digest.hexdigest()[:16]}"} | model
 
 
-def save(path, fingerprint, chain, log_probability, state):
+def save(
+    path: PathName, fingerprint: dict[str, str], chain: FloatArray, log_probability: FloatArray, state: Any
+) -> None:
     """Write a chain (steps, walkers, d), its log-densities and the state of its random numbers."""
     arrays = {"chain": chain, "log_probability": log_probability}
     arrays |= {name: np.asarray(value) for name, value in zip(_STATE, state[1:], strict=True)}
@@ -39,7 +47,7 @@ def save(path, fingerprint, chain, log_probability, state):
         np.savez(file, fingerprint=np.frombuffer(json.dumps(fingerprint).encode(), np.uint8), **arrays)
 
 
-def load(path, fingerprint):
+def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, FloatArray, Any] | None:
     """Read a chain back: chain, log-densities, state of the random numbers; None where there is no file.
 
     Raises
@@ -67,7 +75,7 @@ def load(path, fingerprint):
     return chain, log_probability, state
 
 
-def check_writable(path):
+def check_writable(path: PathName) -> None:
     """Raise CheckpointError before the work, not after it."""
     folder = Path(path).absolute().parent
     if not folder.is_dir():

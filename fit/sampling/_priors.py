@@ -1,8 +1,11 @@
 """Prior densities of one number."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -22,11 +25,11 @@ class Prior(Protocol):
     """
 
     @property
-    def low(self) -> float: ...  # noqa: D102
+    def low(self) -> float: ...
     @property
-    def high(self) -> float: ...  # noqa: D102
+    def high(self) -> float: ...
     @property
-    def proper(self) -> bool: ...  # noqa: D102
+    def proper(self) -> bool: ...
     def log(self, x: FloatArray) -> FloatArray:
         """Log-density at x, any shape."""
         ...
@@ -46,17 +49,17 @@ class Flat:
     low: float
     high: float = np.inf
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("low", "high"):
             object.__setattr__(self, name, _limit(name, getattr(self, name)))
         if not self.low < self.high:
             raise ParameterError(f"a flat prior needs limits that rise, not {self.low} and {self.high}")
 
     @property
-    def proper(self):
+    def proper(self) -> bool:
         return bool(np.isfinite(self.high - self.low))
 
-    def log(self, x):
+    def log(self, x: FloatArray) -> FloatArray:
         """Log-density at x, any shape."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, -np.log(self.high - self.low) if self.proper else 0.0, -np.inf)
@@ -73,13 +76,13 @@ class Normal:
 
     proper = True
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("mean", "sigma", "low", "high"):
             object.__setattr__(self, name, _limit(name, getattr(self, name)))
         if not (self.sigma > 0 and np.isfinite(self.sigma) and np.isfinite(self.mean)):
             raise ParameterError(f"a Gaussian prior needs a finite mean and σ > 0, not {self.mean} ± {self.sigma}")
 
-    def log(self, x):
+    def log(self, x: FloatArray) -> FloatArray:
         """Log-density at x, any shape, but for the constant that a cut-off adds."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, -(((x - self.mean) / self.sigma) ** 2) / 2 - np.log(self.sigma), -np.inf)
@@ -95,16 +98,16 @@ class Density:
 
     proper = True
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Density({named_function(self.function)}, {self.low}, {self.high})"
 
-    def log(self, x):
+    def log(self, x: FloatArray) -> FloatArray:
         """Log-density at x, any shape."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, self.function(np.where(inside, x, (self.low + self.high) / 2)), -np.inf)
 
 
-def integrable_over_cube(prior):
+def integrable_over_cube(prior: Prior) -> bool:
     """Whether ∫ p(x)/x³ dx over x > 0 is finite at zero.
 
     >>> integrable_over_cube(Flat(50.0, 80.0)), integrable_over_cube(Normal(67.3, 15.0))
@@ -120,7 +123,7 @@ def integrable_over_cube(prior):
     return bool((np.diff(share) < -0.1).all() or np.isneginf(share).all())
 
 
-def as_prior(value, name, named=()):
+def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ()) -> Any:
     """A prior of one positive number: a prior, a pair (mean, σ), or one of the names.
 
     Raises
@@ -142,7 +145,7 @@ def as_prior(value, name, named=()):
     return value
 
 
-def named_function(function):
+def named_function(function: Callable[..., Any]) -> str:
     """The name of a function and a hash of what it does."""
     code = getattr(function, "__code__", None)
     mark = sha256(code.co_code + repr(code.co_consts).encode()).hexdigest()[:12] if code else ""

@@ -9,14 +9,19 @@ data see the product v H0 only. Each source is turned to the axes of its error e
 a variance that is the same in all directions (peculiar velocities, excess noise) is simply added.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vsh.cosmology import PLANCK_2013, hubble_value, transverse_distance
 from vsh.errors import DegeneracyError
+from vsh.field import Field
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
+from vsh.types import ArrayLike, Cosmology, FloatArray
 from vsh.units import AU_PER_YEAR
 
 #: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr].
@@ -69,7 +74,9 @@ class ParallaxEquations:
     frame: str
     notes: tuple
 
-    def sums(self, spread=0.0, excess_noise=0.0, threads=None):
+    def sums(
+        self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, threads: int | None = None
+    ) -> ParallaxSums:
         """Normal equations with variances V = σ² + (spread k)² + excess_noise².
 
         Parameters
@@ -102,7 +109,7 @@ class ParallaxEquations:
         return ParallaxSums(gram[..., :9, :9], gram[..., :9, 9], gram[..., 9, 9], logdet, len(self.motion))
 
 
-def parallax_equations(field, cosmology=None):
+def parallax_equations(field: Field, cosmology: Cosmology | None = None) -> ParallaxEquations:
     """The equations of a field.
 
     Parameters
@@ -138,7 +145,7 @@ def parallax_equations(field, cosmology=None):
     )
 
 
-def check_determined(matrix, names, sources, limit=1e10):
+def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:
     """Raise DegeneracyError where the data leave a combination of parameters unseen."""
     diagonal = np.diag(matrix)
     if 2 * sources >= len(names) and (diagonal > 0).all():

@@ -4,7 +4,10 @@ Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4. V
 ours with respect to the background and point toward the apex; galaxies move the other way.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from scipy.special import chdtrc
@@ -18,6 +21,7 @@ from vsh.cosmology import PLANCK_2018, transverse_distance, velocity_along
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.field import Field
 from vsh.sky.sphere import triad
+from vsh.types import ArrayLike, Cosmology, FloatArray
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
 
@@ -47,7 +51,7 @@ class ParallaxSolution(NamedSolution):
 
     peculiar_dispersion: float = 750.0
 
-    def report(self, source=None, truth=None):
+    def report(self, *, source: str | None = None, truth: dict[str, Any] | None = None) -> str:
         """The result as text.
 
         Parameters
@@ -78,7 +82,7 @@ class VelocitySolution(ParallaxSolution):
 
     assumed_hubble: float = None
 
-    def model(self, field):
+    def model(self, field: Field) -> FloatArray:
         """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
 
         With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
@@ -86,17 +90,17 @@ class VelocitySolution(ParallaxSolution):
         return self._motions(field, self.velocity.value, self.assumed_hubble)
 
     @property
-    def velocity(self):
+    def velocity(self) -> Vector:
         """v, a Vector in km/s, toward the apex."""
         return self._vector("v", "km/s")
 
     @property
-    def apex(self):
+    def apex(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Galactic longitude and latitude of the apex, and their errors: two pairs. [deg]"""
         galactic = self.velocity.to_frame("galactic")
         return galactic.direction, galactic.direction_error
 
-    def against(self, velocity=PLANCK_2018):
+    def against(self, velocity: Vector = PLANCK_2018) -> tuple[float, float]:
         """χ² of the difference from another velocity (its own errors included), and the chance of as much."""
         return _difference(self.velocity, velocity)
 
@@ -107,7 +111,7 @@ class HubbleSolution(ParallaxSolution):
 
     assumed_velocity: Vector = None
 
-    def model(self, field):
+    def model(self, field: Field) -> FloatArray:
         """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
 
         With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
@@ -115,12 +119,12 @@ class HubbleSolution(ParallaxSolution):
         return self._motions(field, self.assumed_velocity.to_frame(self.frame).value, self.hubble)
 
     @property
-    def hubble(self):
+    def hubble(self) -> float:
         """H0. [km/s/Mpc]"""
         return float(self.values[0])
 
     @property
-    def hubble_error(self):
+    def hubble_error(self) -> float:
         """Its standard error; that of the velocity included. [km/s/Mpc]"""
         return float(self.sigma[0])
 
@@ -131,7 +135,15 @@ class HubbleSolution(ParallaxSolution):
     excess_noise=arguments.not_negative,
     peculiar_dispersion=arguments.not_negative,
 )
-def observer_velocity(field, hubble=None, cosmology=None, peculiar_dispersion=750.0, spin=None, excess_noise=0.0):
+def observer_velocity(
+    field: Field,
+    hubble: float | None = None,
+    *,
+    cosmology: Cosmology | None = None,
+    peculiar_dispersion: float = 750.0,
+    spin: Literal["free"] | Vector | None = None,
+    excess_noise: float = 0.0,
+) -> VelocitySolution:
     """Our velocity and the acceleration, θ = (v, ã), for a known Hubble constant.
 
     Parameters
@@ -185,8 +197,15 @@ def observer_velocity(field, hubble=None, cosmology=None, peculiar_dispersion=75
     peculiar_dispersion=arguments.not_negative,
 )
 def hubble_constant(
-    field, velocity=None, cosmology=None, peculiar_dispersion=750.0, spin=None, excess_noise=0.0, hubble=None
-):
+    field: Field,
+    velocity: str | Vector | ArrayLike | None = None,
+    *,
+    cosmology: Cosmology | None = None,
+    peculiar_dispersion: float = 750.0,
+    spin: Literal["free"] | Vector | None = None,
+    excess_noise: float = 0.0,
+    hubble: float | None = None,
+) -> HubbleSolution:
     """The Hubble constant and the acceleration, θ = (H0, ã), for a known velocity.
 
     Parameters

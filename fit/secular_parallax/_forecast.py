@@ -1,14 +1,26 @@
 """What a catalogue to come will tell of our velocity and of H0."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from fit.secular_parallax._estimate import hubble_constant, observer_velocity
+from fit.secular_parallax._estimate import HubbleSolution, VelocitySolution, hubble_constant, observer_velocity
 from vsh.field import Field
+from vsh.types import ArrayLike
+from vsh.vector import Vector
 
 
-def predict(sources, hubble=67.3, velocity="planck", sigma=None, **options):
+def predict(
+    sources: Any,
+    hubble: float = 67.3,
+    velocity: str | Vector | ArrayLike = "planck",
+    *,
+    sigma: ArrayLike | None = None,
+    **options: Any,
+) -> tuple[VelocitySolution, HubbleSolution]:
     """Errors of our velocity and of H0 to come: a VelocitySolution and a HubbleSolution with nan for values.
 
     Parameters

@@ -1,6 +1,9 @@
 """Velocities and Hubble constants as text."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -10,7 +13,7 @@ from vsh.checks.notes import printable
 from vsh.cosmology import PLANCK_2018
 
 
-def text_of(solution, source=None, truth=None):
+def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | None = None) -> str:
     """A velocity or a Hubble constant as text.
 
     Parameters

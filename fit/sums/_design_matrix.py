@@ -3,13 +3,18 @@
 Exact to rounding at any degree, and the yardstick for the faster ways.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
 from vsh.basis import toroidal_harmonics
+from vsh.field import Field
+from vsh.modes import Modes
 from vsh.system.parallel import map_blocks
+from vsh.types import FloatArray
 
 
-def design_matrix_sums(field, modes, threads=None):
+def design_matrix_sums(field: Field, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
     """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up.
 
     Parameters
@@ -61,7 +66,7 @@ def _block(field, lmax):
     return a @ a.T, a @ y, float(y @ y)
 
 
-def design_matrix_up_to(modes):
+def design_matrix_up_to(modes: Modes) -> int:
     """The number of sources up to which the direct sum is the faster one.
 
     As measured (docs/performance.md): below it the fixed cost of the rings tells, above it

@@ -15,17 +15,22 @@ matrices, one for each pair of orders, since Σ w cos mα cos m'α and its like 
 M = m ± m'.
 """
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 from vsh.basis import toroidal_harmonics
 from vsh.modes import Mode, Modes
 from vsh.system.parallel import map_blocks
+from vsh.types import ComplexArray, FloatArray
 
 #: Sources in a block.
 BLOCK = 2**16
 
 
-def compressed_sums(field, modes, threads=None):
+def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
     """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up, at any degree.
 
     Parameters
@@ -45,7 +50,7 @@ def compressed_sums(field, modes, threads=None):
     return rings.matrix(weights), rings.rhs(motions), chi2_null
 
 
-def fourier_sums(field, lmax, threads=None):
+def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
     """All that a fit to degree L needs of the sources: sums over them, which add.
 
     Returns
@@ -92,7 +97,7 @@ def _moments(field, lmax):
 class Rings:
     """The 2L + 1 rings of latitude on which the moments are put back."""
 
-    def __init__(self, lmax):
+    def __init__(self, lmax: int) -> None:
         self.lmax = lmax
         count = 2 * lmax + 1
         self.lat = -np.pi / 2 + (np.arange(count) + 0.5) * np.pi / count
@@ -106,7 +111,7 @@ class Rings:
         self.b = toroidal[self.re, 0]
         self.a = np.where(self.m[:, None] > 0, toroidal[np.minimum(self.im, len(toroidal) - 1), 1], 0.0)
 
-    def spectra(self, moments, turns_over):
+    def spectra(self, moments: ComplexArray, turns_over: bool) -> ComplexArray:
         """Σ w e^{−iMα} on each ring, (k, M, ring), from the Fourier moments in δ.
 
         A function that goes with e^{iMα} is even or odd about the pole like M, or unlike M
@@ -119,7 +124,7 @@ class Rings:
         sign = (-1.0) ** np.arange(moments.shape[1]) * (-1 if turns_over else 1)
         return moments @ near + sign[:, None] * (moments @ far)
 
-    def on_grid(self, weights):
+    def on_grid(self, weights: ComplexArray) -> FloatArray:
         """a, b, c on a grid of 2L + 1 rings by 4L + 2 longitudes from α = 0, (3, 2L + 1, 4L + 2).
 
         The grid with these weights, some of them negative, has the normal matrix of the catalogue.
@@ -127,7 +132,7 @@ class Rings:
         spectra = np.swapaxes(self.spectra(weights, turns_over=False), 1, 2)
         return np.fft.irfft(spectra, 4 * self.lmax + 2)
 
-    def matrix(self, weights):
+    def matrix(self, weights: ComplexArray) -> FloatArray:
         """N from the moments of a, b, c."""
         a, b, c = self.spectra(weights, turns_over=False)
         # S is T turned by +90°, J = [[0, −1], [1, 0]]: N_SS has Jᵀ W J in place of W, N_TS has W J.
@@ -136,7 +141,7 @@ class Rings:
         ts = self.form(c, -a, b, -c)
         return np.block([[tt, ts], [ts.T, ss]])
 
-    def rhs(self, motions):
+    def rhs(self, motions: ComplexArray) -> FloatArray:
         """b from the moments of the weighted motions."""
         east, north = (z[self.m] for z in self.spectra(motions, turns_over=True))
         out = np.zeros((2, self.lmax * (self.lmax + 2)))
@@ -146,7 +151,7 @@ class Rings:
             row[self.im[positive]] = np.sum(self.b * e.imag + self.a * n.real, axis=1)[positive]
         return out.ravel()
 
-    def form(self, ee, en, ne, nn):
+    def form(self, ee: Any, en: Any, ne: Any, nn: Any) -> FloatArray:
         """Σ T_iᵀ W T_j for weights W = [[ee, en], [ne, nn]] on the rings, in the order of the modes."""
         spectra = np.stack([ee, en, ne, nn])
         real, sine = spectra.real, -spectra.imag  # Σ w cos Mα, Σ w sin Mα

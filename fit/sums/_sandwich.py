@@ -5,14 +5,20 @@ covariance of an estimate whose score is Σ Aᵀ ψ and whose slope is H is then
 (Huber 1967; White 1980, Econometrica 48, 817), whatever the errors are at whatever place.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fit.sums._design_matrix import design_matrix_up_to
 from fit.sums._rings import Rings, fourier_sums
 from vsh.basis import harmonics
+from vsh.field import Field
+from vsh.modes import Modes
 from vsh.system.parallel import map_blocks
+from vsh.types import FloatArray
 
 #: Work up to which the leverage of each source is computed exactly: sources times coefficients squared.
 EXACT = 2e9
@@ -37,7 +43,7 @@ class _Weighted:
         return _Weighted(self.lon[part], self.lat[part], self.weights[:, part])
 
 
-def weighted_matrix(field, weights, modes, threads=None):
+def weighted_matrix(field: Any, weights: FloatArray, modes: Modes, threads: int | None = None) -> FloatArray:
     """Σ Aᵀ [[a, c], [c, b]] A over the sources, (p, p).
 
     Parameters
@@ -59,7 +65,9 @@ def weighted_matrix(field, weights, modes, threads=None):
     return sum(map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
 
 
-def leverage(field, modes, inverse, factors=1.0, threads=None):
+def leverage(
+    field: Field, modes: Modes, inverse: FloatArray, factors: FloatArray | float = 1.0, threads: int | None = None
+) -> FloatArray:
     """How much of its own fitted motion each source makes, (n,): between 0 and 1, p/2n on average.
 
     Parameters
@@ -91,14 +99,23 @@ def leverage(field, modes, inverse, factors=1.0, threads=None):
     return np.clip(found, 0.0, 0.9)
 
 
-def outer_products(field, residual, factors):
+def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
     """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n): what the scores ψ = factors C⁻¹Δ scatter by."""
     a, b, c = field.weights
     east, north = a * residual[0] + c * residual[1], c * residual[0] + b * residual[1]
     return np.stack([east * east, north * north, east * north]) * factors**2
 
 
-def sandwich(field, modes, residual, factors, slopes, power=0.75, threads=None):
+def sandwich(
+    field: Field,
+    modes: Modes,
+    residual: FloatArray,
+    factors: FloatArray,
+    slopes: FloatArray,
+    *,
+    power: float = 0.75,
+    threads: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
     """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ.
 
     Parameters

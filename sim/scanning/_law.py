@@ -9,7 +9,10 @@ angles to z. With λ the Sun's longitude and ν the phase of z about it,
 (Lindegren & Bastian 2011, EAS 45, 109; the Gaia scanning law). S follows from 5.8.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.integrate import quad, solve_ivp
@@ -23,6 +26,7 @@ from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
+from vsh.types import ArrayLike, FloatArray, IntArray
 from vsh.units import DEGREE
 
 MAX_YEARS = 100  # longer missions are typing errors
@@ -51,10 +55,10 @@ class Transits(Frozen):
     view: np.ndarray
     across: np.ndarray
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.source)
 
-    def counts(self, n):
+    def counts(self, n: int) -> IntArray:
         """How many each of n sources has, (n,)."""
         return np.bincount(self.source, minlength=n)
 
@@ -109,7 +113,7 @@ class NominalScanningLaw(Frozen):
     remembered: dict = field(default_factory=dict, init=False, repr=False)
     _state: dict = field(default_factory=dict, init=False, repr=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         positive("years, the length of a mission,", self.years)
         if self.years > MAX_YEARS:
             raise ParameterError(f"years, the length of a mission, must be at most {MAX_YEARS}, not {self.years}")
@@ -129,16 +133,16 @@ class NominalScanningLaw(Frozen):
             self._state["gaps"] = self._draw_gaps()
 
     @property
-    def speed(self):
+    def speed(self) -> float:
         """S, the speed of the axis among the stars in units of the Sun's."""
         return self._state["speed"]
 
-    def sun(self, time):
+    def sun(self, time: FloatArray) -> FloatArray:
         """Direction of the Sun in the ecliptic, (3, n), and its distance [AU]; time in years."""
         longitude, distance = sun_position(self.start, np.asarray(time, float))
         return np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)]), distance
 
-    def attitude(self, time):
+    def attitude(self, time: FloatArray) -> Any:
         """Spin axis and both fields of view: z, preceding, following.
 
         Parameters
@@ -156,7 +160,9 @@ class NominalScanningLaw(Frozen):
         back = rotation_matrix("ecliptic", self.frame)
         return tuple(back @ v for v in (z, *views))
 
-    def transits(self, lon, lat, threads=None, progress=False):
+    def transits(
+        self, lon: ArrayLike, lat: ArrayLike, *, threads: int | None = None, progress: bool = False
+    ) -> Transits:
         """All transits of the given positions over the mission.
 
         Parameters
@@ -181,7 +187,7 @@ class NominalScanningLaw(Frozen):
             *(np.concatenate([getattr(b, name) for _, b in parts] or [np.zeros(0)]) for name in names),
         )
 
-    def transits_of_block(self, lon, lat):
+    def transits_of_block(self, lon: ArrayLike, lat: ArrayLike) -> Transits:
         """The same in one thread, for few enough positions that each may meet every spin at once."""
         p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
         z, u, w, times = (self._state[name] for name in ("z", "u", "w", "times"))

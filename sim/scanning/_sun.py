@@ -1,7 +1,10 @@
 """Where the Sun is, well enough to point a telescope away from it."""
 
+from __future__ import annotations
+
 import numpy as np
 
+from vsh.types import FloatArray
 from vsh.units import DEGREE
 
 YEAR = 365.25  # days
@@ -14,14 +17,14 @@ def _anomaly(start, time):
     return (357.528 + 0.9856003 * days) * DEGREE, (280.460 + _MEAN_RATE * days) * DEGREE
 
 
-def sun_position(start, time):
+def sun_position(start: float, time: FloatArray) -> FloatArray:
     """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
     g, mean = _anomaly(start, time)
     longitude = mean + (1.915 * np.sin(g) + 0.020 * np.sin(2 * g)) * DEGREE
     return longitude, 1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2 * g)
 
 
-def sun_rate(start, time):
+def sun_rate(start: float, time: FloatArray) -> FloatArray:
     """dλ/dt [rad/yr]."""
     g, _ = _anomaly(start, time)
     turn = 0.9856003 * DEGREE * YEAR

@@ -1,5 +1,7 @@
 """Universes that are not the same in all directions: anisotropic expansion, a void seen off its centre."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +11,7 @@ from vsh import Coefficients
 from vsh.checks.arguments import float_array, number, positive
 from vsh.errors import FieldError, ParameterError
 from vsh.sky.sphere import triad
+from vsh.types import ArrayLike, FloatArray
 
 
 @dataclass(frozen=True)
@@ -17,7 +20,7 @@ class Shear:
 
     matrix: np.ndarray
 
-    def __call__(self, lon, lat, redshift):
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
         p, q, r = triad(lon, lat)
         return np.stack([np.sum(p * (self.matrix @ r), 0), np.sum(q * (self.matrix @ r), 0)])
 
@@ -29,14 +32,14 @@ class Void:
     glide: Coefficients
     peak: float
 
-    def __call__(self, lon, lat, redshift):
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
         if redshift is None:
             raise FieldError("the void's dipole depends on redshift, and these sources have none")
         x = np.asarray(redshift, float) / self.peak
         return self.glide.at(lon, lat) * x * np.exp(1 - x)
 
 
-def anisotropic_expansion(shear):
+def anisotropic_expansion(shear: ArrayLike) -> Signal:
     """A Bianchi I universe: axes expand at rates that differ, µ = Σ r − (rᵀ Σ r) r.
 
     Parameters
@@ -54,7 +57,7 @@ def anisotropic_expansion(shear):
     return Signal((Shear(shear),))
 
 
-def off_centre_void(direction, amplitude=0.02, peak=1.0):
+def off_centre_void(direction: ArrayLike, amplitude: float = 0.02, peak: float = 1.0) -> Signal:
     """We are off the centre of a large void: a dipole that grows with redshift and fades again.
 
     µ = A f(z) (e − (e·r) r), f = (z/z_p) e^{1 − z/z_p}. The amplitude is that of Bachchan et al.

@@ -1,5 +1,7 @@
 """Motions of galaxies that fall with distance: secular parallax and peculiar velocities."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +10,7 @@ from sim.signal._signal import Signal, direction_of
 from vsh.checks import arguments
 from vsh.checks.arguments import generator, not_negative, positive, whole
 from vsh.sky.sphere import triad
+from vsh.types import ArrayLike, Cosmology, FloatArray, Rng
 from vsh.units import AU_PER_YEAR
 
 
@@ -19,7 +22,7 @@ class SecularParallax:
     cosmology: object
     hubble: float | None
 
-    def __call__(self, lon, lat, redshift):
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
         p, q, _ = triad(lon, lat)
         distance = _distance(redshift, self.cosmology, self.hubble)
         return -np.stack([self.velocity @ p, self.velocity @ q]) / (AU_PER_YEAR * distance)
@@ -36,7 +39,7 @@ class Peculiar:
     hubble: float | None
     n_waves: int
 
-    def __call__(self, lon, lat, redshift):
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
         draw = np.random.default_rng(self.seed)
         distance = _distance(redshift, self.cosmology, self.hubble)
         p, q, r = triad(lon, lat)
@@ -52,7 +55,7 @@ class Peculiar:
         return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]) / (AU_PER_YEAR * distance)
 
 
-def secular_parallax(velocity, cosmology=None, hubble=None):
+def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None, hubble: float | None = None) -> Signal:
     """Parallax by our own motion through the Universe: µ = −v_⊥/d_M, towards the antapex.
 
     Parameters
@@ -71,7 +74,15 @@ def secular_parallax(velocity, cosmology=None, hubble=None):
 
 
 @arguments.accepts(rng=arguments.seed)
-def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, n_waves=256):
+def peculiar(
+    sigma: float,
+    rng: Rng,
+    *,
+    length: float | None = None,
+    cosmology: Cosmology | None = None,
+    hubble: float | None = None,
+    n_waves: int = 256,
+) -> Signal:
     """Random velocities of the galaxies, in each component a Gaussian of standard deviation `sigma`.
 
     Parameters
@@ -90,7 +101,7 @@ def peculiar(sigma, rng, length=None, cosmology=None, hubble=None, n_waves=256):
     return Signal((Peculiar(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("n_waves", n_waves)),))
 
 
-def hubble_rate(hubble):
+def hubble_rate(hubble: float) -> float:
     """H0 as an angular rate, as angles would change in an expansion on one axis only. [µas/yr]
 
     >>> round(hubble_rate(67.3), 4), round(hubble_rate(70), 4)

@@ -1,17 +1,20 @@
 """Gaussian random fields of a given power, gravitational waves among them."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from sim.signal._galaxies import hubble_rate
-from sim.signal._signal import from_coefficients
+from sim.signal._signal import Signal, from_coefficients
 from vsh import Coefficients, Modes
 from vsh.checks import arguments
 from vsh.checks.arguments import float_array, generator, not_negative
 from vsh.errors import ParameterError
+from vsh.types import ArrayLike, FloatArray, Rng
 
 
 @arguments.accepts(rng=arguments.seed)
-def random_field(power, rng):
+def random_field(power: ArrayLike, rng: Rng) -> Signal:
     """A Gaussian random field with a given power of each degree, the same for T and S.
 
     Parameters
@@ -28,7 +31,7 @@ def random_field(power, rng):
     return from_coefficients(Coefficients(modes, sigma * generator(rng).standard_normal(len(modes))))
 
 
-def wave_fractions(lmax):
+def wave_fractions(lmax: int) -> FloatArray:
     """Share of each degree in the power of an random_field gravitational-wave background, (lmax,).
 
     α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
@@ -41,7 +44,7 @@ def wave_fractions(lmax):
     return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
 
 
-def gravitational_waves(omega, rng, hubble=70.0, lmax=12):
+def gravitational_waves(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: int = 12) -> Signal:
     """One draw of a stochastic background of gravitational waves longer than the observations.
 
     Its mean square motion is H0² Ω_GW, so that the quadrupole obeys

@@ -1,6 +1,9 @@
 """The noun: true fields as functions of position and redshift that add; spin and acceleration."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -8,6 +11,7 @@ from vsh import Coefficients
 from vsh.checks.arguments import float_array
 from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, ParameterError
+from vsh.types import ArrayLike, FloatArray
 
 
 @dataclass(frozen=True, repr=False)
@@ -27,18 +31,18 @@ class Signal:
 
     parts: tuple
 
-    def __call__(self, lon, lat, redshift=None):
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None = None) -> FloatArray:
         lon, lat = np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat))
         return sum(part(lon, lat, redshift) for part in self.parts)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<Signal: {' + '.join(type(part).__name__ for part in self.parts)}>"
 
-    def __add__(self, other):
+    def __add__(self, other: Any) -> Signal:
         return Signal(self.parts + as_signal(other).parts)
 
 
-def as_signal(truth):
+def as_signal(truth: Any) -> Signal:
     """Coefficients, Signals, and functions of (lon, lat, redshift) that give (2, n) µas/yr, as a Signal.
 
     Raises
@@ -59,28 +63,28 @@ class BandLimited:
 
     coefficients: Coefficients
 
-    def __call__(self, lon, lat, redshift):
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None) -> FloatArray:
         return self.coefficients.at(lon, lat)
 
 
-def from_coefficients(coefficients):
+def from_coefficients(coefficients: Coefficients) -> Signal:
     """Any band-limited field."""
     if not isinstance(coefficients, Coefficients):
         raise ParameterError(f"a field is made of Coefficients, not {type(coefficients).__name__}")
     return Signal((BandLimited(coefficients),))
 
 
-def spin(vector):
+def spin(vector: ArrayLike) -> Signal:
     """Rigid rotation of the frame, ω × r. [µas/yr]"""
     return from_coefficients(Coefficients.from_vectors(rotation=three_components(vector, "spin", "uas / yr")))
 
 
-def acceleration(vector):
+def acceleration(vector: ArrayLike) -> Signal:
     """SecularParallax towards a point by the Solar System's acceleration, ã − (ã·r) r. [µas/yr]"""
     return from_coefficients(Coefficients.from_vectors(glide=three_components(vector, "acceleration", "uas / yr")))
 
 
-def three_components(value, name, unit=""):
+def three_components(value: Any, name: str, unit: str = "") -> FloatArray:
     """Three finite components, bare or as a Quantity of any fitting unit."""
     value = as_floats(name, value, unit)[0]
     if value.shape != (3,) or not np.isfinite(value).all():
@@ -88,7 +92,7 @@ def three_components(value, name, unit=""):
     return value
 
 
-def direction_of(value, name, unit=""):
+def direction_of(value: Any, name: str, unit: str = "") -> FloatArray:
     value = three_components(value, name, unit)
     if not value.any():
         raise FieldError(f"{name} must be a vector whose components are not all zero")

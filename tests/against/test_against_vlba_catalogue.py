@@ -28,7 +28,9 @@ def test_acceleration_agrees_with_the_published_one():
     found = clipped.solution.acceleration
     value, error = PUBLISHED["amplitude"]
     assert abs(found.amplitude - value) < np.hypot(error, found.amplitude_error)
-    for angle, sigma, (value, error) in zip(found.frameion, found.frameion_error, PUBLISHED["direction"], strict=True):
+    for angle, sigma, (value, error) in zip(
+        found.direction, found.direction_error, PUBLISHED["direction"], strict=True
+    ):
         assert abs(angle - value) < np.hypot(sigma, error)
 
 

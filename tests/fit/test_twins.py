@@ -8,7 +8,6 @@ import fit
 import sim
 from fit.commands.redshift import main as redshift
 from fit.redshift import binned, permutation_test
-from fit.secular_parallax import report_bins
 from vsh import Coefficients, Modes
 from vsh.catalogue import match, read_field, read_icrf
 from vsh.sky.pixels import read_map
@@ -68,7 +67,7 @@ def test_clipped_residuals_suggest_larger_errors(vlba):
 def test_bins_of_a_table_with_wrong_errors_claim_nothing(vlba):
     field = read_field(vlba)
     found = binned(field, 1, [0.01, 0.5, 1, 1.5, 7])
-    text = report_bins(found, chances=permutation_test(field, found, 199))
+    text = found.report(p_values=permutation_test(field, found, n_permutations=199))
     assert "  contradicted" not in text
     assert "54 missing, 4 zero or negative" in text
     assert found.trend().test.p_value_quoted < 0.05

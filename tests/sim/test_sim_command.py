@@ -29,7 +29,7 @@ def test_simulate_and_fit(tmp_path, capsys):
     assert len(away) == 6
     assert max(map(abs, away)) < 4
     options = json.loads(Table.read(path).meta["OPTIONS"])
-    assert (options["n"], options["sky"], options["seed"]) == (3000, "gums", 2)
+    assert (options["number"], options["sky"], options["seed"]) == (3000, "gums", 2)
 
 
 @pytest.mark.parametrize("ending", ["fits", "ecsv", "parquet"])

@@ -67,7 +67,7 @@ def test_galaxies_fill_the_volume():
     assert faint.magnitude.max() < 20
     counts, edges = np.histogram(faint.magnitude, np.arange(12, 20.1, 0.5))
     assert 16 <= edges[counts.argmax()] <= 17.5
-    with pytest.raises(ValueError, match="(must rise from above zero|nearest must be above zero)"):
+    with pytest.raises(ValueError, match="(must rise from above zero|min_redshift must be above zero)"):
         sim.galaxies(10, 1, min_redshift=0.0)
 
 

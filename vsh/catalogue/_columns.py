@@ -1,7 +1,11 @@
 """Where a table keeps what a field needs, and in which units."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 from astropy import units as u
@@ -10,6 +14,8 @@ from vsh.checks.notes import printable
 from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, TableError
 from vsh.sky.frames import check_frame
+from vsh.tables import TableSource
+from vsh.types import BoolArray
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,7 @@ _OTHER_FRAMES = {"l": "galactic", "b": "galactic", "glon": "galactic", "glat": "
                  "gal_lat": "galactic", "elon": "ecliptic", "elat": "ecliptic", "ecl_lon": "ecliptic", "ecl_lat": "ecliptic"}  # fmt: skip
 
 
-def as_columns(columns):
+def as_columns(columns: Any) -> Columns:
     """Columns from None (Gaia's names), a dict of role to name, or Columns."""
     if columns is None:
         return GAIA
@@ -62,7 +68,7 @@ def as_columns(columns):
     return Columns(**columns)
 
 
-def locate(columns, source):
+def locate(columns: Columns, source: TableSource) -> dict[str, str]:
     """From what a field needs to the names of a table's columns, and notes.
 
     Parameters
@@ -95,7 +101,7 @@ def locate(columns, source):
     return where, said
 
 
-def frame_of(where, frame):
+def frame_of(where: Mapping[str, str], frame: str | None) -> str:
     """The frame of a table's positions: the one that was told, or ICRS if the columns' names say nothing else.
 
     Raises
@@ -116,7 +122,7 @@ def frame_of(where, frame):
     return "icrs"
 
 
-def factors(where, units, source):
+def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource) -> Any:
     """By which each column of positions, motions and errors is multiplied, and notes on units that were assumed.
 
     Raises
@@ -148,7 +154,7 @@ def factors(where, units, source):
     return found, assumed
 
 
-def parse_unit(unit):
+def parse_unit(unit: Any) -> Any:
     """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS.
 
     Raises
@@ -210,13 +216,13 @@ def _missing(name, source):
     return f"no column {printable(name)!r}. The table has {', '.join(shown)}{more}{hint}"
 
 
-def plain(name, values, missing):
+def plain(name: str, values: Any, missing: BoolArray | None) -> Any:
     """A column of numbers as a masked array of doubles."""
     floats, mask = as_floats(printable(name), np.ma.MaskedArray(values, False if missing is None else missing))
     return np.ma.MaskedArray(floats, mask)
 
 
-def identifiers(name, values, missing):
+def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
     """Names as 64-bit integers or text, and notes; masked integers become text, so that no digit is lost."""
     said = []
     mask = np.zeros(len(values), bool) if missing is None else missing
@@ -237,7 +243,7 @@ def identifiers(name, values, missing):
     return values, said
 
 
-def doubt_positions(found, assumed, at_least=20):
+def doubt_positions(found: Any, assumed: Any, at_least: int = 20) -> tuple[str, ...]:
     """Raise FieldError where bare positions look like radians or hours rather than degrees.
 
     Parameters

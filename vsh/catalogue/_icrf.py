@@ -1,5 +1,7 @@
 """The International Celestial Reference Frame as the IERS hands it round: ICRF2 and ICRF3 in fixed-width columns."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +9,10 @@ import numpy as np
 from vsh.checks.notes import printable
 from vsh.errors import TableError
 from vsh.sky.positions import Positions
+from vsh.types import PathName
 
 
-def read_icrf(path, name="icrf"):
+def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     """Read a catalogue of VLBI positions in the layout of ICRF2 or ICRF3.
 
     Parameters

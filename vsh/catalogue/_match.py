@@ -1,5 +1,9 @@
 """Two catalogues of the same sky: which source is which, and how they differ."""
 
+from __future__ import annotations
+
+from typing import Any, Literal
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -12,7 +16,9 @@ from vsh.units import DEGREE, UAS
 __all__ = ["match"]
 
 
-def match(a, b, by="name", radius=None):
+def match(
+    a: Field | Positions, b: Field | Positions, *, by: Literal["name", "position"] = "name", radius: Any = None
+) -> Any:
     """The differences a − b of two catalogues, with the sum of their covariances.
 
     Parameters

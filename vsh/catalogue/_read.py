@@ -1,5 +1,9 @@
 """From a table to a Field: columns, units, masks, and counts of what was refused."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
 from warnings import warn
 
 import numpy as np
@@ -8,6 +12,7 @@ from vsh import tables
 from vsh.catalogue._columns import (
     REQUIRED,
     UNITS,
+    Columns,
     as_columns,
     doubt_positions,
     factors,
@@ -20,10 +25,18 @@ from vsh.checks.arguments import whole
 from vsh.checks.notes import DroppedRows, merge_notes, printable
 from vsh.errors import NothingLeftError, VshWarning
 from vsh.field import Field
+from vsh.types import OnBad, PathName
 from vsh.units import MAS
 
 
-def read_field(source, columns=None, units=None, on_bad="raise", frame=None):
+def read_field(
+    source: Any,
+    columns: Columns | Mapping[str, str] | None = None,
+    units: Mapping[str, Any] | None = None,
+    *,
+    on_bad: OnBad = "raise",
+    frame: str | None = None,
+) -> Field:
     """Read a field from a table.
 
     Parameters
@@ -67,7 +80,15 @@ def read_field(source, columns=None, units=None, on_bad="raise", frame=None):
     return make(make.source.columns(make.names))
 
 
-def iter_fields(source, rows=1_000_000, columns=None, units=None, on_bad="raise", frame=None):
+def iter_fields(
+    source: Any,
+    rows: int = 1_000_000,
+    *,
+    columns: Columns | Mapping[str, str] | None = None,
+    units: Mapping[str, Any] | None = None,
+    on_bad: OnBad = "raise",
+    frame: str | None = None,
+) -> Iterator[Field]:
     """Read a catalogue larger than memory, a field of at most `rows` sources at a time.
 
     Parameters
@@ -149,7 +170,7 @@ class _maker:
         return field
 
 
-def write_field(field, path, meta=None):
+def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None) -> None:
     """Write a field as a table in Gaia's names and units, which `read_field` reads.
 
     Parameters

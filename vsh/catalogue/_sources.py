@@ -1,6 +1,10 @@
 """Catalogues of which only positions, and perhaps errors, are wanted."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -8,12 +12,22 @@ from vsh import tables
 from vsh.catalogue._columns import Columns, as_columns
 from vsh.catalogue._read import read_field
 from vsh.checks.arguments import positive
+from vsh.field import Field
+from vsh.types import OnBad
 
 _MOTIONS = ("pmra", "pmdec")
 _ERRORS = ("pmra_error", "pmdec_error")
 
 
-def read_sources(source, columns=None, units=None, on_bad="raise", sigma=None, frame=None):
+def read_sources(
+    source: Any,
+    columns: Columns | Mapping[str, str] | None = None,
+    units: Mapping[str, Any] | None = None,
+    *,
+    on_bad: OnBad = "raise",
+    sigma: float | None = None,
+    frame: str | None = None,
+) -> Field:
     """Read positions and errors; what the table lacks of motions is zero.
 
     Parameters

@@ -1,12 +1,16 @@
 """What a simulated table says it was made with."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 from vsh import tables
 from vsh.vector import Vector
 
 
-def truth_of(source):
+def truth_of(source: Any) -> dict[str, Any]:
     """The spin and acceleration that a simulated table says it was made with, or None.
 
     Read from its metadata: SPIN_X … ACC_Z, ICRS components in µas/yr, and for galaxies VEL_X … VEL_Z

@@ -1,16 +1,26 @@
 """Arguments checked where they come in, each refusal a `ParameterError` that names the argument."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import wraps
 from inspect import signature
 from operator import index
+from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
 from vsh.errors import ParameterError
+from vsh.types import ArrayLike, FloatArray
+
+P = ParamSpec("P")
+T = TypeVar("T")
+#: What an argument is checked by: from its name and value to what takes its place.
+Check: TypeAlias = Callable[[str, Any], Any]
 
 
-def number(name, value):
+def number(name: str, value: Any) -> float:
     """A finite number, as a float.
 
     >>> number("extra", 3)
@@ -25,7 +35,7 @@ def number(name, value):
     return found
 
 
-def positive(name, value):
+def positive(name: str, value: Any) -> float:
     """A finite number above zero, as a float."""
     found = number(name, value)
     if not found > 0:
@@ -33,7 +43,7 @@ def positive(name, value):
     return found
 
 
-def not_negative(name, value):
+def not_negative(name: str, value: Any) -> float:
     """A finite number of zero or more, as a float."""
     found = number(name, value)
     if not found >= 0:
@@ -41,7 +51,7 @@ def not_negative(name, value):
     return found
 
 
-def between(name, value, low, high):
+def between(name: str, value: Any, low: float, high: float) -> float:
     """A number low < x < high, as a float."""
     found, low, high = number(name, value), number("low", low), number("high", high)
     if not low < found < high:
@@ -49,7 +59,7 @@ def between(name, value, low, high):
     return found
 
 
-def whole(name, value, least=1):
+def whole(name: str, value: Any, least: int = 1) -> int:
     """A whole number of at least `least`, as an int."""
     try:
         found = index(value) if np.ndim(value) == 0 else None
@@ -60,7 +70,7 @@ def whole(name, value, least=1):
     return found
 
 
-def choice(name, value, choices):
+def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
     """One of some words.
 
     >>> choice("common", "higher", (None, "higher"))
@@ -75,7 +85,9 @@ def choice(name, value, choices):
     raise ParameterError(f"{name} must be one of {words}, not {value!r}")
 
 
-def float_array(name, value, shape=None, finite=True, broadcast=False):
+def float_array(
+    name: str, value: Any, shape: Sequence[int] | None = None, finite: bool = True, broadcast: bool = False
+) -> FloatArray:
     """A float array, perhaps of a given shape, without what is not finite and without a mask that hides something."""
     if np.ma.isMaskedArray(value) and np.ma.getmaskarray(value).any():
         raise ParameterError(f"{np.ma.getmaskarray(value).sum()} values of {name} are masked: take them out first")
@@ -93,7 +105,7 @@ def float_array(name, value, shape=None, finite=True, broadcast=False):
     return found
 
 
-def covariance(name, value, size):
+def covariance(name: str, value: Any, size: int) -> FloatArray:
     """A symmetric (size, size) matrix with variances that are not negative, read-only."""
     found = float_array(name, value, (size, size))
     scale = np.sqrt(np.maximum(np.diag(found), 0))
@@ -104,14 +116,14 @@ def covariance(name, value, size):
     return read_only(found)
 
 
-def read_only(array):
+def read_only(array: ArrayLike) -> FloatArray:
     """The same array through a view that cannot be written to."""
     view = np.asarray(array).view()
     view.flags.writeable = False
     return view
 
 
-def generator(rng):
+def generator(rng: Any) -> np.random.Generator:
     """A NumPy Generator from what users give as `rng`: a Generator, or a seed."""
     try:
         return np.random.default_rng(rng)
@@ -119,7 +131,7 @@ def generator(rng):
         raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {rng!r}") from None
 
 
-def accepts(**checks):
+def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Check some arguments of a function before it begins, each by a function of (name, value).
 
     What a check returns takes the argument's place, defaults among them. None is not checked where it is the
@@ -153,7 +165,7 @@ def accepts(**checks):
     return decorate
 
 
-def a(*kinds):
+def a(*kinds: type) -> Check:
     """A check that a value is of one of some classes.
 
     >>> a(int)("n", "three")
@@ -170,7 +182,7 @@ def a(*kinds):
     return check
 
 
-def dimension(size):
+def dimension(size: int) -> Check:
     """A check for a float array of so many dimensions."""
 
     def check(name, value):
@@ -184,7 +196,7 @@ def dimension(size):
     return check
 
 
-def seed(name, value):
+def seed(name: str, value: Any) -> Any:
     """A NumPy Generator, or a whole number of at least zero."""
     if isinstance(value, (bool, float, str)) or value is None:
         raise ParameterError(f"{name} is a NumPy Generator or a whole number that seeds one, not {value!r}")

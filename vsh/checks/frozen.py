@@ -1,5 +1,7 @@
 """Nouns whose arrays cannot be written to, also after a pickle or a deep copy."""
 
+from __future__ import annotations
+
 from dataclasses import fields
 
 import numpy as np
@@ -10,7 +12,7 @@ from vsh.checks.arguments import read_only
 class Frozen:
     """Base of frozen dataclasses that hold arrays: every array attribute becomes a read-only view."""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
             if isinstance(value, (np.ndarray, list)):

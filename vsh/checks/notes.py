@@ -3,10 +3,15 @@
 Notes are strings. Two kinds also count: rows that were left out, and notes too many to list.
 """
 
+from __future__ import annotations
+
 import re
+from collections.abc import Iterable, Mapping
 from hashlib import blake2b
 
 import numpy as np
+
+from vsh.types import ArrayLike
 
 #: So many different notes are listed when tables are added up; the others are counted.
 MAX_NOTES = 9
@@ -38,7 +43,7 @@ class DroppedRows(str):
         return (self.parts,)
 
     @classmethod
-    def of_table(cls, counts, total, *arrays):
+    def of_table(cls, counts: Mapping[str, int], total: int, *arrays: ArrayLike) -> DroppedRows:
         """Of one table, known again by a hash of some of its arrays."""
         digest = blake2b(digest_size=12)
         for array in arrays:
@@ -64,7 +69,7 @@ class MoreNotes(str):
         return (self.hashes,)
 
 
-def merge_notes(*groups):
+def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
     """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines."""
     plain, parts, hidden = {}, {}, set()
     for note in (note for group in groups for note in group):
@@ -84,12 +89,12 @@ def merge_notes(*groups):
     return (*lines, *([DroppedRows(parts)] if parts else []), *([MoreNotes(hidden)] if hidden else []))
 
 
-def dropped(notes):
+def dropped(notes: Iterable[str]) -> int:
     """How many rows the notes say were left out."""
     return sum(sum(note.counts.values()) for note in notes if isinstance(note, DroppedRows))
 
 
-def printable(text):
+def printable(text: object) -> str:
     """Text without the control characters that a terminal would obey: \\x1b in place of an escape.
 
     Examples

@@ -1,16 +1,20 @@
 """Checks for arguments that are nouns of ours."""
 
+from __future__ import annotations
+
+from typing import Any
+
 from vsh.errors import ParameterError
 from vsh.field import Field
-from vsh.modes import as_modes
+from vsh.modes import Modes, as_modes
 
 
-def modes(name, value):
+def modes(name: str, value: Any) -> Modes:
     """`Modes`, or a degree in their place."""
     return as_modes(value)
 
 
-def fields(name, value):
+def fields(name: str, value: Any) -> Any:
     """A Field, or a list, tuple or stream of Fields."""
     if isinstance(value, Field):
         return value

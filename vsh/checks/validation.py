@@ -1,9 +1,15 @@
 """What makes a source unusable, how it is counted, and how it is said."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
 import numpy as np
 
 from vsh.checks.notes import DroppedRows
 from vsh.errors import FieldError, NothingLeftError
+from vsh.types import BoolArray, FloatArray, OnBad
 
 #: ρ² at and above which a covariance counts as singular.
 RHO2_LIMIT = 1 - 1e-6
@@ -11,7 +17,7 @@ RHO2_LIMIT = 1 - 1e-6
 SIGMA_RANGE = 1e-140, 1e140
 
 
-def as_floats(column, value, unit=None):
+def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, BoolArray]:
     """A column as doubles in native byte order, and the mask of what is missing.
 
     Parameters
@@ -53,7 +59,7 @@ def as_floats(column, value, unit=None):
     return floats, np.zeros(floats.shape, bool) if missing is None else np.broadcast_to(missing, floats.shape)
 
 
-def check_shapes(columns, expected):
+def check_shapes(columns: Mapping[str, FloatArray], expected: Callable[[str], tuple[int, ...]]) -> None:
     """Raise FieldError for the first column whose shape is not expected(column)."""
     for column, array in columns.items():
         if array.shape != expected(column):
@@ -62,7 +68,16 @@ def check_shapes(columns, expected):
             )
 
 
-def faults(lon, lat, motion, sigma, rho, missing=None, placeholders=None, turns=2):
+def faults(
+    lon: FloatArray,
+    lat: FloatArray,
+    motion: FloatArray,
+    sigma: FloatArray,
+    rho: FloatArray,
+    missing: Mapping[str, BoolArray] | None = None,
+    placeholders: BoolArray | None = None,
+    turns: int = 2,
+) -> dict[str, BoolArray]:
     """Why sources cannot be used: a dict from reason to mask, each source under its first reason.
 
     Angles in rad; `missing` maps column names to masks, `placeholders` is a mask; longitudes may go round
@@ -99,7 +114,7 @@ _PLACEHOLDERS = np.array([9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e20, 1e30
 _LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99])
 
 
-def placeholders(columns):
+def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
     """Rows whose motions or errors are numbers that stand for none: −9999 anywhere, −99 and −999 in both components.
 
     Parameters
@@ -124,7 +139,7 @@ def placeholders(columns):
     return out
 
 
-def checked_columns(noun, floats, others):
+def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> dict[str, FloatArray]:
     """The arrays of a noun with one entry a source (lon, lat, motion, sigma, rho, …), checked: a dict.
 
     Parameters
@@ -157,7 +172,9 @@ def checked_columns(noun, floats, others):
     return arrays
 
 
-def refuse(found, n, on_bad="raise", first_row=0, mark=()):
+def refuse(
+    found: Mapping[str, BoolArray], n: int, on_bad: OnBad = "raise", first_row: int = 0, mark: Sequence[FloatArray] = ()
+) -> tuple[Any, tuple[str, ...]]:
     """The sources to keep, and a note about the others.
 
     Parameters

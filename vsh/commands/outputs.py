@@ -1,19 +1,24 @@
 """Where commands write to: folders that know which command made them, and are whole, old or new."""
 
+from __future__ import annotations
+
 import json
 import os
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from vsh.checks.notes import printable
 from vsh.errors import VshError
 from vsh.system.files import atomic_folder
+from vsh.types import PathName
 
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
 
 
-def check_folder(path, command, overwrite=False):
+def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     """Raise VshError now if results could not be written to a folder later.
 
     A folder that is not there or empty will do; with `overwrite` also one that the same command made, as
@@ -46,7 +51,7 @@ def check_folder(path, command, overwrite=False):
         )
 
 
-def check_file(path, overwrite=False, option="--output"):
+def check_file(path: PathName, overwrite: bool = False, option: str = "--output") -> None:
     """Raise VshError now if a file could not be written later, or is there already and may not be replaced."""
     path, shown = Path(path), f"{option} {printable(path)}"
     if path.is_dir():
@@ -57,7 +62,9 @@ def check_file(path, overwrite=False, option="--output"):
 
 
 @contextmanager
-def results_folder(path, command, provenance, overwrite=False):
+def results_folder(
+    path: PathName, command: str, provenance: Mapping[str, Any], overwrite: bool = False
+) -> Iterator[Path]:
     """A folder to write results to, which takes the place of `path` when all of them are written.
 
     Parameters

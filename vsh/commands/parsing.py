@@ -1,19 +1,24 @@
 """Options of the commands: those that several share, and the types of their values."""
 
+from __future__ import annotations
+
 import argparse
 import re
 import sys
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from vsh.cosmology import VELOCITIES, velocity_from_apex
 from vsh.errors import ParameterError
 from vsh.sky.frames import FRAMES
+from vsh.vector import Vector
 
 _NEGATIVE = re.compile(r"-[\d.]")
 
 
-def parse(parser, arguments=None):
+def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The options of a command; a negative number behind an option is its value, with or without an equals sign."""
     words = list(sys.argv[1:] if arguments is None else map(str, arguments))
     joined = []
@@ -25,7 +30,7 @@ def parse(parser, arguments=None):
     return parser.parse_args(joined)
 
 
-def add_reading(parser):
+def add_reading(parser: argparse.ArgumentParser) -> None:
     """The options of every command that reads a catalogue."""
     parser.add_argument("--frame", choices=list(FRAMES), default="icrs", help="axes of the result (default: icrs)")
     parser.add_argument(
@@ -42,19 +47,19 @@ def add_reading(parser):
     add_overwrite(parser)
 
 
-def add_threads(parser):
+def add_threads(parser: argparse.ArgumentParser) -> None:
     """How many threads, in every command that uses several."""
     parser.add_argument(
         "--threads", type=count(1), metavar="N", help="one a core unless given; changes no digit of the results"
     )
 
 
-def add_overwrite(parser):
+def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """The option without which no result of before is replaced."""
     parser.add_argument("--overwrite", action="store_true", help="replace results of the same command that are there")
 
 
-def reading(options):
+def reading(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `read_field` that `add_reading` asks for."""
     return {
         "columns": options.columns,
@@ -64,7 +69,7 @@ def reading(options):
     }
 
 
-def count(least):
+def count(least: int) -> Callable[[str], int]:
     """The type of a whole number of at least `least`."""
 
     def whole(text):
@@ -75,13 +80,13 @@ def count(least):
     return whole
 
 
-def nside(text):
+def nside(text: str) -> int:
     if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
         raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is wanted, not {text!r}")
     return int(text)
 
 
-def not_negative(text):
+def not_negative(text: str) -> float:
     try:
         number = float(text)
     except ValueError:
@@ -91,7 +96,7 @@ def not_negative(text):
     return number
 
 
-def positive(text):
+def positive(text: str) -> float:
     try:
         number = float(text)
     except ValueError:
@@ -101,7 +106,7 @@ def positive(text):
     return number
 
 
-def numbers(text):
+def numbers(text: str) -> tuple[float, ...]:
     """Numbers separated by commas."""
     try:
         found = tuple(float(part) for part in text.split(","))
@@ -112,7 +117,7 @@ def numbers(text):
     return found
 
 
-def vector(text):
+def vector(text: str) -> tuple[float, ...]:
     try:
         found = numbers(text)
     except argparse.ArgumentTypeError:
@@ -122,7 +127,7 @@ def vector(text):
     return found
 
 
-def velocity(text):
+def velocity(text: str) -> Vector:
     """Our velocity as every command takes it: a name, or SPEED,L,B."""
     if text in VELOCITIES:
         return VELOCITIES[text]
@@ -135,7 +140,7 @@ def velocity(text):
         ) from None
 
 
-def pairs(text):
+def pairs(text: str) -> dict[str, str]:
     """NAME=VALUE,… as a dict."""
     found = dict(map(str.strip, part.partition("=")[::2]) for part in text.split(","))
     if not all(found) or not all(found.values()):

@@ -1,10 +1,15 @@
 """How a command runs: exit status, what it prints, where its results come from."""
 
+from __future__ import annotations
+
+import argparse
 import hashlib
 import platform
 import sys
 import warnings
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +18,7 @@ from vsh.errors import VshError, VshWarning
 from vsh.system.parallel import limited
 
 
-def guarded(program, action, threads=None):
+def guarded(program: str, action: Callable[[], object], threads: int | None = None) -> int:
     """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong.
 
     Parameters
@@ -50,17 +55,17 @@ def _failed(program, said):
     return 1
 
 
-def say(text):
+def say(text: object) -> None:
     """Print text without the control characters that file and column names may bring along."""
     print("\n".join(printable(line) for line in str(text).split("\n")))
 
 
-def written(path, files):
+def written(path: object, files: Iterable[str]) -> str:
     """What the last line of a command says of its folder."""
     return f"written to {path}: {', '.join(sorted(files))}"
 
 
-def provenance(paths, options, versions, **counts):
+def provenance(paths: Any, options: argparse.Namespace, versions: Mapping[str, Any], **counts: Any) -> dict[str, Any]:
     """Where a result comes from: files and their hashes, counts of rows, options, versions.
 
     Parameters

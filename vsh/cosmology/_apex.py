@@ -1,6 +1,9 @@
 """Our own motion through the Universe: as the dipole of the microwave background tells it, and as users give it."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +20,7 @@ BACHCHAN_2016 = Vector.from_spherical(369.0, 263.99, 48.26, frame="galactic", un
 VELOCITIES = {"planck": PLANCK_2018, "paper": BACHCHAN_2016}
 
 
-def velocity_along(value, frame):
+def velocity_along(value: Any, frame: str) -> Vector:
     """A velocity along the axes of `frame`.
 
     Parameters
@@ -57,7 +60,7 @@ def velocity_along(value, frame):
     return replace(value.to_frame(frame), unit="km/s")
 
 
-def velocity_from_apex(speed, l, b):
+def velocity_from_apex(speed: float, l: float, b: float) -> Vector:
     """A velocity of so many km/s toward Galactic longitude and latitude [deg], without error.
 
     Raises

@@ -1,5 +1,7 @@
 """Distances of galaxies and quasars (the only astropy.cosmology)."""
 
+from __future__ import annotations
+
 import numpy as np
 from astropy.cosmology import FlatLambdaCDM
 from scipy.interpolate import make_interp_spline
@@ -7,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 from vsh.checks.arguments import float_array
 from vsh.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable
 from vsh.errors import ConvergenceError, FieldError
+from vsh.types import ArrayLike, Cosmology, FloatArray
 
 #: Flat, Ω_m = 0.315, H0 = 67.3 km/s/Mpc: Bachchan, Hobbs & Lindegren (2016).
 PLANCK_2013 = FlatLambdaCDM(H0=67.3, Om0=0.315)
@@ -14,7 +17,9 @@ PLANCK_2013 = FlatLambdaCDM(H0=67.3, Om0=0.315)
 _EXACT = 1000
 
 
-def transverse_distance(redshift, cosmology=None, hubble=None):
+def transverse_distance(
+    redshift: ArrayLike | None, cosmology: Cosmology | None = None, *, hubble: float | None = None
+) -> FloatArray:
     """Transverse comoving distance d_M, (n,). [Mpc]
 
     Parameters
@@ -64,7 +69,7 @@ def transverse_distance(redshift, cosmology=None, hubble=None):
     return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
 
 
-def redshift_of(distance, cosmology=None):
+def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
     """The redshift at each transverse comoving distance [Mpc], (n,); nan where the distance is.
 
     To the antipode of a closed cosmology, and to z = 1000.
@@ -82,12 +87,12 @@ def redshift_of(distance, cosmology=None):
         return np.exp(spline(np.clip(np.log(distance), np.log(known[0]), np.log(known[rising][-1]))))
 
 
-def flat(omega_m):
+def flat(omega_m: float) -> Cosmology:
     """A flat cosmology with a cosmological constant."""
     return FlatLambdaCDM(H0=hubble_value(PLANCK_2013), Om0=omega_m)
 
 
-def hubble_value(cosmology):
+def hubble_value(cosmology: Cosmology) -> float:
     """The Hubble constant of an astropy cosmology. [km/s/Mpc]"""
     return float(cosmology.H0.to_value("km / (s Mpc)"))
 

@@ -1,20 +1,24 @@
 """Which sources have a redshift that can be used, and what is said of the others."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from vsh.errors import FieldError
+from vsh.field import Field
+from vsh.types import ArrayLike, BoolArray
 
 #: Below this redshift a source moves with its neighbours, not with the expansion.
 FLOW_LIMIT = 1e-4
 
 
-def usable(redshift, min_redshift=FLOW_LIMIT):
+def usable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
     """Which redshifts are finite, positive and at least `min_redshift`: a mask."""
     redshift = np.asarray(redshift, float)
     return np.isfinite(redshift) & (redshift > 0) & (redshift >= min_redshift)
 
 
-def count_unusable(redshift, min_redshift=FLOW_LIMIT):
+def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str:
     """How many redshifts cannot be used, and why, in words.
 
     >>> count_unusable([np.nan, 0.0, -0.1, 5e-5, 0.1])
@@ -29,7 +33,7 @@ def count_unusable(redshift, min_redshift=FLOW_LIMIT):
     return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
 
 
-def with_redshift(field, min_redshift=FLOW_LIMIT):
+def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT) -> Field:
     """The sources of a field whose redshift can be used; a note counts the others and names the first.
 
     Parameters

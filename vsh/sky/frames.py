@@ -1,23 +1,26 @@
 """The frames a field may stand in, and the rotations between them (from astropy)."""
 
+from __future__ import annotations
+
 from functools import lru_cache
 
 import numpy as np
 
 from vsh.errors import FrameError
+from vsh.types import FloatArray
 
 #: Our names and astropy's. "ecliptic" is the mean ecliptic and equinox of J2000, barycentric.
 FRAMES = {"icrs": "icrs", "galactic": "galactic", "ecliptic": "barycentricmeanecliptic"}
 
 
-def check_frame(name):
+def check_frame(name: str) -> str:
     """Return `name` if it is a known frame; raise FrameError otherwise."""
     if not isinstance(name, str) or name not in FRAMES:
         raise FrameError(f"unknown frame {name!r}: choose one of {', '.join(FRAMES)}")
     return name
 
 
-def rotation_matrix(frame, to):
+def rotation_matrix(frame: str, to: str) -> FloatArray:
     """The matrix A of r' = A r, from the axes of `frame` to those of `to`.
 
     Returns

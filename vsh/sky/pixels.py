@@ -1,5 +1,7 @@
 """HEALPix: which part of the sky a source is in (the only healpy)."""
 
+from __future__ import annotations
+
 import warnings
 
 import healpy
@@ -9,10 +11,11 @@ from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.checks.notes import printable
 from vsh.errors import FieldError, TableError, first_line
+from vsh.types import ArrayLike, FloatArray, IntArray, PathName, Rng
 
 
 @arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), nside=arguments.whole)
-def pixels_of(lon, lat, nside):
+def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int) -> IntArray:
     """The HEALPix pixel (ring order) of each position, (n,).
 
     Parameters
@@ -34,21 +37,21 @@ def pixels_of(lon, lat, nside):
     return healpy.ang2pix(nside, np.clip(np.pi / 2 - lat, 0, np.pi), lon)
 
 
-def check_nside(nside):
+def check_nside(nside: int) -> None:
     """Return nside; raise FieldError unless it is a power of two from 1 to 8192."""
     if not (isinstance(nside, (int, np.integer)) and 1 <= nside <= 8192 and nside & (nside - 1) == 0):
         raise FieldError(f"nside must be a power of two from 1 to 8192, not {nside!r}")
     return nside
 
 
-def centres(nside):
+def centres(nside: int) -> tuple[FloatArray, FloatArray]:
     """Longitude and latitude of every pixel's centre, two (12 nside²,) arrays. [rad]"""
     theta, phi = healpy.pix2ang(check_nside(nside), np.arange(12 * nside**2))
     return phi, np.pi / 2 - theta
 
 
 @arguments.accepts(density=arguments.dimension(1), n=arguments.whole, rng=arguments.seed)
-def random_positions(density, n, rng):
+def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     """n positions drawn with the density of a HEALPix map, evenly within each pixel.
 
     Parameters
@@ -87,7 +90,7 @@ def random_positions(density, n, rng):
     return phi, np.pi / 2 - theta
 
 
-def missing_pixels(values):
+def missing_pixels(values: ArrayLike) -> int:
     """How many pixels of a map have no value: nan, masked, or healpy's UNSEEN."""
     return int(_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
 
@@ -96,7 +99,7 @@ def _valueless(values):
     return np.isnan(values) | (values < -1e30)
 
 
-def read_map(path):
+def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     """A HEALPix map from a FITS file, in ring order, and the frame its header names (or None).
 
     Raises
@@ -122,7 +125,7 @@ def read_map(path):
     return values, frames.get(named)
 
 
-def mean_map(lon, lat, values, nside):
+def mean_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike, nside: int) -> FloatArray:
     """The mean of the sources' values in each pixel, nan in empty ones.
 
     Parameters

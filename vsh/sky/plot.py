@@ -1,17 +1,23 @@
 """Vectors, sources and maps on the whole sky (matplotlib)."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 
+from vsh.coefficients import Coefficients
+from vsh.field import Field
 from vsh.sky.sphere import angles, triad
 from vsh.system.files import atomic_write
+from vsh.types import ArrayLike, Axes, Figure, FloatArray, PathName
 
 _AXES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
 
-def sky_axes(frame="icrs", axes=None):
+def sky_axes(frame: str = "icrs", axes: Axes | None = None) -> Axes:
     """An all-sky map in the Hammer-Aitoff projection, longitude increasing to the left.
 
     Parameters
@@ -37,19 +43,21 @@ def sky_axes(frame="icrs", axes=None):
     return axes
 
 
-def on_map(lon):
+def on_map(lon: FloatArray) -> FloatArray:
     """Longitude as the map's abscissa: east to the left, between -π and π."""
     return -((np.asarray(lon) + np.pi) % (2 * np.pi) - np.pi)
 
 
-def draw_sources(axes, lon, lat, max_sources=20_000, **style):
+def draw_sources(axes: Axes, lon: ArrayLike, lat: ArrayLike, *, max_sources: int = 20_000, **style: Any) -> None:
     """Sources as small dots; every k-th of more than `most`."""
     step = max(1, len(lon) // max_sources)
     style = {"s": 3, "color": "0.6", "linewidths": 0, "zorder": 1} | style
     return axes.scatter(on_map(lon[::step]), lat[::step], **style)
 
 
-def draw_vectors(axes, lon, lat, motion, scale=None, **style):
+def draw_vectors(
+    axes: Axes, lon: ArrayLike, lat: ArrayLike, motion: ArrayLike, *, scale: float | None = None, **style: Any
+) -> Any:
     """Motions as arrows that point where the motion goes on this map.
 
     matplotlib would draw north as up everywhere; the direction is taken instead from a small
@@ -74,7 +82,7 @@ def draw_vectors(axes, lon, lat, motion, scale=None, **style):
     return axes.quiver(on_map(lon), lat, u, v, angles=np.degrees(angle), scale=scale * 11, scale_units="width", **style)
 
 
-def map_angles(axes, lon, lat, motion, step=1e-4):
+def map_angles(axes: Axes, lon: ArrayLike, lat: ArrayLike, motion: ArrayLike, step: float = 1e-4) -> FloatArray:
     """Angle of each motion on the map, anticlockwise from its right, (n,). [rad]"""
     p, q, r = triad(lon, lat)
     with np.errstate(invalid="ignore"):
@@ -90,7 +98,7 @@ def map_angles(axes, lon, lat, motion, step=1e-4):
     return np.arctan2(dy, dx)
 
 
-def plot_field(field, coefficients, title=None, unit="µas/yr"):
+def plot_field(field: Field, coefficients: Coefficients, *, title: str | None = None, unit: str = "µas/yr") -> Figure:
     """The sources of a field and the motions that were fitted to them, with their scale.
 
     Returns
@@ -122,7 +130,7 @@ def plot_field(field, coefficients, title=None, unit="µas/yr"):
     return axes.figure
 
 
-def draw_map(axes, values, cmap="viridis", **style):
+def draw_map(axes: Axes, values: ArrayLike, cmap: str = "viridis", **style: Any) -> Any:
     """A HEALPix map (ring order) on sky axes; empty pixels (nan) stay blank."""
     from vsh.sky.pixels import pixels_of  # healpy
 
@@ -133,7 +141,7 @@ def draw_map(axes, values, cmap="viridis", **style):
     return axes.pcolormesh(x, y, picture, cmap=cmap, rasterized=True, zorder=0.5, **style)
 
 
-def even_grid(step=12.0):
+def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
     """Positions about `step` degrees apart all over the sky: lon, lat. [rad]"""
     lon, lat = [], []
     for degrees in np.arange(-90 + step / 2, 90, step):
@@ -143,7 +151,7 @@ def even_grid(step=12.0):
     return np.concatenate(lon), np.concatenate(lat)
 
 
-def save_figures(figures, folder):
+def save_figures(figures: dict[str, Figure], folder: PathName) -> list[Path]:
     """Write figures by name as PNG into a folder and close them; returns their paths."""
     paths = []
     for name, figure in figures.items():

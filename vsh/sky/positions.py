@@ -1,6 +1,9 @@
 """Positions of sources with their errors: what a reference frame is made of."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -51,24 +54,24 @@ class Positions(Frozen):
     frame: str = "icrs"
     notes: tuple = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_frame(self.frame)
         for column, array in checked_columns(self, ("lat", "sigma", "rho", "motion"), ("name", "defining")).items():
             object.__setattr__(self, column, array)
         super().__post_init__()
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self.lon.size
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<Positions: {len(self)} sources, {self.frame}>"
 
-    def __getitem__(self, keep):
+    def __getitem__(self, keep: Any) -> Positions:
         """The sources picked by a mask, a slice or indices."""
         picked = {f.name: getattr(self, f.name) for f in fields(self)}
         return Positions(**{k: v[..., keep] if isinstance(v, np.ndarray) else v for k, v in picked.items()})
 
-    def at_epoch(self, epoch):
+    def at_epoch(self, epoch: float | None) -> Positions:
         """The same sources, moved to another epoch along straight lines; those without motion stay.
 
         Raises

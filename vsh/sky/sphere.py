@@ -1,9 +1,13 @@
 """Directions: unit vectors and angles on the sphere."""
 
+from __future__ import annotations
+
 import numpy as np
 
+from vsh.types import ArrayLike, FloatArray
 
-def triad(lon, lat):
+
+def triad(lon: ArrayLike, lat: ArrayLike) -> FloatArray:
     """The local axes p (east), q (north) and r (outwards) at each position.
 
     Parameters
@@ -29,7 +33,7 @@ def triad(lon, lat):
     return p, q, r
 
 
-def sin_cos(x):
+def sin_cos(x: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Sine and cosine together, by the tangent of half the angle; both to 3e-16.
 
     On processors with AVX-512 NumPy's tangent is fourteen times as fast as its sine, and on
@@ -45,7 +49,7 @@ def sin_cos(x):
     return t, square
 
 
-def multiples(x, max_k):
+def multiples(x: FloatArray, max_k: int) -> tuple[FloatArray, FloatArray]:
     """cos kx and sin kx for k = 1 … max_k: two (max_k, n) arrays, by doubling."""
     cos, sin = np.empty((max_k, *np.shape(x))), np.empty((max_k, *np.shape(x)))
     sin[0], cos[0] = sin_cos(x)
@@ -59,7 +63,7 @@ def multiples(x, max_k):
     return cos, sin
 
 
-def angles(r):
+def angles(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Longitude in [0, 2π) and latitude of vectors of any length, (3, …). [rad]
 
     Accurate next to the poles, where the arcsine of r_z is not.

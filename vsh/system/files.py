@@ -1,19 +1,24 @@
 """Files and folders that are either whole or not there."""
 
+from __future__ import annotations
+
 import ctypes
 import os
 import shutil
 import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from vsh.types import PathName
 
 #: How the names of files that are being written begin; nobody else's files do.
 _UNFINISHED = ".vsh-unfinished-"
 
 
 @contextmanager
-def atomic_write(path):
+def atomic_write(path: PathName) -> Iterator[Path]:
     """A name to write a new file under, which takes the place of `path` once it is complete.
 
     A process killed at any moment leaves the old file or the new one, never a part of either; any
@@ -39,7 +44,7 @@ def atomic_write(path):
         new.unlink(missing_ok=True)
 
 
-def remove_unfinished(folder):
+def remove_unfinished(folder: PathName) -> None:
     """Remove what killed writers left in a folder and below: files by the names that only `atomic_write` gives."""
     for file in Path(folder).rglob(f"{_UNFINISHED}*"):
         if file.is_file() and not file.is_symlink():
@@ -47,7 +52,7 @@ def remove_unfinished(folder):
 
 
 @contextmanager
-def atomic_folder(path):
+def atomic_folder(path: PathName) -> Iterator[Path]:
     """A new, empty folder that takes the place of `path` once it is complete.
 
     Killed at any moment, there is the old folder or the new one under the name, never a part of either.

@@ -1,23 +1,27 @@
 """Work on many sources, a block at a time, on all cores."""
 
+from __future__ import annotations
+
 import os
 from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
+from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
 
 from vsh.system.progress import progress_bar
 
-
+T = TypeVar("T")
 #: What `limited` set.
 _LIMIT = ContextVar("threads", default=None)
 
 
 @contextmanager
-def limited(threads=None):
+def limited(threads: int | None = None) -> Iterator[None]:
     """Within it, that many threads at most unless a function is told otherwise.
 
     Parameters
@@ -32,7 +36,7 @@ def limited(threads=None):
         _LIMIT.reset(token)
 
 
-def cores(threads=None):
+def cores(threads: int | None = None) -> int:
     """How many threads to use: `threads`, the limit that is set, or one for each core this process may run on.
 
     Parameters
@@ -51,7 +55,9 @@ def _libraries():
     return ThreadpoolController()  # looks through all that is loaded, once
 
 
-def map_blocks(function, n, size, threads=None, progress=None):
+def map_blocks(
+    function: Callable[[slice], T], n: int, size: int, threads: int | None = None, progress: str | None = None
+) -> Iterator[T]:
     """Yield function(slice) for consecutive slices of `size` out of `n`, in order.
 
     NumPy lets go of the interpreter inside its loops, so threads suffice. The blocks share

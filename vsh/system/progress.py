@@ -1,9 +1,21 @@
 """Progress bars: after two seconds, and only where somebody looks on."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
 from tqdm import tqdm
 
 
-def progress_bar(things=None, total=None, words=None, shown=True, unit="it", **options):
+def progress_bar(
+    things: Iterable[Any] | None = None,
+    total: int | None = None,
+    words: str | None = None,
+    shown: bool = True,
+    unit: str = "it",
+    **options: Any,
+) -> Any:
     """A tqdm bar on stderr; none in a log file or a pipe.
 
     Parameters

@@ -1,11 +1,14 @@
 """Other people's libraries, imported without what they say of themselves."""
 
+from __future__ import annotations
+
 import time
 import warnings
 from importlib import import_module
+from typing import Any
 
 
-def import_quietly(name, tries=5):
+def import_quietly(name: str, tries: int = 5) -> Any:
     """Import a library, and show none of its warnings.
 
     arviz, which corner imports too, warns of its own next version once a day by a stamp in the

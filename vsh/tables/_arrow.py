@@ -1,14 +1,19 @@
 """Parquet files, folders of them, and everything that gives itself as an Arrow stream."""
 
+from __future__ import annotations
+
 import re
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from vsh.errors import TableError, first_line
 from vsh.tables._source import TableSource
+from vsh.types import PathName
 
 
-def open_parquet(paths, label):
+def open_parquet(paths: Sequence[PathName], label: str) -> TableSource:
     """Parquet files with the same columns as one table."""
     arrow, dataset_module = _arrow(label)
     try:
@@ -28,7 +33,7 @@ def open_parquet(paths, label):
     return _source(label, schema, batches)
 
 
-def open_stream(thing, label):
+def open_stream(thing: Any, label: str) -> TableSource:
     """An object with `__arrow_c_stream__` or `__arrow_c_array__`: of pyarrow, polars, DuckDB, …"""
     arrow, _ = _arrow(label)
     reader = _again(arrow, thing, label)

@@ -1,17 +1,22 @@
 """Tables in FITS files. Every size that a header declares is held against the file before astropy allocates it."""
 
+from __future__ import annotations
+
 import gzip
 import re
 import shutil
 import tempfile
 import warnings
 import zlib
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
 from vsh.errors import TableError, first_line
 from vsh.tables._source import TableSource
+from vsh.types import PathName
 
 _BLOCK, _CARD = 2880, 80
 _BYTES = {"L": 1, "B": 1, "I": 2, "J": 4, "K": 8, "A": 1, "E": 4, "D": 8, "C": 8, "M": 16, "P": 8, "Q": 16}
@@ -20,7 +25,7 @@ _CODE = re.compile(r"\s*(\d*)([LXBIJKAEDCMPQ])")
 _DAMAGE = re.compile(r"truncat|checksum|datasum|corrupt|invalid|illegal|extra bytes", re.IGNORECASE)
 
 
-def open_fits(path, label):
+def open_fits(path: PathName, label: str) -> TableSource:
     """The first table of a FITS file, packed with gzip or not."""
     plain = plain_file(path, label)
     units = check_layout(plain.name, label)
@@ -59,7 +64,7 @@ def open_fits(path, label):
     )
 
 
-def plain_file(path, label):
+def plain_file(path: PathName, label: str) -> Any:
     """The file itself, or an unpacked copy that is deleted when nobody holds it any more: something with a name."""
     with open(path, "rb") as file:
         if file.read(2) != b"\x1f\x8b":
@@ -75,7 +80,7 @@ def plain_file(path, label):
     return copy
 
 
-def check_layout(path, label):
+def check_layout(path: PathName, label: str) -> None:
     """Walk through the headers of a FITS file; a list of dicts of keywords, one a unit.
 
     Raises
@@ -223,7 +228,7 @@ def _meta(header):
 
 
 @contextmanager
-def fits_checked(path, label):
+def fits_checked(path: PathName, label: str) -> Iterator[str]:
     """The name of a FITS file, unpacked where it was packed, whose layout has been checked."""
     try:
         plain = plain_file(path, label)

@@ -1,12 +1,16 @@
 """Tables in memory: astropy's, pandas' with every class made from it, dicts and structured arrays."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 from vsh.errors import TableError, first_line
 from vsh.tables._source import TableSource
 
 
-def open_astropy(table):
+def open_astropy(table: Any) -> TableSource:
     """An astropy Table or QTable."""
     names = tuple(table.colnames)
     units = {name: table[name].unit for name in names if getattr(table[name], "unit", None) is not None}
@@ -18,7 +22,7 @@ def open_astropy(table):
     return TableSource("the table", names, read, units, dict(table.meta))
 
 
-def open_frame(frame):
+def open_frame(frame: Any) -> TableSource:
     """A pandas DataFrame, or an object of a class made from it (geopandas, LSDB's NestedFrame)."""
     names = tuple(map(str, frame.columns))
     if len(set(names)) < len(names):
@@ -33,7 +37,7 @@ def open_frame(frame):
     return TableSource("the table", names, read, {}, meta)
 
 
-def open_other(thing):
+def open_other(thing: Any) -> TableSource:
     """A dict of columns or a structured array."""
     from astropy.table import Table
 
@@ -45,7 +49,7 @@ def open_other(thing):
         raise TableError(f"a {type(thing).__name__} is no table: {first_line(error)}") from error
 
 
-def is_frame(thing):
+def is_frame(thing: Any) -> bool:
     """Whether an object is pandas' DataFrame or made from it; pandas need not be installed."""
     return any(c.__name__ == "DataFrame" and c.__module__.split(".")[0] == "pandas" for c in type(thing).__mro__)
 

@@ -1,7 +1,10 @@
 """What a user gives as a table, opened: files by their first bytes, folders, and objects in memory."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
+from typing import Any
 
 from vsh.checks.notes import printable
 from vsh.errors import TableError
@@ -11,6 +14,7 @@ from vsh.tables._memory import is_frame, open_astropy, open_frame, open_other
 from vsh.tables._source import TableSource, chained
 from vsh.tables._text import open_text
 from vsh.tables._votable import open_votable
+from vsh.types import PathName
 
 #: File name endings and astropy's formats; a further .gz is understood by all but Parquet.
 FORMATS = {
@@ -27,7 +31,7 @@ FORMATS = {
 _READERS = {"fits": open_fits, "votable": open_votable, "ascii.ecsv": open_text, "ascii.csv": open_text}
 
 
-def open_table(source):
+def open_table(source: Any) -> TableSource:
     """Open a table without reading its rows.
 
     Parameters
@@ -57,7 +61,7 @@ def open_table(source):
     return open_other(source)
 
 
-def format_of(path):
+def format_of(path: PathName) -> str | None:
     """astropy's name of the format that the ending of a name tells; TableError where it tells none."""
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]

@@ -1,11 +1,15 @@
 """A table that is open: the columns it has, and its rows in blocks."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from vsh.errors import TableError
+from vsh.types import Table
 
 #: Rows in a block where nobody asked for a number.
 ROWS = 2**20
@@ -38,7 +42,7 @@ class TableSource:
     meta: dict = field(default_factory=dict)
     notes: tuple = ()
 
-    def blocks(self, names=None, rows=ROWS):
+    def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
         """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""
         wanted = tuple(self.names if names is None else names)
         # astropy keeps a mask that a format cannot hold as a column of its own beside the values.
@@ -46,14 +50,14 @@ class TableSource:
         for block in self.read(tuple(dict.fromkeys(wanted + masks)), rows):
             yield {name: _with_mask(block, name) for name in wanted}
 
-    def columns(self, names=None):
+    def columns(self, names: Sequence[str] | None = None) -> dict[str, Any]:
         """Some columns whole, a dict of (values, mask or None); all of them unless named."""
         parts = list(self.blocks(names))
         if len(parts) == 1:
             return parts[0]
         return {name: _joined([part[name] for part in parts]) for name in parts[0]}
 
-    def to_table(self):
+    def to_table(self) -> Table:
         """The whole as an astropy Table."""
         from astropy.table import Column, MaskedColumn, Table
 
@@ -66,7 +70,7 @@ class TableSource:
         return table
 
 
-def chained(label, sources):
+def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
     """Several tables with the same columns, one after the other, as one.
 
     Parameters

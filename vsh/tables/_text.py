@@ -1,5 +1,7 @@
 """CSV and ECSV, line by line: only the fields that are wanted become values, and no line is longer than it may be."""
 
+from __future__ import annotations
+
 import csv
 import gzip
 import io
@@ -11,6 +13,7 @@ import numpy as np
 
 from vsh.errors import TableError, first_line
 from vsh.tables._source import TableSource
+from vsh.types import PathName
 
 #: Longer lines are damage, or no table. [characters]
 LINE = 2**22
@@ -21,7 +24,7 @@ NULLS = ("", "null", "NULL")
 _INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 
 
-def open_text(path, label):
+def open_text(path: PathName, label: str) -> TableSource:
     """A table of text: ECSV where its first line says so, whatever its name; CSV otherwise."""
     with _lines(path, label) as lines:
         first = next(lines, "")

@@ -1,5 +1,7 @@
 """VOTables, by astropy; sizes are held against the file first, and what an archive says of its query is read."""
 
+from __future__ import annotations
+
 import re
 import warnings
 
@@ -8,13 +10,14 @@ import numpy as np
 from vsh.errors import TableError, first_line
 from vsh.tables._fits import plain_file
 from vsh.tables._source import TableSource
+from vsh.types import PathName
 
 _SIZE = re.compile(rb"""\b(arraysize|nrows|width)\s*=\s*["']\s*([0-9][0-9x]*)""")
 #: Warnings of astropy's parser by which a value was changed or lost.
 _LOSSES = re.compile(r"\b(E\d\d|W46|W51|W53)\b")
 
 
-def open_votable(path, label):
+def open_votable(path: PathName, label: str) -> TableSource:
     """The first table of a VOTable."""
     from astropy.io import votable
 

@@ -1,7 +1,11 @@
 """Tables into files, and whole tables out of them (astropy.table)."""
 
+from __future__ import annotations
+
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,9 +13,10 @@ from vsh.checks.notes import printable
 from vsh.errors import TableError, first_line
 from vsh.system.files import atomic_write
 from vsh.tables._open import format_of, open_table
+from vsh.types import PathName, Table
 
 
-def read(path):
+def read(path: PathName) -> Table:
     """Read a whole table; `open_table` reads columns and blocks.
 
     Parameters
@@ -35,14 +40,16 @@ def read(path):
     return source.to_table()
 
 
-def as_table(source):
+def as_table(source: Any) -> Table:
     """A path or any table in memory as an astropy Table."""
     from astropy.table import Table
 
     return source if isinstance(source, Table) else read(source)
 
 
-def table_of(columns, meta=None, units=None):
+def table_of(
+    columns: Mapping[str, Any], meta: dict[str, Any] | None = None, units: Mapping[str, str] | None = None
+) -> Table:
     """An astropy Table from columns, metadata of plain values and units, all by name."""
     from astropy.table import Table
 
@@ -52,7 +59,12 @@ def table_of(columns, meta=None, units=None):
     return table
 
 
-def write(path, columns, meta=None, units=None):
+def write(
+    path: PathName,
+    columns: Mapping[str, Any],
+    meta: dict[str, Any] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> None:
     """Write columns as a table to a new file, which takes the name `path` when it is complete.
 
     Parameters
@@ -70,7 +82,7 @@ def write(path, columns, meta=None, units=None):
     write_table(table_of(columns, meta, units), path)
 
 
-def write_table(table, path, meta=None):
+def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None) -> None:
     """Write an astropy Table, with more metadata, to a new file, which takes the name `path` when it is complete."""
     path = Path(path)
     check_writable(path)
@@ -99,7 +111,7 @@ def _write_votable(table, path):
     document.to_xml(str(path))
 
 
-def check_writable(path):
+def check_writable(path: PathName) -> None:
     """Raise TableError now if a table could not be written to `path` later.
 
     Raises

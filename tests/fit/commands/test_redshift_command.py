@@ -66,7 +66,7 @@ def test_other_options(path, capsys):
     assert "omega_x" in capsys.readouterr().out
     arguments = ["--posterior", "--h0-range", "30,120", "--peculiar-dispersion-max", "1500", "--n-samples", "400000"]
     assert main([str(path), *arguments]) == 0
-    assert "peculiar_dispersion" in capsys.readouterr().out
+    assert "dispersion" in capsys.readouterr().out
     assert main([str(path), "--posterior", "--h0", "70", "--h0-error", "2"]) == 0
     assert "H0: Normal(mean=70.0, sigma=2.0" in capsys.readouterr().out
     assert main([str(path), "--bins", "3", "--lmax", "2", "--shared-higher-degrees"]) == 0

@@ -106,7 +106,7 @@ def test_positions_are_enough():
         (lambda f: correlation_matrices(f[:2]), DegeneracyError, "cannot separate"),
         (lambda f: influence_map(f, 1, ("a_x", "a_x")), ParameterError, "two different"),
         (lambda f: influence_map(f, 1, ("a_x", "t(2,0)")), ParameterError, r"no parameter is called t\(2,0\)"),
-        (lambda f: influence_map(f, 1, "a_x", of="mean"), ParameterError, "of is None"),
+        (lambda f: influence_map(f, 1, "a_x", quantity="mean"), ParameterError, "quantity is None"),
         (lambda f: influence_map(f, 1, ("a_x", "a_y"), quantity="value"), ParameterError, "of one parameter"),
         (lambda f: influence_map(f, 1, "a_x", nside=3), FieldError, "power of two"),
         (lambda f: gain_of_sources(f, 1, "a_x", quantity="value"), ParameterError, "no motions"),
@@ -115,7 +115,7 @@ def test_positions_are_enough():
         (lambda f: leakage(f, 1, 3).bias({4: 1.0}), ParameterError, "degree 4 is not among"),
         (lambda f: leakage(f, 1, 3).bias(-1.0), ParameterError, "cannot be negative"),
         (lambda f: downweight(f, 1.5), ParameterError, "between 0 and 1"),
-        (lambda f: most_influential(np.ones(12), 0.0), FieldError, "share"),
+        (lambda f: most_influential(np.ones(12), 0.0), ParameterError, "fraction"),
     ],
 )
 def test_bad_input(call, error, words):
@@ -125,9 +125,9 @@ def test_bad_input(call, error, words):
 
 def test_figures():
     field = patchy(2000)
-    from fit.correlation import plot_influence, pretty
+    from fit.correlation import plot_influence, symbol
 
-    assert pretty("omega_y") == r"$\omega_y$"
+    assert symbol("omega_y") == r"$\omega_y$"
     for found in (correlation_matrices([field, patchy(seed=2)]), correlation_matrices(field, 3)):
         figure = found.plot()
         image = figure.axes[0].images[0]

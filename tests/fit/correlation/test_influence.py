@@ -94,7 +94,7 @@ def test_removing_the_blamed_region_lowers_the_correlation_as_foretold():
 
 def test_adding_sources_does_what_was_foretold():
     field = patchy(20_000, 4, even=True)
-    values = gain_of_sources(field, 1, ("omega_x", "a_y"), 2, new=200)
+    values = gain_of_sources(field, 1, ("omega_x", "a_y"), 2, n_sources=200)
     from vsh.sky.pixels import centres
 
     lon, lat = (x[int(values.argmin())] for x in centres(2))

@@ -11,7 +11,7 @@ from fit.posterior import Flat, Normal, sample
 from vsh.errors import CheckpointError
 from vsh.system.files import atomic_write
 
-COMMON = {"hubble_prior": Flat(20, 150), "n_samples": 3200, "walkers": 32, "progress": False, "rng": 3}
+COMMON = {"hubble_prior": Flat(20, 150), "n_samples": 3200, "n_walkers": 32, "progress": False, "rng": 3}
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +45,8 @@ def test_the_same_seed_gives_the_same_chain(field):
     ("change", "words"),
     [
         ({"rng": 4}, "seed: there"),
-        ({"walkers": 34}, "walkers: there 32, here 34"),
-        ({"peculiar_dispersion": 700.0}, r"peculiar: there 750.0, here 700.0"),
+        ({"n_walkers": 34}, "walkers: there 32, here 34"),
+        ({"peculiar_dispersion": 700.0}, r"peculiar_dispersion: there 750.0, here 700.0"),
         ({"hubble_prior": Flat(20, 151)}, r"hubble: there Flat\(low=20, high=150\), here Flat\(low=20, high=151\)"),
         ({"velocity_prior": lambda v: -np.sum(v**2, 1) / 1e5}, "velocity: there Gaussian"),
         ({"spin": "free"}, "spin: there None, here free"),
@@ -204,4 +204,4 @@ def test_burn_in_and_thinning_interval():
     found = Posterior(chain, chain[..., 0], SimpleNamespace(names=("slow", "quick")), "icrs", (), 1)
     assert found.autocorrelation["slow"] == pytest.approx(19, rel=0.25)
     assert found.burn_in == int(np.ceil(5 * found.autocorrelation["slow"]))
-    assert found.thin == max(1, int(found.autocorrelation["quick"] / 2))
+    assert found.thinning == max(1, int(found.autocorrelation["quick"] / 2))

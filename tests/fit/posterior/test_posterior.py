@@ -5,7 +5,7 @@ from scipy.stats import chi2, kstest
 import sim
 from fit.posterior import Density, Flat, Normal, grid, read_samples, sample
 from fit.posterior._model import parallax_model
-from fit.posterior._priors import priors
+from fit.posterior._priors import Priors, checked_priors
 from fit.secular_parallax import observer_velocity, parallax_equations
 from vsh import Vector
 from vsh.cosmology import BACHCHAN_2016, PLANCK_2018
@@ -114,7 +114,7 @@ def test_the_table_is_the_likelihood(seed):
     rng = np.random.default_rng(seed)
     field = galaxies(60, seed=seed, sigma=4.0, spread=500.0)
     rows = parallax_equations(field)
-    given = priors("flat", Flat(30, 120), Flat(0, 1500), Flat(0, 30), "icrs")
+    given = checked_priors(Priors("flat", Flat(30, 120), Flat(0, 1500), Flat(0, 30)), "icrs")
     model = parallax_model(rows, given)
     theta = np.column_stack([rng.normal(0, 400, (40, 3)), rng.uniform(30, 120, 40), rng.uniform(0, 1500, 40),
                              rng.uniform(0, 30, 40)])  # fmt: skip
@@ -256,11 +256,11 @@ def test_a_posterior_without_limits_says_so():
         ({"hubble_prior": (70, -1)}, ParameterError, "σ > 0"),
         ({"hubble_prior": (70, 1, 2)}, ParameterError, "the prior on H0 must be Flat"),
         ({"hubble_prior": Flat(-5, 0)}, ParameterError, "leaves nothing above zero"),
-        ({"peculiar_dispersion": -1}, ParameterError, "peculiar cannot be -1"),
+        ({"peculiar_dispersion": -1}, ParameterError, "peculiar_dispersion cannot be -1"),
         ({"peculiar_dispersion": Flat(0)}, ParameterError, "needs an upper limit"),
         ({"outliers": Flat(0, 2)}, ParameterError, "between 0 and 1"),
         ({"outliers": Flat(0, 0.5), "spin": PLANCK_2018}, ParameterError, "take a known one away"),
-        ({"walkers": 6}, ParameterError, "6 walkers are too few"),
+        ({"n_walkers": 6}, ParameterError, "6 walkers are too few"),
         ({"n_samples": 100}, ParameterError, "fewer than two steps"),
         ({"velocity_prior": lambda v: np.full(len(v), -np.inf)}, ParameterError, "zero wherever it was tried"),
         ({"spin": "none"}, ParameterError, "spin is None, 'free' or a Vector"),

@@ -7,7 +7,6 @@ from conftest import random_field, real_catalogue
 import fit
 import sim
 from fit.redshift import binned, equal_information, permutation_test
-from fit.secular_parallax import report_bins
 from vsh import Modes, Vector, catalogue
 from vsh.cosmology import BACHCHAN_2016, PLANCK_2018, transverse_distance
 from vsh.errors import DegeneracyError, FieldError, ParameterError
@@ -219,7 +218,7 @@ def test_a_real_catalogue_claims_nothing():
     field = catalogue.read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"), {"redshift": "z"})
     found = binned(field, 1, [0.01, 0.5, 1, 1.5, 7])
     assert found.counts.sum() == 655
-    text = report_bins(found, chances=permutation_test(field, found))
+    text = found.report(p_values=permutation_test(field, found))
     assert text.count("  not contradicted") == 4
     assert "  contradicted" not in text
     assert "the residuals suggest errors 2.77 times as large" in text

@@ -176,7 +176,7 @@ def test_the_background_as_a_test():
         (
             lambda f: observer_velocity(f, 70, peculiar_dispersion=-1),
             ParameterError,
-            "peculiar must be zero or more, not -1",
+            "peculiar_dispersion must be zero or more, not -1",
         ),
         (lambda f: observer_velocity(f, 70, spin="none"), ParameterError, "spin is None, 'free' or a Vector"),
         (lambda f: observer_velocity(f[:2], 70), DegeneracyError, "2 sources cannot separate v_x"),

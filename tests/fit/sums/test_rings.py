@@ -66,7 +66,7 @@ def test_auto_is_one_of_the_two():
     for field, method in ((few, "design-matrix"), (many, "compressed")):
         auto, named = (fit.normal_equations(field, Modes(5), m) for m in ("auto", method))
         np.testing.assert_array_equal(auto.matrix, named.matrix)
-    with pytest.raises(ValueError, match="method must be one of 'auto', 'direct', 'compressed', not 'fast'"):
+    with pytest.raises(ValueError, match="method must be one of 'auto', 'design-matrix', 'compressed', not 'fast'"):
         fit.normal_equations(few, Modes(1), "fast")
 
 

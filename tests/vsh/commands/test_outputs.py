@@ -176,7 +176,7 @@ def test_vectors_and_velocities_from_the_shell():
     assert parsing.parse(parser, ["--velocity", "planck"]).velocity is PLANCK_2018
     found = parsing.parse(parser, ["--velocity", "369,264,48"]).velocity
     assert found.amplitude == pytest.approx(369)
-    assert found.frameion == pytest.approx((264, 48))
+    assert found.direction == pytest.approx((264, 48))
     for wrong in ("-358,77,-45", "369,264,148", "358", "cobe", "0,1,2"):
         with pytest.raises(SystemExit):
             parsing.parse(parser, ["--velocity", wrong])
