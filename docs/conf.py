@@ -1,5 +1,6 @@
 """The documentation: `make docs`."""
 
+import os
 import re
 import shutil
 import sys
@@ -14,7 +15,15 @@ import vsh
 project = "vsh-astrometry"
 author = "the vsh-astrometry developers"
 version = release = vsh.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.intersphinx",
+    "sphinx.ext.mathjax",
+    "numpydoc",
+    "sphinxarg.ext",
+    "sphinx_gallery.gen_gallery",
+]
 exclude_patterns = ["_build", "_examples", "images"]
 html_theme = "furo"
 html_title = "vsh-astrometry"
@@ -23,6 +32,23 @@ myst_heading_anchors = 3
 myst_enable_extensions = ["dollarmath"]
 suppress_warnings = ["config.cache", "myst.header"]
 
+# Others' inventories are fetched where the pages are hosted; the build on a machine without a network has none.
+intersphinx_mapping = (
+    {
+        "python": ("https://docs.python.org/3", None),
+        "numpy": ("https://numpy.org/doc/stable", None),
+        "scipy": ("https://docs.scipy.org/doc/scipy", None),
+        "astropy": ("https://docs.astropy.org/en/stable", None),
+        "matplotlib": ("https://matplotlib.org/stable", None),
+    }
+    if os.environ.get("READTHEDOCS")
+    else {}
+)
+
+# Every object has a docstring, every argument is documented and none that is not there, what is returned is said.
+numpydoc_validation_checks = {"GL08", "PR01", "PR02", "RT01"}
+# A class documents its attributes, which are what it is made with.
+numpydoc_validation_exclude = {r"\.[A-Z]\w*$", r"\.__\w+__$", r"\.(index|count)$"}
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 autodoc_member_order = "bysource"

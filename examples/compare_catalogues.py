@@ -64,5 +64,7 @@ for i in np.argsort(-x)[:8]:
 
 # %%
 # The figure: the differences that were fitted, as arrows.
-figure = plot_field(differences[clipped.kept], solution.coefficients, "Differences of position, degrees 1 and 2", "µas")
+figure = plot_field(
+    differences[clipped.kept], solution.coefficients, title="Differences of position, degrees 1 and 2", unit="µas"
+)
 plt.savefig("compare_catalogues.png", dpi=150)

@@ -22,7 +22,7 @@ law = sim.NominalScanningLaw(dead_time=0.06, rng=1)
 
 def catalogue(sky):
     quasars = sim.quasars(50_000, rng=2, sky=sky)
-    sigma, rho = errors_by_place(quasars.magnitude, quasars.lon, quasars.lat, law, "paper")
+    sigma, rho = errors_by_place(quasars.magnitude, quasars.lon, quasars.lat, law, release="paper")
     return Field(quasars.lon, quasars.lat, np.zeros_like(sigma), sigma, rho).to_frame("galactic")
 
 

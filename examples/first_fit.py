@@ -28,7 +28,7 @@ field = sim.observe(quasars, sim.spin(TRUE_SPIN) + sim.acceleration(TRUE_ACCELER
 # solution.
 solution = fit.solve(fit.normal_equations(field, Modes(3)))
 check = fit.cross_check(field)
-print(fit.report(solution, check))
+print(fit.report(solution, check=check))
 
 for name, found, true in (
     ("spin", solution.spin, TRUE_SPIN),
@@ -40,5 +40,5 @@ print(f"both solvers agree to {check.largest:.0e} standard errors")
 
 # %%
 # The figure: the sources, and the field that was fitted to them.
-plot_field(field, solution.coefficients, "A sky that turns and flows")
+plot_field(field, solution.coefficients, title="A sky that turns and flows")
 plt.savefig("first_fit.png", dpi=150)

@@ -52,7 +52,7 @@ field = read_field(sys.argv[1], columns=Columns(), on_bad="drop")
 # than three times the median.
 clipped = fit.robust.clip(field, Modes(1), kappa=3)
 kept = field[clipped.kept]
-print(fit.report(clipped.solution, fit.cross_check(kept), source=Path(sys.argv[1]).name))
+print(fit.report(clipped.solution, check=fit.cross_check(kept), source=Path(sys.argv[1]).name))
 
 acceleration = clipped.solution.acceleration
 lon, lat = acceleration.to_frame("galactic").direction
@@ -60,5 +60,5 @@ print(
     f"acceleration {acceleration.amplitude:.2f} ± {acceleration.amplitude_error:.2f} µas/yr toward l = {lon:.1f}°, b = {lat:.1f}°"
 )
 
-plot_field(kept, clipped.solution.coefficients, Path(sys.argv[1]).name)
+plot_field(kept, clipped.solution.coefficients, title=Path(sys.argv[1]).name)
 plt.savefig("real_catalogue.png", dpi=150)

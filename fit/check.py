@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,27 +36,52 @@ class CrossCheck(Result):
     largest: float
 
     def report(self) -> str:
-        """Whether the two solvers agree, as text."""
+        """Whether the two solvers agree, as text.
+
+        Returns
+        -------
+        str
+        """
         from fit.output import report_check
 
         return report_check(self) + "\n"
 
     def to_table(self) -> Table:
-        """Both solutions as an astropy Table: a row for each component of spin and acceleration."""
-        columns = {"parameter": list(self.frame.names)}
+        """Both solutions as an astropy Table: a row for each component of spin and acceleration.
+
+        Returns
+        -------
+        Table
+        """
+        columns: dict[str, Any] = {"parameter": list(self.frame.names)}
         for name, found in (("harmonics", self.harmonics), ("frame_solver", self.frame)):
-            columns[name] = np.concatenate([found.spin.value, found.acceleration.value])
-            columns[f"{name}_error"] = np.concatenate([found.spin.sigma, found.acceleration.sigma])
+            spin: Any = found.spin
+            columns[name] = np.concatenate([spin.value, found.acceleration.value])
+            columns[f"{name}_error"] = np.concatenate([spin.sigma, found.acceleration.sigma])
         return tables.table_of(columns, {"frame": self.frame.frame})
 
     def plot(self) -> Figure:
-        """The correlations of the frame solver's parameters as a matplotlib figure."""
+        """The correlations of the frame solver's parameters as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         return self.frame.plot()
 
 
 @arguments.accepts(field=arguments.a(Field))
 def cross_check(field: Field) -> CrossCheck:
     """Fit degree 1 to a field by both solvers and compare.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+
+    Returns
+    -------
+    CrossCheck
 
     Raises
     ------
@@ -65,6 +91,6 @@ def cross_check(field: Field) -> CrossCheck:
     # Not the short cut for degree 1, which writes the same p and q: the harmonics themselves.
     harmonics = solve(normal_equations(field, Modes(1), method="design-matrix"))
     direct = solve_frame(field)
-    pairs = [(harmonics.spin, direct.spin), (harmonics.acceleration, direct.acceleration)]
+    pairs: list[Any] = [(harmonics.spin, direct.spin), (harmonics.acceleration, direct.acceleration)]
     largest = max(float(np.max(np.abs(one.value - two.value) / two.sigma)) for one, two in pairs)
     return CrossCheck(harmonics, direct, largest)

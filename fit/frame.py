@@ -13,6 +13,7 @@ when they are wrong.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular, svdvals
@@ -24,6 +25,11 @@ from vsh.field import Field
 from vsh.sky.sphere import triad
 from vsh.types import FloatArray
 from vsh.vector import Vector
+
+__all__ = [
+    "FrameSolution",
+    "solve_frame",
+]
 
 _AXES = "xyz"
 _ROWS = 100_000
@@ -47,7 +53,12 @@ class FrameSolution(NamedSolution):
     """
 
     def report(self) -> str:
-        """Orientation, spin and acceleration with their correlations as text."""
+        """Orientation, spin and acceleration with their correlations as text.
+
+        Returns
+        -------
+        str
+        """
         lines = [
             f"Orientation, spin and acceleration by the direct frame solver ({self.frame} axes)",
             f"χ²/dof         {self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}",
@@ -58,9 +69,20 @@ class FrameSolution(NamedSolution):
         return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
 
     def model(self, field: Field) -> FloatArray:
-        """The motions by spin and acceleration at the sources of a field, (2, n). [µas/yr]"""
+        """The motions by spin and acceleration at the sources of a field, (2, n). [µas/yr]
+
+        Parameters
+        ----------
+        field : Field
+            The sources.
+
+        Returns
+        -------
+        array
+        """
         p, q, _ = triad(field.lon, field.lat)
-        spin, acceleration = self.spin.value, self.acceleration.value
+        rotation: Any = self.spin
+        spin, acceleration = rotation.value, self.acceleration.value
         return np.stack([spin @ q + acceleration @ p, acceleration @ q - spin @ p])
 
     @property
@@ -109,7 +131,7 @@ def solve_frame(motions: Field, offsets: Field | None = None) -> FrameSolution:
     names = tuple(f"{name}_{axis}" for group in groups for name in group for axis in _AXES)
     parts = [motions] if offsets is None else [offsets, motions]
 
-    triangle = np.zeros((0, len(names) + 1))
+    triangle: Any = np.zeros((0, len(names) + 1))
     column = 0
     for part, group in zip(parts, groups):
         width = 3 * len(group)

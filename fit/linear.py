@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fit.quality import Quality
 from fit.storage import Result, count, exact, number
 from vsh import tables
-from vsh.checks.arguments import covariance, float_array
+from vsh.checks.arrays import covariance, float_array
 from vsh.errors import TableError
 from vsh.field import Field
 from vsh.sky.frames import check_frame
@@ -39,17 +40,23 @@ class LinearSolution(Result):
         What the reader should know of the data.
     """
 
-    names: tuple
-    values: np.ndarray
-    covariance: np.ndarray
+    names: Any
+    values: Any
+    covariance: Any
     chi2: float
     n_data: int
     frame: str
-    notes: tuple
+    notes: tuple[str, ...]
 
     @abstractmethod
     def model(self, field: Field) -> FloatArray:
-        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]"""
+        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
+
+        Parameters
+        ----------
+        field : Field
+            In the frame of the solution.
+        """
 
     @property
     def sigma(self) -> FloatArray:
@@ -118,9 +125,9 @@ class NamedSolution(LinearSolution):
         What the reader should know of the data.
     """
 
-    names: tuple
-    values: np.ndarray
-    covariance: np.ndarray
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
     chi2: float
     n_data: int
     frame: str
@@ -176,7 +183,12 @@ class NamedSolution(LinearSolution):
         return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
 
     def plot(self) -> Figure:
-        """The correlation matrix of the parameters as a matplotlib figure."""
+        """The correlation matrix of the parameters as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.output import plot_correlation
 
         return plot_correlation(self)

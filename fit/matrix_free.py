@@ -12,16 +12,17 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigvalsh_tridiagonal
+from scipy.linalg import cho_factor, cho_solve
 
-from fit.solution import HarmonicSolution
+from fit._conjugate_gradients import conjugate_gradients
+from fit.harmonic import HarmonicSolution
 from fit.storage import coefficient_columns
 from fit.sums import Rings, fourier_sums
 from vsh import Coefficients, Field, Mode, Modes, tables
 from vsh.checks import arguments, nouns
 from vsh.checks.notes import merge_notes
-from vsh.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
-from vsh.system.progress import progress_bar
+from vsh.errors import CovarianceError, FieldError, ParameterError
+from vsh.modes import as_modes
 from vsh.types import ArrayLike, Figure, FloatArray, Table
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.
@@ -58,8 +59,8 @@ class MatrixFreeSolution(HarmonicSolution):
     chi2: float
     n_data: int
     frame: str
-    notes: tuple = ()
-    errors: dict = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    errors: dict[Mode, float] = field(default_factory=dict)
     iterations: int = 0
     residual: float = 0.0
     condition: float = 1.0
@@ -82,7 +83,12 @@ class MatrixFreeSolution(HarmonicSolution):
         )
 
     def report(self) -> str:
-        """Powers by degree as text, with what is known of errors."""
+        """Powers by degree as text, with what is known of errors.
+
+        Returns
+        -------
+        str
+        """
         lines = [
             f"Vector spherical harmonics to degree {self.modes.lmax}, matrix-free",
             f"sources        {self.n_data // 2}",
@@ -99,7 +105,12 @@ class MatrixFreeSolution(HarmonicSolution):
         return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
 
     def to_table(self) -> Table:
-        """The coefficients as an astropy Table, a row each; errors are nan where they were not asked for."""
+        """The coefficients as an astropy Table, a row each; errors are nan where they were not asked for.
+
+        Returns
+        -------
+        Table
+        """
         sigma = np.full(len(self.modes), np.nan)
         for mode, error in self.errors.items():
             sigma[self.modes.index(mode)] = error
@@ -107,7 +118,12 @@ class MatrixFreeSolution(HarmonicSolution):
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
     def plot(self) -> Figure:
-        """Power by degree as fitted, a matplotlib figure."""
+        """Power by degree as fitted, a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.output import plot_power
 
         return plot_power(self)
@@ -118,7 +134,7 @@ class MatrixFreeSolution(HarmonicSolution):
         return replace(found, errors={Mode(*mode): error for mode, error in found.errors.items()})
 
 
-@arguments.accepts(fields=nouns.fields, modes=nouns.modes, tolerance=arguments.positive, max_iterations=arguments.whole)
+@arguments.accepts(fields=nouns.fields, tolerance=arguments.positive, max_iterations=arguments.whole)
 def solve_matrix_free(
     fields: Field | Iterable[Field],
     modes: Modes | int,
@@ -159,15 +175,16 @@ def solve_matrix_free(
         If it has not converged; the message says how ill-conditioned the problem is, which
         degrees still move, how much of the sky is empty, and what to do.
     """
+    modes = as_modes(modes)
     system = _System(fields, modes, prior_power, threads)
-    values, iterations, residual, condition = _conjugate_gradients(
+    values, iterations, residual, condition = conjugate_gradients(
         system, system.rhs, tolerance, max_iterations, progress and f"degree {modes.lmax}"
     )
     errors = {}
     for mode in errors_of:
         unit = np.zeros(len(modes))
         unit[modes.index(mode)] = 1
-        column = _conjugate_gradients(system, unit, tolerance, max_iterations, progress and f"error of {mode}")[0]
+        column = conjugate_gradients(system, unit, tolerance, max_iterations, progress and f"error of {mode}")[0]
         errors[mode] = float(np.sqrt(column[modes.index(mode)]))
     said = f"matrix-free: {iterations} iterations, residual {residual:.1e}, condition {condition:.3g}"
     return MatrixFreeSolution(
@@ -188,11 +205,23 @@ def prior_precision(modes: Modes, power: float | ArrayLike | Callable[[int], flo
 
     An isotropic field of power P_l has var(c_l0) = P_l/(2l + 1), and half of that for each
     real and imaginary part.
+
+    Parameters
+    ----------
+    modes : Modes or int
+        What to fit, or the degree lmax.
+    power : float or array
+        ∫ |V_l|² dΩ. [(µas/yr)²]
+
+    Raises
+    ------
+    ParameterError
+        If a power is not positive.
     """
     if power is None:
         return np.zeros(len(modes))
     l = np.arange(1, modes.lmax + 1)
-    power = np.array([power(each) for each in l] if callable(power) else power, float)
+    power = np.array([power(int(each)) for each in l] if callable(power) else power, float)
     power = np.broadcast_to(power, l.shape)
     if not (power > 0).all():
         raise ParameterError("the prior power must be positive at every degree")
@@ -256,46 +285,3 @@ class _System:
         # The grid holds integrals over cells, which shrink towards the poles.
         empty = density < 0.05 * area * (density.sum() / area.sum())
         return float(area[empty].sum() / area.sum())
-
-
-def _conjugate_gradients(system, rhs, tolerance, max_iterations, words):
-    """Solve system c = rhs; returns c, iterations, relative residual, condition."""
-    x, r = np.zeros_like(rhs), rhs.copy()
-    z = system.precondition(r)
-    p, rz = z.copy(), r @ z
-    start, alphas, betas = rz, [], []
-    bar = progress_bar(None, max_iterations, words, bool(words), " steps")
-    with bar:
-        for iteration in range(1, max_iterations + 1):
-            if rz <= tolerance**2 * start:
-                return x, iteration - 1, float(np.sqrt(rz / start)) if start else 0.0, _condition(alphas, betas)
-            q = system.apply(p)
-            alpha = rz / (p @ q)
-            x += alpha * p
-            r -= alpha * q
-            z = system.precondition(r)
-            rz, old = r @ z, rz
-            alphas.append(alpha)
-            betas.append(rz / old)
-            p = z + betas[-1] * p
-            bar.update()
-            bar.set_postfix_str(f"residual {np.sqrt(rz / start):.1e} → {tolerance:.0e}", refresh=False)
-    moving = np.bincount(system.modes.degrees, weights=p**2 * system.diagonal)
-    worst = ", ".join(str(l) for l in sorted(np.argsort(-moving)[:5]))
-    raise ConvergenceError(
-        f"no convergence to {tolerance:.0e} in {max_iterations} iterations (residual {np.sqrt(rz / start):.1e}, condition "
-        f"at least {_condition(alphas, betas):.1e}). Undetermined are combinations of degrees {worst}, among others; "
-        f"{100 * system.empty_sky():.0f} % of the sky is empty at this resolution. Give a prior_power, lower lmax "
-        f"from {system.modes.lmax}, or allow more iterations"
-    )
-
-
-def _condition(alphas, betas):
-    """From the coefficients of the iteration, by the Lanczos matrix they make up."""
-    if not alphas:
-        return 1.0
-    alphas, betas = np.array(alphas), np.array(betas)
-    diagonal = 1 / alphas
-    diagonal[1:] += betas[:-1] / alphas[:-1]
-    values = eigvalsh_tridiagonal(diagonal, np.sqrt(betas[:-1]) / alphas[:-1])
-    return float(values[-1] / max(values[0], 1e-300))

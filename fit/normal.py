@@ -11,12 +11,13 @@ import numpy as np
 
 from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
 from vsh import Field, Modes
-from vsh.checks import arguments, nouns
-from vsh.checks.arguments import choice, float_array
+from vsh.checks.arguments import choice
+from vsh.checks.arrays import float_array
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
 from vsh.errors import FieldError, FrameError, ModesError
-from vsh.types import ArrayLike
+from vsh.modes import as_modes
+from vsh.types import ArrayLike, FloatArray
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30
@@ -45,12 +46,12 @@ class NormalEquations(Frozen):
     """
 
     modes: Modes
-    matrix: np.ndarray
-    rhs: np.ndarray
+    matrix: FloatArray
+    rhs: FloatArray
     chi2_null: float
     n_data: int
-    frame: str = None
-    notes: tuple = ()
+    frame: str | None = None
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<NormalEquations: {self.n_data} numbers, degree {self.modes.lmax}, {self.frame or 'any frame'}>"
@@ -88,7 +89,6 @@ class NormalEquations(Frozen):
         )
 
 
-@arguments.accepts(modes=nouns.modes)
 def normal_equations(
     field: Field | Iterable[Field],
     modes: Modes | int,
@@ -132,6 +132,7 @@ def normal_equations(
     >>> np.allclose(whole.matrix, normal_equations([field[:30], field[30:]], Modes(2)).matrix)
     True
     """
+    modes = as_modes(modes)
     choice("method", method, ("auto", "design-matrix", "compressed"))
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or iter_fields")
@@ -143,7 +144,7 @@ def normal_equations(
     if not isinstance(field, Field):
         if isinstance(field, np.ndarray) or not hasattr(field, "__iter__"):
             raise FieldError(f"a Field, or a stream of them, is wanted, not {type(field).__name__}")
-        total = sum(normal_equations(each, modes, method, threads) for each in field)
+        total: Any = sum(normal_equations(each, modes, method=method, threads=threads) for each in field)
         if isinstance(total, int):
             raise FieldError("the stream of fields is empty: there are no sources to use")
         return total
@@ -156,7 +157,6 @@ def normal_equations(
     return NormalEquations(modes, *sums, 2 * len(field), field.frame, field.notes)
 
 
-@arguments.accepts(modes=nouns.modes)
 def gaussian_prior(
     modes: Modes | int, sigma: ArrayLike, mean: ArrayLike = 0.0, *, frame: str | None = None
 ) -> NormalEquations:
@@ -165,15 +165,23 @@ def gaussian_prior(
     Parameters
     ----------
     modes : Modes, or the degree lmax
-    sigma : float or (p,) array — standard deviations; inf says nothing [µas/yr]
-    mean : float or (p,) array — [µas/yr]
-    frame : str, optional — of the axes, where the prior knows directions
+    sigma : float or (p,) array
+        Standard deviations; inf says nothing [µas/yr]
+    mean : float or (p,) array
+        [µas/yr]
+    frame : str, optional
+        Of the axes, where the prior knows directions.
+
+    Returns
+    -------
+    NormalEquations
 
     Raises
     ------
     ModesError
         If a sigma is not positive.
     """
+    modes = as_modes(modes)
     sigma = float_array("sigma", sigma, (len(modes),), finite=False, broadcast=True)
     mean = float_array("mean", mean, (len(modes),), broadcast=True)
     if not (sigma > 0).all():

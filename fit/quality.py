@@ -11,6 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtr, chdtrc, fdtrc, gammaln, ndtri_exp
 
+__all__ = [
+    "Quality",
+    "f_p_value",
+    "log_p_value",
+    "normal_deviate",
+]
+
 #: From so many standard deviations on, a χ² contradicts the errors.
 SIGNIFICANT = 3.0
 
@@ -49,7 +56,12 @@ class Quality:
         return float(np.sqrt(self.reduced)) if self.contradicted else 1.0
 
     def warning(self) -> str | None:
-        """What a report says, or None."""
+        """What a report says, or None.
+
+        Returns
+        -------
+        str | None
+        """
         if self.dof <= 0:
             return "no degrees of freedom are left: the residuals say nothing of the errors"
         if not self.contradicted:
@@ -63,6 +75,19 @@ class Quality:
 def log_p_value(chi2: float, dof: float) -> float:
     """Logarithm of the probability of as much χ² or more; exact where the probability itself is zero in double precision.
 
+    Parameters
+    ----------
+    chi2 : float
+        χ².
+    dof : float
+        Degrees of freedom.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
     >>> round(float(log_p_value(2000.0, 3)), 2)
     -996.42
     """
@@ -83,6 +108,19 @@ def log_p_value(chi2: float, dof: float) -> float:
 def normal_deviate(chi2: float, dof: float) -> float:
     """The z with the same tail probability as χ² with so many degrees of freedom, of any size.
 
+    Parameters
+    ----------
+    chi2 : float
+        χ².
+    dof : float
+        Degrees of freedom.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
     >>> round(float(normal_deviate(12, 3)), 4), round(float(normal_deviate(2000, 3)), 1)
     (2.4381, 44.5)
     """
@@ -94,7 +132,21 @@ def normal_deviate(chi2: float, dof: float) -> float:
 
 
 def f_p_value(chi2: float, numerator: float, denominator: float) -> float:
-    """Probability of as much or more of χ² whose scale was estimated: chi2/numerator against F(numerator, denominator)."""
+    """Probability of as much or more of χ² whose scale was estimated: chi2/numerator against F(numerator, denominator).
+
+    Parameters
+    ----------
+    chi2 : float
+        χ².
+    numerator : float
+        Its degrees of freedom.
+    denominator : float
+        Those of the scale.
+
+    Returns
+    -------
+    float
+    """
     if not numerator:
         return float("nan")
     if not np.isfinite(denominator) or denominator > 1e8:

@@ -7,117 +7,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
 
-from fit.linear import LinearSolution
+from fit.harmonic import HarmonicSolution
 from fit.storage import Result, coefficient_columns, count, exact, number, words
 from vsh import tables
-from vsh.checks.arguments import covariance, float_array
-from vsh.coefficients import FIRST_DEGREE, Coefficients
-from vsh.field import Field
+from vsh.checks.arrays import covariance, float_array
+from vsh.coefficients import Coefficients
 from vsh.modes import Modes
 from vsh.sky.frames import check_frame
-from vsh.types import Figure, FloatArray, Kind, Table
-from vsh.vector import Vector, correlation_of
-
-
-class HarmonicSolution(LinearSolution):
-    """What a solution for coefficients says, with or without their full covariance.
-
-    Attributes
-    ----------
-    coefficients : Coefficients
-        The best fit. [µas/yr]
-    """
-
-    coefficients: Coefficients
-
-    @property
-    def modes(self) -> Modes:
-        """The Modes that were fitted."""
-        return self.coefficients.modes
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the coefficients, (p,)."""
-        return tuple(map(str, self.modes))
-
-    @property
-    def values(self) -> FloatArray:
-        """The coefficients as an array, (p,). [µas/yr]"""
-        return self.coefficients.values
-
-    def model(self, field: Field) -> FloatArray:
-        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]"""
-        return at_sources(self.coefficients, field)
-
-    @property
-    def spin(self) -> Vector:
-        """The spin ω of the frame, a Vector. [µas/yr]"""
-        return self._vector("T")
-
-    @property
-    def acceleration(self) -> Vector:
-        """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
-        return self._vector("S")
-
-    def power(self, kind: Kind, l: int, *, debiased: bool = True) -> float:
-        """Power of one kind and degree, ∫ |V_l|² dΩ. [(µas/yr)²]
-
-        Noise adds Σ σ² (with the weights of the power) on average; it is taken away
-        unless `debiased` is false, so that a small power may come out negative.
-        """
-        power = self.coefficients.power(kind, l)
-        return power - self.noise_power(kind, l) if debiased else power
-
-    def noise_power(self, kind: Kind, l: int) -> float:
-        """The power that noise alone gives on average. [(µas/yr)²]"""
-        return float(np.trace(self._weighted_covariance(kind, l)))
-
-    def power_error(self, kind: Kind, l: int) -> float:
-        """Standard error of the power. [(µas/yr)²]
-
-        For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
-        2 of the power; µᵀ W C W µ is estimated without bias, and taken for zero where the degree is not
-        significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
-        """
-        degree = self.modes.slice_of(kind, l)
-        wc = self._weighted_covariance(kind, l)
-        wcwc = np.trace(wc @ wc)
-        wc_c = self._power_weights(l) * self.coefficients.values[degree]
-        signal = max(0.0, wc_c @ self.covariance[degree, degree] @ wc_c - wcwc)
-        if self.p_value(kind, l) > 0.05:
-            signal = 0.0
-        return float(np.sqrt(4 * signal + 2 * wcwc))
-
-    def p_value(self, kind: Kind, l: int) -> float:
-        """Probability that noise alone gives this degree as much signal or more.
-
-        W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
-        when the true ones are zero, however uneven the sky coverage.
-        """
-        return float(chdtrc(2 * l + 1, self.chi2_of_degree(kind, l)))
-
-    def chi2_of_degree(self, kind: Kind, l: int) -> float:
-        """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree."""
-        degree = self.modes.slice_of(kind, l)
-        c = self.coefficients.values[degree]
-        return float(c @ np.linalg.solve(self.covariance[degree, degree], c))
-
-    def _vector(self, kind):
-        # The rows of FIRST_DEGREE are orthogonal, but not of one length: the inverse, then.
-        inverse = np.linalg.inv(FIRST_DEGREE)
-        degree = self.modes.slice_of(kind, 1)
-        covariance = inverse @ self.covariance[degree, degree] @ inverse.T
-        return Vector(inverse @ self.coefficients.values[degree], covariance, self.frame)
-
-    def _weighted_covariance(self, kind, l):
-        degree = self.modes.slice_of(kind, l)
-        return self._power_weights(l)[:, None] * self.covariance[degree, degree]
-
-    @staticmethod
-    def _power_weights(l):
-        return np.array([1.0] + 2 * l * [2.0])
+from vsh.types import Figure, FloatArray, Table
+from vsh.vector import correlation_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,30 +42,54 @@ class Solution(HarmonicSolution):
     """
 
     coefficients: Coefficients
-    covariance: np.ndarray
+    covariance: FloatArray
     chi2: float
     n_data: int
     frame: str = "icrs"
-    notes: tuple = ()
+    notes: tuple[str, ...] = ()
     errors_from: str = "the catalogue"
 
     def __repr__(self) -> str:
         return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
 
     def report(self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
-        """A page of text, as `fit.report` makes it."""
+        """A page of text, as `fit.report` makes it.
+
+        Parameters
+        ----------
+        check : CrossCheck, optional
+            Both solvers at degree 1.
+        truth : dict, optional
+            Of a simulated catalogue, by name.
+        source : str, optional
+            What was fitted.
+
+        Returns
+        -------
+        str
+        """
         from fit.output import report
 
-        return report(self, check, truth, source)
+        return report(self, check=check, truth=truth, source=source)
 
     def plot(self) -> Figure:
-        """Power by degree as a matplotlib figure."""
+        """Power by degree as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.output import plot_spectrum
 
         return plot_spectrum(self)
 
     def to_table(self) -> Table:
-        """The coefficients with their errors as an astropy Table, a row each."""
+        """The coefficients with their errors as an astropy Table, a row each.
+
+        Returns
+        -------
+        Table
+        """
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
@@ -176,7 +99,12 @@ class Solution(HarmonicSolution):
         return html_of(self)
 
     def latex(self) -> str:
-        """Spin, acceleration and powers as a LaTeX table (booktabs)."""
+        """Spin, acceleration and powers as a LaTeX table (booktabs).
+
+        Returns
+        -------
+        str
+        """
         from fit.output import latex_of
 
         return latex_of(self)
@@ -243,7 +171,12 @@ class AboutSolution(Result):
     solution: Solution
 
     def report(self) -> str:
-        """The solution as text."""
+        """The solution as text.
+
+        Returns
+        -------
+        str
+        """
         return self.solution.report()
 
     def to_table(self) -> Table:
@@ -251,14 +184,10 @@ class AboutSolution(Result):
         return self.solution.to_table()
 
     def plot(self) -> Figure:
-        """Power by degree as a matplotlib figure."""
+        """Power by degree as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         return self.solution.plot()
-
-
-def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
-    """The motions of coefficients at the sources of a field, (2, n); by the transform for many of them."""
-    if len(field) < 10_000:
-        return coefficients.at(field.lon, field.lat)
-    from vsh.transform import synthesis  # ducc0, for many sources only
-
-    return synthesis(coefficients, field.lon, field.lat)

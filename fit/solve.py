@@ -11,9 +11,9 @@ from scipy.linalg.lapack import dpocon
 from fit.normal import NormalEquations, normal_equations
 from fit.solution import Solution
 from vsh import Coefficients, Field
-from vsh.checks import arguments, nouns
+from vsh.checks import arguments
 from vsh.errors import DegeneracyError, ParameterError
-from vsh.modes import Modes
+from vsh.modes import Modes, as_modes
 
 _LOST = "warning: motions are a million times their errors, so χ² is lost to rounding: take a model away first"
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
@@ -29,8 +29,10 @@ def solve(
     Parameters
     ----------
     normal : NormalEquations
-    prior : NormalEquations, optional — added to them, `fit.gaussian_prior(…)` say
-    max_condition : float — of N scaled to a unit diagonal, in the 1-norm
+    prior : NormalEquations, optional
+        Added to them, `fit.gaussian_prior(…)` say.
+    max_condition : float
+        Of N scaled to a unit diagonal, in the 1-norm.
 
     Returns
     -------
@@ -75,7 +77,6 @@ def solve(
     )
 
 
-@arguments.accepts(modes=nouns.modes)
 def fit_field(field: Field | Iterable[Field], modes: Modes | int) -> Solution:
     """Fit all modes to a degree to a field: normal equations, solved.
 
@@ -93,6 +94,7 @@ def fit_field(field: Field | Iterable[Field], modes: Modes | int) -> Solution:
     DegeneracyError
         If the sources cannot tell the modes apart.
     """
+    modes = as_modes(modes)
     if isinstance(field, Field) and 2 * len(field) < len(modes):
         raise DegeneracyError(_too_few(len(field), modes))
     return solve(normal_equations(field, modes))

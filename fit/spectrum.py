@@ -8,47 +8,152 @@ import numpy as np
 
 from fit.quality import Quality, normal_deviate
 from vsh import Coefficients, Field, Modes, Vector
+from vsh.modes import KINDS
 from vsh.types import FloatArray, Kind
+
+__all__ = [
+    "Degree",
+    "HarmonicResult",
+    "spectrum",
+    "wilson_hilferty",
+]
 
 
 class HarmonicResult(Protocol):
     """What a spectrum and a report need of a solution."""
 
     @property
-    def modes(self) -> Modes: ...
+    def modes(self) -> Modes:
+        """The Modes that were fitted."""
+
     @property
-    def coefficients(self) -> Coefficients: ...
+    def coefficients(self) -> Coefficients:
+        """The best fit. [µas/yr]"""
+
     @property
-    def covariance(self) -> FloatArray: ...
+    def covariance(self) -> FloatArray:
+        """Of the coefficients, (p, p). [(µas/yr)²]"""
+
     @property
-    def correlation(self) -> FloatArray: ...
+    def correlation(self) -> FloatArray:
+        """Of the coefficients, (p, p)."""
+
     @property
-    def spin(self) -> Vector: ...
+    def spin(self) -> Vector:
+        """ω. [µas/yr]"""
+
     @property
-    def acceleration(self) -> Vector: ...
+    def acceleration(self) -> Vector:
+        """ã. [µas/yr]"""
+
     @property
-    def chi2(self) -> float: ...
+    def chi2(self) -> float:
+        """Of the residuals."""
+
     @property
-    def reduced_chi2(self) -> float: ...
+    def reduced_chi2(self) -> float:
+        """χ² per degree of freedom."""
+
     @property
-    def dof(self) -> int: ...
+    def dof(self) -> int:
+        """Degrees of freedom."""
+
     @property
-    def quality(self) -> Quality: ...
+    def quality(self) -> Quality:
+        """What χ² says of the errors."""
+
     @property
-    def n_data(self) -> int: ...
+    def n_data(self) -> int:
+        """Data points: two a source."""
+
     @property
-    def frame(self) -> str: ...
+    def frame(self) -> str:
+        """Of the axes."""
+
     @property
-    def notes(self) -> tuple[str, ...]: ...
+    def notes(self) -> tuple[str, ...]:
+        """What the reader should know of the data."""
+
     @property
-    def errors_from(self) -> str: ...
+    def errors_from(self) -> str:
+        """Where the covariance comes from."""
+
     @property
-    def scaled(self) -> HarmonicResult: ...
-    def noise_power(self, kind: Kind, l: int) -> float: ...
-    def power_error(self, kind: Kind, l: int) -> float: ...
-    def p_value(self, kind: Kind, l: int) -> float: ...
-    def chi2_of_degree(self, kind: Kind, l: int) -> float: ...
-    def residuals(self, field: Field) -> Field: ...
+    def scaled(self) -> HarmonicResult:
+        """The same with errors scaled where χ² asks for it."""
+
+    def noise_power(self, kind: Kind, l: int) -> float:
+        """The power that noise alone gives on average.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+
+        Returns
+        -------
+        float
+        """
+
+    def power_error(self, kind: Kind, l: int) -> float:
+        """Standard error of the power.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+
+        Returns
+        -------
+        float
+        """
+
+    def p_value(self, kind: Kind, l: int) -> float:
+        """Of as much signal from noise alone.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+
+        Returns
+        -------
+        float
+        """
+
+    def chi2_of_degree(self, kind: Kind, l: int) -> float:
+        """cᵀ C⁻¹ c of one kind and degree.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+
+        Returns
+        -------
+        float
+        """
+
+    def residuals(self, field: Field) -> Field:
+        """The field less the fit.
+
+        Parameters
+        ----------
+        field : Field
+            In the frame of the solution.
+
+        Returns
+        -------
+        Field
+        """
 
 
 class Degree(NamedTuple):
@@ -72,17 +177,41 @@ class Degree(NamedTuple):
 
     @property
     def debiased(self) -> float:
+        """Power less what noise gives on average. [(µas/yr)²]"""
         return self.power - self.noise
 
 
 def spectrum(solution: HarmonicResult) -> list[Degree]:
-    """Every kind and degree of a solution, a list of Degree: T first, then S."""
-    return [_degree(solution, kind, l) for kind in "TS" for l in range(1, solution.modes.lmax + 1)]
+    """Every kind and degree of a solution, a list of Degree: T first, then S.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+
+    Returns
+    -------
+    list[Degree]
+    """
+    return [_degree(solution, kind, l) for kind in KINDS for l in range(1, solution.modes.lmax + 1)]
 
 
 def wilson_hilferty(w: float, n: float) -> float:
     """Z = √(9n/2) [(W/n)^⅓ − (1 − 2/(9n))]: nearly normal when W is χ² with n degrees of freedom.
 
+    Parameters
+    ----------
+    w : float
+        W.
+    n : float
+        Degrees of freedom.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
     >>> round(float(wilson_hilferty(12, 3)), 4)
     2.4304
     """

@@ -42,9 +42,9 @@ class Astrometry(Frozen):
         How many each source had.
     """
 
-    errors: np.ndarray
-    covariance: np.ndarray
-    transits: np.ndarray
+    errors: FloatArray
+    covariance: FloatArray
+    transits: FloatArray
 
     @property
     def solved(self) -> BoolArray:
@@ -66,15 +66,21 @@ def solve(
 
     Parameters
     ----------
-    transits : Transits — ordered by source
-    error : (n,) array — along-scan error of a transit for each of the n sources [µas]
-    rng : Generator or int — the source of all randomness
-    years : float — length of the mission; the reference epoch is its middle
+    transits : Transits
+        Ordered by source.
+    error : (n,) array
+        Along-scan error of a transit for each of the n sources [µas]
+    rng : Generator or int
+        The source of all randomness.
+    years : float
+        Length of the mission; the reference epoch is its middle.
     variability : Variability, optional
-    attitude : (k,) array, optional — error of the attitude in each interval between knots, shared
+    attitude : (k,) array, optional
+        Error of the attitude in each interval between knots, shared
         by all sources [µas]
-    quote_variability : bool — fold the variability into the quoted covariance, A⁺ (W⁻¹ + C) A⁺ᵀ; the
-        weights of the solution stay those of the measurement noise
+    quote_variability : bool
+        Fold the variability into the quoted covariance, A⁺ (W⁻¹ + C) A⁺ᵀ; the
+        weights of the solution stay those of the measurement noise.
 
     Returns
     -------
@@ -124,8 +130,21 @@ def expected_solution_covariances(
 
     The true one adds A⁺ C A⁺ᵀ of the wandering, and the attitude's error as if it were independent
     from transit to transit. nan where a source has too few transits.
+
+    Parameters
+    ----------
+    transits : Transits
+        Ordered by source.
+    error : (n,) array
+        Of a transit. [µas]
+    years : float
+        Length of the mission.
+    variability : Variability, optional
+        Wandering of the photocentres.
+    attitude : float
+        Its error. [µas]
     """
-    formal = solve(transits, error, 0, years).covariance
+    formal = solve(transits, error, 0, years=years).covariance
     inverse = formal / error[:, None, None] ** 2
     true = formal + attitude**2 * inverse
     if variability is not None and variability.sigma > 0:
@@ -151,10 +170,24 @@ def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 
     """Sky-mean errors of (α*, δ, ϖ, µ_α*, µ_δ) for a transit error of one, (5,).
 
     From n uniform positions, always the same ones; the law remembers the result.
+
+    Parameters
+    ----------
+    law : NominalScanningLaw
+        The scanning law.
+    n : int
+        Positions.
+    seed : int
+        Of the positions.
+
+    Raises
+    ------
+    ParameterError
+        If the mission is too short for any solution.
     """
     if (n, seed) not in law.remembered:
         rng = np.random.default_rng(seed)
-        found = solve(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, law.years)
+        found = solve(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, years=law.years)
         if not found.solved.any():
             raise ParameterError(
                 f"in {law.years:g} years no source has transits enough for five parameters: a longer mission is needed"
@@ -173,15 +206,27 @@ def transit_error(
 
     Parameters
     ----------
-    magnitude : (n,) array — G
+    magnitude : (n,) array
+        G.
     law : NominalScanningLaw
     release : {"DR3", "DR4", "DR5"}
-    unit : (5,) array, optional — of `errors_of_unit_transits(law)`, where it is at hand
+    unit : (5,) array, optional
+        Of `errors_of_unit_transits(law)`, where it is at hand.
     """
     unit = errors_of_unit_transits(law) if unit is None else unit
     return parallax_error(np.asarray(magnitude, float), release) / unit[2]
 
 
 def attitude_noise(law: NominalScanningLaw, sigma: float, rng: Rng) -> FloatArray:
-    """Error of the attitude along scan in every interval between knots, (k,). [µas]"""
+    """Error of the attitude along scan in every interval between knots, (k,). [µas]
+
+    Parameters
+    ----------
+    law : NominalScanningLaw
+        The scanning law.
+    sigma : float
+        Its error. [µas]
+    rng : Generator or int
+        The source of all randomness.
+    """
     return sigma * generator(rng).standard_normal(int(np.ceil(law.years / KNOT)) + 1)

@@ -19,8 +19,14 @@ ACCELERATION = "-0.235965,-3.755779,-2.080491"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-sim`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
-    parser = _parser()
+    """Run `vsh-sim`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        In place of those of the command line.
+    """
+    parser = make_parser()
     options = parsing.parse(parser, arguments)
     if options.selection and options.sky:
         parser.error("--sky and --selection exclude each other")
@@ -99,7 +105,8 @@ def _plain(options):
     return kept
 
 
-def _parser():
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-sim",
         description="Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "

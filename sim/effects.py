@@ -15,6 +15,18 @@ from astropy import units as u
 from vsh.types import Quantity
 from vsh.units import AU_PER_YEAR
 
+__all__ = [
+    "ATTRACTORS",
+    "apparent_motion",
+    "attraction",
+    "attractions",
+    "circular_acceleration",
+    "effects",
+    "lensing_depth",
+    "lensing_motion",
+    "transverse_motion",
+]
+
 #: Masses [solar masses] and distances [kpc] of the paper's Table 2, after van den Bergh (2000) and NED.
 ATTRACTORS = {
     "LMC": (2.0e10, 50),
@@ -37,6 +49,17 @@ _ANGULAR = u.dimensionless_angles()
 def apparent_motion(acceleration: Quantity) -> Any:
     """ã = a/c of an acceleration, as a Quantity in µas/yr.
 
+    Parameters
+    ----------
+    acceleration : Quantity
+        Of the observer.
+
+    Returns
+    -------
+    object
+
+    Examples
+    --------
     >>> f"{apparent_motion(1e-10 * u.m / u.s**2):.6f}"
     '2.171243 uas / yr'
     """
@@ -50,6 +73,10 @@ def circular_acceleration(speed: Quantity, radius: Quantity) -> Any:
     ----------
     speed, radius : Quantities
 
+    Returns
+    -------
+    object
+
     Examples
     --------
     >>> f"{circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc):.6f}"
@@ -61,6 +88,19 @@ def circular_acceleration(speed: Quantity, radius: Quantity) -> Any:
 def attraction(mass: Quantity, distance: Quantity) -> Any:
     """ã = GM/(d² c) by a mass at a distance, µas/yr (Table 2).
 
+    Parameters
+    ----------
+    mass : Quantity
+        Of the attractor.
+    distance : Quantity
+        To it.
+
+    Returns
+    -------
+    object
+
+    Examples
+    --------
     >>> f"{attraction(2e10 * u.M_sun, 50 * u.kpc):.1e}"
     '2.4e-02 uas / yr'
     """
@@ -68,13 +108,31 @@ def attraction(mass: Quantity, distance: Quantity) -> Any:
 
 
 def attractions() -> dict[str, Any]:
-    """The paper's Table 2: a dict from name to ã. [µas/yr]"""
+    """The paper's Table 2: a dict from name to ã. [µas/yr]
+
+    Returns
+    -------
+    dict[str, object]
+    """
     return {name: float(attraction(m * u.M_sun, d * u.kpc).value) for name, (m, d) in ATTRACTORS.items()}
 
 
 def transverse_motion(speed: Quantity, distance: Quantity) -> Any:
     """µ = v/d of a transverse speed, ours or the source's, µas/yr (eqs. 2 and 4).
 
+    Parameters
+    ----------
+    speed : Quantity
+        Across the line of sight.
+    distance : Quantity
+        To the source.
+
+    Returns
+    -------
+    object
+
+    Examples
+    --------
     >>> f"{transverse_motion(750 * u.km / u.s, 44.44 * u.Mpc):.2f}"
     '3.56 uas / yr'
     """
@@ -91,6 +149,10 @@ def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, so
     ----------
     density, mass, lens_distance, source_distance : Quantities
 
+    Returns
+    -------
+    object
+
     Examples
     --------
     >>> f"{lensing_depth(0.05 / u.Mpc**3, 1e11 * u.M_sun, 5 * u.Gpc, 10 * u.Gpc):.2f}"
@@ -101,7 +163,19 @@ def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, so
 
 
 def lensing_motion(lens_motion: Quantity, depth: Quantity) -> Any:
-    """Rms apparent motion of a source at rest behind moving lenses, µ_L √τ (eq. 5)."""
+    """Rms apparent motion of a source at rest behind moving lenses, µ_L √τ (eq. 5).
+
+    Parameters
+    ----------
+    lens_motion : Quantity
+        Of the lens.
+    depth : float
+        The optical depth.
+
+    Returns
+    -------
+    object
+    """
     return lens_motion * np.sqrt(depth)
 
 
@@ -110,7 +184,8 @@ def effects(redshift: float = 0.01) -> dict[str, Any]:
 
     Parameters
     ----------
-    redshift : float — at which drift and peculiar motion are taken
+    redshift : float
+        At which drift and peculiar motion are taken.
 
     Returns
     -------

@@ -15,6 +15,11 @@ from vsh.checks import arguments
 from vsh.system.parallel import map_blocks
 from vsh.types import ArrayLike, FloatArray, Release
 
+__all__ = [
+    "errors_by_place",
+    "expected_covariances",
+]
+
 _COLUMNS = {"motion": [3, 4], "position": [0, 1]}
 
 
@@ -72,7 +77,9 @@ def expected_covariances(
 
     def block(part):
         transits = mission.scanning_law.transits_of_block(population.lon[part], population.lat[part])
-        return expected_solution_covariances(transits, error[part], mission.years, variability, mission.attitude)
+        return expected_solution_covariances(
+            transits, error[part], years=mission.years, variability=variability, attitude=mission.attitude
+        )
 
     parts = list(map_blocks(block, len(population), BLOCK, threads, "transits" if progress else None))
     formal, true = (np.concatenate(each)[:, columns, columns] for each in zip(*parts, strict=True))
@@ -115,7 +122,7 @@ def errors_by_place(
 
     mission = as_mission(mission, release)
     pixel = pixels_of(lon, lat, nside)
-    there = solve(mission.scanning_law.transits(*centres(nside)), np.ones(12 * nside**2), 0, mission.years)
+    there = solve(mission.scanning_law.transits(*centres(nside)), np.ones(12 * nside**2), 0, years=mission.years)
     covariance = there.covariance[pixel][:, 3:, 3:]
     unit = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     return mission.transit_error(magnitude) * unit, covariance[:, 0, 1] / (unit[0] * unit[1])

@@ -40,7 +40,7 @@ class Mission:
     """
 
     scanning_law: NominalScanningLaw
-    release: str = "DR3"
+    release: Release = "DR3"
     attitude: float = 10.0
 
     def __post_init__(self) -> None:
@@ -60,22 +60,69 @@ class Mission:
         return self.scanning_law.frame
 
     def check_frame(self, frame: str) -> None:
-        """Raise FrameError unless positions are in the frame of the scanning law."""
+        """Raise FrameError unless positions are in the frame of the scanning law.
+
+        Parameters
+        ----------
+        frame : str
+            Of the positions.
+
+        Raises
+        ------
+        FrameError
+            If they are not.
+        """
         if frame != self.frame:
             raise FrameError(f"positions are in {frame}, the mission's in {self.frame}")
 
     def transit_error(self, magnitude: ArrayLike | None, excess_noise: ArrayLike = 0.0) -> FloatArray:
-        """Along-scan error of a transit by magnitude G, (n,), with excess noise in quadrature. [µas]"""
+        """Along-scan error of a transit by magnitude G, (n,), with excess noise in quadrature. [µas]
+
+        Parameters
+        ----------
+        magnitude : (n,) array
+            G.
+        excess_noise : float or (n,) array
+            Added in quadrature. [µas]
+
+        Returns
+        -------
+        array
+
+        Raises
+        ------
+        ParameterError
+            If there are no magnitudes.
+        """
+        if magnitude is None:
+            raise ParameterError("errors of transits go by magnitude, and these sources have none")
         unit = errors_of_unit_transits(self.scanning_law)
         return np.hypot(transit_error(magnitude, self.scanning_law, self.release, unit), excess_noise)
 
     def attitude_noise(self, rng: Rng) -> FloatArray | None:
-        """Error of the attitude in every interval between knots, (k,) [µas]; None where it has none."""
+        """Error of the attitude in every interval between knots, (k,) [µas]; None where it has none.
+
+        Parameters
+        ----------
+        rng : Generator or int
+            The source of all randomness.
+
+        Returns
+        -------
+        array | None
+        """
         return attitude_noise(self.scanning_law, self.attitude, rng) if self.attitude else None
 
 
 def as_mission(mission: Mission | NominalScanningLaw, release: Release = "DR3") -> Mission:
     """A Mission; a bare scanning law becomes one with the errors of a release.
+
+    Parameters
+    ----------
+    mission : Mission or NominalScanningLaw
+        Any.
+    release : {"DR3", "DR4", "DR5", "paper"}
+        Whose errors.
 
     Raises
     ------

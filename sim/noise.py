@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.checks import arguments
+from vsh.checks import arguments, arrays
 from vsh.errors import ParameterError
 from vsh.types import ArrayLike, FloatArray, Release
 
@@ -23,6 +23,18 @@ def parallax_error(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray
     """Sky-mean standard error of the parallax, (n,). [µas]
 
     Gaia's published error model: √(40 + 800 z + 30 z²) · t with z = 10^{0.4 (max(G, 13) − 15)}.
+
+    Parameters
+    ----------
+    magnitude : (n,) array
+        G.
+    release : {"DR3", "DR4", "DR5", "paper"}
+        Whose errors.
+
+    Raises
+    ------
+    ParameterError
+        If the release is unknown.
     """
     if release not in RELEASES:
         raise ParameterError(f"unknown release {release!r}: choose one of {', '.join(RELEASES)}")
@@ -30,10 +42,23 @@ def parallax_error(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray
     return np.sqrt(40 + 800 * z + 30 * z**2) * RELEASES[release][0]
 
 
-@arguments.accepts(magnitude=arguments.float_array)
+@arguments.accepts(magnitude=arrays.float_array)
 def gaia_errors(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
     """Sky-mean standard errors of µ_α* and µ_δ, (2, n). [µas/yr]
 
+    Parameters
+    ----------
+    magnitude : (n,) array
+        G.
+    release : {"DR3", "DR4", "DR5", "paper"}
+        Whose errors.
+
+    Returns
+    -------
+    array
+
+    Examples
+    --------
     >>> gaia_errors(np.array([20.0]), "DR5").round().ravel()
     array([94., 81.])
     """

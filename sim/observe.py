@@ -12,7 +12,7 @@ from sim.scanning import BLOCK, NominalScanningLaw
 from sim.signal import Signal, as_signal
 from sim.variability import Variability
 from vsh import Field
-from vsh.checks import arguments
+from vsh.checks import arguments, arrays
 from vsh.checks.arguments import generator
 from vsh.coefficients import Coefficients
 from vsh.errors import ParameterError
@@ -72,6 +72,13 @@ def observe(
         With a mission, errors and correlations are those of the five-parameter solutions;
         sources that cannot be solved are left out and a note counts them.
 
+    Raises
+    ------
+    ParameterError
+        If errors are not above zero, or variability has no mission.
+    FrameError
+        If the sources are in another frame than the mission.
+
     Examples
     --------
     >>> from sim import acceleration, quasars
@@ -89,9 +96,11 @@ def observe(
     if variability is not None:
         raise ParameterError("variability needs a mission, at whose transits the photocentre wanders")
     if sigma is None:
+        if population.magnitude is None:
+            raise ParameterError("Gaia's errors need magnitudes: give sigma=, or a population that has them")
         sigma = gaia_errors(population.magnitude, release)
-    sigma = arguments.float_array("sigma", sigma, (2, n), broadcast=True)
-    rho = arguments.float_array("rho", rho, (n,), broadcast=True)
+    sigma = arrays.float_array("sigma", sigma, (2, n), broadcast=True)
+    rho = arrays.float_array("rho", rho, (n,), broadcast=True)
     if not ((sigma > 0).all() and (np.abs(rho) < 1).all()):
         raise ParameterError("sigma must be above zero, and rho between −1 and 1")
     unit = rng.standard_normal((2, n))
@@ -153,9 +162,9 @@ def observe_offsets(
     errors, covariance, keep, notes = _through_mission(
         population, rng, as_mission(mission, release), variability, 0.0, False, threads, progress, (0, 1)
     )
-    radio = np.broadcast_to(radio, len(population))[keep]
-    errors = errors + radio * rng.standard_normal(errors.shape)
-    covariance = covariance + radio[:, None, None] ** 2 * np.eye(2)
+    error = arrays.float_array("radio", radio, (len(population),), broadcast=True)[keep]
+    errors = errors + error * rng.standard_normal(errors.shape)
+    covariance = covariance + error[:, None, None] ** 2 * np.eye(2)
     return _field(population[keep], as_signal(signal), errors, covariance, notes)
 
 
@@ -171,7 +180,15 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
     def block(part):
         transits = mission.scanning_law.transits_of_block(population.lon[part], population.lat[part])
         seed = seeds[part.start // BLOCK]
-        found = solve(transits, error[part], seed, mission.years, variability, shared, quote)
+        found = solve(
+            transits,
+            error[part],
+            seed,
+            years=mission.years,
+            variability=variability,
+            attitude=shared,
+            quote_variability=quote,
+        )
         return found.errors[:, columns].T, found.covariance[:, columns][:, :, columns], found.solved, len(transits)
 
     words = "transits" if progress else None

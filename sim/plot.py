@@ -16,9 +16,31 @@ from vsh.sky.sphere import angles, triad
 from vsh.types import Cosmology, Figure, FloatArray, Rng
 from vsh.units import AU_PER_YEAR
 
+__all__ = [
+    "plot_density",
+    "plot_distance_and_parallax",
+    "plot_histograms",
+    "plot_tracks",
+    "plot_transits",
+]
+
 
 def plot_density(population: Population, nside: int = 16, title: str | None = None) -> Figure:
-    """Sources per square degree over the sky, with the ecliptic. Returns the figure."""
+    """Sources per square degree over the sky, with the ecliptic. Returns the figure.
+
+    Parameters
+    ----------
+    population : Population
+        The sources.
+    nside : int
+        Of the HEALPix pixels.
+    title : str, optional
+        Of the figure.
+
+    Returns
+    -------
+    Figure
+    """
     pixel = pixels_of(population.lon, population.lat, nside)
     density = np.bincount(pixel, minlength=12 * nside**2) / (41252.96 / (12 * nside**2))
     axes = sky_axes(population.frame)
@@ -39,7 +61,16 @@ def plot_transits(population: Population, counts: FloatArray, nside: int = 16) -
 
     Parameters
     ----------
-    counts : (n,) array — of `Transits.counts`
+    counts : (n,) array
+        Of `Transits.counts`.
+    population : Population
+        The sources.
+    nside : int
+        Of the HEALPix pixels.
+
+    Returns
+    -------
+    Figure
     """
     axes = sky_axes(population.frame)
     image = draw_map(axes, mean_map(population.lon, population.lat, counts, nside), cmap="magma")
@@ -49,7 +80,17 @@ def plot_transits(population: Population, counts: FloatArray, nside: int = 16) -
 
 
 def plot_histograms(population: Population) -> Figure:
-    """Magnitudes and redshifts. Returns the figure."""
+    """Magnitudes and redshifts. Returns the figure.
+
+    Parameters
+    ----------
+    population : Population
+        The sources.
+
+    Returns
+    -------
+    Figure
+    """
     columns = {"G": population.magnitude, "redshift": population.redshift}
     columns = {name: values for name, values in columns.items() if values is not None}
     figure, axes = plt.subplots(1, len(columns), figsize=(5 * len(columns), 4), layout="constrained", squeeze=False)
@@ -64,9 +105,16 @@ def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks:
 
     Parameters
     ----------
-    times : (k,) array — rising [yr]
+    times : (k,) array
+        Rising [yr]
     variability : Variability
     rng : Generator or int
+    n_tracks : int
+        How many.
+
+    Returns
+    -------
+    Figure
     """
     rng = generator(rng)
     figure, ax = plt.subplots(figsize=(5.5, 5.5), layout="constrained")
@@ -81,7 +129,19 @@ def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks:
 
 
 def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = PLANCK_2013) -> Figure:
-    """Comoving distance and the drift by our velocity, against redshift. Returns the figure."""
+    """Comoving distance and the drift by our velocity, against redshift. Returns the figure.
+
+    Parameters
+    ----------
+    speed : float
+        Ours. [km/s]
+    cosmology : astropy cosmology, optional
+        The shape of the distance: flat, Ω_m = 0.315 unless given.
+
+    Returns
+    -------
+    Figure
+    """
     z = np.geomspace(1e-3, 6, 400)
     distance = transverse_distance(z, cosmology)
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")

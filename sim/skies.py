@@ -16,6 +16,14 @@ from vsh.sky.pixels import centres, random_positions
 from vsh.sky.sphere import angles, triad
 from vsh.types import FloatArray, Rng
 
+__all__ = [
+    "GUMS_PLANE",
+    "IGQL_SHARES",
+    "NSIDE",
+    "draw_positions",
+    "sky_map",
+]
+
 NSIDE = 64
 
 #: GUMS: latitude up to which the plane hides quasars, how much higher that is towards the Galactic
@@ -45,6 +53,10 @@ def sky_map(sky: str | FloatArray) -> tuple[FloatArray, str]:
     ----------
     sky : {"uniform", "plane-avoiding", "gums", "igql"}
 
+    Returns
+    -------
+    tuple[array, str]
+
     Raises
     ------
     ParameterError
@@ -53,7 +65,7 @@ def sky_map(sky: str | FloatArray) -> tuple[FloatArray, str]:
     makers = {"uniform": _uniform, "plane-avoiding": _plane_avoiding, "gums": _gums, "igql": _igql}
     if sky not in makers:
         raise ParameterError(f"unknown sky {sky!r}: choose one of {', '.join(makers)}, or give a HEALPix map")
-    return makers[sky](), "galactic"
+    return makers[str(sky)](), "galactic"
 
 
 def draw_positions(
@@ -64,9 +76,12 @@ def draw_positions(
     Parameters
     ----------
     n : int
-    rng : Generator or int — the source of all randomness
-    sky : str or (12 nside²,) array — a name known to `sky_map`, or a map in ring order
-    map_frame : str — of the axes of a map that is given
+    rng : Generator or int
+        The source of all randomness.
+    sky : str or (12 nside²,) array
+        A name known to `sky_map`, or a map in ring order.
+    map_frame : str
+        Of the axes of a map that is given.
 
     Returns
     -------
@@ -74,7 +89,7 @@ def draw_positions(
     """
     density, frame = sky_map(sky) if isinstance(sky, str) else (sky, map_frame)
     lon, lat = random_positions(density, n, rng)
-    return tuple(angles(rotation_matrix(frame, "icrs") @ triad(lon, lat)[2]))
+    return angles(rotation_matrix(frame, "icrs") @ triad(lon, lat)[2])
 
 
 def _uniform():

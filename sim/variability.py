@@ -15,6 +15,11 @@ from vsh.checks.arguments import generator, not_negative, positive
 from vsh.errors import ParameterError
 from vsh.types import FloatArray, IntArray, Rng
 
+__all__ = [
+    "Variability",
+    "markov_chain",
+]
+
 
 @dataclass(frozen=True)
 class Variability:
@@ -22,8 +27,10 @@ class Variability:
 
     Attributes
     ----------
-    sigma : float — standard deviation of the position at any time [µas]
-    tau : float — time in which its correlation falls to 1/e [yr]
+    sigma : float
+        Standard deviation of the position at any time [µas]
+    tau : float
+        Time in which its correlation falls to 1/e [yr]
     """
 
     sigma: float
@@ -34,7 +41,17 @@ class Variability:
         positive("tau", self.tau)
 
     def covariance(self, times: FloatArray) -> FloatArray:
-        """Covariance of one coordinate at given times, (k, k). [µas²]"""
+        """Covariance of one coordinate at given times, (k, k). [µas²]
+
+        Parameters
+        ----------
+        times : (k,) array
+            Of the observations. [yr]
+
+        Returns
+        -------
+        array
+        """
         return self.sigma**2 * np.exp(-np.abs(np.subtract.outer(times, times)) / self.tau)
 
 
@@ -43,10 +60,14 @@ def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: 
 
     Parameters
     ----------
-    times : (k,) array — rising, within each source [yr]
-    sigma, tau : float — as of `Variability` [unit of the result; yr]
-    rng : Generator or int — the source of all randomness
-    source : (k,) int array, optional — rising; a new source begins a new chain
+    times : (k,) array
+        Rising, within each source [yr]
+    sigma, tau : float
+        As of `Variability` [unit of the result; yr]
+    rng : Generator or int
+        The source of all randomness.
+    source : (k,) int array, optional
+        Rising; a new source begins a new chain.
 
     Returns
     -------

@@ -13,8 +13,14 @@ from vsh.commands import parsing, running
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-study`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
-    parser = _parser()
+    """Run `vsh-study`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        In place of those of the command line.
+    """
+    parser = make_parser()
     options = parsing.parse(parser, arguments)
     if bool(options.configuration) == options.paper:
         parser.error("name a configuration, or say --paper")
@@ -27,7 +33,7 @@ def _run(options):
 
     study = load(files("study") / "paper.toml" if options.paper else options.configuration)
     count = options.n_realisations or study.n_realisations
-    folder = run(study, options.output, count, options.workers)
+    folder = run(study, options.output, n_realisations=count, workers=options.workers)
     if options.paper:
         from study.paper import write_paper
 
@@ -51,7 +57,8 @@ def _text(study, folder, count):
     return "\n".join(lines)
 
 
-def _parser():
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-study",
         description="Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "

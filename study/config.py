@@ -66,10 +66,16 @@ class Study:
 
     @property
     def n_realisations(self) -> int:
+        """How many skies of each case."""
         return self.settings["n_realisations"]
 
     def plain(self) -> dict[str, Any]:
-        """All that determines a result, as plain values; the number of realisations does not."""
+        """All that determines a result, as plain values; the number of realisations does not.
+
+        Returns
+        -------
+        dict[str, object]
+        """
         study = {key: value for key, value in self.settings.items() if key != "n_realisations"}
         return json.loads(
             json.dumps({"study": study, "mission": self.mission, "truth": self.truth, "case": self.cases})

@@ -18,8 +18,16 @@ from vsh.system.files import atomic_write
 from vsh.units import AU_PER_YEAR
 
 
-def write_figures(study: Study, folder: Path) -> None:
-    """Figures 1 to 4 as PNG and PDF; returns their paths."""
+def write_figures(study: Study, folder: Path) -> list[Path]:
+    """Figures 1 to 4 as PNG and PDF; returns their paths.
+
+    Parameters
+    ----------
+    study : Study
+        The configuration.
+    folder : str or Path
+        Where to write.
+    """
     matplotlib.use("agg")  # files, no windows
     figures = {
         "figure1_distance": plot_distance_and_parallax,

@@ -27,9 +27,13 @@ def write_paper(study: Study, folder: Path, n_realisations: int, draw: bool = Tr
 
     Parameters
     ----------
-    study : Study — cases A to D
+    study : Study
+        Cases A to D.
     folder : Path
-    n_realisations : int — realisations
+    n_realisations : int
+        Realisations.
+    draw : bool
+        Figures as well.
     """
     folder = Path(folder)
     rows = summary(study, read_realisations(study, folder, n_realisations))

@@ -27,9 +27,12 @@ def prepared(
     Parameters
     ----------
     study : Study
-    case : dict — one of its cases
+    case : dict
+        One of its cases.
     kind : {"quasars", "vlbi", "galaxies"}
     folder : Path
+    progress : bool
+        Show a bar, after two seconds.
 
     Returns
     -------

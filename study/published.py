@@ -91,7 +91,13 @@ EXPERIMENTS = 100
 
 
 def published(case: str) -> dict[str, Any]:
-    """Mean, standard deviation and formal error by parameter, for a case of the paper."""
+    """Mean, standard deviation and formal error by parameter, for a case of the paper.
+
+    Parameters
+    ----------
+    case : str
+        Its name.
+    """
     out = {}
     for names, table in ((_FRAME, _TABLE_5), (_GALAXIES, _TABLE_7)):
         for name, *three in zip(names, *table[case], strict=True):

@@ -22,9 +22,12 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
     Parameters
     ----------
     study : Study
-    index : int — of the case
-    files : dict of str to path — its sources, from `study.prepare.prepared`
-    number : int — of the realisation
+    index : int
+        Of the case.
+    files : dict of str to path
+        Its sources, from `study.prepare.prepared`.
+    number : int
+        Of the realisation.
 
     Returns
     -------
@@ -44,7 +47,8 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
             "galaxies": lambda: _galaxy_signal(study, index, frame, streams["galaxies"]),
         }[kind]()
         fields[kind] = _draw(path, signal, frame, streams[kind])
-    values, sigma = {}, {}
+    values: dict[str, float] = {}
+    sigma: dict[str, float] = {}
 
     direct = fit.solve_frame(fields["quasars"], fields.get("vlbi"))
     values |= dict(zip(direct.names, direct.values, strict=True))
@@ -54,7 +58,9 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
         for name, vector in (("omega", solution.spin), ("a", solution.acceleration)):
             _put(values, sigma, name, vector, f"@{degree}")
     if "galaxies" in fields:
-        spin = Vector(direct.spin.value, np.zeros((3, 3)), frame)  # fixed at what the quasars gave, as in the paper
+        spin = Vector(
+            direct.values[direct.names.index("omega_x") :][:3], np.zeros((3, 3)), frame
+        )  # fixed at what the quasars gave, as in the paper
         options = {"peculiar_dispersion": study.cases[index]["galaxies"]["peculiar_dispersion"], "spin": spin}
         found = observer_velocity(fields["galaxies"], truth["hubble"], **options)
         _put(values, sigma, "v", found.velocity)
@@ -69,10 +75,15 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
 
 
 def true_velocity(study: Study) -> Vector:
-    """The velocity of the configuration (speed, l, b), a Vector along the study's axes. [km/s]"""
-    return Vector.from_spherical(*study.truth["velocity"], frame="galactic", unit="km/s").to_frame(
-        study.settings["frame"]
-    )
+    """The velocity of the configuration (speed, l, b), a Vector along the study's axes. [km/s]
+
+    Parameters
+    ----------
+    study : Study
+        The configuration.
+    """
+    speed, l, b = study.truth["velocity"]
+    return Vector.from_spherical(speed, l, b, frame="galactic", unit="km/s").to_frame(study.settings["frame"])
 
 
 def _galaxy_signal(study, index, frame, stream):

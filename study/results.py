@@ -13,7 +13,17 @@ from vsh import tables
 
 
 def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
-    """Values and errors of all realisations, by case: dicts of name to (n_realisations,) arrays."""
+    """Values and errors of all realisations, by case: dicts of name to (n_realisations,) arrays.
+
+    Parameters
+    ----------
+    study : Study
+        The configuration.
+    folder : str or Path
+        Where to write.
+    n_realisations : int
+        How many.
+    """
     found = {}
     for case in study.cases:
         paths = [folder / "realisations" / case["name"] / f"{number:05d}.json" for number in range(n_realisations)]
@@ -26,7 +36,17 @@ def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
 
 
 def write_results(study: Study, folder: Path, n_realisations: int) -> None:
-    """Write results.ecsv (every number of every realisation) and summary.ecsv (a row a case and parameter)."""
+    """Write results.ecsv (every number of every realisation) and summary.ecsv (a row a case and parameter).
+
+    Parameters
+    ----------
+    study : Study
+        The configuration.
+    folder : str or Path
+        Where to write.
+    n_realisations : int
+        How many.
+    """
     found = read_realisations(study, folder, n_realisations)
     columns = {"case": [], "realisation": [], "parameter": [], "value": [], "sigma": []}
     for case, (values, sigma) in found.items():
@@ -46,6 +66,13 @@ def summary(study: Study, found: Any) -> list[dict[str, Any]]:
     """Mean, standard deviation and mean formal error of every parameter: a list of dicts.
 
     The truth stands beside them, and how far the mean is from it in standard errors of the mean.
+
+    Parameters
+    ----------
+    study : Study
+        The configuration.
+    found : dict
+        From `read_realisations`.
     """
     rows = []
     for case, (values, sigma) in found.items():
@@ -61,7 +88,19 @@ def summary(study: Study, found: Any) -> list[dict[str, Any]]:
 
 
 def truth_of(study: Study, name: str) -> float:
-    """The true value of a parameter."""
+    """The true value of a parameter.
+
+    Parameters
+    ----------
+    study : Study
+        The configuration.
+    name : str
+        Of a parameter.
+
+    Returns
+    -------
+    float
+    """
     from study.realise import true_velocity
 
     truth, name = study.truth, name.split("@")[0].removeprefix("g_")

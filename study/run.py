@@ -36,9 +36,12 @@ def run(
     folder : path
         study.json, prepared/, realisations/CASE/NNNN.json, and results.ecsv and summary.ecsv at the end. A
         study that was killed leaves whole files only; run again, it ends in the same bytes as one that was not.
-    n_realisations : int, optional — in place of the configuration's
-    workers : int, optional — processes; one a core unless given
-    progress : bool — bars with the time left
+    n_realisations : int, optional
+        In place of the configuration's.
+    workers : int, optional
+        Processes; one a core unless given.
+    progress : bool
+        Bars with the time left.
 
     Returns
     -------

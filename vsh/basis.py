@@ -15,26 +15,33 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.checks import arguments, nouns
+from vsh.checks import arguments, arrays
 from vsh.errors import ParameterError
-from vsh.modes import Modes
+from vsh.modes import Modes, as_modes
 from vsh.sky.sphere import multiples, sin_cos
-from vsh.types import ArrayLike, FloatArray
+from vsh.types import FloatArray
 
 
-@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), modes=nouns.modes)
-def harmonics(lon: ArrayLike, lat: ArrayLike, modes: Modes | int) -> FloatArray:
+@arguments.accepts(lon=arrays.dimension(1), lat=arrays.dimension(1))
+def harmonics(lon: FloatArray, lat: FloatArray, modes: Modes | int) -> FloatArray:
     """The field of each mode at each source: the design matrix.
 
     Parameters
     ----------
-    lon, lat : (n,) arrays — positions [rad]
-    modes : Modes, or the degree lmax — which modes, in which order; p of them
+    lon, lat : (n,) arrays
+        Positions [rad]
+    modes : Modes, or the degree lmax
+        Which modes, in which order; p of them.
 
     Returns
     -------
     (p, 2, n) array
         East and north component of every mode at every source, for a coefficient of one.
+
+    Raises
+    ------
+    ParameterError
+        If positions are not finite, or of unequal length.
 
     Examples
     --------
@@ -42,6 +49,7 @@ def harmonics(lon: ArrayLike, lat: ArrayLike, modes: Modes | int) -> FloatArray:
     >>> harmonics(np.zeros(5), np.zeros(5), Modes(3)).shape
     (30, 2, 5)
     """
+    modes = as_modes(modes)
     if lon.shape != lat.shape:
         raise ParameterError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
     toroidal = toroidal_harmonics(lon, lat, modes.lmax)
@@ -49,12 +57,28 @@ def harmonics(lon: ArrayLike, lat: ArrayLike, modes: Modes | int) -> FloatArray:
 
 
 def spheroidal_twin(toroidal: FloatArray) -> FloatArray:
-    """S is T turned by +90° about the line of sight: (e, n) → (-n, e), axis 1."""
+    """S is T turned by +90° about the line of sight: (e, n) → (-n, e), axis 1.
+
+    Parameters
+    ----------
+    toroidal : (p, 2, n) array
+        Toroidal harmonics.
+    """
     return np.stack([-toroidal[:, 1], toroidal[:, 0]], axis=1)
 
 
 def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
-    """The toroidal half of `harmonics`: (lmax (lmax + 2), 2, n)."""
+    """The toroidal half of `harmonics`: (lmax (lmax + 2), 2, n).
+
+    Parameters
+    ----------
+    lon : (n,) array
+        Longitude. [rad]
+    lat : (n,) array
+        Latitude. [rad]
+    lmax : int
+        The highest degree.
+    """
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     sin, cos = sin_cos(lat)
     turn_re, turn_im = multiples(lon, lmax)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsh.basis import harmonics
-from vsh.checks.arguments import float_array
+from vsh.checks.arrays import float_array
 from vsh.checks.frozen import Frozen
 from vsh.errors import ModesError
-from vsh.modes import Modes, as_modes
+from vsh.modes import KINDS, Modes, as_modes
 from vsh.system.parallel import map_blocks
 from vsh.types import ArrayLike, FloatArray, Kind
 
@@ -48,7 +48,7 @@ class Coefficients(Frozen):
     """
 
     modes: Modes
-    values: np.ndarray
+    values: FloatArray
 
     def __post_init__(self) -> None:
         modes = as_modes(self.modes)
@@ -66,7 +66,15 @@ class Coefficients(Frozen):
 
     @classmethod
     def from_vectors(cls, rotation: ArrayLike = (0, 0, 0), glide: ArrayLike = (0, 0, 0), lmax: int = 1) -> Coefficients:
-        """The rotation ω × r plus the glide g - (g·r) r, vectors in µas/yr."""
+        """The rotation ω × r plus the glide g - (g·r) r.
+
+        Parameters
+        ----------
+        rotation, glide : (3,) arrays
+            ω and g, along the axes of the frame. [µas/yr]
+        lmax : int
+            The highest degree.
+        """
         modes = as_modes(lmax)
         values = np.zeros(len(modes))
         values[modes.slice_of("T", 1)] = FIRST_DEGREE @ float_array("rotation", rotation, (3,))
@@ -84,7 +92,19 @@ class Coefficients(Frozen):
         return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.slice_of("S", 1)])
 
     def power(self, kind: Kind, l: int) -> float:
-        """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]"""
+        """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+
+        Returns
+        -------
+        float
+        """
         c = self.values[self.modes.slice_of(kind, l)]
         return float(c[0] ** 2 + 2 * np.sum(c[1:] ** 2))
 
@@ -93,7 +113,12 @@ class Coefficients(Frozen):
 
         Parameters
         ----------
-        lon, lat : (n,) arrays — positions [rad]
+        lon, lat : (n,) arrays
+            Positions [rad]
+
+        Returns
+        -------
+        array
         """
         lon, lat = np.broadcast_arrays(np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float))
         out = np.empty((2, lon.size))
@@ -108,10 +133,20 @@ class Coefficients(Frozen):
         return out
 
     def to_degree(self, lmax: int) -> Coefficients:
-        """The same field with modes to another degree: new ones are zero, those above are cut off."""
+        """The same field with modes to another degree: new ones are zero, those above are cut off.
+
+        Parameters
+        ----------
+        lmax : int
+            The highest degree.
+
+        Returns
+        -------
+        Coefficients
+        """
         modes = as_modes(lmax)
         values = np.zeros(len(modes))
-        for kind in "TS":
+        for kind in KINDS:
             for l in range(1, min(modes.lmax, self.modes.lmax) + 1):
                 values[modes.slice_of(kind, l)] = self.values[self.modes.slice_of(kind, l)]
         return Coefficients(modes, values)

@@ -15,6 +15,13 @@ from vsh.errors import ModesError
 from vsh.modes import Mode, Modes
 from vsh.types import ArrayLike, ComplexArray
 
+__all__ = [
+    "from_healpy",
+    "from_icrf3",
+    "to_healpy",
+    "to_icrf3",
+]
+
 _1, _20, _21, _22 = (np.sqrt(x * np.pi / 15) for x in (20, 32, 12, 48))
 
 #: name: (mode, factor), our coefficient = factor × theirs (Charlot et al. 2020, eq. 9).
@@ -44,6 +51,11 @@ def to_icrf3(coefficients: Coefficients) -> dict[str, float]:
 
     Degrees above 2 have no such names and are left out.
 
+    Parameters
+    ----------
+    coefficients : Coefficients
+        The field. [µas/yr]
+
     Returns
     -------
     dict
@@ -67,6 +79,15 @@ def to_icrf3(coefficients: Coefficients) -> dict[str, float]:
 def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
     """Coefficients from a dict of ICRF3 parameters; those not named are zero.
 
+    Parameters
+    ----------
+    parameters : dict of str to float
+        As `to_icrf3` gives them. [µas/yr]
+
+    Returns
+    -------
+    Coefficients
+
     Raises
     ------
     ModesError
@@ -86,6 +107,11 @@ def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
 def to_healpy(coefficients: Coefficients) -> ComplexArray:
     """E and B alm of the spin-1 field whose maps are (south, east): E = +s, B = −t.
 
+    Parameters
+    ----------
+    coefficients : Coefficients
+        The field. [µas/yr]
+
     Returns
     -------
     (2, (lmax + 1)(lmax + 2)/2) complex array
@@ -104,6 +130,15 @@ def to_healpy(coefficients: Coefficients) -> ComplexArray:
 
 def from_healpy(alm: ArrayLike) -> Coefficients:
     """Coefficients from E and B alm (2, …) of a spin-1 field: the inverse of `to_healpy`.
+
+    Parameters
+    ----------
+    alm : (2, k) complex array
+        E and B, in healpy's order. [µas/yr]
+
+    Returns
+    -------
+    Coefficients
 
     Raises
     ------

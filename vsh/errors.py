@@ -29,7 +29,7 @@ class NothingLeftError(FieldError):
         Which rows those are, and why.
     """
 
-    notes = ()
+    notes: tuple[str, ...] = ()
 
 
 class FrameError(VshError, ValueError):
@@ -65,6 +65,12 @@ class VshWarning(UserWarning):
 
 
 def first_line(error: object) -> str:
-    """The first line of what an error says."""
+    """The first line of what an error says.
+
+    Parameters
+    ----------
+    error : Exception
+        Any.
+    """
     text = str(error).strip()
     return text.splitlines()[0].rstrip(".") if text else type(error).__name__

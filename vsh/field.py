@@ -8,20 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from vsh.checks.arguments import float_array
+from vsh.checks.arrays import float_array, read_only
+from vsh.checks.columns import still_columns, usable_columns
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
-from vsh.checks.validation import as_floats, check_shapes, checked_columns, faults, placeholders, refuse
+from vsh.checks.validation import check_shapes, checked_columns, invalid_rows, select_usable
 from vsh.errors import FieldError, FrameError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.types import ArrayLike, FloatArray, OnBad
-from vsh.units import DEGREE, MAS
 
-#: Beyond these a number stands for a missing value, or is none.
-_PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0)}
 _NUMBERS = ("lat", "motion", "sigma", "rho", "redshift", "magnitude")
-_MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,16 +54,16 @@ class Field(Frozen):
         σ ≤ 0, ρ² ≥ 1 - 1e-6, |lat| > 90°.
     """
 
-    lon: np.ndarray
-    lat: np.ndarray
-    motion: np.ndarray
-    sigma: np.ndarray
-    rho: np.ndarray = None
-    redshift: np.ndarray = None
-    magnitude: np.ndarray = None
-    name: np.ndarray = None
+    lon: FloatArray
+    lat: FloatArray
+    motion: FloatArray
+    sigma: FloatArray
+    rho: FloatArray = None  # type: ignore[assignment]  # zero unless given, an array from then on
+    redshift: FloatArray | None = None
+    magnitude: FloatArray | None = None
+    name: np.ndarray | None = None
     frame: str = "icrs"
-    notes: tuple = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
@@ -97,15 +94,22 @@ class Field(Frozen):
 
         Parameters
         ----------
-        ra, dec : (n,) arrays — positions [deg, or Quantities of any angle]
-        pmra, pmdec, pmra_error, pmdec_error : (n,) arrays — µ_α* and µ_δ and their
+        ra, dec : (n,) arrays
+            Positions [deg, or Quantities of any angle]
+        pmra, pmdec, pmra_error, pmdec_error : (n,) arrays
+            µ_α* and µ_δ and their
             standard errors [mas/yr, or Quantities of any angle per time]
-        pmra_pmdec_corr : (n,) array, optional — their correlation; zero unless given
+        pmra_pmdec_corr : (n,) array, optional
+            Their correlation; zero unless given.
         redshift, magnitude, name : (n,) arrays, optional
-        frame : str — of the positions and motions alike
-        on_bad : {"raise", "drop"} — what to do about sources that cannot be used
-        notes : iterable of str — to begin its notes with
-        first_row : int — number of the first row in messages, where the columns are part of a table
+        frame : str
+            Of the positions and motions alike.
+        on_bad : {"raise", "drop"}
+            What to do about sources that cannot be used.
+        notes : iterable of str
+            To begin its notes with.
+        first_row : int
+            Number of the first row in messages, where the columns are part of a table.
 
         Raises
         ------
@@ -119,41 +123,12 @@ class Field(Frozen):
         >>> field.motion.ravel()
         array([100., 200.])
         """
-        if on_bad not in ("raise", "drop"):
-            raise FieldError(f"on_bad is 'raise' or 'drop', not {on_bad!r}")
-        given = {"ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec}
-        given |= {"pmra_error": pmra_error, "pmdec_error": pmdec_error, "pmra_pmdec_corr": pmra_pmdec_corr}
-        given |= {"redshift": redshift, "magnitude": magnitude}
-        units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr")
-        absent = [c for c in ("ra", "dec", *_MOTIONS) if given[c] is None]
-        if absent:
-            raise FieldError(f"{', '.join(absent)} must be given")
-        pairs = {c: as_floats(c, v, units.get(c, "")) for c, v in given.items() if v is not None}
-        columns, missing = ({c: pair[i] for c, pair in pairs.items()} for i in (0, 1))
-        columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))
-        n = columns["ra"].size
-        if name is not None:
-            columns["name"] = np.asarray(name)
-        check_shapes(columns, lambda column: (n,))
-
-        lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
-        motion = MAS * np.stack([columns["pmra"], columns["pmdec"]])
-        sigma = MAS * np.stack([columns["pmra_error"], columns["pmdec_error"]])
-        rho = columns["pmra_pmdec_corr"]
-        for column, (low, high) in _PLAUSIBLE.items():
-            if column in columns:
-                values = np.where(missing[column], np.nan, columns[column])
-                odd = np.isfinite(values) & ~((values > low) & (values < high))
-                if odd.any():
-                    notes = (*notes, f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing")
-                columns[column] = np.where(odd | np.isinf(values), np.nan, values)
-        found = faults(lon, lat, motion, sigma, rho, missing, placeholders({c: columns[c] for c in _MOTIONS}), turns=1)
-        keep, said = refuse(found, n, on_bad, first_row, (lon, lat))
-        extras = {c: columns[c][keep] for c in ("redshift", "magnitude", "name") if c in columns}
-        return cls(
-            lon[keep], lat[keep], motion[:, keep], sigma[:, keep], rho[keep],
-            frame=frame, notes=(*notes, *said), **extras,
-        )  # fmt: skip
+        given = {
+            "ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec, "pmra_error": pmra_error, "pmdec_error": pmdec_error,
+            "pmra_pmdec_corr": pmra_pmdec_corr, "redshift": redshift, "magnitude": magnitude,
+        }  # fmt: skip
+        columns, said = usable_columns(given, name, on_bad, first_row)
+        return cls(**columns, frame=frame, notes=(*notes, *said))
 
     @classmethod
     def without_motions(cls, sources: Any, sigma: ArrayLike | None = None) -> Field:
@@ -162,7 +137,8 @@ class Field(Frozen):
         Parameters
         ----------
         sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
-        sigma : float or (2, n) array, optional — errors in place of the sources' own [µas/yr]
+        sigma : float or (2, n) array, optional
+            Errors in place of the sources' own [µas/yr]
 
         Raises
         ------
@@ -171,16 +147,7 @@ class Field(Frozen):
         """
         if isinstance(sources, Field):
             return sources if sigma is None else sources.with_errors(np.broadcast_to(sigma, (2, len(sources))))
-        if not (hasattr(sources, "lon") and hasattr(sources, "lat")):
-            raise FieldError(f"sources are a Field, or positions with lon and lat, not {type(sources).__name__}")
-        sigma = getattr(sources, "sigma", None) if sigma is None else sigma
-        if sigma is None:
-            raise FieldError("sources without errors need sigma=, in µas/yr")
-        lon = np.asarray(sources.lon, float)
-        return cls(
-            lon, sources.lat, np.zeros((2, lon.size)), np.broadcast_to(sigma, (2, lon.size)),
-            getattr(sources, "rho", None), getattr(sources, "redshift", None), frame=getattr(sources, "frame", "icrs"),
-        )  # fmt: skip
+        return cls(**still_columns(sources, sigma), frame=getattr(sources, "frame", "icrs"))
 
     def __len__(self) -> int:
         return self.lon.size
@@ -203,15 +170,38 @@ class Field(Frozen):
         return self._with(**picked)
 
     def minus(self, model: ArrayLike) -> Field:
-        """What is left when a model's motions, (2, n) [µas/yr], are taken away."""
+        """What is left when a model's motions, (2, n) [µas/yr], are taken away.
+
+        Parameters
+        ----------
+        model : (2, n) array
+            Motions to take away. [µas/yr]
+
+        Returns
+        -------
+        Field
+        """
         return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 
     def with_errors(self, sigma: ArrayLike, rho: ArrayLike | None = None) -> Field:
-        """The same motions with other standard errors, (2, n) [µas/yr], and perhaps correlations, (n,)."""
+        """The same motions with other standard errors, (2, n) [µas/yr], and perhaps correlations, (n,).
+
+        Parameters
+        ----------
+        sigma : (2, n) array
+            Standard errors. [µas/yr]
+        rho : (n,) array, optional
+            Their correlation; as it is unless given.
+
+        Returns
+        -------
+        Field
+        """
         rho = self.rho if rho is None else float_array("rho", rho, finite=False)
         sigma = float_array("sigma", sigma, finite=False)
-        check_shapes({"sigma": sigma, "rho": rho}, {"sigma": (2, len(self)), "rho": (len(self),)}.get)
-        refuse(faults(self.lon, self.lat, self.motion, sigma, rho), len(self))
+        shapes: dict[str, tuple[int, ...]] = {"sigma": (2, len(self)), "rho": (len(self),)}
+        check_shapes({"sigma": sigma, "rho": rho}, shapes.__getitem__)
+        select_usable(invalid_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))
         return self._with(sigma=sigma, rho=rho)
 
     def check_frame(self, frame: str) -> None:
@@ -231,7 +221,17 @@ class Field(Frozen):
             raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')
 
     def add_note(self, *notes: str) -> Field:
-        """The same field with more that its reader should know."""
+        """The same field with more that its reader should know.
+
+        Parameters
+        ----------
+        *notes
+            Lines to add.
+
+        Returns
+        -------
+        Field
+        """
         return self._with(notes=merge_notes((*self.notes, *notes)))
 
     @property
@@ -248,7 +248,17 @@ class Field(Frozen):
         return np.stack([east / s1, (north / s2 - rho * east / s1) / np.sqrt(1 - rho**2)])
 
     def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """xᵀ C⁻¹ y of each source, (n,), for two sets of motions (2, n)."""
+        """xᵀ C⁻¹ y of each source, (n,), for two sets of motions (2, n).
+
+        Parameters
+        ----------
+        x, y : (2, n) arrays
+            Motions. [µas/yr]
+
+        Returns
+        -------
+        array
+        """
         a, b, c = self.weights
         return a * x[0] * y[0] + b * x[1] * y[1] + c * (x[0] * y[1] + x[1] * y[0])
 
@@ -264,7 +274,17 @@ class Field(Frozen):
         return a + b
 
     def to_frame(self, name: str) -> Field:
-        """The same sources in another frame; motions and covariances turn with the axes."""
+        """The same sources in another frame; motions and covariances turn with the axes.
+
+        Parameters
+        ----------
+        name : {"icrs", "galactic", "ecliptic"}
+            The frame to turn to.
+
+        Returns
+        -------
+        Field
+        """
         if check_frame(name) == self.frame:
             return self
         matrix = rotation_matrix(self.frame, name)
@@ -275,12 +295,8 @@ class Field(Frozen):
         cos, sin = np.sum(east * (matrix @ p), 0), np.sum(east * (matrix @ q), 0)
         mu, (s1, s2) = self.motion, self.sigma
         v1, v2, v12 = s1**2, s2**2, self.rho * s1 * s2
-        new_sigma = np.sqrt(
-            [
-                cos**2 * v1 + sin**2 * v2 + 2 * cos * sin * v12,
-                sin**2 * v1 + cos**2 * v2 - 2 * cos * sin * v12,
-            ]
-        )
+        twist = 2 * cos * sin * v12
+        new_sigma = np.sqrt([cos**2 * v1 + sin**2 * v2 + twist, sin**2 * v1 + cos**2 * v2 - twist])
         covariance = cos * sin * (v2 - v1) + (cos**2 - sin**2) * v12
         return self._with(
             lon=lon,
@@ -292,10 +308,8 @@ class Field(Frozen):
         )
 
     def _set(self, column, value):
-        if isinstance(value, np.ndarray):
-            value = value.view()
-            value.flags.writeable = False  # of this view; the caller's array stays as it is
-        object.__setattr__(self, column, value)
+        # A read-only view: the caller's array stays as it is.
+        object.__setattr__(self, column, read_only(value) if isinstance(value, np.ndarray) else value)
 
     def _with(self, **changes):
         """A field derived from this one, which has passed the gate already."""

@@ -4,7 +4,7 @@ A real field of degree 1 … lmax has ``2 lmax (lmax + 2)`` parameters, kept as:
 
     [
         (kind, l, m, part)
-        for kind in "TS"
+        for kind in KINDS
         for l in range(1, lmax + 1)
         for m in range(l + 1)
         for part in ("re", "im")[: 1 + (m > 0)]
@@ -35,6 +35,10 @@ class Mode(NamedTuple):
     def __str__(self) -> str:
         order = f"{self.m}" if self.m == 0 else f"{self.m},{self.part}"
         return f"{self.kind.lower()}({self.l},{order})"
+
+
+#: Toroidal and spheroidal, in storage order.
+KINDS: tuple[Kind, Kind] = ("T", "S")
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ class Modes:
         return 2 * self.lmax * (self.lmax + 2)
 
     def __iter__(self) -> Iterator[Mode]:
-        for kind in "TS":
+        for kind in KINDS:
             for l in range(1, self.lmax + 1):
                 yield Mode(kind, l, 0)
                 for m in range(1, l + 1):
@@ -102,9 +106,20 @@ class Modes:
         return out
 
     def index(self, mode: tuple[str, int, int, str]) -> int:
-        """Where `mode` is stored; degrees below l fill the first l² - 1 places of its kind."""
+        """Where `mode` is stored; degrees below l fill the first l² - 1 places of its kind.
+
+        Parameters
+        ----------
+        mode : Mode
+            Which.
+
+        Raises
+        ------
+        ModesError
+            If there is no such mode.
+        """
         kind, l, m, part = mode
-        if kind not in ("T", "S") or not 1 <= l <= self.lmax or not 0 <= m <= l or part not in ("re", "im"):
+        if kind not in KINDS or not 1 <= l <= self.lmax or not 0 <= m <= l or part not in ("re", "im"):
             raise ModesError(f"{tuple(mode)} is no mode of degree 1 … {self.lmax}")
         if m == 0 and part == "im":
             raise ModesError(f"order 0 has no imaginary part: {tuple(mode)}")
@@ -112,13 +127,30 @@ class Modes:
         return (kind == "S") * len(self) // 2 + l * l - 1 + within
 
     def slice_of(self, kind: Kind, l: int) -> slice:
-        """The slice that holds every order of one degree of one kind."""
+        """The slice that holds every order of one degree of one kind.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+
+        Returns
+        -------
+        slice
+        """
         start = self.index(Mode(kind, l, 0))
         return slice(start, start + 2 * l + 1)
 
 
 def as_modes(modes: Modes | int) -> Modes:
     """Modes, or the degree lmax in their place.
+
+    Parameters
+    ----------
+    modes : Modes or int
+        Or the degree lmax.
 
     Raises
     ------

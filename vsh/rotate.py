@@ -16,8 +16,14 @@ from scipy.spatial.transform import Rotation
 from vsh.checks import arguments
 from vsh.coefficients import Coefficients
 from vsh.errors import FrameError, ModesError
+from vsh.modes import KINDS
 from vsh.sky.frames import rotation_matrix
 from vsh.types import ArrayLike, FloatArray
+
+__all__ = [
+    "degree_matrix",
+    "rotate",
+]
 
 
 @arguments.accepts(coefficients=arguments.a(Coefficients))
@@ -58,7 +64,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
         raise ModesError(f"the covariance has shape {turned.shape}, expected {(len(modes), len(modes))}")
     for l in range(1, modes.lmax + 1):
         block = degree_matrix(l, vector)
-        for kind in "TS":
+        for kind in KINDS:
             degree = modes.slice_of(kind, l)
             values[degree] = block @ values[degree]
             if turned is not None:
@@ -73,7 +79,14 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    vector : (3,) array — axis times angle of the rotation r' = A r [rad]
+    vector : (3,) array
+        Axis times angle of the rotation r' = A r [rad]
+    l : int
+        The degree.
+
+    Returns
+    -------
+    array
     """
     m = np.arange(-l, l + 1)
     raising = np.diag(np.sqrt(l * (l + 1) - m[:-1] * (m[:-1] + 1)), -1)  # J₊ |m⟩ = √… |m + 1⟩

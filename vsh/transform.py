@@ -9,7 +9,7 @@ from __future__ import annotations
 import ducc0
 import numpy as np
 
-from vsh.checks import arguments, nouns
+from vsh.checks import arguments, arrays
 from vsh.coefficients import Coefficients
 from vsh.conventions import from_healpy, to_healpy
 from vsh.errors import FieldError
@@ -17,11 +17,19 @@ from vsh.modes import Modes, as_modes
 from vsh.system.parallel import cores
 from vsh.types import ArrayLike, FloatArray
 
+__all__ = [
+    "adjoint",
+    "adjoint_on_rings",
+    "fourier_moments",
+    "synthesis",
+    "synthesis_on_rings",
+]
+
 #: Relative accuracy asked of ducc0; it reaches 2e-13 at best in double precision.
 EPSILON = 5e-13
 
 
-@arguments.accepts(coefficients=arguments.a(Coefficients), lon=arguments.float_array, lat=arguments.float_array)
+@arguments.accepts(coefficients=arguments.a(Coefficients), lon=arrays.float_array, lat=arrays.float_array)
 def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, threads: int | None = None) -> FloatArray:
     """The field at each position, as `Coefficients.at` gives it, to 1e-12 of its size.
 
@@ -30,8 +38,10 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
     Parameters
     ----------
     coefficients : Coefficients
-    lon, lat : (n,) arrays — positions [rad]
-    threads : int, optional — one a core unless given
+    lon, lat : (n,) arrays
+        Positions [rad]
+    threads : int, optional
+        One a core unless given.
 
     Returns
     -------
@@ -55,9 +65,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
     return np.stack([east, -south])
 
 
-@arguments.accepts(
-    modes=nouns.modes, lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array
-)
+@arguments.accepts(lon=arrays.float_array, lat=arrays.float_array, motion=arrays.float_array)
 def adjoint(
     modes: Modes | int, lon: ArrayLike, lat: ArrayLike, motion: ArrayLike, *, threads: int | None = None
 ) -> FloatArray:
@@ -65,9 +73,14 @@ def adjoint(
 
     Parameters
     ----------
-    modes : Modes, or the degree lmax — p of them
-    lon, lat : (n,) arrays — positions [rad]
-    motion : (2, n) array — east and north component
+    modes : Modes, or the degree lmax
+        P of them.
+    lon, lat : (n,) arrays
+        Positions [rad]
+    motion : (2, n) array
+        East and north component.
+    threads : int, optional
+        How many; one a core unless given.
 
     Returns
     -------
@@ -109,9 +122,13 @@ def fourier_moments(
 
     Parameters
     ----------
-    lon, lat : (n,) arrays — positions [rad]; already checked, of a Field
+    lon, lat : (n,) arrays
+        Positions [rad]; already checked, of a Field.
     values : (k, n) complex array
-    max_order : int — the highest |M| and |n|
+    max_order : int
+        The highest |M| and |n|.
+    threads : int, optional
+        How many; one a core unless given.
 
     Returns
     -------
@@ -137,7 +154,14 @@ def synthesis_on_rings(coefficients: Coefficients, shape: tuple[int, ...], threa
     Parameters
     ----------
     coefficients : Coefficients
-    shape : (rings, points) — latitudes −π/2 + (j + ½) π/rings, longitudes 2πk/points
+    shape : (rings, points)
+        Latitudes −π/2 + (j + ½) π/rings, longitudes 2πk/points.
+    threads : int, optional
+        How many; one a core unless given.
+
+    Returns
+    -------
+    array
     """
     south, east = ducc0.sht.synthesis_2d(
         alm=to_healpy(coefficients),
@@ -151,13 +175,21 @@ def synthesis_on_rings(coefficients: Coefficients, shape: tuple[int, ...], threa
     return np.stack([east[::-1], -south[::-1]])
 
 
-def adjoint_on_rings(modes: Modes | int, motion: FloatArray, threads: int | None = None) -> FloatArray:
+def adjoint_on_rings(modes: Modes, motion: FloatArray, threads: int | None = None) -> FloatArray:
     """Σ over the points of rings of motion · V_i, the adjoint of `synthesis_on_rings`.
 
     Parameters
     ----------
-    modes : Modes — p of them
-    motion : (2, rings, points) array — east and north
+    modes : Modes
+        P of them.
+    motion : (2, rings, points) array
+        East and north.
+    threads : int, optional
+        How many; one a core unless given.
+
+    Returns
+    -------
+    array
     """
     alm = ducc0.sht.adjoint_synthesis_2d(
         map=np.ascontiguousarray(np.stack([-motion[1, ::-1], motion[0, ::-1]])),

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtr, chdtrc, chndtr, log_ndtr
 
-from vsh.checks.arguments import between, covariance, float_array, number, read_only
+from vsh.checks.arguments import between, number
+from vsh.checks.arrays import covariance, float_array, read_only
 from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
@@ -40,8 +41,8 @@ class Vector(Frozen):
     '266.4°, -28.9°'
     """
 
-    value: np.ndarray
-    covariance: np.ndarray
+    value: FloatArray
+    covariance: FloatArray
     frame: str = "icrs"
     unit: str = "µas/yr"
 
@@ -68,10 +69,17 @@ class Vector(Frozen):
 
         Parameters
         ----------
-        amplitude : float — [`unit`]
-        lon, lat : float — [deg]
-        errors : (3,) array — standard errors of these three, uncorrelated; that of the longitude
-            not times cos(lat)
+        amplitude : float
+            [`unit`]
+        lon, lat : float
+            [deg]
+        errors : (3,) array
+            Standard errors of these three, uncorrelated; that of the longitude
+            not times cos(lat).
+        frame : str
+            "icrs", "galactic" or "ecliptic".
+        unit : str
+            Of the amplitude.
 
         Examples
         --------
@@ -79,9 +87,9 @@ class Vector(Frozen):
         array([4.3, 0. , 0. ])
         """
         amplitude, lon, lat = number("amplitude", amplitude), number("lon", lon), number("lat", lat)
-        errors = float_array("errors", errors, (3,))
+        spread = float_array("errors", errors, (3,))
         p, q, r = triad(np.radians(lon), np.radians(lat))
-        along, east, north = errors[0], *(np.radians(errors[1:]) * amplitude)
+        along, east, north = spread[0], *(np.radians(spread[1:]) * amplitude)
         steps = np.stack([along * r, east * np.cos(np.radians(lat)) * p, north * q])
         return cls(amplitude * r, steps.T @ steps, frame, unit)
 
@@ -126,6 +134,15 @@ class Vector(Frozen):
         errors are alike in all directions (to 3 % for errors that differ by two): where `amplitude_error`
         covers 19 % without a signal, 45 % at S/N 1 and 60 % at 1.5.
 
+        Parameters
+        ----------
+        probability : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        tuple[float, float]
+
         Notes
         -----
         Central intervals from the noncentral χ distribution (Rice's, in three dimensions) with the mean
@@ -148,6 +165,15 @@ class Vector(Frozen):
         """Upper limit of the length: a longer vector would have been found longer with this probability.
 
         Holds with at least this probability at any signal to noise; see `amplitude_interval`.
+
+        Parameters
+        ----------
+        probability : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        float
         """
         return self._upper(1 - between("probability", probability, 0, 1))
 
@@ -169,6 +195,15 @@ class Vector(Frozen):
 
         Covers 61, 69, 73, 73, 70 % (for 68) at a signal to noise of 1, 1.5, 2, 3, 5; below 1 no cone does
         what it says, and a vector whose `p_value` is above 5 % has no direction worth the name.
+
+        Parameters
+        ----------
+        probability : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        float
 
         Notes
         -----
@@ -196,7 +231,8 @@ class Vector(Frozen):
     @property
     def direction(self) -> tuple[float, float]:
         """Longitude in [0, 360) and latitude, a pair. [deg]"""
-        return tuple(float(np.degrees(angle)) for angle in angles(self.value))
+        lon, lat = angles(self.value)
+        return float(np.degrees(lon)), float(np.degrees(lat))
 
     @property
     def direction_error(self) -> tuple[float, float]:
@@ -212,7 +248,17 @@ class Vector(Frozen):
         return float(np.degrees(east)), float(np.degrees(north))
 
     def to_frame(self, name: str) -> Vector:
-        """The same vector along the axes of another frame."""
+        """The same vector along the axes of another frame.
+
+        Parameters
+        ----------
+        name : {"icrs", "galactic", "ecliptic"}
+            The frame to turn to.
+
+        Returns
+        -------
+        Vector
+        """
         matrix = rotation_matrix(self.frame, name)
         return replace(self, value=matrix @ self.value, covariance=matrix @ self.covariance @ matrix.T, frame=name)
 
@@ -222,6 +268,12 @@ class Vector(Frozen):
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:
-    """The correlation matrix of a covariance."""
+    """The correlation matrix of a covariance.
+
+    Parameters
+    ----------
+    covariance : (k, k) array
+        Any.
+    """
     sigma = np.sqrt(np.diag(covariance))
     return covariance / np.outer(sigma, sigma)

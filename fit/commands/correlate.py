@@ -18,8 +18,14 @@ FRAME = "spin+acceleration"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-correlate`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
-    parser = _parser()
+    """Run `vsh-correlate`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        In place of those of the command line.
+    """
+    parser = make_parser()
     options = parsing.parse(parser, arguments)
     if options.leakage is not None and options.leakage <= options.lmax:
         parser.error(f"--leakage is the highest degree that is not fitted: more than --lmax {options.lmax}")
@@ -41,10 +47,10 @@ def _run(options):
     ]
     labels = _labels(paths)
     what = FRAME if options.parameters == FRAME else options.lmax
-    found = correlation.correlation_matrices(fields, what, labels)
+    found = correlation.correlation_matrices(fields, what, labels=labels)
     lines = [found.report(max_size=16)]
     if what == FRAME:
-        direct = correlation.correlation_matrices(fields, what, labels, solver="frame")
+        direct = correlation.correlation_matrices(fields, what, labels=labels, solver="frame")
         most = max(np.abs(a - b).max() for a, b in zip(found.matrices, direct.matrices, strict=True))
         lines.append(f"The direct frame solver gives the same to {most:.0e}.\n")
     influences, leaks = [], []
@@ -148,7 +154,8 @@ def _write(folder, text, found, influences, leaks, meta):
     save_figures(figures, folder)
 
 
-def _parser():
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-correlate",
         description="Which parameters a catalogue's sky cannot tell apart, which part of the sky is to blame, and what leaks into "

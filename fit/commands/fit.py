@@ -18,8 +18,14 @@ DEMO = "demo.fits"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-fit`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
-    parser = _parser()
+    """Run `vsh-fit`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        In place of those of the command line.
+    """
+    parser = make_parser()
     options = parsing.parse(parser, arguments)
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or say --demo")
@@ -42,7 +48,7 @@ def _run(options, words):
     solution, kept = _fit(field, vsh.Modes(options.lmax), options)
     name = "the simulated catalogue of the demo" if options.demo else str(path)
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
-    text = fit.report(solution, check, truth, name)
+    text = fit.report(solution, check=check, truth=truth, source=name)
     running.say(text)
     if not (options.output or options.html):
         return
@@ -102,7 +108,8 @@ def _fit(field, modes, options):
     return replace(solution, covariance=solution.covariance * chosen), field
 
 
-def _parser():
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-fit",
         description="Fit vector spherical harmonics to a catalogue of proper motions: the spin of its frame, the "

@@ -19,8 +19,14 @@ from vsh.vector import Vector
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-redshift`; returns the exit status: 0, 1 (bad data) or 2 (bad usage)."""
-    parser = _parser()
+    """Run `vsh-redshift`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        In place of those of the command line.
+    """
+    parser = make_parser()
     options = parsing.parse(parser, arguments)
     if options.checkpoint and not options.posterior:
         parser.error("--checkpoint is for --posterior")
@@ -68,10 +74,10 @@ def _run(options):
         field = with_redshift(whole) if options.on_bad == "drop" else whole
     if options.h0:
         results["velocity"] = observer_velocity(field, options.h0, **common)
-        texts.append(results["velocity"].report(options.catalogue, truth))
+        texts.append(results["velocity"].report(source=options.catalogue, truth=truth))
     if options.velocity:
         results["hubble"] = hubble_constant(field, options.velocity, **common)
-        texts.append(results["hubble"].report(options.catalogue, truth))
+        texts.append(results["hubble"].report(source=options.catalogue, truth=truth))
     for text in texts:
         running.say(text)
     unfinished = None
@@ -168,7 +174,8 @@ def _write(results, text, folder, meta):
     save_figures({name: draw() for name, draw in figures.items()}, folder)
 
 
-def _parser():
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-redshift",
         description="Our velocity for a known Hubble constant, the Hubble constant for a known velocity, the posterior of "

@@ -9,14 +9,14 @@ import numpy as np
 from scipy.optimize import minimize
 
 from fit.correlation._forecast import Prediction, predict, reweighted
-from fit.solution import at_sources
+from fit.harmonic import at_sources
 from fit.storage import Result
 from vsh import Coefficients, tables
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
-from vsh.types import ArrayLike, BoolArray, Figure, Rng, Table
+from vsh.types import ArrayLike, BoolArray, Figure, FloatArray, Rng, Table
 from vsh.vector import correlation_of
 
 
@@ -34,13 +34,18 @@ class Downweighted(Result):
         Of degree 1.
     """
 
-    keep: np.ndarray
-    factors: np.ndarray
+    keep: FloatArray
+    factors: FloatArray
     before: Prediction
     after: Prediction
 
     def report(self) -> str:
-        """What it costs and what it gains, as text."""
+        """What it costs and what it gains, as text.
+
+        Returns
+        -------
+        str
+        """
         lines = [f"{np.nanmean(self.factors):.0%} of the weight is kept"]
         for words, found in (("before", self.before), ("after", self.after)):
             value, pair = found.largest
@@ -51,17 +56,37 @@ class Downweighted(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """Share of the weight to keep in each pixel, as an astropy Table in ring order."""
+        """Share of the weight to keep in each pixel, as an astropy Table in ring order.
+
+        Returns
+        -------
+        Table
+        """
         return tables.table_of({"keep": self.keep}, {"frame": self.after.frame})
 
     def plot(self) -> Figure:
-        """The shares as a map; a matplotlib figure."""
+        """The shares as a map; a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.correlation._plot import plot_shares
 
         return plot_shares(self.keep, self.after.frame)
 
     def mask(self, rng: Rng) -> BoolArray:
-        """Which sources to keep, if whole ones are drawn with these shares: a mask (n,)."""
+        """Which sources to keep, if whole ones are drawn with these shares: a mask (n,).
+
+        Parameters
+        ----------
+        rng : Generator or int
+            The source of all randomness.
+
+        Returns
+        -------
+        mask
+        """
         return generator(rng).uniform(size=len(self.factors)) < self.factors
 
 
@@ -72,8 +97,12 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
     Parameters
     ----------
     sources : Field, or positions with errors
-    max_correlation : float — between 0 and 1
-    nside : int — of the pixels
+    max_correlation : float
+        Between 0 and 1.
+    nside : int
+        Of the pixels.
+    sigma : float or (2, n) array, optional
+        Errors in place of the sources' own. [µas/yr]
 
     Returns
     -------

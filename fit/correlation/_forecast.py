@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,12 @@ from fit.solution import Solution
 from fit.solve import solve
 from fit.storage import exact, number
 from vsh import Coefficients, Field
-from vsh.checks import arguments, nouns
-from vsh.checks.arguments import covariance
+from vsh.checks import arguments
+from vsh.checks.arrays import covariance
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import FieldError, ParameterError
-from vsh.modes import Modes
-from vsh.types import ArrayLike, Table
+from vsh.modes import KINDS, Modes, as_modes
+from vsh.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of
 
 
@@ -62,10 +62,9 @@ class Prediction(Solution):
 
     # What `predict` found on the way: total weight Σ tr W, and N of spin and acceleration alone.
     _weight: float = 0.0
-    _alone: np.ndarray = None
+    _alone: FloatArray = field(default_factory=lambda: np.eye(6))
 
 
-@arguments.accepts(modes=nouns.modes)
 def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = None) -> Prediction:
     """The covariance that a fit to these sources would have.
 
@@ -73,8 +72,9 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
     ----------
     sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
     modes : Modes, or the degree lmax
-    sigma : float, (2, n) array or None — errors in place of the sources' own [µas/yr]; needed
-        where they have none
+    sigma : float, (2, n) array or None
+        Errors in place of the sources' own [µas/yr]; needed
+        where they have none.
 
     Returns
     -------
@@ -86,12 +86,13 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
     DegeneracyError
         If the sources cannot tell the modes apart.
     """
+    modes = as_modes(modes)
     field = Field.without_motions(sources, sigma)
     normal = normal_equations(field, modes)
     solution = solve(normal)
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
     to_coefficients = np.zeros((len(modes), 6))
-    for k, kind in enumerate("TS"):
+    for k, kind in enumerate(KINDS):
         to_coefficients[modes.slice_of(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
     return Prediction(
         Coefficients(modes, np.full(len(modes), np.nan)), solution.covariance, float("nan"), solution.n_data,
@@ -100,7 +101,7 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
     )  # fmt: skip
 
 
-@arguments.accepts(cases=arguments.a(dict), modes=nouns.modes)
+@arguments.accepts(cases=arguments.a(dict))
 def compare_cuts(
     sources: Any, cases: Mapping[str, Any], modes: Modes | int = 1, *, sigma: ArrayLike | None = None
 ) -> Table:
@@ -111,12 +112,22 @@ def compare_cuts(
     sources : as for `predict`
     cases : dict of str to None, mask (n,), or factors (n,) on the weights
         None takes all; a factor of zero leaves a source out.
+    modes : Modes or int
+        What to fit, or the degree lmax.
+    sigma : float or (2, n) array, optional
+        Errors in place of the sources' own. [µas/yr]
 
     Returns
     -------
     astropy Table
         A row a case: sources, mean errors of spin and acceleration, worst correlation, efficiency.
+
+    Raises
+    ------
+    ParameterError
+        If there are no cases.
     """
+    modes = as_modes(modes)
     from vsh import tables
 
     if not cases:
@@ -136,7 +147,20 @@ def compare_cuts(
 
 
 def reweighted(field: Field, case: ArrayLike | None) -> Field:
-    """The field with a mask, or factors on its weights, or as it is."""
+    """The field with a mask, or factors on its weights, or as it is.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+    case : None, mask or factors
+        On the weights.
+
+    Raises
+    ------
+    FieldError
+        If a case is none of these, or of another length.
+    """
     if case is None:
         return field
     case = np.asarray(case)

@@ -8,11 +8,11 @@ from typing import Any, Literal
 import numpy as np
 
 from fit.correlation._parameters import FRAME, named
+from fit.harmonic import at_sources
 from fit.normal import normal_equations
-from fit.solution import at_sources
 from fit.solve import solve
 from vsh import Coefficients
-from vsh.checks import arguments
+from vsh.checks import arguments, arrays
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
@@ -38,7 +38,10 @@ def influence_map(
     parameters : (str, str) or str
         Two names of parameters ("omega_y", "a_x", "t(2,0)"): their correlation. One: its variance.
     nside : int
-    quantity : "value", optional — of one parameter, in place of its variance; needs motions
+    quantity : "value", optional
+        Of one parameter, in place of its variance; needs motions.
+    sigma : float or (2, n) array, optional
+        Errors in place of the sources' own. [µas/yr]
 
     Returns
     -------
@@ -81,13 +84,22 @@ def gain_of_sources(
     ----------
     sources, modes, parameters, nside
         As for `influence`.
-    n_sources : int — how many
-    sigma : float, optional — their errors; the median of those there unless given [µas/yr]
+    n_sources : int
+        How many.
+    sigma : float, optional
+        Their errors; the median of those there unless given [µas/yr]
+    quantity : None
+        As for `influence_map`; there is no value of sources without motions.
 
     Returns
     -------
     (12 nside²,) array
         Of the correlation, or of ln σ², to first order in `n_sources`.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown, or a value is asked for.
     """
     from vsh.sky.pixels import centres
 
@@ -160,7 +172,7 @@ def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
     ParameterError
         If the fraction is none.
     """
-    m = arguments.float_array("influence", influence, finite=False)
+    m = arrays.float_array("influence", influence, finite=False)
     if not 0 < fraction <= 1:
         raise ParameterError(f"a fraction lies between 0 and 1, not at {fraction}")
     positive, negative = m[m > 0].sum(), -m[m < 0].sum()

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh
 
 from fit.correlation._parameters import check_lower, named
 from fit.normal import normal_equations
 from fit.solve import solve
 from fit.storage import Result, words
 from vsh import Coefficients, Modes, tables
-from vsh.checks import arguments, nouns
-from vsh.checks.arguments import float_array
+from vsh.checks import arguments
+from vsh.checks.arrays import float_array
 from vsh.errors import DegeneracyError, ParameterError, TableError
 from vsh.field import Field
 from vsh.modes import as_modes
@@ -39,18 +38,28 @@ class Leakage(Result):
     frame : str
     """
 
-    matrix: np.ndarray
+    matrix: FloatArray
     fitted: Modes
     unmodelled: Modes
-    names: tuple
-    unmodelled_names: tuple
+    names: tuple[str, ...]
+    unmodelled_names: tuple[str, ...]
     frame: str
 
     def __repr__(self) -> str:
         return f"<Leakage of degrees {self.fitted.lmax + 1} to {self.unmodelled.lmax} into 1 to {self.fitted.lmax}>"
 
     def of(self, coefficients: Coefficients) -> Coefficients:
-        """The bias that a given field causes, as Coefficients; its fitted degrees do not count."""
+        """The bias that a given field causes, as Coefficients; its fitted degrees do not count.
+
+        Parameters
+        ----------
+        coefficients : Coefficients
+            A true field. [µas/yr]
+
+        Returns
+        -------
+        Coefficients
+        """
         return Coefficients(
             self.fitted, self.matrix @ self._columns(coefficients.to_degree(self.unmodelled.lmax).values)
         )
@@ -63,6 +72,10 @@ class Leakage(Result):
         power : float, dict or array
             ∫ |V_l|² dΩ of one kind and degree on average: the same for all, by degree {l: power}, an array
             from the first unmodelled degree on, or two rows of it, T and S. [(µas/yr)²]
+
+        Returns
+        -------
+        array
         """
         variance = self._columns(self._variances(power))
         return (self.matrix * variance) @ self.matrix.T
@@ -71,27 +84,63 @@ class Leakage(Result):
         """Rms bias of each fitted coefficient, (p,), for a Gaussian random field. [µas/yr]
 
         `power` as for `covariance`.
+
+        Parameters
+        ----------
+        power : float or array
+            ∫ |V_l|² dΩ. [(µas/yr)²]
+
+        Returns
+        -------
+        array
         """
         return np.sqrt(np.diag(self.covariance(power)))
 
     def bias_of(self, names: Sequence[str], power: float | Mapping[int, float] | ArrayLike) -> dict[str, float]:
-        """Rms bias of parameters by name: omega_x … a_z, or coefficients. A dict. [µas/yr]"""
+        """Rms bias of parameters by name: omega_x … a_z, or coefficients. A dict. [µas/yr]
+
+        Parameters
+        ----------
+        names : sequence of str
+            omega_x … a_z, or coefficients.
+        power : float or array
+            ∫ |V_l|² dΩ. [(µas/yr)²]
+
+        Returns
+        -------
+        dict[str, float]
+        """
         chosen = named(names, self.fitted)
         return dict(zip(names, np.sqrt(np.diag(chosen.covariance(self.covariance(power)))).tolist(), strict=True))
 
     def to_table(self) -> Table:
-        """The matrix as an astropy Table: a row a fitted coefficient."""
+        """The matrix as an astropy Table: a row a fitted coefficient.
+
+        Returns
+        -------
+        Table
+        """
         columns = {"coefficient": list(self.names)} | dict(zip(self.unmodelled_names, self.matrix.T, strict=True))
         return tables.table_of(columns, {"frame": self.frame})
 
     def report(self) -> str:
-        """What a power of 1 (µas/yr)² in each unmodelled degree and kind does to spin and acceleration, as text."""
+        """What a power of 1 (µas/yr)² in each unmodelled degree and kind does to spin and acceleration, as text.
+
+        Returns
+        -------
+        str
+        """
         names = ("omega_x", "omega_y", "omega_z", "a_x", "a_y", "a_z")
         cells = ", ".join(f"{name} {value:.3g}" for name, value in self.bias_of(names, 1.0).items())
         return f"{self!r}: rms bias by a power of 1 (µas/yr)² in each [µas/yr]\n  {cells}\n"
 
     def plot(self) -> Figure:
-        """The matrix as a figure."""
+        """The matrix as a figure.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.correlation._plot import plot_leakage
 
         return plot_leakage(self)
@@ -138,7 +187,6 @@ class Leakage(Result):
         return spectrum[kinds, degrees] / (2 * degrees + 1) / modes.norm2
 
 
-@arguments.accepts(fitted=nouns.modes, unmodelled=nouns.modes)
 def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma: ArrayLike | None = None) -> Leakage:
     """The matrix that carries unmodelled degrees into the fitted ones.
 
@@ -147,6 +195,8 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
     sources : Field, or positions with errors as for `fit.correlation.predict`
     fitted, unmodelled : Modes, or degrees
         Fitted to the first, with a true field up to the second.
+    sigma : float or (2, n) array, optional
+        Errors in place of the sources' own. [µas/yr]
 
     Returns
     -------
@@ -170,6 +220,19 @@ def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = No
     """Condition and largest correlation of fits of every degree: rows of (lmax, condition, correlation).
 
     The condition is that of the correlation matrix; inf for a fit that the sources do not bear.
+
+    Parameters
+    ----------
+    sources : Field, or positions with errors
+        As for `fit.correlation.predict`.
+    max_lmax : int
+        Where to stop.
+    sigma : float or (2, n) array, optional
+        Errors in place of the sources' own. [µas/yr]
+
+    Returns
+    -------
+    list[tuple[int, float, float]]
     """
     field = Field.without_motions(sources, sigma)
     modes = Modes(max_lmax)
@@ -202,9 +265,14 @@ def recommend_lmax(
     Parameters
     ----------
     sources : as for `leakage`
-    max_condition : float — of the scaled normal matrix
-    max_correlation : float — of any two coefficients
-    max_lmax : int — where to stop looking
+    max_condition : float
+        Of the scaled normal matrix.
+    max_correlation : float
+        Of any two coefficients.
+    max_lmax : int
+        Where to stop looking.
+    sigma : float or (2, n) array, optional
+        Errors in place of the sources' own. [µas/yr]
 
     Returns
     -------
@@ -216,7 +284,7 @@ def recommend_lmax(
         If not even degree 1 does.
     """
     best = 0
-    for lmax, condition, correlation in lmax_table(sources, max_lmax, sigma):
+    for lmax, condition, correlation in lmax_table(sources, max_lmax, sigma=sigma):
         if condition > max_condition or correlation > max_correlation:
             break
         best = lmax
@@ -226,63 +294,3 @@ def recommend_lmax(
             f"this sky: they are {condition:.3g} and {correlation:.2f}"
         )
     return best
-
-
-@dataclass(frozen=True, eq=False)
-class Eigenmodes(Result):
-    """Fields that a sky measures independently of each other, from the worst to the best.
-
-    Attributes
-    ----------
-    information : (p,) array
-        Rising. How well each is measured against an even sky of the same weight: 1 is as well, 0.01 with
-        ten times the error.
-    fields : list of Coefficients
-        Each of ∫|V|² dΩ = 1.
-    frame : str
-    """
-
-    information: np.ndarray
-    fields: list
-    frame: str
-
-    def report(self) -> str:
-        """How well the best and the worst are measured, as text."""
-        error = 1 / np.sqrt(self.information)
-        return (
-            f"Fields that this sky measures independently ({self.frame} axes): {len(self.information)}, with errors of "
-            f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of the same weight on a uniform sky\n"
-        )
-
-    def to_table(self) -> Table:
-        """Information of each as an astropy Table, from the worst to the best."""
-        return tables.table_of({"information": self.information}, {"frame": self.frame})
-
-    def plot(self, n_fields: int = 2) -> Figure:
-        """The worst and the best as maps of arrows; a matplotlib figure."""
-        from fit.correlation._plot import plot_eigenmodes
-
-        return plot_eigenmodes(self, n_fields)
-
-
-@arguments.accepts(modes=nouns.modes)
-def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = None) -> Eigenmodes:
-    """An orthogonal basis on the given sky.
-
-    Parameters
-    ----------
-    sources : as for `leakage`
-    modes : Modes, or the degree lmax
-
-    Returns
-    -------
-    Eigenmodes
-        Solutions of N v = λ M v, M the normal matrix of an even sky of the same total weight.
-    """
-    field = Field.without_motions(sources, sigma)
-    normal = normal_equations(field, modes).matrix
-    # ∫ |V|² dΩ = Σ norm2 c²; an even sky sees its mean, by half the trace of the weights.
-    norm = np.diag(modes.norm2.astype(float))
-    values, vectors = eigh(normal, norm)
-    even = field.information.sum() / 2 / (4 * np.pi)
-    return Eigenmodes(values / even, [Coefficients(modes, v) for v in vectors.T], field.frame)

@@ -13,7 +13,7 @@ from fit.frame import solve_frame
 from fit.normal import normal_equations
 from fit.solve import solve
 from fit.storage import Result, exact, number, words
-from vsh.checks.arguments import covariance, float_array
+from vsh.checks.arrays import covariance, float_array
 from vsh.errors import FrameError, ParameterError, TableError
 from vsh.field import Field
 from vsh.modes import Modes
@@ -40,9 +40,9 @@ class CorrelationMatrices(Result):
     frame : str
     """
 
-    names: tuple
+    names: tuple[str, ...]
     matrices: list
-    labels: tuple
+    labels: tuple[str, ...]
     dipoles: list
     frame: str
 
@@ -50,30 +50,77 @@ class CorrelationMatrices(Result):
         return f"<CorrelationMatrices: {', '.join(self.labels)}; {len(self.names)} parameters, {self.frame}>"
 
     def matrix(self, i: int = 0) -> FloatArray:
-        """The correlation matrix of one catalogue, (k, k)."""
+        """The correlation matrix of one catalogue, (k, k).
+
+        Parameters
+        ----------
+        i : int
+            Which of the catalogues.
+
+        Returns
+        -------
+        array
+        """
         return self.matrices[i]
 
     def combined(self, upper: int = 0, lower: int = 1) -> FloatArray:
-        """Two catalogues in one matrix, one in each triangle."""
+        """Two catalogues in one matrix, one in each triangle.
+
+        Parameters
+        ----------
+        upper : int
+            Which catalogue above the diagonal.
+        lower : int
+            And which below.
+
+        Returns
+        -------
+        array
+        """
         if len(self.matrices) == 1:
             return self.matrices[0]
         k = len(self.names)
         return np.triu(self.matrices[upper], 1) + np.tril(self.matrices[lower], -1) + np.eye(k)
 
     def dipole_prediction(self, i: int = 0) -> FloatArray:
-        """−(3/2) [r̄]ₓ: the block ω–ã that the catalogue's dipole alone would give, (3, 3)."""
+        """−(3/2) [r̄]ₓ: the block ω–ã that the catalogue's dipole alone would give, (3, 3).
+
+        Parameters
+        ----------
+        i : int
+            Which of the catalogues.
+
+        Returns
+        -------
+        array
+        """
         x, y, z = self.dipoles[i]
         return -1.5 * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
     def largest(self, i: int = 0) -> tuple[float, tuple[str, str]]:
-        """The largest correlation of a catalogue and the pair it is of."""
+        """The largest correlation of a catalogue and the pair it is of.
+
+        Parameters
+        ----------
+        i : int
+            Which of the catalogues.
+
+        Returns
+        -------
+        tuple[float, tuple[str, str]]
+        """
         off = np.abs(self.matrices[i] - np.eye(len(self.names)))
         row, column = np.unravel_index(np.argmax(off), off.shape)
         row, column = sorted((row, column))
         return float(self.matrices[i][row, column]), (self.names[row], self.names[column])
 
     def to_table(self) -> Table:
-        """The matrix, of two catalogues in its two triangles, as an astropy Table."""
+        """The matrix, of two catalogues in its two triangles, as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
         from vsh import tables
 
         meta = {"frame": self.frame, "upper": self.labels[0], "lower": self.labels[min(1, len(self.labels) - 1)]}
@@ -82,7 +129,17 @@ class CorrelationMatrices(Result):
         )
 
     def report(self, max_size: int = 12) -> str:
-        """The matrix as text, if it is not too large, and what explains its largest elements."""
+        """The matrix as text, if it is not too large, and what explains its largest elements.
+
+        Parameters
+        ----------
+        max_size : int
+            The largest matrix that is printed.
+
+        Returns
+        -------
+        str
+        """
         lines = [f"Correlations in {self.frame} axes: " + ("upper {}, lower {}".format(*self.labels[:2])
                  if len(self.labels) > 1 else self.labels[0])]  # fmt: skip
         if len(self.names) <= max_size:
@@ -98,7 +155,12 @@ class CorrelationMatrices(Result):
         return "\n".join(lines) + "\n"
 
     def plot(self) -> Figure:
-        """The matrix as a figure, one or two catalogues in it."""
+        """The matrix as a figure, one or two catalogues in it.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.correlation._plot import plot_matrix
 
         return plot_matrix(self)
@@ -162,7 +224,8 @@ def correlation_matrices(
         Of VLBI sources: the orientation ε is put in front, as in the paper's table.
     solver : {"harmonics", "frame"}
         "frame" takes the direct frame solver, for spin and acceleration only.
-    sigma : float, optional — errors of positions that have none [µas/yr]
+    sigma : float, optional
+        Errors of positions that have none [µas/yr]
 
     Returns
     -------
@@ -194,13 +257,13 @@ def correlation_matrices(
     if (solver == "frame" or offsets is not None) and parameters != FRAME:
         raise ParameterError("the direct frame solver, and offsets, are for the parameters of the frame")
     if offsets is not None:
-        offsets = [offsets] * len(fields) if not isinstance(offsets, (list, tuple)) else list(offsets)
-        if len(offsets) != len(fields):
-            raise ParameterError(f"{len(offsets)} fields of offsets for {len(fields)} catalogues")
+        each: list[Any] = list(offsets) if isinstance(offsets, (list, tuple)) else [offsets] * len(fields)
+        if len(each) != len(fields):
+            raise ParameterError(f"{len(each)} fields of offsets for {len(fields)} catalogues")
     matrices, names = [], wanted.names
     for i, field in enumerate(fields):
         if solver == "frame" or offsets is not None:
-            found = solve_frame(field, None if offsets is None else offsets[i])
+            found = solve_frame(field, None if offsets is None else each[i])
             matrices.append(found.correlation)
             names = found.names
         else:
@@ -209,6 +272,16 @@ def correlation_matrices(
 
 
 def dipole(field: Field) -> FloatArray:
-    """Mean direction of the sources by weight, (3,): zero on an even sky."""
+    """Mean direction of the sources by weight, (3,): zero on an even sky.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+
+    Returns
+    -------
+    array
+    """
     weight = field.information
     return triad(field.lon, field.lat)[2] @ weight / weight.sum()

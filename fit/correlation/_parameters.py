@@ -11,7 +11,7 @@ import numpy as np
 from vsh.checks.frozen import Frozen
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import ModesError, ParameterError
-from vsh.modes import Modes, as_modes
+from vsh.modes import KINDS, Modes, as_modes
 from vsh.types import FloatArray
 
 #: What stands for the six components of spin and acceleration.
@@ -32,15 +32,21 @@ class Parameters(Frozen):
         Parameter = row · coefficients.
     """
 
-    names: tuple
+    names: tuple[str, ...]
     modes: Modes
-    rows: np.ndarray
+    rows: FloatArray
 
     def __len__(self) -> int:
         return len(self.names)
 
     def covariance(self, covariance: FloatArray) -> FloatArray:
-        """Their covariance (k, k) from that of the coefficients."""
+        """Their covariance (k, k) from that of the coefficients.
+
+        Parameters
+        ----------
+        covariance : (p, p) array
+            Of the coefficients.
+        """
         return self.rows @ covariance @ self.rows.T
 
 
@@ -51,6 +57,15 @@ def parameters_of(what: Modes | int | str) -> Parameters:
     ----------
     what : "spin+acceleration", a degree, or Modes
         The first: omega_x … a_z, from a fit of degree 1; else every coefficient.
+
+    Returns
+    -------
+    Parameters
+
+    Raises
+    ------
+    ParameterError
+        If it is none of these.
     """
     if isinstance(what, str):
         if what != FRAME:
@@ -63,15 +78,30 @@ def parameters_of(what: Modes | int | str) -> Parameters:
 def named(names: Sequence[str], what: Modes | int | str) -> Parameters:
     """Some parameters of a fit by name: coefficients, "t(1,0)" say, or omega_x … a_z.
 
+    Parameters
+    ----------
+    names : sequence of str
+        Coefficients, or omega_x … a_z.
+    what : Modes, int, or "spin+acceleration"
+        Of the fit.
+
+    Returns
+    -------
+    Parameters
+
     Raises
     ------
     ParameterError
         If a name is neither; the message lists those there are.
     """
-    modes = as_modes(1 if isinstance(what, str) and what == FRAME else what)
+    if isinstance(what, str):
+        if what != FRAME:
+            raise ParameterError(f"parameters are of {FRAME!r}, a degree or Modes, not {what!r}")
+        what = 1
+    modes = as_modes(what)
     known = {str(mode): row for mode, row in zip(modes, np.eye(len(modes)), strict=True)}
     inverse = np.linalg.inv(FIRST_DEGREE)
-    for kind, vector in (("T", "omega"), ("S", "a")):
+    for kind, vector in zip(KINDS, ("omega", "a"), strict=True):
         for axis, row in zip("xyz", inverse, strict=True):
             full = np.zeros(len(modes))
             full[modes.slice_of(kind, 1)] = row
@@ -85,13 +115,36 @@ def named(names: Sequence[str], what: Modes | int | str) -> Parameters:
 
 
 def check_lower(fitted: Modes, unmodelled: Modes) -> None:
-    """Raise ModesError unless the second degree is the higher one."""
+    """Raise ModesError unless the second degree is the higher one.
+
+    Parameters
+    ----------
+    fitted : Modes
+        What is fitted.
+    unmodelled : Modes
+        What is not.
+
+    Raises
+    ------
+    ModesError
+        If it is not.
+    """
     if not unmodelled.lmax > fitted.lmax:
         raise ModesError(f"what is not fitted must lie above degree {fitted.lmax}: {unmodelled.lmax} does not")
 
 
 def symbol(name: str) -> str:
-    """A parameter's name as it is written: ω_x, ã_x, t(2,0)."""
+    """A parameter's name as it is written: ω_x, ã_x, t(2,0).
+
+    Parameters
+    ----------
+    name : str
+        Of a parameter.
+
+    Returns
+    -------
+    str
+    """
     for plain, symbol in (("epsilon_", r"\epsilon"), ("omega_", r"\omega"), ("a_", r"\tilde a")):
         if name.startswith(plain):
             return f"${symbol}_{name[len(plain) :]}$"

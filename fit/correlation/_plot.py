@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from fit.correlation._leakage import Eigenmodes, Leakage
-from fit.correlation._matrices import CorrelationMatrices
 from fit.correlation._parameters import symbol
 from vsh.field import Field
 from vsh.sky.plot import draw_map, draw_sources, draw_vectors, even_grid, sky_axes
@@ -16,8 +16,14 @@ from vsh.types import Figure, FloatArray
 _MAP = "RdBu_r"  # diverging, told apart by the colour-blind, centred on zero
 
 
-def plot_matrix(correlations: CorrelationMatrices) -> Figure:
-    """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room."""
+def plot_matrix(correlations: Any) -> Figure:
+    """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room.
+
+    Parameters
+    ----------
+    correlations : CorrelationMatrices
+        One or two catalogues.
+    """
     matrix, names = correlations.combined(), [symbol(name) for name in correlations.names]
     k = len(names)
     figure, axes = plt.subplots(figsize=(9, 7.6), layout="constrained")
@@ -52,9 +58,17 @@ def plot_influence(values: FloatArray, field: Field, title: str, label: str, *, 
 
     Parameters
     ----------
-    values : (12 nside²,) array — from `fit.correlation.influence_map` or `gain_of_sources`
-    field : Field — the sources, in the frame of the map
+    values : (12 nside²,) array
+        From `fit.correlation.influence_map` or `gain_of_sources`.
+    field : Field
+        The sources, in the frame of the map.
     title, label : str
+    max_sources : int
+        How many dots at most.
+
+    Returns
+    -------
+    Figure
     """
     axes = sky_axes(field.frame)
     reach = float(np.percentile(np.abs(values[values != 0]), 99)) if np.any(values) else 1.0
@@ -70,7 +84,15 @@ def plot_influence(values: FloatArray, field: Field, title: str, label: str, *, 
 
 
 def plot_shares(keep: FloatArray, frame: str) -> Figure:
-    """A map of the share of the weight that is kept in each pixel, (12 nside²,)."""
+    """A map of the share of the weight that is kept in each pixel, (12 nside²,).
+
+    Parameters
+    ----------
+    keep : (12 nside²,) array
+        Shares, 0 to 1.
+    frame : str
+        "icrs", "galactic" or "ecliptic".
+    """
     axes = sky_axes(frame)
     axes.set_facecolor("0.85")
     image = draw_map(axes, keep, cmap="viridis", vmin=0, vmax=1)
@@ -79,8 +101,14 @@ def plot_shares(keep: FloatArray, frame: str) -> Figure:
     return axes.figure
 
 
-def plot_leakage(leakage: Leakage) -> Figure:
-    """The leakage matrix: what one unit of each unmodelled coefficient does to the fitted ones."""
+def plot_leakage(leakage: Any) -> Figure:
+    """The leakage matrix: what one unit of each unmodelled coefficient does to the fitted ones.
+
+    Parameters
+    ----------
+    leakage : Leakage
+        Any.
+    """
     rows, columns = leakage.matrix.shape
     figure, axes = plt.subplots(figsize=(min(16, 4 + 0.12 * columns), min(12, 3 + 0.3 * rows)), layout="constrained")
     reach = max(float(np.abs(leakage.matrix).max()), 1e-3)
@@ -101,8 +129,16 @@ def plot_leakage(leakage: Leakage) -> Figure:
     return figure
 
 
-def plot_eigenmodes(eigen: Eigenmodes, n_fields: int = 2) -> Figure:
-    """The worst and the best measured fields of a sky, as arrows."""
+def plot_eigenmodes(eigen: Any, n_fields: int = 2) -> Figure:
+    """The worst and the best measured fields of a sky, as arrows.
+
+    Parameters
+    ----------
+    eigen : Eigenmodes
+        Any.
+    n_fields : int
+        How many of the worst and of the best.
+    """
     count = min(n_fields, len(eigen.fields) // 2)
     figure = plt.figure(figsize=(8 * count, 9.6), layout="constrained")
     lon, lat = even_grid(15.0)

@@ -9,6 +9,7 @@ import numpy as np
 
 from fit.spectrum import HarmonicResult, spectrum
 from vsh.field import Field
+from vsh.modes import KINDS
 from vsh.sky.pixels import mean_map
 from vsh.sky.plot import draw_map, sky_axes
 from vsh.types import Figure
@@ -19,6 +20,11 @@ _NAMES = {"T": "toroidal", "S": "spheroidal"}
 
 def plot_spectrum(solution: HarmonicResult) -> Figure:
     """Power by degree and kind, with what noise alone gives on average.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
 
     Returns
     -------
@@ -40,7 +46,8 @@ def plot_spectrum(solution: HarmonicResult) -> Figure:
     axes.set_yscale("log", nonpositive="clip")
     levels = np.array([(row.power, row.power + row.error, row.noise) for row in rows])
     axes.set_ylim(levels.min() / 4, levels.max() * 2)
-    axes.set_xticks(np.unique([row.l for row in rows]) if len(rows) <= 40 else None)
+    if len(rows) <= 40:
+        axes.set_xticks(np.unique([row.l for row in rows]))
     axes.set_xlabel("degree", fontsize=13)
     axes.set_ylabel("power  [(µas/yr)²]", fontsize=13)
     axes.tick_params(labelsize=11)
@@ -49,8 +56,13 @@ def plot_spectrum(solution: HarmonicResult) -> Figure:
     return figure
 
 
-def plot_power(solution: HarmonicResult) -> Figure:
+def plot_power(solution: Any) -> Figure:
     """Power by degree and kind as fitted, for a solution without a covariance.
+
+    Parameters
+    ----------
+    solution : MatrixFreeSolution
+        Any.
 
     Returns
     -------
@@ -58,7 +70,7 @@ def plot_power(solution: HarmonicResult) -> Figure:
     """
     figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
     l = np.arange(1, solution.modes.lmax + 1)
-    for kind in "TS":
+    for kind in KINDS:
         power = [solution.coefficients.power(kind, int(each)) for each in l]
         axes.semilogy(l, power, "o-", color=_COLOURS[kind], markersize=3, label=_NAMES[kind])
     axes.set_xlabel("degree", fontsize=13)
@@ -70,6 +82,11 @@ def plot_power(solution: HarmonicResult) -> Figure:
 
 def plot_correlation(solution: Any) -> Figure:
     """The correlation matrix of the coefficients, colour-blind safe and centred on zero.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
 
     Returns
     -------
@@ -101,8 +118,10 @@ def plot_residuals(solution: HarmonicResult, field: Field, *, nside: int | None 
     Parameters
     ----------
     solution : Solution
-    field : Field — in the solution's frame
-    nside : int, optional — of the pixels; at least ten sources in each on average unless given
+    field : Field
+        In the solution's frame.
+    nside : int, optional
+        Of the pixels; at least ten sources in each on average unless given.
 
     Returns
     -------

@@ -14,14 +14,36 @@ from vsh.types import Figure, PathName
 
 
 def write_correlation(solution: HarmonicResult, path: PathName, meta: dict[str, Any] | None = None) -> None:
-    """Write the correlation matrix as a table, a row and a column for each coefficient."""
+    """Write the correlation matrix as a table, a row and a column for each coefficient.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    path : str or Path
+        The file.
+    meta : dict, optional
+        Provenance, plain values.
+    """
     names = [str(mode) for mode in solution.modes]
     columns = {"coefficient": names} | dict(zip(names, np.asarray(solution.correlation)))
     tables.write(path, columns, meta)
 
 
 def draw_figures(solution: HarmonicResult, field: Field) -> dict[str, Figure]:
-    """The sky, the spectrum, the correlations and the residuals: a dict of matplotlib figures."""
+    """The sky, the spectrum, the correlations and the residuals: a dict of matplotlib figures.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    field : Field
+        The sources.
+
+    Returns
+    -------
+    dict[str, Figure]
+    """
     from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
     from vsh.sky.plot import plot_field
 
@@ -34,14 +56,40 @@ def draw_figures(solution: HarmonicResult, field: Field) -> dict[str, Figure]:
 
 
 def write_figures(solution: HarmonicResult, field: Field, folder: PathName) -> list[Path]:
-    """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths."""
+    """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    field : Field
+        The sources.
+    folder : str or Path
+        Where to write.
+
+    Returns
+    -------
+    list[Path]
+    """
     from vsh.sky.plot import save_figures
 
     return save_figures(draw_figures(solution, field), folder)
 
 
 def write_html(solution: HarmonicResult, field: Field, path: PathName, **about: Any) -> None:
-    """Write a self-contained page with everything; `about` as for `fit.output.html_report`."""
+    """Write a self-contained page with everything; `about` as for `fit.output.html_report`.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    field : Field
+        The sources.
+    path : str or Path
+        The file.
+    **about
+        What else the page says.
+    """
     import matplotlib.pyplot as plt
 
     from fit.output._html import html_report

@@ -99,12 +99,17 @@ def html_report(
     Parameters
     ----------
     solution : Solution
-    figures : dict of str to matplotlib figure — embedded as PNG
+    figures : dict of str to matplotlib figure
+        Embedded as PNG.
     check : CrossCheck, optional
-    truth : dict of str to Vector, optional — of a simulated catalogue
-    source : str — what was fitted
-    provenance : dict, optional — files, counts, versions
-    command : list of str, optional — that repeats the run
+    truth : dict of str to Vector, optional
+        Of a simulated catalogue.
+    source : str
+        What was fitted.
+    provenance : dict, optional
+        Files, counts, versions.
+    command : list of str, optional
+        That repeats the run.
 
     Returns
     -------

@@ -12,7 +12,17 @@ _SYMBOLS = {"spin": r"\omega", "acceleration": r"\tilde a"}
 
 
 def html_of(solution: HarmonicResult) -> str:
-    """Spin, acceleration and powers as HTML tables, for a notebook."""
+    """Spin, acceleration and powers as HTML tables, for a notebook.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+
+    Returns
+    -------
+    str
+    """
     rows = "".join(
         f"<tr><th>{row.name}</th>{_cells(row.cells)}<td>{escape(row.amplitude)}</td></tr>"
         for row in vector_rows(vectors_of(solution))
@@ -36,15 +46,27 @@ def _cells(cells):
 
 
 def latex_of(solution: HarmonicResult) -> str:
-    """Spin, acceleration and powers as a LaTeX table (booktabs)."""
+    """Spin, acceleration and powers as a LaTeX table (booktabs).
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+
+    Returns
+    -------
+    str
+    """
     lines = [r"\begin{tabular}{lcccc}", r"\toprule", r" & $x$ & $y$ & $z$ & amplitude \\", r"\midrule"]
     for row in vector_rows(vectors_of(solution)):
         cells = [f"${_tex(cell)}$" for cell in (*row.cells, row.amplitude)]
         lines.append(rf"${_SYMBOLS[row.name]}$ [\textmu as\,yr$^{{-1}}$] & " + " & ".join(cells) + r" \\")
     lines += [r"\midrule", r" & power & noise-debiased & error & $p$-value \\", r"\midrule"]
-    for row in power_rows(solution):
-        cells = (row.power, row.debiased, row.error, row.p_value)
-        lines.append(rf"${row.degree[0]}_{{{row.degree[1:]}}}$ & " + " & ".join(f"${_tex(c)}$" for c in cells) + r" \\")
+    for power in power_rows(solution):
+        shown = (power.power, power.debiased, power.error, power.p_value)
+        lines.append(
+            rf"${power.degree[0]}_{{{power.degree[1:]}}}$ & " + " & ".join(f"${_tex(c)}$" for c in shown) + r" \\"
+        )
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
 

@@ -19,10 +19,13 @@ def report(
     Parameters
     ----------
     solution : Solution
-    check : CrossCheck, optional — both solvers at degree 1, from `fit.cross_check`
-    truth : dict of str to Vector, optional — "spin" and "acceleration" of a simulated
-        catalogue, printed beside what was found
-    source : str, optional — what was fitted
+    check : CrossCheck, optional
+        Both solvers at degree 1, from `fit.cross_check`.
+    truth : dict of str to Vector, optional
+        "spin" and "acceleration" of a simulated
+        catalogue, printed beside what was found.
+    source : str, optional
+        What was fitted.
 
     Returns
     -------
@@ -52,7 +55,13 @@ def _heading(solution, source):
 
 
 def warnings_of(solution: HarmonicResult) -> list[tuple[str, str]]:
-    """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
+    """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    """
     found = []
     if solution.errors_from != "the catalogue":
         found.append(("errors from", solution.errors_from))
@@ -103,7 +112,17 @@ def _degrees(solution):
 
 
 def report_check(check: Any) -> str:
-    """Whether two solvers agree, as text."""
+    """Whether two solvers agree, as text.
+
+    Parameters
+    ----------
+    check : CrossCheck, optional
+        Both solvers at degree 1.
+
+    Returns
+    -------
+    str
+    """
     if check.largest < AGREE:
         return (
             f"Cross-check: plain least squares of degree 1 by two solvers without a common formula, on the same "

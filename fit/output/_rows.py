@@ -40,7 +40,12 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
     Parameters
     ----------
     vectors : dict of str to Vector
-    truth : dict of str to Vector, optional — of a simulated catalogue, by the same names
+    truth : dict of str to Vector, optional
+        Of a simulated catalogue, by the same names.
+
+    Returns
+    -------
+    list[VectorRow]
     """
     rows = []
     for name, vector in vectors.items():
@@ -56,22 +61,68 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
 
 
 def vectors_of(solution: HarmonicResult) -> dict[str, Vector]:
-    """Spin and acceleration of a solution by name."""
+    """Spin and acceleration of a solution by name.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+
+    Returns
+    -------
+    dict[str, Vector]
+    """
     return {"spin": solution.spin, "acceleration": solution.acceleration}
 
 
 def pulls(vector: Vector, true: Vector) -> FloatArray:
-    """How far a fit is from the truth in its own errors, (3,): positive where the fit is larger."""
+    """How far a fit is from the truth in its own errors, (3,): positive where the fit is larger.
+
+    Parameters
+    ----------
+    vector : Vector
+        What was found.
+    true : Vector
+        The truth.
+
+    Returns
+    -------
+    array
+    """
     return (vector.value - true.to_frame(vector.frame).value) / vector.sigma
 
 
 def components(vector: Vector, digits: int = 3) -> tuple[str, ...]:
-    """Three components with their errors."""
+    """Three components with their errors.
+
+    Parameters
+    ----------
+    vector : Vector
+        The vector.
+    digits : int
+        After the point.
+
+    Returns
+    -------
+    tuple[str, ...]
+    """
     return tuple(f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in zip(vector.value, vector.sigma, strict=True))
 
 
 def amplitude(vector: Vector, digits: int = 3) -> str:
-    """Length with its error; at low signal to noise with its 68 % interval, or its upper limit where it is not significant."""
+    """Length with its error; at low signal to noise with its 68 % interval, or its upper limit where it is not significant.
+
+    Parameters
+    ----------
+    vector : Vector
+        The vector.
+    digits : int
+        After the point.
+
+    Returns
+    -------
+    str
+    """
     if not vector.amplitude_error > 0:
         return f"{vector.amplitude:.{digits}f}"
     if vector.amplitude >= _SURE * vector.amplitude_error:
@@ -83,7 +134,17 @@ def amplitude(vector: Vector, digits: int = 3) -> str:
 
 
 def direction(vector: Vector) -> str:
-    """Where a vector points: "toward …", named after the frame, with errors; at low signal to noise with a cone."""
+    """Where a vector points: "toward …", named after the frame, with errors; at low signal to noise with a cone.
+
+    Parameters
+    ----------
+    vector : Vector
+        The vector.
+
+    Returns
+    -------
+    str
+    """
     names = _ANGLES[vector.frame]
     errors = vector.direction_error
     if vector.amplitude_error > 0 and (vector.amplitude < _SURE * vector.amplitude_error or max(errors) > 40):
@@ -110,7 +171,17 @@ class PowerRow(NamedTuple):
 
 
 def power_rows(solution: HarmonicResult) -> list[PowerRow]:
-    """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it."""
+    """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+
+    Returns
+    -------
+    list[PowerRow]
+    """
     scaled = spectrum(solution.scaled)
     return [
         PowerRow(f"{d.kind}{d.l}", f"{d.power:.5g}", f"{d.debiased:.5g}", f"{d.error:.3g}", f"{np.sqrt(d.power):.3g}",
@@ -120,15 +191,41 @@ def power_rows(solution: HarmonicResult) -> list[PowerRow]:
 
 
 def p_value(p: float) -> str:
-    """A probability as it is printed."""
+    """A probability as it is printed.
+
+    Parameters
+    ----------
+    p : float
+        A probability.
+
+    Returns
+    -------
+    str
+    """
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300"
 
 
 def note_lines(notes: Iterable[str]) -> list[str]:
-    """Notes as the last lines of a report."""
+    """Notes as the last lines of a report.
+
+    Parameters
+    ----------
+    notes : iterable of str
+        Of a result.
+
+    Returns
+    -------
+    list[str]
+    """
     return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []
 
 
 def is_scaled(solution: HarmonicResult) -> bool:
-    """Whether p-values are shown twice: as quoted, and with scaled errors."""
+    """Whether p-values are shown twice: as quoted, and with scaled errors.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    """
     return solution.scaled is not solution

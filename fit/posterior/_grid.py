@@ -37,13 +37,18 @@ class GridPosterior(Result):
         Mean and covariance of v. [km/s, toward the apex]
     """
 
-    names: tuple
+    names: tuple[str, ...]
     axes: tuple
-    probability: np.ndarray
+    probability: FloatArray
     velocity: Vector
 
     def report(self) -> str:
-        """Means and standard deviations as text."""
+        """Means and standard deviations as text.
+
+        Returns
+        -------
+        str
+        """
         v = self.velocity
         lines = [f"Posterior on a grid ({v.frame} axes, velocity toward the apex)"]
         lines += [f"{name:22}{self.mean(name):.4g} ± {self.sigma(name):.2g}" for name in self.names]
@@ -51,31 +56,71 @@ class GridPosterior(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """Marginal probabilities as an astropy Table: for each quantity its values and their probabilities."""
+        """Marginal probabilities as an astropy Table: for each quantity its values and their probabilities.
+
+        Returns
+        -------
+        Table
+        """
         columns = {}
         for name in self.names:
             columns[name], columns[f"probability_{name}"] = self.marginal(name)
         return tables.table_of(columns, {"frame": self.velocity.frame})
 
     def plot(self) -> Figure:
-        """Marginal densities, a matplotlib figure."""
+        """Marginal densities, a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.posterior._plot import plot_marginals
 
         return plot_marginals(self)
 
     def marginal(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Values and probabilities of one quantity: two arrays."""
+        """Values and probabilities of one quantity: two arrays.
+
+        Parameters
+        ----------
+        name : str
+            Of the quantity.
+
+        Returns
+        -------
+        tuple[array, array]
+        """
         index = self.names.index(name)
         others = tuple(i for i in range(len(self.names)) if i != index)
         return self.axes[index], self.probability.sum(others)
 
     def mean(self, name: str) -> float:
-        """Posterior mean."""
+        """Posterior mean.
+
+        Parameters
+        ----------
+        name : str
+            Of the quantity.
+
+        Returns
+        -------
+        float
+        """
         x, p = self.marginal(name)
         return float(x @ p)
 
     def sigma(self, name: str) -> float:
-        """Posterior standard deviation."""
+        """Posterior standard deviation.
+
+        Parameters
+        ----------
+        name : str
+            Of the quantity.
+
+        Returns
+        -------
+        float
+        """
         x, p = self.marginal(name)
         return float(np.sqrt((x - x @ p) ** 2 @ p))
 
@@ -120,7 +165,7 @@ def grid(
     ParameterError
         If more than two numbers are free, or the velocity's prior is a function.
     """
-    known = as_priors(priors, velocity_prior, hubble_prior, noise)
+    known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
     if known.outliers is not None:
         raise ParameterError("a grid has no outliers: sample the posterior")
     given, spin = checked_priors(known, field.frame), known.spin

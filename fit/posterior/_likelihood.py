@@ -19,7 +19,7 @@ from numpy.polynomial import chebyshev
 
 from fit.secular_parallax import OMEGA, A, ParallaxEquations, ParallaxSums, U, check_determined
 from vsh.errors import ConvergenceError, ParameterError
-from vsh.types import ArrayLike, FloatArray
+from vsh.types import FloatArray
 from vsh.vector import Vector
 
 _UPPER = np.triu_indices(3)
@@ -37,27 +37,49 @@ class Axis:
 
     @property
     def nodes(self) -> FloatArray:
+        """Chebyshev nodes between low and high, (k,)."""
         if self.count == 1:
             return np.array([self.low])
         return self._value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
 
-    def basis(self, value: ArrayLike) -> FloatArray:
-        """Chebyshev polynomials at values inside the limits, (n, count)."""
+    def basis(self, value: FloatArray) -> FloatArray:
+        """Chebyshev polynomials at values inside the limits, (n, count).
+
+        Parameters
+        ----------
+        value : (n,) array
+            On this axis.
+        """
         if self.count == 1:
-            return np.ones((len(value), 1))
+            return np.ones((value.size, 1))
         a, b = self._ends
         return chebyshev.chebvander((2 * np.arcsinh(value / self.scale) - a - b) / (b - a), self.count - 1)
 
     def to_coefficients(self, table: FloatArray, axis: int) -> FloatArray:
-        """From values at the nodes, along one axis of a table, to Chebyshev coefficients."""
+        """From values at the nodes, along one axis of a table, to Chebyshev coefficients.
+
+        Parameters
+        ----------
+        table : array
+            Values at the nodes.
+        axis : int
+            Of the table.
+        """
         vander = self.basis(self.nodes)
         return np.moveaxis(np.tensordot(np.linalg.inv(vander), table, (1, axis)), 0, axis)
 
     def finer(self) -> Axis:
+        """An axis with more nodes."""
         return Axis(self.low, self.high, self.scale, 2 * self.count if self.count > 1 else 1)
 
     def at(self, fraction: FloatArray) -> FloatArray:
-        """Values at fractions of the way from low to high."""
+        """Values at fractions of the way from low to high.
+
+        Parameters
+        ----------
+        fraction : (n,) array
+            Of the way from low to high.
+        """
         return self._value(2 * np.asarray(fraction) - 1) if self.count > 1 else np.full(len(fraction), self.low)
 
     @property
@@ -76,19 +98,21 @@ class CompressedLikelihood:
     Attributes
     ----------
     spread, excess_noise : Axis
-    coefficients : (f, n_s, n_x) array — Chebyshev coefficients of c, û, M, and of ã's mean at
-        u = 0, slope and covariance given u
-    hubble : float — H_ref [km/s/Mpc]
+    coefficients : (f, n_s, n_x) array
+        Chebyshev coefficients of c, û, M, and of ã's mean at
+        u = 0, slope and covariance given u.
+    hubble : float
+        H_ref [km/s/Mpc]
     frame : str
     """
 
     spread: Axis
     excess_noise: Axis
-    coefficients: np.ndarray
+    coefficients: FloatArray
     hubble: float
     frame: str
 
-    def __call__(self, spread: float, excess_noise: float) -> Any:
+    def __call__(self, spread: FloatArray, excess_noise: FloatArray) -> Any:
         """c (n,), û (n, 3), M (n, 3, 3) at (n,) spreads and excess noises, inside the limits."""
         c, peak, matrix = np.split(self._at(spread, excess_noise, slice(0, 10)), [1, 4], axis=1)
         return c[:, 0], peak, _symmetric(matrix)
@@ -96,7 +120,21 @@ class CompressedLikelihood:
     def acceleration(
         self, spread: FloatArray, excess_noise: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest."""
+        """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest.
+
+        Parameters
+        ----------
+        spread : (n,) array
+            s. [km/s]
+        excess_noise : array
+            Noise beyond the catalogue's. [µas/yr]
+        u : (n, 3) array
+            u. [km/s]
+
+        Returns
+        -------
+        tuple[array, array]
+        """
         mean, slope, covariance = np.split(self._at(spread, excess_noise, slice(10, 28)), [3, 12], axis=1)
         return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _symmetric(covariance)
 
@@ -119,10 +157,15 @@ def compress_likelihood(
     Parameters
     ----------
     rows : ParallaxEquations
-    spread, excess_noise : pairs of float — limits of s [km/s] and x [µas/yr]
-    spin : None, "free" or Vector — as for `fit.secular_parallax.observer_velocity`, but that a Vector's
-        covariance is a prior
-    accuracy : float — of log L near its largest value; far below it, 1 % of the depth
+    spread, excess_noise : pairs of float
+        Limits of s [km/s] and x [µas/yr]
+    spin : None, "free" or Vector
+        As for `fit.secular_parallax.observer_velocity`, but that a Vector's
+        covariance is a prior.
+    accuracy : float
+        Of log L near its largest value; far below it, 1 % of the depth.
+    threads : int, optional
+        How many; one a core unless given.
 
     Raises
     ------
@@ -159,14 +202,29 @@ def _finer(axis):
 
 def _table(rows, axes, spin, threads):
     s, x = np.meshgrid(axes[0].nodes, axes[1].nodes, indexing="ij")
-    values = marginalise(rows.sums(s, x, threads), spin, rows.frame)
+    values = marginalise(rows.sums(s, x, threads=threads), spin, rows.frame)
     for axis, each in enumerate(axes):
         values = each.to_coefficients(values, axis + 1)
     return CompressedLikelihood(*axes, values, rows.hubble, rows.frame)
 
 
 def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
-    """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9)."""
+    """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9).
+
+    Parameters
+    ----------
+    sums : ParallaxSums
+        Of a catalogue.
+    spin : None, "free" or Vector
+        As in `Priors`. [µas/yr]
+    frame : str
+        "icrs", "galactic" or "ecliptic".
+
+    Raises
+    ------
+    ParameterError
+        If the spin is none of these.
+    """
     matrix, rhs, chi2 = sums.matrix, sums.rhs, sums.chi2_null
     rest = list(range(A.start, A.stop))
     if isinstance(spin, Vector):
@@ -201,7 +259,7 @@ def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame
 
 def _check(rows, spread, excess_noise, spin, threads):
     keep = slice(0, 9 if spin is not None else 6)
-    matrix = rows.sums(spread, excess_noise, threads).matrix[keep, keep]
+    matrix = rows.sums(spread, excess_noise, threads=threads).matrix[keep, keep]
     names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][keep]
     check_determined(matrix, names, len(rows.motion) // 2)
 
@@ -211,7 +269,7 @@ def _error(table, rows, spin, threads, points=24):
     t = (np.arange(points) + 0.5) / points
     s = table.spread.at(t)
     x = table.excess_noise.at((t * 0.6180339887 * points) % 1)  # all over the square, and the same every time
-    exact = marginalise(rows.sums(s, x, threads), spin, rows.frame)
+    exact = marginalise(rows.sums(s, x, threads=threads), spin, rows.frame)
     c0, peak0, m0 = exact[0], exact[1:4].T, _symmetric(exact[4:10].T)
     c1, peak1, m1 = table(s, x)
     depth = 1 + 0.01 * (c0.max() - c0)

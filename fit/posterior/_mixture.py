@@ -8,15 +8,18 @@ costs one look at every source, and ã (and ω, if free) are sampled with the re
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import ModelPriors
+from fit.sampling import Prior
 from fit.secular_parallax import OMEGA, A, ParallaxEquations
 from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
 from vsh.types import FloatArray
+from vsh.vector import Vector
 
 _BLOCK = 2**12
 
@@ -30,18 +33,20 @@ class MixtureModel:
     base : ParallaxModel
         Of the same data without outliers: priors, and the start.
     rows : ParallaxEquations
-    fraction : prior — of f
-    width : float — B [µas/yr]
+    fraction : prior
+        Of f.
+    width : float
+        B [µas/yr]
     spin : None or "free"
     threads : int or None
     """
 
     base: ParallaxModel
     rows: ParallaxEquations
-    fraction: object
+    fraction: Prior
     width: float
-    spin: object = None
-    threads: int = None
+    spin: Literal["free"] | Vector | None = None
+    threads: int | None = None
 
     def __post_init__(self) -> None:
         if not (self.fraction.low >= 0 and self.fraction.high <= 1):
@@ -51,15 +56,23 @@ class MixtureModel:
 
     @property
     def priors(self) -> ModelPriors:
+        """Those of the model without outliers."""
         return self.base.priors
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Of the coordinates."""
         spin = ("omega_x", "omega_y", "omega_z") if self.spin == "free" else ()
         return (*self.base.names, "outlier_fraction", "a_x", "a_y", "a_z", *spin)
 
     def log_probability(self, theta: FloatArray) -> FloatArray:
-        """Log posterior density of coordinates (n, d), up to a constant."""
+        """Log posterior density of coordinates (n, d), up to a constant.
+
+        Parameters
+        ----------
+        theta : (n, d) array
+            Coordinates.
+        """
         k = len(self.base.names)
         numbers, fraction, linear = theta[:, 3:k], theta[:, k], theta[:, k + 1 :]
         with np.errstate(invalid="ignore"):
@@ -97,7 +110,15 @@ class MixtureModel:
         return sum(map_blocks(block, n, _BLOCK, self.threads))
 
     def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
-        """Coordinates of walkers: those of the model without outliers, and small fractions."""
+        """Coordinates of walkers: those of the model without outliers, and small fractions.
+
+        Parameters
+        ----------
+        rng : Generator or int
+            The source of all randomness.
+        walkers : int
+            How many.
+        """
         theta = self.base.start(rng, walkers)
         named = self.base.to_samples(theta, rng)
         top = min(self.fraction.high, self.fraction.low + 0.1)
@@ -110,7 +131,15 @@ class MixtureModel:
         return np.column_stack([theta, fraction, *linear])
 
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
-        """What a user asks for, by name."""
+        """What a user asks for, by name.
+
+        Parameters
+        ----------
+        theta : (n, d) array
+            Coordinates.
+        rng : Generator or int
+            The source of all randomness.
+        """
         k = len(self.base.names)
         samples = self.base.to_samples(theta[:, :k], rng)
         return samples | dict(zip(self.names[k:], theta[:, k:].T))

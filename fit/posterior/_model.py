@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from fit.posterior._likelihood import CompressedLikelihood, compress_likelihood
-from fit.posterior._priors import ModelPriors, Priors
+from fit.posterior._priors import ModelPriors
 from fit.secular_parallax import ParallaxEquations
 from vsh.errors import ParameterError
 from vsh.types import FloatArray
@@ -37,7 +37,7 @@ class ParallaxModel:
     """
 
     likelihood: CompressedLikelihood
-    priors: Priors
+    priors: ModelPriors
     along: str = "u"
 
     @property
@@ -46,18 +46,36 @@ class ParallaxModel:
         return (*(f"{self.along}_{axis}" for axis in "xyz"), *self.priors.free)
 
     def velocities(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """u and v, (n, 3) each, of coordinates (n, d)."""
+        """u and v, (n, 3) each, of coordinates (n, d).
+
+        Parameters
+        ----------
+        theta : (n, d) array
+            Coordinates.
+        """
         ratio = theta[:, 3:4] / self.likelihood.hubble  # H0 is the first of the free numbers
         return (theta[:, :3], theta[:, :3] / ratio) if self.along == "u" else (theta[:, :3] * ratio, theta[:, :3])
 
     def log_jacobian(self, ratio: FloatArray) -> FloatArray | float:
-        """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u."""
+        """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u.
+
+        Parameters
+        ----------
+        ratio : (n,) array
+            H0/H_ref.
+        """
         if self.priors.velocity.in_product:
             return 0.0 if self.along == "u" else 3 * np.log(ratio)
         return -3 * np.log(ratio) if self.along == "u" else 0.0
 
     def log_probability(self, theta: FloatArray) -> FloatArray:
-        """Log posterior density of coordinates (n, d), up to a constant."""
+        """Log posterior density of coordinates (n, d), up to a constant.
+
+        Parameters
+        ----------
+        theta : (n, d) array
+            Coordinates.
+        """
         total = self.priors.log(theta[:, 3:])
         good = np.isfinite(total)
         spread, excess_noise, ratio = self.spreads(theta[good, 3:])
@@ -69,7 +87,13 @@ class ParallaxModel:
         return np.where(np.isnan(total), -np.inf, total)
 
     def spreads(self, numbers: FloatArray) -> tuple[FloatArray, ...]:
-        """s and x of the likelihood, and H0/H_ref, from the free numbers (n, k)."""
+        """s and x of the likelihood, and H0/H_ref, from the free numbers (n, k).
+
+        Parameters
+        ----------
+        numbers : (n, k) array
+            The free numbers, H0 first.
+        """
         columns = dict(zip(self.priors.free, numbers.T, strict=True))
         ratio = columns["H0"] / self.likelihood.hubble
         spread = (
@@ -86,6 +110,11 @@ class ParallaxModel:
         """Given the free numbers (n, k): log of the posterior with v marginalised, v's mean and covariance.
 
         For Gaussian (and flat) priors on the velocity, exactly.
+
+        Parameters
+        ----------
+        numbers : (n, k) array
+            The free numbers, H0 first.
         """
         spread, excess_noise, ratio = self.spreads(numbers)
         c, peak, matrix = self.likelihood(spread, excess_noise)
@@ -107,6 +136,18 @@ class ParallaxModel:
         """Coordinates of walkers, spread over the posterior, (walkers, d).
 
         Candidates are drawn, weighed by their density, and the draw is repeated around the best.
+
+        Parameters
+        ----------
+        rng : Generator or int
+            The source of all randomness.
+        walkers : int
+            How many.
+
+        Raises
+        ------
+        ParameterError
+            If the posterior is zero wherever it was tried.
         """
         limits = np.array([self.priors.limits(name) for name in self.priors.free])
         low, high = limits.T
@@ -150,7 +191,15 @@ class ParallaxModel:
         return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - logdet
 
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
-        """What a user asks for, by name: v, H0, the others, and ã, drawn given them."""
+        """What a user asks for, by name: v, H0, the others, and ã, drawn given them.
+
+        Parameters
+        ----------
+        theta : (n, d) array
+            Coordinates.
+        rng : Generator or int
+            The source of all randomness.
+        """
         numbers = theta[:, 3:]
         spread, excess_noise, _ = self.spreads(numbers)
         u, v = self.velocities(theta)
@@ -167,10 +216,23 @@ def parallax_model(
     spin: Literal["free"] | Vector | None = None,
     threads: int | None = None,
 ) -> ParallaxModel:
-    """The posterior of a catalogue's equations under priors."""
+    """The posterior of a catalogue's equations under priors.
+
+    Parameters
+    ----------
+    rows : ParallaxEquations
+        Of a catalogue.
+    given : ModelPriors
+        What is known before.
+    spin : None, "free" or Vector
+        As in `Priors`. [µas/yr]
+    threads : int, optional
+        How many; one a core unless given.
+    """
     spread = given.limits("peculiar_dispersion")
     if "peculiar_dispersion" in given.free:
-        spread = tuple(s * h / rows.hubble for s, h in zip(spread, given.limits("H0"), strict=True))
+        (low, high), (slow, fast) = spread, given.limits("H0")
+        spread = low * slow / rows.hubble, high * fast / rows.hubble
     table = compress_likelihood(rows, spread, given.limits("excess_noise"), spin, threads=threads)
     return ParallaxModel(table, given, "v" if _is_known(given.velocity, table) else "u")
 

@@ -8,7 +8,6 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fit.posterior._summary import SampleResult
 from fit.posterior._units import UNITS
 from vsh.system.quiet import import_quietly
 from vsh.types import Figure
@@ -23,13 +22,27 @@ _LABELS = {
 
 
 def label(name: str) -> str:
-    """A quantity's name with its unit, as on an axis."""
+    """A quantity's name with its unit, as on an axis.
+
+    Parameters
+    ----------
+    name : str
+        Of a quantity.
+    """
     unit = f"\n[{UNITS[name]}]" if UNITS.get(name) else ""
     return _LABELS.get(name, name) + unit
 
 
-def plot_corner(posterior: SampleResult, names: Sequence[str] | None = None) -> Figure:
-    """Every pair of quantities, with 68 and 95 % contours."""
+def plot_corner(posterior: Any, names: Sequence[str] | None = None) -> Figure:
+    """Every pair of quantities, with 68 and 95 % contours.
+
+    Parameters
+    ----------
+    posterior : Posterior or Samples
+        Any.
+    names : sequence of str, optional
+        Which quantities.
+    """
     samples = posterior.samples
     if names is None:
         names = [name for name in samples if not name.startswith(("omega_", "speed"))]
@@ -45,7 +58,15 @@ def plot_corner(posterior: SampleResult, names: Sequence[str] | None = None) -> 
 
 
 def plot_trace(posterior: Any, n_shown: int = 40) -> Figure:
-    """Coordinates of the sampler against steps, some walkers; the burn-in shaded."""
+    """Coordinates of the sampler against steps, some walkers; the burn-in shaded.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Any.
+    n_shown : int
+        Of the walkers.
+    """
     names, chain = posterior.model.names, posterior.chain
     figure, rows = plt.subplots(
         len(names), 1, sharex=True, figsize=(9, 1.3 * len(names) + 0.8), layout="constrained", squeeze=False
@@ -61,7 +82,13 @@ def plot_trace(posterior: Any, n_shown: int = 40) -> Figure:
 
 
 def plot_marginals(grid: Any) -> Figure:
-    """The marginal density of each quantity on a grid."""
+    """The marginal density of each quantity on a grid.
+
+    Parameters
+    ----------
+    grid : GridPosterior
+        Any.
+    """
     figure, panels = plt.subplots(
         1, len(grid.names), figsize=(5.5 * len(grid.names), 4), layout="constrained", squeeze=False
     )

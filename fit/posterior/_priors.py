@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypedDict
 
 import numpy as np
 
-from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
-from vsh.cosmology import PLANCK_2018
+from fit.posterior._velocity_prior import VelocityPrior, velocity_prior
+from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube
 from vsh.errors import ParameterError
 from vsh.types import FloatArray
 from vsh.vector import Vector
@@ -18,7 +18,7 @@ from vsh.vector import Vector
 PLANCK_HUBBLE = Normal(67.4, 0.5)
 #: Where an infinite prior on H0 is cut off. [km/s/Mpc]
 HUBBLE_LIMITS = 1.0, 1000.0
-_HUBBLE_PRIORS = {"planck": PLANCK_HUBBLE, "flat": Flat(0.0)}
+_HUBBLE_PRIORS: dict[str, Prior] = {"planck": PLANCK_HUBBLE, "flat": Flat(0.0)}
 
 
 class NoiseOptions(TypedDict, total=False):
@@ -70,9 +70,20 @@ def as_priors(
     priors: Priors | None,
     velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None,
     hubble_prior: str | tuple[float, float] | Prior | None,
-    options: Mapping[str, Any],
+    options: dict[str, Any],
 ) -> Priors:
     """The Priors that `sample` and `grid` were given, in one way or the other.
+
+    Parameters
+    ----------
+    priors : Priors or None
+        All in one.
+    velocity_prior : see `Priors`
+        Or None.
+    hubble_prior : see `Priors`
+        Or None.
+    options : dict
+        The others, one by one.
 
     Raises
     ------
@@ -105,7 +116,7 @@ class ModelPriors:
         Fixed (the dispersion then for H_ref), or free.
     """
 
-    velocity: "VelocityPrior"
+    velocity: VelocityPrior
     hubble: Prior
     peculiar_dispersion: float | Prior
     excess_noise: float | Prior
@@ -116,7 +127,18 @@ class ModelPriors:
         return {name: prior for name, prior in self._named().items() if not isinstance(prior, float)}
 
     def limits(self, name: str) -> tuple[float, float]:
-        """The smallest and largest value of one of them that is ever asked for."""
+        """The smallest and largest value of one of them that is ever asked for.
+
+        Parameters
+        ----------
+        name : str
+            Of a free number.
+
+        Raises
+        ------
+        ParameterError
+            If a prior other than that of H0 has no upper limit.
+        """
         prior = self._named()[name]
         if isinstance(prior, float):
             return prior, prior
@@ -130,7 +152,13 @@ class ModelPriors:
         return max(low, 0.0), high
 
     def log(self, values: FloatArray) -> FloatArray:
-        """Summed log-density of the free numbers, (n,), from their columns (n, k)."""
+        """Summed log-density of the free numbers, (n,), from their columns (n, k).
+
+        Parameters
+        ----------
+        values : (n, k) array
+            The free numbers.
+        """
         total = np.zeros(len(values))
         for column, (name, prior) in zip(values.T, self.free.items(), strict=True):
             low, high = self.limits(name)
@@ -190,78 +218,3 @@ def _number_or_prior(value, name):
             raise ParameterError(f"{name} cannot be {value}: zero or more, or a prior, is wanted")
         return float(value)
     return as_prior(value, name)
-
-
-@dataclass(frozen=True, eq=False)
-class VelocityPrior:
-    """Density of our velocity along the axes of one frame.
-
-    Attributes
-    ----------
-    mean, precision : (3,) and (3, 3) arrays or None — of a Gaussian; None for others [km/s]
-    function : callable or None — (n, 3) km/s → (n,) log-densities
-    name : str
-        For the fingerprint of a chain.
-    words : str
-        For reports.
-    """
-
-    name: str
-    mean: np.ndarray = None
-    precision: np.ndarray = None
-    function: callable = None
-    words: str = ""
-
-    @property
-    def proper(self) -> bool:
-        return self.name not in ("flat", "flat-product")
-
-    @property
-    def in_product(self) -> bool:
-        """Whether the density is flat in u = v H0, not in v: p(v, H0) = p(H0) H0³."""
-        return self.name == "flat-product"
-
-    @property
-    def gaussian(self) -> bool:
-        """Whether it is a Gaussian, the flat one (precision zero) among them."""
-        return self.function is None
-
-    def log(self, v: FloatArray) -> FloatArray:
-        """Log-density at velocities v, (n, 3)."""
-        if self.function is not None:
-            return np.asarray(self.function(v), float)
-        away = v - self.mean
-        _, logdet = np.linalg.slogdet(self.precision) if self.proper else (1, 0.0)
-        return (logdet - np.einsum("ni,ij,nj->n", away, self.precision, away)) / 2
-
-
-def velocity_prior(value: Any, frame: str) -> VelocityPrior:
-    """A velocity prior along the axes of `frame`.
-
-    Parameters
-    ----------
-    value : "planck", "flat", "flat-product", a Vector in km/s with its covariance, or a function from
-        velocities (n, 3), along the axes of `frame`, to log-densities (n,)
-
-    Raises
-    ------
-    ParameterError
-        If it is none of these, or a Vector without errors.
-    """
-    if isinstance(value, str) and value in ("flat", "flat-product"):
-        return VelocityPrior(value, np.zeros(3), np.zeros((3, 3)))
-    if isinstance(value, str) and value == "planck":
-        value = PLANCK_2018
-    if isinstance(value, Vector):
-        turned = value.to_frame(frame)
-        if not np.linalg.eigvalsh(turned.covariance)[0] > 0:
-            raise ParameterError("a Gaussian prior on the velocity needs errors in all three components")
-        precision = np.linalg.inv(turned.covariance)
-        l, b = value.to_frame("galactic").direction
-        words = f"{value.amplitude:.2f} ± {value.amplitude_error:.2g} km/s toward l = {l:.2f}°, b = {b:+.2f}°"
-        return VelocityPrior(
-            f"Gaussian {value.value} {value.sigma} {value.frame}", turned.value, precision, words=words
-        )
-    if callable(value):
-        return VelocityPrior(f"function {named_function(value)}", function=value)
-    raise ParameterError(f"a velocity prior is 'planck', 'flat', 'flat-product', a Vector or a function, not {value!r}")

@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from fit.posterior._mixture import MixtureModel
-from fit.posterior._model import parallax_model
+from fit.posterior._model import ParallaxModel, parallax_model
 from fit.posterior._priors import NoiseOptions, Priors, as_priors, checked_priors
 from fit.posterior._summary import SampleResult, Samples, text_of
 from fit.sampling import Prior, Run, as_prior, autocorrelation, check_writable, fingerprint
@@ -43,11 +43,11 @@ class Posterior(SampleResult):
     seed : int
     """
 
-    chain: np.ndarray
-    log_probability: np.ndarray
-    model: object
+    chain: FloatArray
+    log_probability: FloatArray
+    model: ParallaxModel | MixtureModel
     frame: str
-    notes: tuple
+    notes: tuple[str, ...]
     seed: int
 
     def __repr__(self) -> str:
@@ -88,11 +88,21 @@ class Posterior(SampleResult):
         return self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
 
     def report(self) -> str:
-        """The summary as text."""
+        """The summary as text.
+
+        Returns
+        -------
+        str
+        """
         return text_of(self)
 
     def kept(self) -> Samples:
-        """The samples without the chain: a `Samples`, which can be written and read back."""
+        """The samples without the chain: a `Samples`, which can be written and read back.
+
+        Returns
+        -------
+        Samples
+        """
         return Samples(self.samples, self.frame, tuple(map(str, self.notes)), self.model.priors.describe(), self.seed)
 
     def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -117,11 +127,27 @@ class Posterior(SampleResult):
         ----------
         path : str or Path
             An ECSV or FITS file.
+
+        Returns
+        -------
+        Samples
         """
         return Samples.read(path)
 
     def to_arviz(self) -> Any:
-        """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker."""
+        """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker.
+
+        Returns
+        -------
+        object
+
+        Raises
+        ------
+        ImportError
+            If arviz is not installed.
+        ConvergenceError
+            If the chain is too short.
+        """
         try:
             arviz = import_quietly("arviz")
         except ImportError:
@@ -135,11 +161,26 @@ class Posterior(SampleResult):
         return arviz.from_dict(groups) if new else arviz.from_dict(**groups)
 
     def corner(self, names: Sequence[str] | None = None) -> Figure:
-        """Corner plot of some of the quantities; the same as `plot`. A matplotlib figure."""
+        """Corner plot of some of the quantities; the same as `plot`. A matplotlib figure.
+
+        Parameters
+        ----------
+        names : sequence of str, optional
+            Which quantities.
+
+        Returns
+        -------
+        Figure
+        """
         return self.plot(names)
 
     def trace(self) -> Figure:
-        """The walkers' way, coordinate by coordinate. A matplotlib figure."""
+        """The walkers' way, coordinate by coordinate. A matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.posterior._plot import plot_trace
 
         return plot_trace(self)
@@ -168,6 +209,10 @@ def read_samples(path: PathName) -> dict[str, FloatArray]:
     ----------
     path : str or Path
         An ECSV or FITS file.
+
+    Returns
+    -------
+    dict[str, array]
     """
     return Samples.read(path).samples
 
@@ -237,7 +282,7 @@ def sample(
     emcee (Foreman-Mackey et al. 2013, PASP 125, 306) with moves by differential evolution, one in
     ten of them from mode to mode (ter Braak 2006).
     """
-    known = as_priors(priors, velocity_prior, hubble_prior, noise)
+    known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
     given, spin, outliers, outlier_width = (
         checked_priors(known, field.frame),
         known.spin,
@@ -245,7 +290,7 @@ def sample(
         known.outlier_width,
     )
     rows = parallax_equations(field, cosmology)
-    model = parallax_model(rows, given, spin, threads)
+    model: Any = parallax_model(rows, given, spin, threads)
     if outliers is not None:
         width = 10 * float(np.median(np.sqrt(rows.variance))) if outlier_width is None else float(outlier_width)
         model = MixtureModel(model, rows, as_prior(outliers, "outliers"), width, spin, threads)

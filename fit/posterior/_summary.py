@@ -11,7 +11,7 @@ import numpy as np
 from fit.posterior._units import FITS_UNITS, SHORT_NAMES, UNITS
 from fit.storage import Result, words
 from vsh import tables
-from vsh.checks.arguments import float_array
+from vsh.checks.arrays import float_array
 from vsh.sky.frames import check_frame
 from vsh.types import Figure, FloatArray, Table
 from vsh.vector import Vector
@@ -32,15 +32,23 @@ class Interval(NamedTuple):
 def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
     """An Interval for each name.
 
+    Parameters
+    ----------
+    samples : dict of str to (n,) array
+        By name.
+
+    Examples
+    --------
     >>> found = intervals({"x": np.arange(101.0)})["x"]
     >>> found.median, round(found.low68, 2), round(found.high68, 2), round(found.low95, 2)
     (50.0, 15.87, 84.13, 2.28)
     """
     levels = [50, 15.865525, 84.134475, 2.2750132, 97.7249868]  # the median, and the Gaussian's 1 and 2 σ
-    return {
-        name: Interval(*map(float, np.percentile(x, levels)), float(np.mean(x)), float(np.std(x, ddof=1)))
-        for name, x in samples.items()
-    }
+    found = {}
+    for name, x in samples.items():
+        median, low68, high68, low95, high95 = map(float, np.percentile(x, levels))
+        found[name] = Interval(median, low68, high68, low95, high95, float(np.mean(x)), float(np.std(x, ddof=1)))
+    return found
 
 
 class SampleResult(Result):
@@ -56,9 +64,9 @@ class SampleResult(Result):
         What the reader should know of the data.
     """
 
-    samples: dict
+    samples: Any
     frame: str
-    notes: tuple
+    notes: tuple[str, ...]
 
     def summary(self) -> dict[str, Interval]:
         """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
@@ -82,7 +90,17 @@ class SampleResult(Result):
         return tables.table_of(columns, {"frame": self.frame})
 
     def plot(self, names: Sequence[str] | None = None) -> Figure:
-        """Corner plot of some of the quantities: velocity, H0 and what else was free. A matplotlib figure."""
+        """Corner plot of some of the quantities: velocity, H0 and what else was free. A matplotlib figure.
+
+        Parameters
+        ----------
+        names : sequence of str, optional
+            Which quantities.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.posterior._plot import plot_corner
 
         return plot_corner(self, names)
@@ -112,7 +130,7 @@ class Samples(SampleResult):
 
     samples: dict
     frame: str
-    notes: tuple
+    notes: tuple[str, ...]
     priors: dict
     seed: int
 
@@ -120,7 +138,12 @@ class Samples(SampleResult):
         return f"<Samples: {len(self.samples['H0'])} of {', '.join(self.samples)}, {self.frame}>"
 
     def report(self) -> str:
-        """The summary as text."""
+        """The summary as text.
+
+        Returns
+        -------
+        str
+        """
         return "\n".join([*heading(self.frame, self.priors), *table_lines(self)]) + "\n"
 
     def _pack(self):
@@ -135,7 +158,13 @@ class Samples(SampleResult):
 
 
 def text_of(posterior: Any) -> str:
-    """A page of text on a posterior."""
+    """A page of text on a posterior.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Any.
+    """
     steps, walkers, _ = posterior.chain.shape
     slowest = max(posterior.autocorrelation.values())
     priors = posterior.model.priors
@@ -149,7 +178,15 @@ def text_of(posterior: Any) -> str:
 
 
 def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
-    """The first lines of a report on a posterior: its priors in words."""
+    """The first lines of a report on a posterior: its priors in words.
+
+    Parameters
+    ----------
+    frame : str
+        Of the axes.
+    priors : dict of str to str
+        In words.
+    """
     dispersion = priors["peculiar_dispersion"]
     fixed = (
         "fixed: in the weights alone" if dispersion[0].isdigit() else "free: the scatter bears on its product with H0"
@@ -164,7 +201,13 @@ def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
 
 
 def table_lines(found: SampleResult) -> list[str]:
-    """The table of medians and intervals of a SampleResult, as lines."""
+    """The table of medians and intervals of a SampleResult, as lines.
+
+    Parameters
+    ----------
+    found : SampleResult
+        Any.
+    """
     lines = [f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}"]
     for name, row in found.summary().items():
         lines.append(

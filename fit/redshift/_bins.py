@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import cast
 
 import numpy as np
 
@@ -11,14 +12,14 @@ from fit.redshift._solution import BinnedSolution
 from fit.solution import Solution
 from fit.solve import solve
 from vsh import Coefficients, Field
-from vsh.checks import arguments, nouns
+from vsh.checks import arguments, arrays, nouns
 from vsh.cosmology import FLOW_LIMIT, usable, with_redshift
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import Modes, as_modes
 from vsh.types import ArrayLike, FloatArray
 
 
-@arguments.accepts(field=nouns.fields, modes=nouns.modes)
+@arguments.accepts(field=nouns.fields)
 def binned(
     field: Field | Iterable[Field],
     modes: Modes | int,
@@ -38,6 +39,8 @@ def binned(
         Rising; or the number of bins, of equal information. A bin holds z_low ≤ z < z_high.
     shared_higher_degrees : bool
         Fit one set of coefficients above degree 1 to all bins.
+    threads : int, optional
+        How many; one a core unless given.
 
     Returns
     -------
@@ -52,12 +55,13 @@ def binned(
     FieldError
         If there are no redshifts.
     """
+    modes = as_modes(modes)
     fields = [field] if isinstance(field, Field) else field
     if isinstance(edges, (str, dict)) or np.ndim(edges) == 0:
         if not isinstance(field, Field):
             raise ParameterError("bins of equal information need the whole field: give their edges")
-        edges = equal_information(field, edges)
-    edges = arguments.float_array("edges", edges)
+        edges = equal_information(field, cast(int, edges))
+    edges = arrays.float_array("edges", edges)
     if edges.ndim != 1 or len(edges) < 2:
         raise ParameterError(
             f"the edges of redshift bins rise from one to the next: two at least, not {edges.tolist()}"
@@ -75,7 +79,7 @@ def binned(
             continue
         good = with_redshift(part, 0.0)
         notes += [note for note in good.notes if note not in notes]
-        place = np.searchsorted(edges, good.redshift, side="right") - 1
+        place = np.searchsorted(edges, np.asarray(good.redshift), side="right") - 1
         outside += int(((place < 0) | (place >= bins)).sum())
         for b in np.unique(place[(place >= 0) & (place < bins)]):
             inside = good[place == b]
@@ -107,15 +111,35 @@ def binned(
 
 @arguments.accepts(field=arguments.a(Field), n_bins=arguments.whole)
 def equal_information(field: Field, n_bins: int) -> FloatArray:
-    """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,)."""
+    """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,).
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+    n_bins : int
+        How many.
+
+    Returns
+    -------
+    array
+
+    Raises
+    ------
+    DegeneracyError
+        If there are fewer sources than bins, or a few weigh more than a bin.
+    FieldError
+        If there are no redshifts.
+    """
     n_bins = int(n_bins)
     if n_bins < 1:
         raise ParameterError(f"{n_bins} bins are none")
     field = with_redshift(field, 0.0)
     if len(field) < n_bins:
-        raise DegeneracyError(f"{len(field)} sources do not fill {n_bins} n_bins")
-    order = np.argsort(field.redshift, kind="stable")
-    z, weight = field.redshift[order], np.cumsum(field.information[order])
+        raise DegeneracyError(f"{len(field)} sources do not fill {n_bins} bins")
+    redshift = np.asarray(field.redshift)
+    order = np.argsort(redshift, kind="stable")
+    z, weight = redshift[order], np.cumsum(field.information[order])
     inner = z[np.searchsorted(weight, weight[-1] * np.arange(1, n_bins) / n_bins)]
     edges = np.r_[z[0], inner, np.nextafter(z[-1], np.inf)]
     if not (np.diff(edges) > 0).all():

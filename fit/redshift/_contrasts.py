@@ -44,22 +44,32 @@ class Trend(Result):
         The slopes of degree 1 as vectors.
     """
 
-    slopes: np.ndarray
-    covariance: np.ndarray
+    slopes: FloatArray
+    covariance: FloatArray
     test: ChiSquare
     misfit: ChiSquare
     spin: Vector
     acceleration: Vector
 
     def report(self) -> str:
-        """The slopes and their test as text."""
+        """The slopes and their test as text.
+
+        Returns
+        -------
+        str
+        """
         lines = [f"slopes of {name:14}" + "".join(f"{x:+10.3f} ± {s:.3f}" for x, s in zip(v.value, v.sigma, strict=True))
                  for name, v in (("spin", self.spin), ("acceleration", self.acceleration))]  # fmt: skip
         lines.append(f"no slope: χ² = {self.test.chi2:.2f} for {self.test.dof}, p-value {self.test.p_value:.4g}")
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """The slopes of spin and acceleration with their errors as an astropy Table."""
+        """The slopes of spin and acceleration with their errors as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
         names = [f"{name}_{axis}" for name in ("spin", "acceleration") for axis in "xyz"]
         return tables.table_of({
             "parameter": names, "slope": np.concatenate([self.spin.value, self.acceleration.value]),
@@ -67,14 +77,27 @@ class Trend(Result):
         })  # fmt: skip
 
     def plot(self) -> Figure:
-        """The slopes with their errors, a matplotlib figure."""
+        """The slopes with their errors, a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.redshift._plot import plot_trend
 
         return plot_trend(self)
 
 
 def welch(binned: Any, steps: int) -> tuple[float, float]:
-    """By what a scaled χ² is divided, and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
+    """By what a scaled χ² is divided, and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts.
+
+    Parameters
+    ----------
+    binned : BinnedSolution
+        The bins.
+    steps : int
+        How many contrasts.
+    """
     weight, dof = information(binned)
     share = weight / weight.sum()
     spread = np.sum((1 - share) ** 2 / dof)
@@ -83,24 +106,58 @@ def welch(binned: Any, steps: int) -> tuple[float, float]:
 
 
 def information(binned: Any) -> tuple[FloatArray, FloatArray]:
-    """Weight of each bin with scaled errors, and the degrees of freedom of its scale."""
+    """Weight of each bin with scaled errors, and the degrees of freedom of its scale.
+
+    Parameters
+    ----------
+    binned : BinnedSolution
+        The bins.
+    """
     weight = np.array([1 / np.trace(s.covariance) for s in binned.solutions]) / binned.scales
     return weight, np.array([max(s.dof, 1) for s in binned.solutions])
 
 
-def slope_of(theta: FloatArray, least: float, spread: FloatArray, q: int) -> float:
+def slope_of(found: tuple[FloatArray, float, FloatArray], q: int) -> float:
+    """χ² of no slope, from what `gls` found for constants and slopes.
+
+    Parameters
+    ----------
+    found : tuple
+        Constants and slopes (2q,), χ², and their covariance (2q, 2q).
+    q : int
+        How many slopes.
+    """
+    theta, _, spread = found
     return float(theta[q:] @ np.linalg.solve(spread[q:, q:], theta[q:]))
 
 
 def equality_chi2(values: FloatArray, covariance: FloatArray) -> float:
-    """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
+    """χ² of the differences of independent bins: values (B, q), covariance (B, q, q).
+
+    Parameters
+    ----------
+    values : (B, q) array
+        In each bin.
+    covariance : (k, k) array
+        The covariance.
+    """
     weight = np.linalg.inv(covariance)
     pull = np.einsum("bij,bj->bi", weight, values)
     return float(np.sum(values * pull) - pull.sum(0) @ np.linalg.solve(weight.sum(0), pull.sum(0)))
 
 
 def slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> float:
-    """χ² that a straight line takes away from independent bins: that of no slope."""
+    """χ² that a straight line takes away from independent bins: that of no slope.
+
+    Parameters
+    ----------
+    values : (B, q) array
+        In each bin.
+    covariance : (k, k) array
+        The covariance.
+    x : (B,) array
+        Of the bins.
+    """
     weight = np.linalg.inv(covariance)
     design = np.stack([np.ones_like(x), x - x.mean()])
     normal = np.einsum("kb,lb,bij->kilj", design, design, weight).reshape(2 * weight.shape[1], -1)
@@ -109,7 +166,17 @@ def slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> flo
 
 
 def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and θ's covariance."""
+    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and θ's covariance.
+
+    Parameters
+    ----------
+    values : (B, q) array
+        In each bin.
+    covariance : (k, k) array
+        The covariance.
+    design : (B, k) array
+        Of the model.
+    """
     q = values.shape[1]
     full = np.kron(design, np.eye(q))
     y = values.ravel()

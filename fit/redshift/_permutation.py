@@ -12,7 +12,7 @@ from vsh.checks.arguments import generator, whole
 from vsh.cosmology import FLOW_LIMIT, velocity_along, with_redshift
 from vsh.errors import ParameterError
 from vsh.field import Field
-from vsh.modes import Modes
+from vsh.modes import KINDS, Modes
 from vsh.sky.sphere import triad
 from vsh.types import Rng
 from vsh.units import AU_PER_YEAR
@@ -34,12 +34,15 @@ def permutation_test(
 
     Parameters
     ----------
-    field : Field — that went into the bins
-    binned : BinnedSolution — of degree 1
+    field : Field
+        That went into the bins.
+    binned : BinnedSolution
+        Of degree 1.
     n_permutations : int
     rng : Generator or int
-    velocity : Vector, optional — ours [km/s]: tests "secular_parallax" as well, whether the bins contradict a constant
-        acceleration with the secular parallax of that velocity
+    velocity : Vector, optional
+        Ours [km/s]: tests "secular_parallax" as well, whether the bins contradict a constant
+        acceleration with the secular parallax of that velocity.
 
     Returns
     -------
@@ -62,7 +65,8 @@ def permutation_test(
         raise ParameterError(f"permutations are for bins of degree 1, not {binned.modes.lmax}")
     rng, n_permutations = generator(rng), whole("n_permutations", n_permutations)
     field = with_redshift(field, 0.0)
-    place = np.searchsorted(binned.edges, field.redshift, side="right") - 1
+    redshift = np.asarray(field.redshift)
+    place = np.searchsorted(binned.edges, redshift, side="right") - 1
     inside = (place >= 0) & (place < len(binned))
     field, place = field[inside], place[inside]
     field = field.with_errors(field.sigma * np.sqrt(binned.scales)[place])
@@ -76,12 +80,13 @@ def permutation_test(
     products = np.einsum("ikn,jkn->nij", rows, weighted)
     size = products.shape[1]
     products = products.reshape(len(field), -1)
-    counts, observed = None, None
+    counts: dict[str, int] = {}
+    observed: dict[str, float] = {}
     for _ in range(n_permutations + 1):
         sums = np.stack([np.bincount(place, column, len(binned)) for column in products.T], axis=1)
         sums = sums.reshape(-1, size, size)
         found = _statistics(sums, np.bincount(place, minlength=len(binned)), binned, velocity is not None)
-        if observed is None:
+        if not observed:
             observed, counts = found, dict.fromkeys(found, 0)
         for name, chi2 in found.items():
             counts[name] += chi2 >= observed[name] * (1 - 1e-12)
@@ -90,7 +95,7 @@ def permutation_test(
 
 
 def _statistics(sums, sources, binned, with_velocity):
-    degree = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in "TS"}
+    degree = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in KINDS}
     values, covariance = _solved(sums, sources, 6)
     found = {kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in degree.items()}
     if len(binned) > 1:

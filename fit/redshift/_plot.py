@@ -22,8 +22,9 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck") -> Figure:
     Parameters
     ----------
     binned : BinnedSolution
-    velocity : "planck", Vector or None — whose secular parallax is drawn in, about the acceleration that fits
-        best with it
+    velocity : "planck", Vector or None
+        Whose secular parallax is drawn in, about the acceleration that fits
+        best with it.
 
     Returns
     -------
@@ -93,7 +94,13 @@ def _draw_prediction(binned, velocity, panels):
 
 
 def plot_trend(trend: Any) -> Figure:
-    """Slopes of spin and acceleration with redshift."""
+    """Slopes of spin and acceleration with redshift.
+
+    Parameters
+    ----------
+    trend : Trend
+        Any.
+    """
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
     for at, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):
         for i, (axis, colour) in enumerate(zip("xyz", _COLOURS, strict=True)):

@@ -24,8 +24,10 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
     Parameters
     ----------
     binned : BinnedSolution
-    velocity : Vector or None — whose secular parallax the bins are compared with
-    p_values : dict, optional — from `fit.redshift.permutation_test`
+    velocity : Vector or None
+        Whose secular parallax the bins are compared with.
+    p_values : dict, optional
+        From `fit.redshift.permutation_test`.
     """
     lines = [f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})", "─" * WIDTH]
     lines.append(f"{'z':>17}{'sources':>9}{'χ²/dof':>8}{'spin':>26}{'acceleration [µas/yr]':>28}")

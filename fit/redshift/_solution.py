@@ -8,18 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.normal import NormalEquations
 from fit.quality import Quality, f_p_value
 from fit.redshift._contrasts import ChiSquare, Trend, gls, information, slope_of, welch
 from fit.redshift._report import text_of
-from fit.solution import Solution
-from fit.storage import Result, coefficient_columns, count, exact, number, words
-from vsh import Coefficients, Modes, tables
-from vsh.checks.arguments import covariance, float_array
+from fit.storage import Result
+from vsh import Modes, tables
 from vsh.coefficients import FIRST_DEGREE
 from vsh.cosmology import PLANCK_2018
-from vsh.errors import ParameterError, TableError
-from vsh.sky.frames import check_frame
+from vsh.errors import ParameterError
+from vsh.modes import KINDS
 from vsh.types import ArrayLike, Figure, FloatArray, Kind, Table
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
@@ -50,15 +47,15 @@ class BinnedSolution(Result):
     notes : tuple of str
     """
 
-    edges: np.ndarray
+    edges: FloatArray
     solutions: list
     normals: list
-    redshift: np.ndarray
-    counts: np.ndarray
-    covariance: np.ndarray
-    free: np.ndarray
-    mean_inverse_distance: np.ndarray
-    notes: tuple
+    redshift: FloatArray
+    counts: FloatArray
+    covariance: FloatArray
+    free: FloatArray
+    mean_inverse_distance: FloatArray
+    notes: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.solutions)
@@ -68,10 +65,12 @@ class BinnedSolution(Result):
 
     @property
     def modes(self) -> Modes:
+        """The Modes that were fitted."""
         return self.solutions[0].modes
 
     @property
     def frame(self) -> str:
+        """Of the axes."""
         return self.solutions[0].frame
 
     @property
@@ -106,8 +105,10 @@ class BinnedSolution(Result):
 
         Parameters
         ----------
-        kind : {"T", "S"}, optional — only these coefficients; both unless given
-        l : int, optional — only this degree; all that is free unless given
+        kind : {"T", "S"}, optional
+            Only these coefficients; both unless given.
+        l : int, optional
+            Only this degree; all that is free unless given.
 
         Returns
         -------
@@ -128,7 +129,17 @@ class BinnedSolution(Result):
 
         Parameters
         ----------
-        x : (B,) array, optional — the bins' redshifts unless given; `mean_inverse_distance` makes it a secular parallax
+        x : (B,) array, optional
+            The bins' redshifts unless given; `mean_inverse_distance` makes it a secular parallax.
+
+        Returns
+        -------
+        Trend
+
+        Raises
+        ------
+        ParameterError
+            If x is not one finite number for each bin, or there are fewer than two bins.
         """
         x = self.redshift if x is None else np.asarray(x, float)
         if x.shape != (len(self),) or not np.isfinite(x).all():
@@ -140,9 +151,9 @@ class BinnedSolution(Result):
         line = np.stack([np.ones(len(self)), x - x.mean()], 1)
         theta, _, spread = gls(values, covariance, line)
         slopes, error = theta[q:], spread[q:, q:]
-        vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in "TS"]
+        vectors = [_vector(self.modes, kind, slopes, error, free, self.frame) for kind in KINDS]
         misfit, scaled, quoted = self._compared(None, None, line)
-        explained = slope_of(*scaled, q), slope_of(*quoted, q)
+        explained = slope_of(scaled, q), slope_of(quoted, q)
         # Satterthwaite's (1946) degrees of freedom of a slope's scale, from each bin's share in its variance.
         weight, dof = information(self)
         part = weight * (x - weight @ x / weight.sum()) ** 2
@@ -155,12 +166,19 @@ class BinnedSolution(Result):
 
         Parameters
         ----------
-        velocity : Vector — ours, toward the apex, at the distances that `mean_inverse_distance` holds [km/s]
+        velocity : Vector
+            Ours, toward the apex, at the distances that `mean_inverse_distance` holds [km/s]
 
         Returns
         -------
         acceleration : Vector
-        test : ChiSquare — of the bins about that prediction
+        test : ChiSquare
+            Of the bins about that prediction.
+
+        Raises
+        ------
+        ParameterError
+            If a bin has no distance.
         """
         if not np.isfinite(self.mean_inverse_distance).all():
             raise ParameterError(
@@ -174,7 +192,12 @@ class BinnedSolution(Result):
         return _vector(self.modes, "S", theta, spread, free, self.frame), test
 
     def to_table(self) -> Table:
-        """Spin and acceleration in each bin, with errors, as an astropy Table."""
+        """Spin and acceleration in each bin, with errors, as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
         columns = {
             "z_low": self.edges[:-1], "z_high": self.edges[1:], "z": self.redshift, "sources": self.counts,
             "chi2_dof": np.array([s.reduced_chi2 for s in self.solutions]),
@@ -204,58 +227,20 @@ class BinnedSolution(Result):
         return text_of(self, velocity, p_values)
 
     def plot(self, velocity: str | Vector | None = "planck") -> Figure:
-        """Components against redshift, with the secular parallax of a velocity drawn in; a matplotlib figure."""
+        """Components against redshift, with the secular parallax of a velocity drawn in; a matplotlib figure.
+
+        Parameters
+        ----------
+        velocity : "planck", Vector or None
+            Whose secular parallax is drawn in.
+
+        Returns
+        -------
+        Figure
+        """
         from fit.redshift._plot import plot_bins
 
         return plot_bins(self, velocity)
-
-    def _pack(self):
-        p, bins, q = len(self.modes), len(self), len(self.free)
-        joint = np.full((bins * p, bins * q), np.nan)
-        joint[: bins * q] = self.covariance
-        each = coefficient_columns(self.modes)
-        columns = {"bin": np.repeat(np.arange(bins), p)} | {name: values * bins for name, values in each.items()}
-        columns |= {
-            "value": np.concatenate([s.coefficients.values for s in self.solutions]),
-            "covariance": np.concatenate([s.covariance for s in self.solutions]), "joint_covariance": joint,
-            "normal_matrix": np.concatenate([n.matrix for n in self.normals]),
-            "normal_rhs": np.concatenate([n.rhs for n in self.normals]),
-        }  # fmt: skip
-        rest = {
-            name: [exact(x) for x in getattr(self, name)] for name in ("edges", "redshift", "mean_inverse_distance")
-        }
-        rest |= {"counts": self.counts.tolist(), "free": self.free.tolist(), "notes": list(map(str, self.notes)),
-                 "lmax": self.modes.lmax, "frame": self.frame,
-                 "solutions": [[exact(s.chi2), int(s.n_data), list(map(str, s.notes)), s.errors_from] for s in self.solutions],
-                 "normals": [[exact(n.chi2_null), int(n.n_data), list(map(str, n.notes))] for n in self.normals]}  # fmt: skip
-        return columns, rest, {"value": "uas / yr"}
-
-    @classmethod
-    def _unpack(cls, columns, rest):
-        modes, frame = Modes(rest["lmax"]), check_frame(rest["frame"])
-        solutions, normals = [], []
-        for b, (solved, summed) in enumerate(zip(rest["solutions"], rest["normals"], strict=True)):
-            mine = columns["bin"] == b
-            chi2, n_data, notes, errors_from = solved
-            coefficients = Coefficients(modes, columns["value"][mine])
-            solutions.append(Solution(coefficients, columns["covariance"][mine], number(chi2), count(n_data), frame,
-                                      words(notes), str(errors_from)))  # fmt: skip
-            matrix = covariance("normal_matrix", columns["normal_matrix"][mine], len(modes))
-            rhs = float_array("normal_rhs", columns["normal_rhs"][mine], (len(modes),))
-            chi2_null, n_data, notes = summed
-            normals.append(NormalEquations(modes, matrix, rhs, number(chi2_null), count(n_data), frame, words(notes)))
-        bins = len(solutions)
-        edges, redshift, mean_inverse_distance = (
-            float_array(name, [number(x) for x in rest[name]], (size,), finite=name != "mean_inverse_distance")
-            for name, size in (("edges", bins + 1), ("redshift", bins), ("mean_inverse_distance", bins))
-        )
-        free = np.array([count(k) for k in rest["free"]], int)
-        if not (np.diff(edges) > 0).all() or len(rest["counts"]) != bins or (free >= len(modes)).any():
-            raise TableError("edges, counts or coefficients of the bins")
-        size = len(free) * bins
-        joint = covariance("joint_covariance", columns["joint_covariance"][:size], size)
-        return cls(edges, solutions, normals, redshift, np.array([count(k) for k in rest["counts"]], int), joint, free,
-                   mean_inverse_distance, words(rest["notes"]))  # fmt: skip
 
     def _chosen(self, kind, l):
         """Values (B, q) of some of the free coefficients, their covariance and which they are."""

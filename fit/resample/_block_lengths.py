@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vsh.checks import arguments, nouns
+from vsh.checks import arguments
 from vsh.errors import DegeneracyError
 from vsh.field import Field
-from vsh.modes import Modes
+from vsh.modes import Modes, as_modes
 
 
 class BlockLength(NamedTuple):
@@ -28,7 +28,7 @@ class BlockLength(NamedTuple):
     resampled: object
 
 
-@arguments.accepts(field=arguments.a(Field), modes=nouns.modes)
+@arguments.accepts(field=arguments.a(Field))
 def compare_blocks(
     field: Field, modes: Modes | int, *, nsides: Sequence[int] = (8, 4, 2, 1), progress: bool = True
 ) -> tuple[list[BlockLength], BlockLength, str]:
@@ -41,7 +41,8 @@ def compare_blocks(
     ----------
     field : Field
     modes : Modes, or the degree lmax
-    nsides : tuple of int — from small blocks to large ones
+    nsides : tuple of int
+        From small blocks to large ones.
     progress : bool
 
     Returns
@@ -58,18 +59,19 @@ def compare_blocks(
     DegeneracyError
         If no size can be used.
     """
+    modes = as_modes(modes)
     from fit.resample._resample import jackknife
 
     rows, failed = [], None
     for nside in nsides:
         try:
-            found = jackknife(field, modes, nside, progress)
+            found = jackknife(field, modes, nside, progress=progress)
         except DegeneracyError as error:
             failed = error
             continue
         rows.append(_length(found, nside))
     if not rows:
-        raise failed
+        raise failed or DegeneracyError("no sizes of blocks were given")
     best = next(row for i, row in enumerate(rows) if all(not _grows(row, later) for later in rows[i + 1 :]))
     return rows, best, _advice(rows, best)
 

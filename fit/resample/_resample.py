@@ -11,6 +11,7 @@ sky shares, a glide or a rotation of the frame above all, no resampling can see.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -18,11 +19,11 @@ from scipy.special import stdtrit
 from fit.normal import NormalEquations, normal_equations
 from fit.solution import AboutSolution, Solution
 from fit.solve import solve
-from vsh.checks import arguments, nouns
+from vsh.checks import arguments
 from vsh.checks.arguments import between, generator, whole
 from vsh.errors import DegeneracyError
 from vsh.field import Field
-from vsh.modes import Modes
+from vsh.modes import Modes, as_modes
 from vsh.sky.pixels import pixels_of
 from vsh.system.progress import progress_bar
 from vsh.types import Figure, FloatArray, Rng, Table
@@ -49,19 +50,34 @@ class Resampled(AboutSolution):
 
     method: str
     solution: Solution
-    replicates: np.ndarray
-    covariance: np.ndarray
+    replicates: FloatArray
+    covariance: FloatArray
 
     def report(self) -> str:
-        """The solution with these errors, as text."""
+        """The solution with these errors, as text.
+
+        Returns
+        -------
+        str
+        """
         return self.resampled_solution.report()
 
     def to_table(self) -> Table:
-        """The coefficients with these errors as an astropy Table, a row each."""
+        """The coefficients with these errors as an astropy Table, a row each.
+
+        Returns
+        -------
+        Table
+        """
         return self.resampled_solution.to_table()
 
     def plot(self) -> Figure:
-        """Power by degree with these errors as a matplotlib figure."""
+        """Power by degree with these errors as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         return self.resampled_solution.plot()
 
     @property
@@ -95,6 +111,15 @@ class Resampled(AboutSolution):
 
         Percentiles of the replicates; for the jackknife, whose replicates lie close together, the
         interval of its standard error with Student's t, which allows for few blocks.
+
+        Parameters
+        ----------
+        probability : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        array
         """
         probability = between("probability", probability, 0, 1)
         if self.method == "jackknife":
@@ -103,7 +128,7 @@ class Resampled(AboutSolution):
         return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
 
 
-@arguments.accepts(field=arguments.a(Field), modes=nouns.modes, n_replicates=arguments.whole, rng=arguments.seed)
+@arguments.accepts(field=arguments.a(Field), n_replicates=arguments.whole, rng=arguments.seed)
 def bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng, *, progress: bool = True) -> Resampled:
     """Draw the sources again, each a Poisson number of times with mean 1.
 
@@ -114,13 +139,16 @@ def bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng, *, 
     field : Field
     modes : Modes, or the degree lmax
     n_replicates : int
-    rng : Generator or int — the source of all randomness
-    progress : bool — show a bar, after two seconds
+    rng : Generator or int
+        The source of all randomness.
+    progress : bool
+        Show a bar, after two seconds.
 
     Returns
     -------
     Resampled
     """
+    modes = as_modes(modes)
     rng = generator(rng)
     solution = solve(normal_equations(field, modes))
     replicates = np.empty((whole("n_replicates", n_replicates, 2), len(modes)))
@@ -133,7 +161,7 @@ def bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng, *, 
     return Resampled("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-@arguments.accepts(field=arguments.a(Field), modes=nouns.modes, n_replicates=arguments.whole, rng=arguments.seed)
+@arguments.accepts(field=arguments.a(Field), n_replicates=arguments.whole, rng=arguments.seed)
 def parametric_bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng) -> Resampled:
     """Draw the motions again, from the fit and the catalogue's errors.
 
@@ -144,16 +172,19 @@ def parametric_bootstrap(field: Field, modes: Modes | int, n_replicates: int, rn
     ----------
     field, modes, n_replicates, rng
         As for `bootstrap`.
+
+    Returns
+    -------
+    Resampled
     """
+    modes = as_modes(modes)
     solution = solve(normal_equations(field, modes))
     draws = generator(rng).standard_normal((whole("n_replicates", n_replicates, 2), len(modes)))
     replicates = solution.coefficients.values + draws @ np.linalg.cholesky(solution.covariance).T
     return Resampled("parametric bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-@arguments.accepts(
-    field=arguments.a(Field), modes=nouns.modes, nside=arguments.whole, n_replicates=arguments.whole, rng=arguments.seed
-)
+@arguments.accepts(field=arguments.a(Field), nside=arguments.whole, n_replicates=arguments.whole, rng=arguments.seed)
 def block_bootstrap(
     field: Field, modes: Modes | int, nside: int, n_replicates: int, rng: Rng, *, progress: bool = True
 ) -> Resampled:
@@ -163,13 +194,19 @@ def block_bootstrap(
     ----------
     field, modes, n_replicates, rng, progress
         As for `bootstrap`.
-    nside : int — of the blocks; those without sources are no blocks
+    nside : int
+        Of the blocks; those without sources are no blocks.
+
+    Returns
+    -------
+    Resampled
 
     Raises
     ------
     DegeneracyError
         If fewer than two blocks hold sources, or their matrices do not fit into memory.
     """
+    modes = as_modes(modes)
     rng, n_replicates = generator(rng), whole("n_replicates", n_replicates, 2)
     parts = _blocks(field, nside)
     p = len(modes)
@@ -180,7 +217,8 @@ def block_bootstrap(
     normals = [normal_equations(field[part], modes) for part in _bar(parts, progress, "blocks")]
     matrices = np.array([normal.matrix.ravel() for normal in normals])
     sides = np.array([normal.rhs for normal in normals])
-    solution = solve(sum(normals))
+    total: Any = sum(normals)
+    solution = solve(total)
     replicates = np.empty((n_replicates, p))
     for replicate in _bar(replicates, progress, "block bootstrap"):
         times = rng.multinomial(len(parts), np.full(len(parts), 1 / len(parts))).astype(float)
@@ -191,7 +229,7 @@ def block_bootstrap(
     return Resampled("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-@arguments.accepts(field=arguments.a(Field), modes=nouns.modes, nside=arguments.whole)
+@arguments.accepts(field=arguments.a(Field), nside=arguments.whole)
 def jackknife(field: Field, modes: Modes | int, nside: int, *, progress: bool = True) -> Resampled:
     """Leave out one HEALPix block of the sky after the other.
 
@@ -199,9 +237,11 @@ def jackknife(field: Field, modes: Modes | int, nside: int, *, progress: bool = 
     ----------
     field : Field
     modes : Modes, or the degree lmax
-    nside : int — of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
+    nside : int
+        Of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
         With noise correlated over 10° pulls were 2.1 at nside 4, 1.5 at 2 and 1.3 at 1 (formal errors: 10).
-    progress : bool — show a bar, after two seconds
+    progress : bool
+        Show a bar, after two seconds.
 
     Returns
     -------
@@ -213,6 +253,7 @@ def jackknife(field: Field, modes: Modes | int, nside: int, *, progress: bool = 
     DegeneracyError
         If fewer than two blocks hold sources, or the rest cannot do without one.
     """
+    modes = as_modes(modes)
     parts = _blocks(field, nside)
     whole_sky = normal_equations(field, modes)
     replicates = np.empty((len(parts), len(modes)))

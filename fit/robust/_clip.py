@@ -9,11 +9,12 @@ import numpy as np
 from fit.normal import normal_equations
 from fit.solution import AboutSolution, Solution
 from fit.solve import solve
-from vsh.checks import arguments, nouns
+from vsh.checks import arguments
 from vsh.checks.arguments import positive
 from vsh.errors import ConvergenceError
 from vsh.field import Field
-from vsh.modes import Modes
+from vsh.modes import Modes, as_modes
+from vsh.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,18 +37,13 @@ class Clipped(AboutSolution):
     """
 
     solution: Solution
-    kept: np.ndarray
+    kept: FloatArray
     n_rounds: int
     limit: float
     factor: float = 1.0
 
 
-@arguments.accepts(
-    field=arguments.a(Field),
-    modes=nouns.modes,
-    threshold=arguments.positive,
-    max_rounds=arguments.whole,
-)
+@arguments.accepts(field=arguments.a(Field), threshold=arguments.positive, max_rounds=arguments.whole)
 def clip(
     field: Field, modes: Modes | int, kappa: float = 3.0, threshold: float | None = None, *, max_rounds: int = 100
 ) -> Clipped:
@@ -61,8 +57,10 @@ def clip(
     ----------
     field : Field
     modes : Modes, or the degree lmax
-    kappa : float — leave out X > κ · median(X)
-    threshold : float, optional — leave out X > threshold instead
+    kappa : float
+        Leave out X > κ · median(X)
+    threshold : float, optional
+        Leave out X > threshold instead.
     max_rounds : int
 
     Returns
@@ -84,6 +82,7 @@ def clip(
     1 − q e^−q/(1 − e^−q). Both hold for Gaussian errors, of the size quoted or all wrong by one factor; the
     square root of the first is 1.006, 1.108, 1.308 for κ = 3, 2, 1.5 (pulls within 5 % of 1).
     """
+    modes = as_modes(modes)
     given = positive("kappa" if threshold is None else "threshold", kappa if threshold is None else threshold)
     kept, seen = np.ones(len(field), bool), {}
     for rounds in range(1, max_rounds + 1):
@@ -126,6 +125,13 @@ def clip(
 def truncation(q: float) -> tuple[float, float]:
     """What a cut at X²/2 = q does to Gaussian residuals of two components: factors on variance and on χ².
 
+    Parameters
+    ----------
+    q : float
+        The limit on X²/2.
+
+    Examples
+    --------
     >>> [round(float(np.sqrt(truncation(kappa**2 * np.log(2))[0])), 3) for kappa in (3, 2.5, 2, 1.5)]
     [1.006, 1.03, 1.108, 1.308]
     """

@@ -16,11 +16,11 @@ from fit.normal import normal_equations
 from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from fit.sums import sandwich
-from vsh.checks import arguments, nouns
+from vsh.checks import arguments
 from vsh.errors import ConvergenceError
 from vsh.field import Field
-from vsh.modes import Modes
-from vsh.types import IntArray
+from vsh.modes import Modes, as_modes
+from vsh.types import FloatArray, IntArray
 
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
@@ -45,7 +45,7 @@ class Reweighted(AboutSolution):
     """
 
     solution: Solution
-    weights: np.ndarray
+    weights: FloatArray
     n_rounds: int
     inflation: float
     nu: float | None = None
@@ -56,16 +56,22 @@ class Reweighted(AboutSolution):
         return float(self.weights.sum() ** 2 / (self.weights**2).sum())
 
     def most_downweighted(self, n_sources: int = 10) -> IntArray:
-        """Indices of the sources with the least weight, least first."""
+        """Indices of the sources with the least weight, least first.
+
+        Parameters
+        ----------
+        n_sources : int
+            How many.
+
+        Returns
+        -------
+        int array
+        """
         return np.argsort(self.weights, kind="stable")[:n_sources]
 
 
 @arguments.accepts(
-    field=arguments.a(Field),
-    modes=nouns.modes,
-    nu=arguments.positive,
-    tolerance=arguments.positive,
-    max_rounds=arguments.whole,
+    field=arguments.a(Field), nu=arguments.positive, tolerance=arguments.positive, max_rounds=arguments.whole
 )
 def student_t(
     field: Field, modes: Modes | int, *, nu: float | None = None, tolerance: float = 1e-4, max_rounds: int = 500
@@ -102,6 +108,7 @@ def student_t(
     5 % at degree 6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that
     neighbours share.
     """
+    modes = as_modes(modes)
     state = {"nu": 4.0 if nu is None else nu}
     estimated = nu is None
 
@@ -116,9 +123,7 @@ def student_t(
     return replace(found, nu=float(state["nu"]))
 
 
-@arguments.accepts(
-    field=arguments.a(Field), modes=nouns.modes, tolerance=arguments.positive, max_rounds=arguments.whole
-)
+@arguments.accepts(field=arguments.a(Field), tolerance=arguments.positive, max_rounds=arguments.whole)
 def permissive(field: Field, modes: Modes | int, *, tolerance: float = 1e-4, max_rounds: int = 500) -> Reweighted:
     """Fit taking every error for a lower bound: Sivia's conservative formulation.
 
@@ -144,6 +149,8 @@ def permissive(field: Field, modes: Modes | int, *, tolerance: float = 1e-4, max
     Sivia & Skilling (2006, Data Analysis, sect. 8.3.1), there for one component. The covariance is the same
     sandwich as that of `student_t`.
     """
+
+    modes = as_modes(modes)
 
     def weight(x2):
         q = np.maximum(x2 / 2, 1e-8)
@@ -174,7 +181,7 @@ def _reweighted(field, modes, weight, name, tolerance, max_rounds, power):
     residual = solution.residuals(field)
     x2 = residual.chi2 / (1 - own)
     # ∂(uΔ)/∂Δ is u on average across Δ and u + 2u'X² along it.
-    covariance, _ = sandwich(field, modes, residual.motion, u, u + slope * x2, power)
+    covariance, _ = sandwich(field, modes, residual.motion, u, u + slope * x2, power=power)
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
     least = np.argsort(u, kind="stable")[:5]
     label = field.name if field.name is not None else np.arange(len(field))

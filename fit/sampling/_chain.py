@@ -15,7 +15,17 @@ from vsh.types import FloatArray, PathName
 
 
 def autocorrelation(chain: FloatArray) -> FloatArray:
-    """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]"""
+    """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]
+
+    Parameters
+    ----------
+    chain : (steps, walkers, d) array
+        A chain.
+
+    Returns
+    -------
+    array
+    """
     with np.errstate(invalid="ignore", divide="ignore"):
         return emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
 
@@ -40,10 +50,24 @@ class Run:
         self.chain, self.log_probability = np.empty((steps, *begin.shape)), np.empty((steps, len(begin)))
         self.done = 0
         self.progress, self.save_every = progress, save_every
-        self.path = self.fingerprint = None
+        self.path: PathName | None = None
+        self.fingerprint: dict[str, str] = {}
 
     def resume_from(self, path: PathName, fingerprint: dict[str, str]) -> None:
-        """Go on from a checkpoint, if it is there, and write to it from now on."""
+        """Go on from a checkpoint, if it is there, and write to it from now on.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        fingerprint : dict of str to str
+            What a run is known by.
+
+        Raises
+        ------
+        CheckpointError
+            If the checkpoint belongs to another run, or is damaged.
+        """
         self.path, self.fingerprint = path, fingerprint | {"start": f"{self.start[1].sum():.17g}"}
         found = checkpoints.load(path, self.fingerprint)
         if found is None:
@@ -56,6 +80,7 @@ class Run:
         self.state = emcee.State(chain[-1], log_prob=log_probability[-1], random_state=random_state)
 
     def run(self) -> tuple[FloatArray, FloatArray]:
+        """Go to the last step; returns the chain and its log-probabilities."""
         last = time.monotonic()
         cost = 0.0
         bar = progress_bar(None, len(self.chain), "chain", self.progress, " steps", initial=self.done)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from vsh.types import FloatArray, PathName
 _STATE = ("key", "position", "has_gauss", "gauss")
 
 
-def fingerprint(field: Field, model: Mapping[str, str]) -> dict[str, str]:
+def fingerprint(field: Field, model: dict[str, str]) -> dict[str, str]:
     """What a chain belongs to: a hash of the data, and the model in words.
 
     Parameters
@@ -40,15 +39,40 @@ def fingerprint(field: Field, model: Mapping[str, str]) -> dict[str, str]:
 def save(
     path: PathName, fingerprint: dict[str, str], chain: FloatArray, log_probability: FloatArray, state: Any
 ) -> None:
-    """Write a chain (steps, walkers, d), its log-densities and the state of its random numbers."""
+    """Write a chain (steps, walkers, d), its log-densities and the state of its random numbers.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    fingerprint : dict of str to str
+        What the run is known by.
+    chain : (steps, walkers, d) array
+        So far.
+    log_probability : (steps, walkers) array
+        So far.
+    state : tuple
+        Of the random numbers.
+    """
     arrays = {"chain": chain, "log_probability": log_probability}
     arrays |= {name: np.asarray(value) for name, value in zip(_STATE, state[1:], strict=True)}
     with atomic_write(path) as new, new.open("wb") as file:
-        np.savez(file, fingerprint=np.frombuffer(json.dumps(fingerprint).encode(), np.uint8), **arrays)
+        np.savez(file, fingerprint=np.frombuffer(json.dumps(fingerprint).encode(), np.uint8), **cast(Any, arrays))
 
 
 def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, FloatArray, Any] | None:
     """Read a chain back: chain, log-densities, state of the random numbers; None where there is no file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    fingerprint : dict of str to str
+        What the run is known by.
+
+    Returns
+    -------
+    tuple[array, array, Any] | None
 
     Raises
     ------
@@ -76,7 +100,18 @@ def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, Float
 
 
 def check_writable(path: PathName) -> None:
-    """Raise CheckpointError before the work, not after it."""
+    """Raise CheckpointError before the work, not after it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Raises
+    ------
+    CheckpointError
+        If the file cannot be written.
+    """
     folder = Path(path).absolute().parent
     if not folder.is_dir():
         raise CheckpointError(f"{path}: there is no such folder")

@@ -25,13 +25,25 @@ class Prior(Protocol):
     """
 
     @property
-    def low(self) -> float: ...
+    def low(self) -> float:
+        """The lower limit, perhaps −∞."""
+
     @property
-    def high(self) -> float: ...
+    def high(self) -> float:
+        """The upper limit, perhaps ∞."""
+
     @property
-    def proper(self) -> bool: ...
+    def proper(self) -> bool:
+        """Whether its integral is finite."""
+
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape."""
+        """Log-density at x, any shape.
+
+        Parameters
+        ----------
+        x : array
+            Of any shape.
+        """
         ...
 
 
@@ -57,10 +69,21 @@ class Flat:
 
     @property
     def proper(self) -> bool:
+        """Whether its integral is finite."""
         return bool(np.isfinite(self.high - self.low))
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape."""
+        """Log-density at x, any shape.
+
+        Parameters
+        ----------
+        x : array
+            Of any shape.
+
+        Returns
+        -------
+        array
+        """
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, -np.log(self.high - self.low) if self.proper else 0.0, -np.inf)
 
@@ -83,7 +106,17 @@ class Normal:
             raise ParameterError(f"a Gaussian prior needs a finite mean and σ > 0, not {self.mean} ± {self.sigma}")
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape, but for the constant that a cut-off adds."""
+        """Log-density at x, any shape, but for the constant that a cut-off adds.
+
+        Parameters
+        ----------
+        x : array
+            Of any shape.
+
+        Returns
+        -------
+        array
+        """
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, -(((x - self.mean) / self.sigma) ** 2) / 2 - np.log(self.sigma), -np.inf)
 
@@ -92,7 +125,7 @@ class Normal:
 class Density:
     """Any density: a function that takes an array and returns log-densities, between two limits."""
 
-    function: callable
+    function: Callable[[FloatArray], FloatArray]
     low: float
     high: float
 
@@ -102,7 +135,17 @@ class Density:
         return f"Density({named_function(self.function)}, {self.low}, {self.high})"
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape."""
+        """Log-density at x, any shape.
+
+        Parameters
+        ----------
+        x : array
+            Of any shape.
+
+        Returns
+        -------
+        array
+        """
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, self.function(np.where(inside, x, (self.low + self.high) / 2)), -np.inf)
 
@@ -110,6 +153,17 @@ class Density:
 def integrable_over_cube(prior: Prior) -> bool:
     """Whether ∫ p(x)/x³ dx over x > 0 is finite at zero.
 
+    Parameters
+    ----------
+    prior : prior
+        A density of one number.
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
     >>> integrable_over_cube(Flat(50.0, 80.0)), integrable_over_cube(Normal(67.3, 15.0))
     (True, False)
     """
@@ -125,6 +179,19 @@ def integrable_over_cube(prior: Prior) -> bool:
 
 def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ()) -> Any:
     """A prior of one positive number: a prior, a pair (mean, σ), or one of the names.
+
+    Parameters
+    ----------
+    value : object
+        As users say it.
+    name : str
+        For messages.
+    named : dict of str to prior
+        Those that have names.
+
+    Returns
+    -------
+    Any
 
     Raises
     ------
@@ -146,7 +213,17 @@ def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ())
 
 
 def named_function(function: Callable[..., Any]) -> str:
-    """The name of a function and a hash of what it does."""
+    """The name of a function and a hash of what it does.
+
+    Parameters
+    ----------
+    function : function
+        Any.
+
+    Returns
+    -------
+    str
+    """
     code = getattr(function, "__code__", None)
     mark = sha256(code.co_code + repr(code.co_consts).encode()).hexdigest()[:12] if code else ""
     return f"{getattr(function, '__qualname__', type(function).__name__)} {mark}".strip()

@@ -9,14 +9,9 @@ from fit.secular_parallax._equations import (
     check_determined,
     parallax_equations,
 )
-from fit.secular_parallax._estimate import (
-    HubbleSolution,
-    ParallaxSolution,
-    VelocitySolution,
-    hubble_constant,
-    observer_velocity,
-)
+from fit.secular_parallax._estimate import hubble_constant, observer_velocity
 from fit.secular_parallax._forecast import predict
+from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 
 __all__ = [
     "A",

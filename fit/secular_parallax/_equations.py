@@ -37,17 +37,19 @@ class ParallaxSums:
     ----------
     matrix : (9, 9) array
     rhs : (9,) array
-    chi2_null : float — Σ y²/V
-    logdet : float — Σ log V
+    chi2_null : float
+        Σ y²/V.
+    logdet : float
+        Σ log V.
     n_data : int
 
     Each array with a leading axis where the sums were made for several spreads at once.
     """
 
-    matrix: np.ndarray
-    rhs: np.ndarray
-    chi2_null: np.ndarray
-    logdet: np.ndarray
+    matrix: FloatArray
+    rhs: FloatArray
+    chi2_null: FloatArray
+    logdet: FloatArray
     n_data: int
 
 
@@ -57,22 +59,27 @@ class ParallaxEquations:
 
     Attributes
     ----------
-    design : (2n, 9) array — of u, ã, ω
-    motion : (2n,) array — [µas/yr]
-    variance : (2n,) array — of the catalogue [(µas/yr)²]
-    rate : (2n,) array — k, the motion that a velocity of 1 km/s gives [µas/yr per km/s]
-    hubble : float — H_ref [km/s/Mpc]
+    design : (2n, 9) array
+        Of u, ã, ω.
+    motion : (2n,) array
+        [µas/yr]
+    variance : (2n,) array
+        Of the catalogue [(µas/yr)²]
+    rate : (2n,) array
+        k, the motion that a velocity of 1 km/s gives [µas/yr per km/s]
+    hubble : float
+        H_ref [km/s/Mpc]
     frame : str
     notes : tuple of str
     """
 
-    design: np.ndarray
-    motion: np.ndarray
-    variance: np.ndarray
-    rate: np.ndarray
+    design: FloatArray
+    motion: FloatArray
+    variance: FloatArray
+    rate: FloatArray
     hubble: float
     frame: str
-    notes: tuple
+    notes: tuple[str, ...]
 
     def sums(
         self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, threads: int | None = None
@@ -81,8 +88,12 @@ class ParallaxEquations:
 
         Parameters
         ----------
-        spread : float or (m,) array — of peculiar velocities, times H0/H_ref [km/s]
-        excess_noise : float or (m,) array — noise beyond the catalogue's [µas/yr]
+        spread : float or (m,) array
+            Of peculiar velocities, times H0/H_ref [km/s]
+        excess_noise : float or (m,) array
+            Noise beyond the catalogue's [µas/yr]
+        threads : int, optional
+            How many; one a core unless given.
 
         Returns
         -------
@@ -114,8 +125,14 @@ def parallax_equations(field: Field, cosmology: Cosmology | None = None) -> Para
 
     Parameters
     ----------
-    field : Field — with redshifts
-    cosmology : astropy cosmology, optional — flat, Ω_m = 0.315, H0 = 67.3 unless given
+    field : Field
+        With redshifts.
+    cosmology : astropy cosmology, optional
+        Flat, Ω_m = 0.315, H0 = 67.3 unless given.
+
+    Returns
+    -------
+    ParallaxEquations
 
     Raises
     ------
@@ -146,7 +163,24 @@ def parallax_equations(field: Field, cosmology: Cosmology | None = None) -> Para
 
 
 def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:
-    """Raise DegeneracyError where the data leave a combination of parameters unseen."""
+    """Raise DegeneracyError where the data leave a combination of parameters unseen.
+
+    Parameters
+    ----------
+    matrix : (p, p) array
+        The normal matrix.
+    names : sequence of str
+        Which of them.
+    sources : int
+        How many.
+    limit : float
+        On the condition number.
+
+    Raises
+    ------
+    DegeneracyError
+        If they do.
+    """
     diagonal = np.diag(matrix)
     if 2 * sources >= len(names) and (diagonal > 0).all():
         scaled = matrix / np.sqrt(np.outer(diagonal, diagonal))

@@ -6,127 +6,20 @@ ours with respect to the background and point toward the apex; galaxies move the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from scipy.special import chdtrc
 
-from fit.linear import NamedSolution
 from fit.secular_parallax._equations import OMEGA, A, U, check_determined, parallax_equations
-from fit.secular_parallax._report import text_of
-from vsh import Coefficients
+from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from vsh.checks import arguments
-from vsh.cosmology import PLANCK_2018, transverse_distance, velocity_along
+from vsh.cosmology import velocity_along
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.field import Field
-from vsh.sky.sphere import triad
-from vsh.types import ArrayLike, Cosmology, FloatArray
-from vsh.units import AU_PER_YEAR
+from vsh.types import ArrayLike, Cosmology
 from vsh.vector import Vector
 
 _PRODUCT = "the motions of sources see only the product of our velocity and the Hubble constant, v · H0"
-
-
-@dataclass(frozen=True, eq=False)
-class ParallaxSolution(NamedSolution):
-    """What both fits have in common.
-
-    Attributes
-    ----------
-    names : tuple of str
-        v_x v_y v_z, or H0; a_x a_y a_z; omega_x … where the spin is free.
-    values : (p,) array
-        [km/s, or km/s/Mpc; µas/yr]
-    covariance : (p, p) array
-    chi2 : float
-    n_data : int
-        Two a source.
-    frame : str
-        Of the axes.
-    peculiar_dispersion : float
-        The dispersion of peculiar velocities in each component that the weights allow for. [km/s]
-    notes : tuple of str
-    """
-
-    peculiar_dispersion: float = 750.0
-
-    def report(self, *, source: str | None = None, truth: dict[str, Any] | None = None) -> str:
-        """The result as text.
-
-        Parameters
-        ----------
-        source : str, optional
-            What was fitted.
-        truth : dict, optional
-            "velocity" and "hubble" of a simulated catalogue, printed beside what was found.
-
-        Returns
-        -------
-        str
-        """
-        return text_of(self, source, truth)
-
-    def _motions(self, field, velocity, hubble):
-        """What a velocity and H0 predict, with acceleration and spin, (2, n)."""
-        p, q, _ = triad(field.lon, field.lat)
-        rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, None, hubble))
-        spin = self.spin
-        vectors = Coefficients.from_vectors(np.zeros(3) if spin is None else spin.value, self.acceleration.value)
-        return vectors.at(field.lon, field.lat) - np.stack([velocity @ p, velocity @ q]) * rate
-
-
-@dataclass(frozen=True, eq=False)
-class VelocitySolution(ParallaxSolution):
-    """Our velocity, for the Hubble constant in `assumed_hubble`. [km/s/Mpc]"""
-
-    assumed_hubble: float = None
-
-    def model(self, field: Field) -> FloatArray:
-        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
-
-        With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
-        """
-        return self._motions(field, self.velocity.value, self.assumed_hubble)
-
-    @property
-    def velocity(self) -> Vector:
-        """v, a Vector in km/s, toward the apex."""
-        return self._vector("v", "km/s")
-
-    @property
-    def apex(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Galactic longitude and latitude of the apex, and their errors: two pairs. [deg]"""
-        galactic = self.velocity.to_frame("galactic")
-        return galactic.direction, galactic.direction_error
-
-    def against(self, velocity: Vector = PLANCK_2018) -> tuple[float, float]:
-        """χ² of the difference from another velocity (its own errors included), and the chance of as much."""
-        return _difference(self.velocity, velocity)
-
-
-@dataclass(frozen=True, eq=False)
-class HubbleSolution(ParallaxSolution):
-    """The Hubble constant, for the velocity in `assumed_velocity` (a Vector, km/s)."""
-
-    assumed_velocity: Vector = None
-
-    def model(self, field: Field) -> FloatArray:
-        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
-
-        With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
-        """
-        return self._motions(field, self.assumed_velocity.to_frame(self.frame).value, self.hubble)
-
-    @property
-    def hubble(self) -> float:
-        """H0. [km/s/Mpc]"""
-        return float(self.values[0])
-
-    @property
-    def hubble_error(self) -> float:
-        """Its standard error; that of the velocity included. [km/s/Mpc]"""
-        return float(self.sigma[0])
 
 
 @arguments.accepts(
@@ -285,10 +178,3 @@ def _solve(sums, to_u, names, spin, rows):
         "frame": rows.frame,
         "notes": rows.notes,
     }
-
-
-def _difference(a, b):
-    b = b.to_frame(a.frame)
-    away = a.value - b.value
-    chi2 = float(away @ np.linalg.solve(a.covariance + b.covariance, away))
-    return chi2, float(chdtrc(3, chi2))

@@ -26,11 +26,21 @@ def predict(
     Parameters
     ----------
     sources, sigma : as for `fit.correlation.predict`, with redshifts
-    hubble : float — for the velocity, and the scale of H0's error [km/s/Mpc]
+    hubble : float
+        For the velocity, and the scale of H0's error [km/s/Mpc]
     velocity : as for `fit.secular_parallax.hubble_constant`
     options : of `fit.secular_parallax.observer_velocity`, but hubble
+
+    Returns
+    -------
+    tuple[VelocitySolution, HubbleSolution]
     """
     still = Field.without_motions(sources, sigma)
     still = still.minus(still.motion)
-    both = observer_velocity(still, hubble, **options), hubble_constant(still, velocity, hubble=hubble, **options)
-    return tuple(replace(each, values=np.full(len(each.names), np.nan), chi2=float("nan")) for each in both)
+    ours = observer_velocity(still, hubble, **options)
+    constant = hubble_constant(still, velocity, hubble=hubble, **options)
+    nothing = float("nan")
+    return (
+        replace(ours, values=np.full(len(ours.names), nothing), chi2=nothing),
+        replace(constant, values=np.full(len(constant.names), nothing), chi2=nothing),
+    )

@@ -19,8 +19,10 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
     Parameters
     ----------
     solution : VelocitySolution or HubbleSolution
-    source : str, optional — what was fitted
-    truth : dict, optional — "velocity" and "hubble" of a simulated catalogue, printed beside what was found
+    source : str, optional
+        What was fitted.
+    truth : dict, optional
+        "velocity" and "hubble" of a simulated catalogue, printed beside what was found.
 
     Returns
     -------

@@ -21,7 +21,8 @@ def design_matrix_sums(field: Field, modes: Modes, threads: int | None = None) -
     ----------
     field : Field
     modes : Modes
-    threads : int, optional — one a core unless given
+    threads : int, optional
+        One a core unless given.
 
     Returns
     -------
@@ -71,5 +72,14 @@ def design_matrix_up_to(modes: Modes) -> int:
 
     As measured (docs/performance.md): below it the fixed cost of the rings tells, above it
     the design matrix.
+
+    Parameters
+    ----------
+    modes : Modes
+        What to fit.
+
+    Returns
+    -------
+    int
     """
     return max(1000, 2**18 // modes.lmax**2)

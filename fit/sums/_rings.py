@@ -37,7 +37,8 @@ def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tup
     ----------
     field : Field
     modes : Modes
-    threads : int, optional — one a core unless given
+    threads : int, optional
+        One a core unless given.
 
     Returns
     -------
@@ -53,6 +54,15 @@ def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tup
 def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
     """All that a fit to degree L needs of the sources: sums over them, which add.
 
+    Parameters
+    ----------
+    field : Field
+        The sources.
+    lmax : int
+        The highest degree.
+    threads : int, optional
+        How many; one a core unless given.
+
     Returns
     -------
     weights : (3, 2L + 1, 4L + 1) complex array
@@ -63,7 +73,9 @@ def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[Com
         Σ yᵀ C⁻¹ y.
     """
     parts = map_blocks(lambda part: _moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
-    weights, motions, chi2_null = 0, 0, 0.0
+    weights: Any = 0
+    motions: Any = 0
+    chi2_null = 0.0
     for w, z, chi2 in parts:
         weights, motions, chi2_null = weights + w, motions + z, chi2_null + float(chi2)
     return weights, motions, chi2_null
@@ -116,6 +128,13 @@ class Rings:
 
         A function that goes with e^{iMα} is even or odd about the pole like M, or unlike M
         where it is a component of a vector, which `turns_over` there.
+
+        Parameters
+        ----------
+        moments : complex array
+            Fourier moments.
+        turns_over : bool
+            Whether the far half of the meridian changes sign.
         """
         most = moments.shape[-1] // 2
         n = np.arange(-most, most + 1)[:, None]
@@ -128,12 +147,23 @@ class Rings:
         """a, b, c on a grid of 2L + 1 rings by 4L + 2 longitudes from α = 0, (3, 2L + 1, 4L + 2).
 
         The grid with these weights, some of them negative, has the normal matrix of the catalogue.
+
+        Parameters
+        ----------
+        weights : (3, 2L + 1, 4L + 1) complex array
+            Fourier moments of a, b, c.
         """
         spectra = np.swapaxes(self.spectra(weights, turns_over=False), 1, 2)
         return np.fft.irfft(spectra, 4 * self.lmax + 2)
 
     def matrix(self, weights: ComplexArray) -> FloatArray:
-        """N from the moments of a, b, c."""
+        """N from the moments of a, b, c.
+
+        Parameters
+        ----------
+        weights : (3, 2L + 1, 4L + 1) complex array
+            Fourier moments of a, b, c.
+        """
         a, b, c = self.spectra(weights, turns_over=False)
         # S is T turned by +90°, J = [[0, −1], [1, 0]]: N_SS has Jᵀ W J in place of W, N_TS has W J.
         tt = self.form(a, c, c, b)
@@ -142,7 +172,13 @@ class Rings:
         return np.block([[tt, ts], [ts.T, ss]])
 
     def rhs(self, motions: ComplexArray) -> FloatArray:
-        """b from the moments of the weighted motions."""
+        """b from the moments of the weighted motions.
+
+        Parameters
+        ----------
+        motions : (2, L + 1, 2L + 1) complex array
+            Those of the weighted motions.
+        """
         east, north = (z[self.m] for z in self.spectra(motions, turns_over=True))
         out = np.zeros((2, self.lmax * (self.lmax + 2)))
         positive = self.m > 0
@@ -152,7 +188,19 @@ class Rings:
         return out.ravel()
 
     def form(self, ee: Any, en: Any, ne: Any, nn: Any) -> FloatArray:
-        """Σ T_iᵀ W T_j for weights W = [[ee, en], [ne, nn]] on the rings, in the order of the modes."""
+        """Σ T_iᵀ W T_j for weights W = [[ee, en], [ne, nn]] on the rings, in the order of the modes.
+
+        Parameters
+        ----------
+        ee : array
+            Spectrum of products east–east.
+        en : array
+            East–north.
+        ne : array
+            North–east.
+        nn : array
+            North–north.
+        """
         spectra = np.stack([ee, en, ne, nn])
         real, sine = spectra.real, -spectra.imag  # Σ w cos Mα, Σ w sin Mα
         out = np.zeros(2 * (self.lmax * (self.lmax + 2),))

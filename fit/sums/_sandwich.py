@@ -28,9 +28,9 @@ EXACT = 2e9
 class _Weighted:
     """Sources with matrices in place of errors: what the sums look at of a field."""
 
-    lon: np.ndarray
-    lat: np.ndarray
-    weights: np.ndarray
+    lon: FloatArray
+    lat: FloatArray
+    weights: FloatArray
 
     @property
     def motion(self):
@@ -48,9 +48,17 @@ def weighted_matrix(field: Any, weights: FloatArray, modes: Modes, threads: int 
 
     Parameters
     ----------
-    field : Field — only its positions count
-    weights : (3, n) array — a, b, c of each source; they need not be positive
+    field : Field
+        Only its positions count.
+    weights : (3, n) array
+        A, b, c of each source; they need not be positive.
     modes : Modes
+    threads : int, optional
+        How many; one a core unless given.
+
+    Returns
+    -------
+    array
     """
     sources = _Weighted(field.lon, field.lat, np.asarray(weights, float))
     if len(sources) > design_matrix_up_to(modes):
@@ -74,8 +82,16 @@ def leverage(
     ----------
     field : Field
     modes : Modes
-    inverse : (p, p) array — N⁻¹ of the fit
-    factors : (n,) array — on the weights of the field, as the fit had them
+    inverse : (p, p) array
+        N⁻¹ of the fit.
+    factors : (n,) array
+        On the weights of the field, as the fit had them.
+    threads : int, optional
+        How many; one a core unless given.
+
+    Returns
+    -------
+    array
 
     Notes
     -----
@@ -100,7 +116,21 @@ def leverage(
 
 
 def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
-    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n): what the scores ψ = factors C⁻¹Δ scatter by."""
+    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n): what the scores ψ = factors C⁻¹Δ scatter by.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+    residual : (2, n) array
+        Δ. [µas/yr]
+    factors : (n,) array
+        u, the weight of each source.
+
+    Returns
+    -------
+    array
+    """
     a, b, c = field.weights
     east, north = a * residual[0] + c * residual[1], c * residual[0] + b * residual[1]
     return np.stack([east * east, north * north, east * north]) * factors**2
@@ -122,13 +152,19 @@ def sandwich(
     ----------
     field : Field
     modes : Modes
-    residual : (2, n) array — Δ [µas/yr]
-    factors : (n,) array — u, each source's weight in the fit
-    slopes : (n,) array — of u Δ by Δ, in units of C⁻¹: u itself where the weights do not depend on Δ
-    power : float — residuals are divided by (1 − leverage) to this power: ½ is HC2, 1 is HC3 of MacKinnon &
+    residual : (2, n) array
+        Δ [µas/yr]
+    factors : (n,) array
+        u, each source's weight in the fit.
+    slopes : (n,) array
+        Of u Δ by Δ, in units of C⁻¹: u itself where the weights do not depend on Δ.
+    power : float
+        Residuals are divided by (1 − leverage) to this power: ½ is HC2, 1 is HC3 of MacKinnon &
         White (1985, J. Econometrics 29, 305). The first is unbiased for the covariance, and so gives pulls
         that are too wide where it is uncertain; halfway they are 1 within 2 % with 400 sources and 96
         coefficients.
+    threads : int, optional
+        How many; one a core unless given.
 
     Returns
     -------

@@ -15,18 +15,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq
 
+from sim.scanning._precession import precession_speed
 from sim.scanning._sun import YEAR, sun_position, sun_rate
+from sim.scanning._transits import Transits
 from vsh.checks.arguments import between, generator, number, positive
 from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
-from vsh.types import ArrayLike, FloatArray, IntArray
+from vsh.types import ArrayLike, FloatArray
 from vsh.units import DEGREE
 
 MAX_YEARS = 100  # longer missions are typing errors
@@ -35,54 +36,37 @@ BLOCK = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Transits(Frozen):
-    """Passages of sources over a field of view, ordered by source and, for each, by time.
-
-    Attributes
-    ----------
-    source : (k,) int array — index of the source
-    time : (k,) array — since the start of the mission [yr]
-    angle : (k,) array — position angle of the scan, from north through east [rad]
-    parallax_factor : (k,) array — along-scan shift for a parallax of one
-    view : (k,) int array — +1 for the preceding, −1 for the following field of view
-    across : (k,) array — across-scan offset from the middle of the field [rad]
-    """
-
-    source: np.ndarray
-    time: np.ndarray
-    angle: np.ndarray
-    parallax_factor: np.ndarray
-    view: np.ndarray
-    across: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.source)
-
-    def counts(self, n: int) -> IntArray:
-        """How many each of n sources has, (n,)."""
-        return np.bincount(self.source, minlength=n)
-
-
-@dataclass(frozen=True, eq=False)
 class NominalScanningLaw(Frozen):
     """Where Gaia looks.
 
     Parameters
     ----------
-    start : float — Julian year of the start; 2014.73 is that of Gaia's science operations
-    years : float — length of the mission
-    precession_phase, spin_phase : float — ν and Ω at the start [rad]
-    solar_aspect : float — ξ [rad]
-    precessions : float — of the spin axis about the Sun, a year
-    spin_rate : float — [arcsec/s]
-    basic_angle : float — between the fields of view [rad]
-    half_height : float — of a field, across the scan [rad]; 0.342°, a little less than the 0.35° of the
-        whole field, gives the published counts with their 6 % of dead time
-    pole_days : float — at first the axis stays in the ecliptic, ν = 0 or π as is nearer to
+    start : float
+        Julian year of the start; 2014.73 is that of Gaia's science operations.
+    years : float
+        Length of the mission.
+    precession_phase, spin_phase : float
+        ν and Ω at the start [rad]
+    solar_aspect : float
+        ξ [rad]
+    precessions : float
+        Of the spin axis about the Sun, a year.
+    spin_rate : float
+        [arcsec/s]
+    basic_angle : float
+        Between the fields of view [rad]
+    half_height : float
+        Of a field, across the scan [rad]; 0.342°, a little less than the 0.35° of the
+        whole field, gives the published counts with their 6 % of dead time.
+    pole_days : float
+        At first the axis stays in the ecliptic, ν = 0 or π as is nearer to
         the given phase, so that both fields pass the ecliptic poles every spin [days]
-    dead_time : float — fraction of the time that is lost, in gaps of some six hours
-    rng : Generator or int — of the gaps; needed with a dead time
-    frame : str — of the positions whose transits are asked for
+    dead_time : float
+        Fraction of the time that is lost, in gaps of some six hours.
+    rng : Generator or int
+        Of the gaps; needed with a dead time.
+    frame : str
+        Of the positions whose transits are asked for.
 
     Raises
     ------
@@ -137,8 +121,18 @@ class NominalScanningLaw(Frozen):
         """S, the speed of the axis among the stars in units of the Sun's."""
         return self._state["speed"]
 
-    def sun(self, time: FloatArray) -> FloatArray:
-        """Direction of the Sun in the ecliptic, (3, n), and its distance [AU]; time in years."""
+    def sun(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Direction of the Sun in the ecliptic, (3, n), and its distance [AU]; time in years.
+
+        Parameters
+        ----------
+        time : (k,) array
+            Since the start of the mission. [yr]
+
+        Returns
+        -------
+        tuple[array, array]
+        """
         longitude, distance = sun_position(self.start, np.asarray(time, float))
         return np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)]), distance
 
@@ -147,7 +141,8 @@ class NominalScanningLaw(Frozen):
 
         Parameters
         ----------
-        time : (n,) array — since the start [yr]
+        time : (n,) array
+            Since the start [yr]
 
         Returns
         -------
@@ -167,8 +162,12 @@ class NominalScanningLaw(Frozen):
 
         Parameters
         ----------
-        lon, lat : (n,) arrays — positions in `frame` [rad]
-        threads : int, optional — one a core unless given
+        lon, lat : (n,) arrays
+            Positions in `frame` [rad]
+        threads : int, optional
+            One a core unless given.
+        progress : bool
+            Show a bar, after two seconds.
 
         Returns
         -------
@@ -188,7 +187,19 @@ class NominalScanningLaw(Frozen):
         )
 
     def transits_of_block(self, lon: ArrayLike, lat: ArrayLike) -> Transits:
-        """The same in one thread, for few enough positions that each may meet every spin at once."""
+        """The same in one thread, for few enough positions that each may meet every spin at once.
+
+        Parameters
+        ----------
+        lon : (n,) array
+            [rad]
+        lat : (n,) array
+            Latitude. [rad]
+
+        Returns
+        -------
+        Transits
+        """
         p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
         z, u, w, times = (self._state[name] for name in ("z", "u", "w", "times"))
         # Height above the scan circle at the start of every spin; z moves a degree in one.
@@ -212,25 +223,25 @@ class NominalScanningLaw(Frozen):
             hit = np.flatnonzero((share < 1) & (np.abs(sine) < wide))
             time = times[spin[hit]] + share[hit] * np.diff(times)[spin[hit]]
             found.append((source[hit], time, np.full(len(hit), view)))
-        source, time, view = (np.concatenate(each) for each in zip(*found, strict=True))
-        order = np.lexsort((time, source))
-        source, time, view = source[order], time[order], view[order]
+        owner, time, views = (np.concatenate(each) for each in zip(*found, strict=True))
+        order = np.lexsort((time, owner))
+        owner, time, views = owner[order], time[order], views[order]
         z, *_ = self._axes(time)
-        across = np.arcsin(np.sum(r[:, source] * z, 0))
+        across = np.arcsin(np.sum(r[:, owner] * z, 0))
         keep = self._alive(time) & (np.abs(across) < self.half_height)
-        source, time, view, z, across = source[keep], time[keep], view[keep], z[:, keep], across[keep]
-        here = r[:, source]
+        owner, time, views, z, across = owner[keep], time[keep], views[keep], z[:, keep], across[keep]
+        here = r[:, owner]
         scan = np.cross(z, here, axis=0) / np.cos(across)
-        angle = np.arctan2(np.sum(scan * p[:, source], 0), np.sum(scan * q[:, source], 0))
+        angle = np.arctan2(np.sum(scan * p[:, owner], 0), np.sum(scan * q[:, owner], 0))
         sun, distance = self.sun(time)
         # Gaia is opposite the Sun, 1 % farther out than the Earth; a parallax shifts towards the Sun.
         factor = 1.01 * distance * np.sum(sun * scan, 0)
-        return Transits(source, time, angle, factor, view, across)
+        return Transits(owner, time, angle, factor, views, across)
 
     def _integrate(self):
         """ν and Ω as splines of time, and the axes at the start of every spin."""
         xi = self.solar_aspect
-        speed = _speed(self.precessions, xi)
+        speed = precession_speed(self.precessions, xi)
         rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year
         quiet = self.pole_days / YEAR
         start = np.pi * round(self.precession_phase / np.pi) if quiet else self.precession_phase
@@ -293,14 +304,3 @@ class NominalScanningLaw(Frozen):
         starts, ends = self._state["gaps"]
         before = np.searchsorted(starts, time, side="right") - 1
         return (before < 0) | (time >= ends[np.maximum(before, 0)])
-
-
-def _speed(precessions, xi):
-    """S for a number of precessions a year: one turn of ν takes 1/K of a turn of λ."""
-
-    def turn(speed):
-        return quad(
-            lambda nu: np.sin(xi) / (np.sqrt(speed**2 - np.cos(nu) ** 2) + np.cos(xi) * np.sin(nu)), 0, 2 * np.pi
-        )[0]
-
-    return brentq(lambda speed: turn(speed) * precessions - 2 * np.pi, 1.5, 50.0, xtol=1e-12)

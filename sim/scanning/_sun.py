@@ -17,15 +17,39 @@ def _anomaly(start, time):
     return (357.528 + 0.9856003 * days) * DEGREE, (280.460 + _MEAN_RATE * days) * DEGREE
 
 
-def sun_position(start: float, time: FloatArray) -> FloatArray:
-    """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
+def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5).
+
+    Parameters
+    ----------
+    start : float
+        Of the mission. [Julian year]
+    time : (k,) array
+        Since the start of the mission. [yr]
+
+    Returns
+    -------
+    array
+    """
     g, mean = _anomaly(start, time)
     longitude = mean + (1.915 * np.sin(g) + 0.020 * np.sin(2 * g)) * DEGREE
     return longitude, 1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2 * g)
 
 
 def sun_rate(start: float, time: FloatArray) -> FloatArray:
-    """dλ/dt [rad/yr]."""
+    """dλ/dt [rad/yr].
+
+    Parameters
+    ----------
+    start : float
+        Of the mission. [Julian year]
+    time : (k,) array
+        Since the start of the mission. [yr]
+
+    Returns
+    -------
+    array
+    """
     g, _ = _anomaly(start, time)
     turn = 0.9856003 * DEGREE * YEAR
     return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * turn

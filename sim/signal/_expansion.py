@@ -8,7 +8,8 @@ import numpy as np
 
 from sim.signal._signal import Signal, direction_of
 from vsh import Coefficients
-from vsh.checks.arguments import float_array, number, positive
+from vsh.checks.arguments import number, positive
+from vsh.checks.arrays import float_array
 from vsh.errors import FieldError, ParameterError
 from vsh.sky.sphere import triad
 from vsh.types import ArrayLike, FloatArray
@@ -18,7 +19,7 @@ from vsh.types import ArrayLike, FloatArray
 class Shear:
     """Axes that expand at different rates [µas/yr]."""
 
-    matrix: np.ndarray
+    matrix: FloatArray
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
         p, q, r = triad(lon, lat)
@@ -44,8 +45,18 @@ def anisotropic_expansion(shear: ArrayLike) -> Signal:
 
     Parameters
     ----------
-    shear : (3, 3) array — Σ, symmetric: the expansion rate along each axis less the mean; a
-        trace makes no difference [µas/yr]; 1 % of H0 = 70 is 0.15 µas/yr
+    shear : (3, 3) array
+        Σ, symmetric: the expansion rate along each axis less the mean; a
+        trace makes no difference [µas/yr]; 1 % of H0 = 70 is 0.15 µas/yr.
+
+    Returns
+    -------
+    Signal
+
+    Raises
+    ------
+    ParameterError
+        If the matrix is not symmetric.
 
     Notes
     -----
@@ -66,9 +77,16 @@ def off_centre_void(direction: ArrayLike, amplitude: float = 0.02, peak: float =
 
     Parameters
     ----------
-    direction : (3,) array — towards which sources move; only its direction counts
-    amplitude : float — the largest motion [µas/yr]
-    peak : float — z_p, the redshift of the largest motion
+    direction : (3,) array
+        Towards which sources move; only its direction counts.
+    amplitude : float
+        The largest motion [µas/yr]
+    peak : float
+        Z_p, the redshift of the largest motion.
+
+    Returns
+    -------
+    Signal
     """
     direction = direction_of(direction, "direction")
     glide = number("amplitude", amplitude) * direction / np.linalg.norm(direction)

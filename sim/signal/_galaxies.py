@@ -18,11 +18,11 @@ from vsh.units import AU_PER_YEAR
 class SecularParallax:
     """Parallax by our velocity [km/s, toward the apex]."""
 
-    velocity: np.ndarray
+    velocity: FloatArray
     cosmology: object
     hubble: float | None
 
-    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
+    def __call__(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
         p, q, _ = triad(lon, lat)
         distance = _distance(redshift, self.cosmology, self.hubble)
         return -np.stack([self.velocity @ p, self.velocity @ q]) / (AU_PER_YEAR * distance)
@@ -39,7 +39,7 @@ class Peculiar:
     hubble: float | None
     n_waves: int
 
-    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
+    def __call__(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
         draw = np.random.default_rng(self.seed)
         distance = _distance(redshift, self.cosmology, self.hubble)
         p, q, r = triad(lon, lat)
@@ -60,10 +60,17 @@ def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None,
 
     Parameters
     ----------
-    velocity : (3,) array — ours with respect to the background, towards the apex, along the
+    velocity : (3,) array
+        Ours with respect to the background, towards the apex, along the
         axes of the frame [km/s]
-    cosmology : astropy cosmology, optional — flat, Ω_m = 0.315, H0 = 67.3 unless given
-    hubble : float, optional — H0 in place of the cosmology's [km/s/Mpc]
+    cosmology : astropy cosmology, optional
+        Flat, Ω_m = 0.315, H0 = 67.3 unless given.
+    hubble : float, optional
+        H0 in place of the cosmology's [km/s/Mpc]
+
+    Returns
+    -------
+    Signal
 
     Notes
     -----
@@ -87,13 +94,21 @@ def peculiar(
 
     Parameters
     ----------
-    sigma : float — [km/s]
-    rng : Generator or int — drawn from once, here: the same signal gives the same sky again
-    length : float, optional — velocities r apart are correlated by exp(−r²/(2 length²));
+    sigma : float
+        [km/s]
+    rng : Generator or int
+        Drawn from once, here: the same signal gives the same sky again.
+    length : float, optional
+        Velocities r apart are correlated by exp(−r²/(2 length²));
         independent unless given [Mpc]
     cosmology, hubble
         As for `secular_parallax`.
-    n_waves : int — plane waves that make up a correlated field
+    n_waves : int
+        Plane waves that make up a correlated field.
+
+    Returns
+    -------
+    Signal
     """
     length = None if length is None else positive("length", length)
     hubble = None if hubble is None else positive("hubble", hubble)
@@ -104,6 +119,17 @@ def peculiar(
 def hubble_rate(hubble: float) -> float:
     """H0 as an angular rate, as angles would change in an expansion on one axis only. [µas/yr]
 
+    Parameters
+    ----------
+    hubble : float
+        H0. [km/s/Mpc]
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
     >>> round(hubble_rate(67.3), 4), round(hubble_rate(70), 4)
     (14.1969, 14.7665)
     """
@@ -114,4 +140,4 @@ def hubble_rate(hubble: float) -> float:
 def _distance(redshift, cosmology, hubble):
     from vsh.cosmology import PLANCK_2013, transverse_distance  # astropy
 
-    return transverse_distance(redshift, PLANCK_2013 if cosmology is None else cosmology, hubble)
+    return transverse_distance(redshift, PLANCK_2013 if cosmology is None else cosmology, hubble=hubble)

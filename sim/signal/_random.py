@@ -8,7 +8,8 @@ from sim.signal._galaxies import hubble_rate
 from sim.signal._signal import Signal, from_coefficients
 from vsh import Coefficients, Modes
 from vsh.checks import arguments
-from vsh.checks.arguments import float_array, generator, not_negative
+from vsh.checks.arguments import generator, not_negative
+from vsh.checks.arrays import float_array
 from vsh.errors import ParameterError
 from vsh.types import ArrayLike, FloatArray, Rng
 
@@ -19,8 +20,18 @@ def random_field(power: ArrayLike, rng: Rng) -> Signal:
 
     Parameters
     ----------
-    power : (lmax,) array — ∫ |V_l|² dΩ of one kind, on average [(µas/yr)²]
+    power : (lmax,) array
+        ∫ |V_l|² dΩ of one kind, on average [(µas/yr)²]
     rng : Generator or int
+
+    Returns
+    -------
+    Signal
+
+    Raises
+    ------
+    ParameterError
+        If the power is not one number of at least zero for each degree.
     """
     power = float_array("power", power)
     if power.ndim != 1 or not len(power) or (power < 0).any():
@@ -37,6 +48,17 @@ def wave_fractions(lmax: int) -> FloatArray:
     α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
     sum to 1. The fractions are those of Book & Flanagan (2011, PhRvD 83, 024024), table 1.
 
+    Parameters
+    ----------
+    lmax : int
+        The highest degree.
+
+    Returns
+    -------
+    array
+
+    Examples
+    --------
     >>> wave_fractions(4).round(6)
     array([0.      , 0.833333, 0.116667, 0.03    ])
     """
@@ -52,9 +74,17 @@ def gravitational_waves(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: i
 
     Parameters
     ----------
-    omega : float — Ω_GW
+    omega : float
+        Ω_GW.
     rng : Generator or int
-    hubble : float — [km/s/Mpc]
+    hubble : float
+        [km/s/Mpc]
+    lmax : int
+        The highest degree.
+
+    Returns
+    -------
+    Signal
     """
     total = 4 * np.pi * not_negative("omega", omega) * hubble_rate(hubble) ** 2
     return random_field(total * wave_fractions(lmax) / 2, rng)

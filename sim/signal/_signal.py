@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vsh import Coefficients
-from vsh.checks.arguments import float_array
+from vsh.checks.arrays import float_array
 from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, ParameterError
 from vsh.types import ArrayLike, FloatArray
@@ -45,6 +45,15 @@ class Signal:
 def as_signal(truth: Any) -> Signal:
     """Coefficients, Signals, and functions of (lon, lat, redshift) that give (2, n) µas/yr, as a Signal.
 
+    Parameters
+    ----------
+    truth : Signal, Coefficients or function
+        A true field.
+
+    Returns
+    -------
+    Signal
+
     Raises
     ------
     ParameterError
@@ -68,24 +77,74 @@ class BandLimited:
 
 
 def from_coefficients(coefficients: Coefficients) -> Signal:
-    """Any band-limited field."""
+    """Any band-limited field.
+
+    Parameters
+    ----------
+    coefficients : Coefficients
+        The field. [µas/yr]
+
+    Returns
+    -------
+    Signal
+
+    Raises
+    ------
+    ParameterError
+        If they are no Coefficients.
+    """
     if not isinstance(coefficients, Coefficients):
         raise ParameterError(f"a field is made of Coefficients, not {type(coefficients).__name__}")
     return Signal((BandLimited(coefficients),))
 
 
 def spin(vector: ArrayLike) -> Signal:
-    """Rigid rotation of the frame, ω × r. [µas/yr]"""
+    """Rigid rotation of the frame, ω × r. [µas/yr]
+
+    Parameters
+    ----------
+    vector : (3,) array
+        ω. [µas/yr]
+
+    Returns
+    -------
+    Signal
+    """
     return from_coefficients(Coefficients.from_vectors(rotation=three_components(vector, "spin", "uas / yr")))
 
 
 def acceleration(vector: ArrayLike) -> Signal:
-    """SecularParallax towards a point by the Solar System's acceleration, ã − (ã·r) r. [µas/yr]"""
+    """SecularParallax towards a point by the Solar System's acceleration, ã − (ã·r) r. [µas/yr]
+
+    Parameters
+    ----------
+    vector : (3,) array
+        ã. [µas/yr]
+
+    Returns
+    -------
+    Signal
+    """
     return from_coefficients(Coefficients.from_vectors(glide=three_components(vector, "acceleration", "uas / yr")))
 
 
 def three_components(value: Any, name: str, unit: str = "") -> FloatArray:
-    """Three finite components, bare or as a Quantity of any fitting unit."""
+    """Three finite components, bare or as a Quantity of any fitting unit.
+
+    Parameters
+    ----------
+    value : (3,) array or Quantity
+        As users give it.
+    name : str
+        Of the argument, for the message.
+    unit : str
+        To which a Quantity is converted.
+
+    Raises
+    ------
+    FieldError
+        If they are not three finite numbers.
+    """
     value = as_floats(name, value, unit)[0]
     if value.shape != (3,) or not np.isfinite(value).all():
         raise FieldError(f"{name} must be a vector of three finite components, not of shape {value.shape}")
@@ -93,6 +152,22 @@ def three_components(value: Any, name: str, unit: str = "") -> FloatArray:
 
 
 def direction_of(value: Any, name: str, unit: str = "") -> FloatArray:
+    """Three finite components that are not all zero, bare or as a Quantity.
+
+    Parameters
+    ----------
+    value : (3,) array or Quantity
+        As users give it.
+    name : str
+        For the message.
+    unit : str
+        To which a Quantity is converted.
+
+    Raises
+    ------
+    FieldError
+        If they have no direction.
+    """
     value = three_components(value, name, unit)
     if not value.any():
         raise FieldError(f"{name} must be a vector whose components are not all zero")

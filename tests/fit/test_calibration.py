@@ -151,7 +151,7 @@ def test_p_values_of_bins(case, skies):
     for seed in range(skies):
         field, rng = quasars(seed, case)
         bins = binned(field, 1, 5)
-        permuted = permutation_test(field, bins, 199, rng, PLANCK_2018)
+        permuted = permutation_test(field, bins, n_permutations=199, rng=rng, velocity=PLANCK_2018)
         plain = {"T": bins.equality("T", 1).p_value, "S": bins.equality("S", 1).p_value, "trend": bins.trend().test.p_value,
                  "secular_parallax": bins.secular_parallax(PLANCK_2018)[1].p_value}  # fmt: skip
         for name, p in plain.items():
@@ -178,7 +178,7 @@ def test_a_difference_is_still_found():
     )
     bins = binned(moved, 1, 3)
     assert bins.equality().p_value < 1e-6
-    assert permutation_test(moved, bins, 199, rng)["S"] <= 0.01
+    assert permutation_test(moved, bins, n_permutations=199, rng=rng)["S"] <= 0.01
 
 
 def galaxies():

@@ -78,7 +78,7 @@ def test_what_cannot_be_resampled_is_said():
         fit.resample.jackknife(near, Modes(1), 1)
     with pytest.raises(FieldError, match="power of two from 1 to 8192, not 3"):
         fit.resample.jackknife(field, Modes(1), 3)
-    with pytest.raises(ValueError, match="n must be a whole number of at least 2"):
+    with pytest.raises(ValueError, match="n_replicates must be a whole number of at least 2"):
         fit.resample.bootstrap(field, Modes(1), 1, rng=1)
     with pytest.raises(ValueError, match="between 0 and 1"):
         fit.resample.parametric_bootstrap(field, Modes(1), 10, 1).interval(68)

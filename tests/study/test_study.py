@@ -144,7 +144,7 @@ def test_another_configuration_is_refused(finished, tmp_path):
         study.run(study.load(changed(mission={"release": "DR4"})), finished, progress=False)
     other = changed()
     other["case"][0]["quasars"]["number"] = 1501
-    with pytest.raises(StudyError, match=r"case\[0\].quasars.n: there 1500, here 1501"):
+    with pytest.raises(StudyError, match=r"case\[0\].quasars.number: there 1500, here 1501"):
         study.run(study.load(other), finished, progress=False)
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(StudyError, match="is damaged"):
@@ -155,8 +155,8 @@ def test_another_configuration_is_refused(finished, tmp_path):
 
 
 def test_more_realisations_go_on_from_the_first(finished, tmp_path):
-    study.run(study.load(SMALL), tmp_path / "few", 3, progress=False)
-    study.run(study.load(SMALL), tmp_path / "few", 24, progress=False)
+    study.run(study.load(SMALL), tmp_path / "few", n_realisations=3, progress=False)
+    study.run(study.load(SMALL), tmp_path / "few", n_realisations=24, progress=False)
     assert files_of(tmp_path / "few") == files_of(finished)
 
 
@@ -227,7 +227,7 @@ def test_the_paper_in_small(tmp_path):
     for case in configuration["case"]:
         case["quasars"]["number"], case["vlbi"]["number"], case["galaxies"]["number"] = 4000, 300, 3000
     small = study.load(configuration)
-    folder = study.run(small, tmp_path / "paper", 3, progress=False)
+    folder = study.run(small, tmp_path / "paper", n_realisations=3, progress=False)
     from study.paper import write_paper
 
     write_paper(small, folder, 3)

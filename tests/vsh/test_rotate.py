@@ -30,8 +30,8 @@ def test_the_field_is_the_same_field():
 
 def test_there_and_back():
     covariance = random_covariance()
-    galactic, turned = rotate(C, "galactic", covariance)
-    back, returned = rotate(galactic, "icrs", turned, frame="galactic")
+    galactic, turned = rotate(C, "galactic", covariance=covariance)
+    back, returned = rotate(galactic, "icrs", covariance=turned, frame="galactic")
     np.testing.assert_allclose(back.values, C.values, atol=1e-12)
     np.testing.assert_allclose(returned, covariance, atol=1e-12 * np.abs(covariance).max())
 
@@ -61,7 +61,7 @@ def test_any_rotation(vector):
 def test_a_fit_in_another_frame_is_the_fit_rotated():
     field = random_field(500, seed=3)
     icrs, galactic = fit.fit_field(field, 3), fit.fit_field(field.to_frame("galactic"), 3)
-    turned, covariance = rotate(icrs.coefficients, "galactic", icrs.covariance)
+    turned, covariance = rotate(icrs.coefficients, "galactic", covariance=icrs.covariance)
     np.testing.assert_allclose(turned.values, galactic.coefficients.values, atol=1e-9)
     np.testing.assert_allclose(covariance, galactic.covariance, atol=1e-9)
 
@@ -74,4 +74,4 @@ def test_what_is_no_rotation_is_refused(to):
 
 def test_a_covariance_of_the_wrong_shape_is_refused():
     with pytest.raises(ValueError, match="covariance has shape"):
-        rotate(C, "galactic", np.eye(3))
+        rotate(C, "galactic", covariance=np.eye(3))

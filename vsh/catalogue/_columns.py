@@ -11,11 +11,9 @@ import numpy as np
 from astropy import units as u
 
 from vsh.checks.notes import printable
-from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, TableError
 from vsh.sky.frames import check_frame
 from vsh.tables import TableSource
-from vsh.types import BoolArray
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,18 @@ _OTHER_FRAMES = {"l": "galactic", "b": "galactic", "glon": "galactic", "glat": "
 
 
 def as_columns(columns: Any) -> Columns:
-    """Columns from None (Gaia's names), a dict of role to name, or Columns."""
+    """Columns from None (Gaia's names), a dict of role to name, or Columns.
+
+    Parameters
+    ----------
+    columns : Columns, dict or None
+        As users say it.
+
+    Raises
+    ------
+    TableError
+        If a role is unknown.
+    """
     if columns is None:
         return GAIA
     if isinstance(columns, Columns):
@@ -68,7 +77,7 @@ def as_columns(columns: Any) -> Columns:
     return Columns(**columns)
 
 
-def locate(columns: Columns, source: TableSource) -> dict[str, str]:
+def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[str]]:
     """From what a field needs to the names of a table's columns, and notes.
 
     Parameters
@@ -89,7 +98,7 @@ def locate(columns: Columns, source: TableSource) -> dict[str, str]:
         if name is None or isinstance(name, str):
             if name not in source.names:
                 raise TableError(
-                    f"{source.label}: {_missing(name, source)}. Say which it is: columns={{{f.name!r}: …}} (--columns {f.name}=…)"
+                    f"{source.label}: {missing_column(name, source)}. Say which it is: columns={{{f.name!r}: …}} (--columns {f.name}=…)"
                 )
             where[f.name] = name
         else:
@@ -101,8 +110,15 @@ def locate(columns: Columns, source: TableSource) -> dict[str, str]:
     return where, said
 
 
-def frame_of(where: Mapping[str, str], frame: str | None) -> str:
+def frame_of(where: Mapping[str, str], frame: str | None) -> str | None:
     """The frame of a table's positions: the one that was told, or ICRS if the columns' names say nothing else.
+
+    Parameters
+    ----------
+    where : dict of str to str
+        Columns by role.
+    frame : str, optional
+        What the user said.
 
     Raises
     ------
@@ -122,93 +138,7 @@ def frame_of(where: Mapping[str, str], frame: str | None) -> str:
     return "icrs"
 
 
-def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource) -> Any:
-    """By which each column of positions, motions and errors is multiplied, and notes on units that were assumed.
-
-    Raises
-    ------
-    TableError
-        If a unit is missing, unknown, not linear, not positive, or of another kind.
-    """
-    for name in units or {}:
-        if name not in source.names:
-            raise TableError(f"units: {_missing(name, source)}")
-    found, assumed = {}, {}
-    for role in REQUIRED:
-        if role not in where:
-            continue
-        name, wanted = where[role], UNITS[role]
-        unit = (units or {}).get(name, source.units.get(name))
-        if unit is None or str(unit).strip() == "":
-            if name != getattr(GAIA, role):
-                raise TableError(
-                    f"column {name!r} has no unit: say which, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
-                )
-            assumed.setdefault(str(wanted), []).append(name)
-            unit = wanted
-        found[role] = _factor(name, unit, wanted, name in (units or {}))
-    name = where.get("redshift")
-    unit = (units or {}).get(name, source.units.get(name)) if name else None
-    if unit is not None and str(unit).strip():
-        _check_redshift(name, unit)
-    return found, assumed
-
-
-def parse_unit(unit: Any) -> Any:
-    """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If nobody knows it.
-    """
-    if not isinstance(unit, str):
-        return u.Unit(unit)
-    for form in ("generic", "vounit", "cds", "ogip"):
-        try:
-            return u.Unit(unit, format=form)
-        except (ValueError, TypeError):
-            continue
-    return u.Unit(unit)
-
-
-def _factor(name, unit, wanted, given):
-    said = printable(unit)
-    try:
-        parsed = parse_unit(unit)
-    except (ValueError, TypeError):
-        place = "units" if given else "the table"
-        raise TableError(
-            f"{place}: {said!r}, given for {name}, is no unit that astropy knows: say what it is, "
-            f"units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
-        ) from None
-    if not isinstance(parsed, u.UnitBase):
-        raise TableError(f"column {name!r} is in {said!r}, a logarithm: turn it into a linear unit, {wanted} say")
-    try:
-        factor = float(parsed.to(wanted))
-    except (u.UnitConversionError, ValueError, TypeError, AttributeError):
-        raise TableError(
-            f"column {name!r} is in {said!r}, which cannot be turned into {wanted}: "
-            f"if the table is wrong, say what it is, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
-        ) from None
-    if not 0 < factor < np.inf:
-        raise TableError(f"column {name!r} is in {said!r}, a unit that is not positive: signs would turn")
-    return factor
-
-
-def _check_redshift(name, unit):
-    try:
-        parsed = parse_unit(unit)
-    except (ValueError, TypeError):
-        return  # words such as "none"
-    if parsed != u.dimensionless_unscaled:
-        raise TableError(
-            f"column {name!r} is in {printable(unit)!r}, not a redshift: divide velocities by c, or say which column "
-            "has redshifts (--columns redshift=NAME)"
-        )
-
-
-def _missing(name, source):
+def missing_column(name: str | None, source: TableSource) -> str:
     near = get_close_matches(str(name), source.names, n=3, cutoff=0.6)
     hint = f"; nearest: {', '.join(map(printable, near))}" if near else ""
     shown = list(map(printable, source.names[:200]))
@@ -216,40 +146,20 @@ def _missing(name, source):
     return f"no column {printable(name)!r}. The table has {', '.join(shown)}{more}{hint}"
 
 
-def plain(name: str, values: Any, missing: BoolArray | None) -> Any:
-    """A column of numbers as a masked array of doubles."""
-    floats, mask = as_floats(printable(name), np.ma.MaskedArray(values, False if missing is None else missing))
-    return np.ma.MaskedArray(floats, mask)
-
-
-def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
-    """Names as 64-bit integers or text, and notes; masked integers become text, so that no digit is lost."""
-    said = []
-    mask = np.zeros(len(values), bool) if missing is None else missing
-    if values.dtype.kind == "f" and not mask.all():
-        said.append(f"warning: {name} is a column of floating-point numbers, so long identifiers have lost digits")
-    if values.dtype.kind == "S":
-        values = np.char.decode(values, "utf-8", "replace")
-    if mask.any() or values.dtype.kind not in "iuU":
-        values = np.where(mask, "", values.astype(str))
-    elif values.dtype.kind in "iu":
-        values = values.astype(values.dtype.newbyteorder("="))
-    named = np.sort(
-        values[values != ""] if values.dtype.kind == "U" else values
-    )  # a sort is faster than np.unique's hash
-    repeated = int(np.sum(named[1:] == named[:-1]))
-    if repeated:
-        said.append(f"warning: {repeated} rows repeat the {name} of another and count again")
-    return values, said
-
-
-def doubt_positions(found: Any, assumed: Any, at_least: int = 20) -> tuple[str, ...]:
+def doubt_positions(found: Any, assumed: Any, at_least: int = 20) -> None:
     """Raise FieldError where bare positions look like radians or hours rather than degrees.
 
     Parameters
     ----------
     found : dict with masked arrays "ra" and "dec" [deg]
     assumed : whether their unit is an assumption
+    at_least : int
+        So many sources are needed to doubt.
+
+    Raises
+    ------
+    FieldError
+        If they lie as positions in radians would.
     """
     ra, dec = (np.ma.compressed(found[role]) for role in ("ra", "dec"))
     if not assumed or ra.size < at_least or dec.size < at_least:

@@ -18,7 +18,8 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     Parameters
     ----------
     path : str or Path
-    name : {"icrf", "iers"} — which designation names the sources: J000020.3-322101 or 2357-326
+    name : {"icrf", "iers"}
+        Which designation names the sources: J000020.3-322101 or 2357-326.
 
     Returns
     -------

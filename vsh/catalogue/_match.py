@@ -16,9 +16,7 @@ from vsh.units import DEGREE, UAS
 __all__ = ["match"]
 
 
-def match(
-    a: Field | Positions, b: Field | Positions, *, by: Literal["name", "position"] = "name", radius: Any = None
-) -> Any:
+def match(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> Field:
     """The differences a − b of two catalogues, with the sum of their covariances.
 
     Parameters

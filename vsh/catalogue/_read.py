@@ -9,18 +9,8 @@ from warnings import warn
 import numpy as np
 
 from vsh import tables
-from vsh.catalogue._columns import (
-    REQUIRED,
-    UNITS,
-    Columns,
-    as_columns,
-    doubt_positions,
-    factors,
-    frame_of,
-    identifiers,
-    locate,
-    plain,
-)
+from vsh.catalogue._columns import REQUIRED, UNITS, Columns, as_columns, doubt_positions, frame_of, locate
+from vsh.catalogue._units import factors, identifiers, plain
 from vsh.checks.arguments import whole
 from vsh.checks.notes import DroppedRows, merge_notes, printable
 from vsh.errors import NothingLeftError, VshWarning
@@ -176,8 +166,10 @@ def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None
     Parameters
     ----------
     field : Field
-    path : str or Path — its ending tells the format
-    meta : dict, optional — plain values, kept with the table (not by CSV and VOTable)
+    path : str or Path
+        Its ending tells the format.
+    meta : dict, optional
+        Plain values, kept with the table (not by CSV and VOTable)
     """
     columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
     columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}

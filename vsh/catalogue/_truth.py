@@ -10,11 +10,16 @@ from vsh import tables
 from vsh.vector import Vector
 
 
-def truth_of(source: Any) -> dict[str, Any]:
+def truth_of(source: Any) -> dict[str, Any] | None:
     """The spin and acceleration that a simulated table says it was made with, or None.
 
     Read from its metadata: SPIN_X … ACC_Z, ICRS components in µas/yr, and for galaxies VEL_X … VEL_Z
     (km/s, toward the apex) and HUBBLE (km/s/Mpc).
+
+    Parameters
+    ----------
+    source : path or table
+        Whatever `vsh.tables.open_table` takes.
 
     Returns
     -------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import wraps
 from inspect import signature
 from operator import index
@@ -12,7 +11,6 @@ from typing import Any, ParamSpec, TypeAlias, TypeVar
 import numpy as np
 
 from vsh.errors import ParameterError
-from vsh.types import ArrayLike, FloatArray
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -23,6 +21,24 @@ Check: TypeAlias = Callable[[str, Any], Any]
 def number(name: str, value: Any) -> float:
     """A finite number, as a float.
 
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+
+    Examples
+    --------
     >>> number("extra", 3)
     3.0
     """
@@ -36,7 +52,20 @@ def number(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """A finite number above zero, as a float."""
+    """A finite number above zero, as a float.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
     found = number(name, value)
     if not found > 0:
         raise ParameterError(f"{name} must be above zero, not {value!r}")
@@ -44,7 +73,20 @@ def positive(name: str, value: Any) -> float:
 
 
 def not_negative(name: str, value: Any) -> float:
-    """A finite number of zero or more, as a float."""
+    """A finite number of zero or more, as a float.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
     found = number(name, value)
     if not found >= 0:
         raise ParameterError(f"{name} must be zero or more, not {value!r}")
@@ -52,7 +94,24 @@ def not_negative(name: str, value: Any) -> float:
 
 
 def between(name: str, value: Any, low: float, high: float) -> float:
-    """A number low < x < high, as a float."""
+    """A number low < x < high, as a float.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+    low : float
+        The lower bound, excluded.
+    high : float
+        The upper bound, excluded.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
     found, low, high = number(name, value), number("low", low), number("high", high)
     if not low < found < high:
         raise ParameterError(f"{name} must lie between {low:g} and {high:g}, not at {value!r}")
@@ -60,7 +119,22 @@ def between(name: str, value: Any, low: float, high: float) -> float:
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:
-    """A whole number of at least `least`, as an int."""
+    """A whole number of at least `least`, as an int.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+    least : int
+        The smallest that is taken.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
     try:
         found = index(value) if np.ndim(value) == 0 else None
     except TypeError:
@@ -73,6 +147,22 @@ def whole(name: str, value: Any, least: int = 1) -> int:
 def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
     """One of some words.
 
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+    choices : tuple
+        What may be chosen.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+
+    Examples
+    --------
     >>> choice("common", "higher", (None, "higher"))
     'higher'
     """
@@ -85,46 +175,19 @@ def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
     raise ParameterError(f"{name} must be one of {words}, not {value!r}")
 
 
-def float_array(
-    name: str, value: Any, shape: Sequence[int] | None = None, finite: bool = True, broadcast: bool = False
-) -> FloatArray:
-    """A float array, perhaps of a given shape, without what is not finite and without a mask that hides something."""
-    if np.ma.isMaskedArray(value) and np.ma.getmaskarray(value).any():
-        raise ParameterError(f"{np.ma.getmaskarray(value).sum()} values of {name} are masked: take them out first")
-    try:
-        found = np.asarray(value, float)
-    except (TypeError, ValueError):
-        raise ParameterError(f"{name} must be numbers, not {type(value).__name__}") from None
-    if broadcast and shape is not None:
-        with suppress(ValueError):
-            found = np.broadcast_to(found, shape)
-    if shape is not None and found.shape != tuple(shape):
-        raise ParameterError(f"{name} has shape {found.shape}, expected {tuple(shape)}")
-    if finite and not np.isfinite(found).all():
-        raise ParameterError(f"{np.sum(~np.isfinite(found))} of {found.size} values of {name} are not finite")
-    return found
-
-
-def covariance(name: str, value: Any, size: int) -> FloatArray:
-    """A symmetric (size, size) matrix with variances that are not negative, read-only."""
-    found = float_array(name, value, (size, size))
-    scale = np.sqrt(np.maximum(np.diag(found), 0))
-    if (np.diag(found) < 0).any():
-        raise ParameterError(f"{name} has {np.sum(np.diag(found) < 0)} negative variances")
-    if (np.abs(found - found.T) > 1e-8 * np.outer(scale, scale) + 1e-300).any():
-        raise ParameterError(f"{name} is not symmetric")
-    return read_only(found)
-
-
-def read_only(array: ArrayLike) -> FloatArray:
-    """The same array through a view that cannot be written to."""
-    view = np.asarray(array).view()
-    view.flags.writeable = False
-    return view
-
-
 def generator(rng: Any) -> np.random.Generator:
-    """A NumPy Generator from what users give as `rng`: a Generator, or a seed."""
+    """A NumPy Generator from what users give as `rng`: a Generator, or a seed.
+
+    Parameters
+    ----------
+    rng : Generator or int
+        The source of all randomness.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
     try:
         return np.random.default_rng(rng)
     except (TypeError, ValueError):
@@ -136,6 +199,11 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
     What a check returns takes the argument's place, defaults among them. None is not checked where it is the
     default: the argument is not given then.
+
+    Parameters
+    ----------
+    **checks
+        By argument.
 
     Examples
     --------
@@ -168,6 +236,18 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
 def a(*kinds: type) -> Check:
     """A check that a value is of one of some classes.
 
+    Parameters
+    ----------
+    *kinds
+        One of which a value must be of.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+
+    Examples
+    --------
     >>> a(int)("n", "three")
     Traceback (most recent call last):
     vsh.errors.ParameterError: n must be int, not str
@@ -182,22 +262,21 @@ def a(*kinds: type) -> Check:
     return check
 
 
-def dimension(size: int) -> Check:
-    """A check for a float array of so many dimensions."""
-
-    def check(name, value):
-        found = float_array(name, value, finite=False)
-        if found.ndim != size:
-            raise ParameterError(
-                f"{name} must be an array of {size} dimension{'s' * (size > 1)}, not of shape {found.shape}"
-            )
-        return found
-
-    return check
-
-
 def seed(name: str, value: Any) -> Any:
-    """A NumPy Generator, or a whole number of at least zero."""
+    """A NumPy Generator, or a whole number of at least zero.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
     if isinstance(value, (bool, float, str)) or value is None:
         raise ParameterError(f"{name} is a NumPy Generator or a whole number that seeds one, not {value!r}")
     generator(value)

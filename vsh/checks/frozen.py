@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any, cast
 
 import numpy as np
 
-from vsh.checks.arguments import read_only
+from vsh.checks.arrays import read_only
 
 
 class Frozen:
     """Base of frozen dataclasses that hold arrays: every array attribute becomes a read-only view."""
 
     def __post_init__(self) -> None:
-        for each in fields(self):
+        for each in fields(cast(Any, self)):
             value = getattr(self, each.name)
             if isinstance(value, (np.ndarray, list)):
                 object.__setattr__(self, each.name, _frozen(value))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from hashlib import blake2b
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,10 @@ class DroppedRows(str):
         many rows it had. A table that comes in by two ways counts once.
     """
 
+    parts: dict[str, Any]
+    counts: dict[str, int]
+    total: int
+
     def __new__(cls, parts):
         counts, total = {}, 0
         for reasons, rows in parts.values():
@@ -44,7 +49,17 @@ class DroppedRows(str):
 
     @classmethod
     def of_table(cls, counts: Mapping[str, int], total: int, *arrays: ArrayLike) -> DroppedRows:
-        """Of one table, known again by a hash of some of its arrays."""
+        """Of one table, known again by a hash of some of its arrays.
+
+        Parameters
+        ----------
+        counts : dict of str to int
+            Rows by reason.
+        total : int
+            All rows.
+        *arrays
+            By which the table is known again.
+        """
         digest = blake2b(digest_size=12)
         for array in arrays:
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -60,6 +75,8 @@ class MoreNotes(str):
         Of the notes it stands for.
     """
 
+    hashes: frozenset[str]
+
     def __new__(cls, hashes):
         note = super().__new__(cls, f"and {len(hashes)} more notes on parts of the data, like those above")
         note.hashes = frozenset(hashes)
@@ -70,8 +87,16 @@ class MoreNotes(str):
 
 
 def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
-    """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines."""
-    plain, parts, hidden = {}, {}, set()
+    """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines.
+
+    Parameters
+    ----------
+    *groups
+        The notes of each table.
+    """
+    plain: dict[str, None] = {}
+    parts: dict[str, Any] = {}
+    hidden: set[str] = set()
     for note in (note for group in groups for note in group):
         if isinstance(note, DroppedRows):
             parts |= note.parts
@@ -90,12 +115,23 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
 
 
 def dropped(notes: Iterable[str]) -> int:
-    """How many rows the notes say were left out."""
-    return sum(sum(note.counts.values()) for note in notes if isinstance(note, DroppedRows))
+    """How many rows the notes say were left out.
+
+    Parameters
+    ----------
+    notes : iterable of str
+        Of a field.
+    """
+    return sum((sum(note.counts.values()) for note in notes if isinstance(note, DroppedRows)), 0)
 
 
 def printable(text: object) -> str:
     """Text without the control characters that a terminal would obey: \\x1b in place of an escape.
+
+    Parameters
+    ----------
+    text : str
+        Any.
 
     Examples
     --------

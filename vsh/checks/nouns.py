@@ -10,12 +10,33 @@ from vsh.modes import Modes, as_modes
 
 
 def modes(name: str, value: Any) -> Modes:
-    """`Modes`, or a degree in their place."""
+    """`Modes`, or a degree in their place.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+    """
     return as_modes(value)
 
 
 def fields(name: str, value: Any) -> Any:
-    """A Field, or a list, tuple or stream of Fields."""
+    """A Field, or a list, tuple or stream of Fields.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+
+    Raises
+    ------
+    ParameterError
+        If it is none of these.
+    """
     if isinstance(value, Field):
         return value
     if isinstance(value, (list, tuple)) and value and all(isinstance(each, Field) for each in value):

@@ -22,9 +22,11 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
 
     Parameters
     ----------
-    column : str — its name, for messages
+    column : str
+        Its name, for messages.
     value : array, masked array or Quantity
-    unit : str — to which a Quantity is converted
+    unit : str
+        To which a Quantity is converted.
 
     Raises
     ------
@@ -60,7 +62,20 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
 
 
 def check_shapes(columns: Mapping[str, FloatArray], expected: Callable[[str], tuple[int, ...]]) -> None:
-    """Raise FieldError for the first column whose shape is not expected(column)."""
+    """Raise FieldError for the first column whose shape is not expected(column).
+
+    Parameters
+    ----------
+    columns : dict of arrays
+        By name.
+    expected : function of a name
+        The shape it must have.
+
+    Raises
+    ------
+    FieldError
+        If one has another shape.
+    """
     for column, array in columns.items():
         if array.shape != expected(column):
             raise FieldError(
@@ -68,7 +83,7 @@ def check_shapes(columns: Mapping[str, FloatArray], expected: Callable[[str], tu
             )
 
 
-def faults(
+def invalid_rows(
     lon: FloatArray,
     lat: FloatArray,
     motion: FloatArray,
@@ -78,15 +93,34 @@ def faults(
     placeholders: BoolArray | None = None,
     turns: int = 2,
 ) -> dict[str, BoolArray]:
-    """Why sources cannot be used: a dict from reason to mask, each source under its first reason.
+    """Why sources cannot be used: each source under its first reason.
 
-    Angles in rad; `missing` maps column names to masks, `placeholders` is a mask; longitudes may go round
-    `turns` times.
+    Parameters
+    ----------
+    lon, lat : (n,) arrays
+        Positions. [rad]
+    motion, sigma : (2, n) arrays
+        Motions and their errors. [µas/yr]
+    rho : (n,) array
+        Their correlation.
+    missing : dict of str to mask, optional
+        Where columns have no value, by name.
+    placeholders : mask, optional
+        Where a number stands for none.
+    turns : int
+        How often longitudes may go round.
+
+    Returns
+    -------
+    dict of str to mask
+        By reason.
     """
-    reasons = {f"{c} missing": mask for c, mask in (missing or {}).items() if c not in ("redshift", "magnitude")}
+    reasons: dict[str, Any] = {
+        f"{c} missing": mask for c, mask in (missing or {}).items() if c not in ("redshift", "magnitude")
+    }
     if placeholders is not None:
         reasons["a value such as -9999 that stands for none"] = placeholders
-    reasons |= {
+    reasons = reasons | {
         "position not finite": ~(np.isfinite(lon) & np.isfinite(lat)),
         "proper motion not finite": ~np.isfinite(motion).all(0),
         "error not finite": ~np.isfinite(sigma).all(0),
@@ -168,22 +202,24 @@ def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> 
     shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
     check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
     motion = arrays.get("motion", np.zeros((2, lon.size)))
-    refuse(faults(lon, arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
+    select_usable(invalid_rows(lon, arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
     return arrays
 
 
-def refuse(
+def select_usable(
     found: Mapping[str, BoolArray], n: int, on_bad: OnBad = "raise", first_row: int = 0, mark: Sequence[FloatArray] = ()
 ) -> tuple[Any, tuple[str, ...]]:
     """The sources to keep, and a note about the others.
 
     Parameters
     ----------
-    found : dict of str to mask, as `faults` gives it
+    found : dict of str to mask, as `invalid_rows` gives it
     n : int
     on_bad : {"raise", "drop"}
-    first_row : int — number of the first row in the table it is a part of
-    mark : tuple of arrays — that tell this table from others
+    first_row : int
+        Number of the first row in the table it is a part of.
+    mark : tuple of arrays
+        That tell this table from others.
 
     Raises
     ------

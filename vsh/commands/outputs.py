@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,14 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     Parameters
     ----------
     path : path
-    command : str — its name, "vsh-fit"
+    command : str
+        Its name, "vsh-fit".
     overwrite : bool
+
+    Raises
+    ------
+    VshError
+        If it holds what the command did not write, or may not be replaced, or cannot be written.
     """
     path, shown = Path(path), f"--output {printable(path)}"
     if path.exists() and not path.is_dir():
@@ -52,7 +58,22 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
 
 
 def check_file(path: PathName, overwrite: bool = False, option: str = "--output") -> None:
-    """Raise VshError now if a file could not be written later, or is there already and may not be replaced."""
+    """Raise VshError now if a file could not be written later, or is there already and may not be replaced.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    overwrite : bool
+        Replace what is there.
+    option : str
+        The option that named it.
+
+    Raises
+    ------
+    VshError
+        If it is there and may not be replaced, or cannot be written.
+    """
     path, shown = Path(path), f"{option} {printable(path)}"
     if path.is_dir():
         raise VshError(f"{shown} is a folder, not a file")
@@ -62,16 +83,15 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
 
 
 @contextmanager
-def results_folder(
-    path: PathName, command: str, provenance: Mapping[str, Any], overwrite: bool = False
-) -> Iterator[Path]:
+def results_folder(path: PathName, command: str, provenance: dict[str, Any], overwrite: bool = False) -> Iterator[Path]:
     """A folder to write results to, which takes the place of `path` when all of them are written.
 
     Parameters
     ----------
     path : path
     command : str
-    provenance : dict — plain values, kept in `provenance.json`
+    provenance : dict
+        Plain values, kept in `provenance.json`.
     overwrite : bool
     """
     check_folder(path, command, overwrite)

@@ -19,9 +19,17 @@ _NEGATIVE = re.compile(r"-[\d.]")
 
 
 def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """The options of a command; a negative number behind an option is its value, with or without an equals sign."""
+    """The options of a command; a negative number behind an option is its value, with or without an equals sign.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        To which options are added.
+    arguments : list of str, optional
+        In place of those of the command line.
+    """
     words = list(sys.argv[1:] if arguments is None else map(str, arguments))
-    joined = []
+    joined: list[str] = []
     for word in words:
         if joined and _NEGATIVE.match(word) and joined[-1].startswith("--") and "=" not in joined[-1]:
             joined[-1] += f"={word}"
@@ -31,7 +39,13 @@ def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = Non
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """The options of every command that reads a catalogue."""
+    """The options of every command that reads a catalogue.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        To which options are added.
+    """
     parser.add_argument("--frame", choices=list(FRAMES), default="icrs", help="axes of the result (default: icrs)")
     parser.add_argument(
         "--catalogue-frame", choices=list(FRAMES), help="axes of the catalogue's positions and motions (default: icrs)"
@@ -48,19 +62,37 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def add_threads(parser: argparse.ArgumentParser) -> None:
-    """How many threads, in every command that uses several."""
+    """How many threads, in every command that uses several.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        To which options are added.
+    """
     parser.add_argument(
         "--threads", type=count(1), metavar="N", help="one a core unless given; changes no digit of the results"
     )
 
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
-    """The option without which no result of before is replaced."""
+    """The option without which no result of before is replaced.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        To which options are added.
+    """
     parser.add_argument("--overwrite", action="store_true", help="replace results of the same command that are there")
 
 
 def reading(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `read_field` that `add_reading` asks for."""
+    """The arguments of `read_field` that `add_reading` asks for.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of a command.
+    """
     return {
         "columns": options.columns,
         "units": options.units,
@@ -70,7 +102,18 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def count(least: int) -> Callable[[str], int]:
-    """The type of a whole number of at least `least`."""
+    """The type of a whole number of at least `least`.
+
+    Parameters
+    ----------
+    least : int
+        The smallest that is taken.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        The type, if a text is no such number.
+    """
 
     def whole(text):
         if not text.isdecimal() or int(text) < least:
@@ -81,12 +124,36 @@ def count(least: int) -> Callable[[str], int]:
 
 
 def nside(text: str) -> int:
+    """The type of a power of two from 1 to 8192.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is not.
+    """
     if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
         raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is wanted, not {text!r}")
     return int(text)
 
 
 def not_negative(text: str) -> float:
+    """The type of a number of zero or more.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is not.
+    """
     try:
         number = float(text)
     except ValueError:
@@ -97,6 +164,18 @@ def not_negative(text: str) -> float:
 
 
 def positive(text: str) -> float:
+    """The type of a number above zero.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is not.
+    """
     try:
         number = float(text)
     except ValueError:
@@ -107,7 +186,18 @@ def positive(text: str) -> float:
 
 
 def numbers(text: str) -> tuple[float, ...]:
-    """Numbers separated by commas."""
+    """Numbers separated by commas.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If they are none.
+    """
     try:
         found = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -118,6 +208,18 @@ def numbers(text: str) -> tuple[float, ...]:
 
 
 def vector(text: str) -> tuple[float, ...]:
+    """The type of three numbers separated by commas.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is not.
+    """
     try:
         found = numbers(text)
     except argparse.ArgumentTypeError:
@@ -128,7 +230,18 @@ def vector(text: str) -> tuple[float, ...]:
 
 
 def velocity(text: str) -> Vector:
-    """Our velocity as every command takes it: a name, or SPEED,L,B."""
+    """Our velocity as every command takes it: a name, or SPEED,L,B.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is neither.
+    """
     if text in VELOCITIES:
         return VELOCITIES[text]
     try:
@@ -141,8 +254,20 @@ def velocity(text: str) -> Vector:
 
 
 def pairs(text: str) -> dict[str, str]:
-    """NAME=VALUE,… as a dict."""
-    found = dict(map(str.strip, part.partition("=")[::2]) for part in text.split(","))
+    """NAME=VALUE,… as a dict.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If the text is not of that form.
+    """
+    split = [part.partition("=") for part in text.split(",")]
+    found = {name.strip(): value.strip() for name, _, value in split}
     if not all(found) or not all(found.values()):
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value,name=value")
     return found

@@ -7,7 +7,7 @@ import hashlib
 import platform
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -56,23 +56,40 @@ def _failed(program, said):
 
 
 def say(text: object) -> None:
-    """Print text without the control characters that file and column names may bring along."""
+    """Print text without the control characters that file and column names may bring along.
+
+    Parameters
+    ----------
+    text : object
+        What to print.
+    """
     print("\n".join(printable(line) for line in str(text).split("\n")))
 
 
 def written(path: object, files: Iterable[str]) -> str:
-    """What the last line of a command says of its folder."""
+    """What the last line of a command says of its folder.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder.
+    files : iterable of str
+        In it.
+    """
     return f"written to {path}: {', '.join(sorted(files))}"
 
 
-def provenance(paths: Any, options: argparse.Namespace, versions: Mapping[str, Any], **counts: Any) -> dict[str, Any]:
+def provenance(paths: Any, options: argparse.Namespace, versions: dict[str, Any], **counts: Any) -> dict[str, Any]:
     """Where a result comes from: files and their hashes, counts of rows, options, versions.
 
     Parameters
     ----------
     paths : path or list of paths
     options : argparse.Namespace
-    versions : dict — of this program and whatever else matters
+    versions : dict
+        Of this program and whatever else matters.
+    **counts
+        Rows by what became of them.
     """
     import astropy
     import scipy

@@ -63,6 +63,19 @@ def velocity_along(value: Any, frame: str) -> Vector:
 def velocity_from_apex(speed: float, l: float, b: float) -> Vector:
     """A velocity of so many km/s toward Galactic longitude and latitude [deg], without error.
 
+    Parameters
+    ----------
+    speed : float
+        [km/s]
+    l : float
+        Galactic longitude. [deg]
+    b : float
+        Galactic latitude. [deg]
+
+    Returns
+    -------
+    Vector
+
     Raises
     ------
     ParameterError

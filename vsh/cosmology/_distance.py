@@ -6,7 +6,7 @@ import numpy as np
 from astropy.cosmology import FlatLambdaCDM
 from scipy.interpolate import make_interp_spline
 
-from vsh.checks.arguments import float_array
+from vsh.checks.arrays import float_array
 from vsh.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable
 from vsh.errors import ConvergenceError, FieldError
 from vsh.types import ArrayLike, Cosmology, FloatArray
@@ -25,9 +25,15 @@ def transverse_distance(
     Parameters
     ----------
     redshift : (n,) array
-    cosmology : astropy cosmology, optional — its shape; its H0 too unless `hubble` is given;
-        flat, Ω_m = 0.315, H0 = 67.3 unless given
-    hubble : float, optional — H0, to which distances are inversely proportional [km/s/Mpc]
+    cosmology : astropy cosmology, optional
+        Its shape; its H0 too unless `hubble` is given;
+        flat, Ω_m = 0.315, H0 = 67.3 unless given.
+    hubble : float, optional
+        H0, to which distances are inversely proportional [km/s/Mpc]
+
+    Returns
+    -------
+    array
 
     Raises
     ------
@@ -74,6 +80,19 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
 
     To the antipode of a closed cosmology, and to z = 1000.
 
+    Parameters
+    ----------
+    distance : (n,) array
+        Transverse comoving distance. [Mpc]
+    cosmology : astropy cosmology, optional
+        The shape of the distance: flat, Ω_m = 0.315 unless given.
+
+    Returns
+    -------
+    array
+
+    Examples
+    --------
     >>> redshift_of(transverse_distance(np.array([0.01, 1.0]))).round(6)
     array([0.01, 1.  ])
     """
@@ -88,12 +107,32 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
 
 
 def flat(omega_m: float) -> Cosmology:
-    """A flat cosmology with a cosmological constant."""
+    """A flat cosmology with a cosmological constant.
+
+    Parameters
+    ----------
+    omega_m : float
+        Ω_m.
+
+    Returns
+    -------
+    Cosmology
+    """
     return FlatLambdaCDM(H0=hubble_value(PLANCK_2013), Om0=omega_m)
 
 
 def hubble_value(cosmology: Cosmology) -> float:
-    """The Hubble constant of an astropy cosmology. [km/s/Mpc]"""
+    """The Hubble constant of an astropy cosmology. [km/s/Mpc]
+
+    Parameters
+    ----------
+    cosmology : astropy cosmology
+        Any.
+
+    Returns
+    -------
+    float
+    """
     return float(cosmology.H0.to_value("km / (s Mpc)"))
 
 

@@ -13,7 +13,19 @@ FLOW_LIMIT = 1e-4
 
 
 def usable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
-    """Which redshifts are finite, positive and at least `min_redshift`: a mask."""
+    """Which redshifts are finite, positive and at least `min_redshift`: a mask.
+
+    Parameters
+    ----------
+    redshift : (n,) array
+        One for each source.
+    min_redshift : float
+        The smallest redshift of use.
+
+    Returns
+    -------
+    mask
+    """
     redshift = np.asarray(redshift, float)
     return np.isfinite(redshift) & (redshift > 0) & (redshift >= min_redshift)
 
@@ -21,6 +33,19 @@ def usable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
 def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str:
     """How many redshifts cannot be used, and why, in words.
 
+    Parameters
+    ----------
+    redshift : (n,) array
+        One for each source.
+    min_redshift : float
+        The smallest redshift of use.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
     >>> count_unusable([np.nan, 0.0, -0.1, 5e-5, 0.1])
     '1 missing, 2 zero or negative, 1 below 0.0001'
     """
@@ -39,7 +64,12 @@ def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT) -> Field:
     Parameters
     ----------
     field : Field
-    min_redshift : float — the smallest redshift of use
+    min_redshift : float
+        The smallest redshift of use.
+
+    Returns
+    -------
+    Field
 
     Raises
     ------

@@ -9,12 +9,33 @@ import numpy as np
 from vsh.errors import FrameError
 from vsh.types import FloatArray
 
+__all__ = [
+    "FRAMES",
+    "check_frame",
+    "rotation_matrix",
+]
+
 #: Our names and astropy's. "ecliptic" is the mean ecliptic and equinox of J2000, barycentric.
 FRAMES = {"icrs": "icrs", "galactic": "galactic", "ecliptic": "barycentricmeanecliptic"}
 
 
 def check_frame(name: str) -> str:
-    """Return `name` if it is a known frame; raise FrameError otherwise."""
+    """Return `name` if it is a known frame; raise FrameError otherwise.
+
+    Parameters
+    ----------
+    name : str
+        A frame.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    FrameError
+        If nobody knows it.
+    """
     if not isinstance(name, str) or name not in FRAMES:
         raise FrameError(f"unknown frame {name!r}: choose one of {', '.join(FRAMES)}")
     return name
@@ -22,6 +43,13 @@ def check_frame(name: str) -> str:
 
 def rotation_matrix(frame: str, to: str) -> FloatArray:
     """The matrix A of r' = A r, from the axes of `frame` to those of `to`.
+
+    Parameters
+    ----------
+    frame : str
+        From which.
+    to : str
+        To which.
 
     Returns
     -------

@@ -7,21 +7,37 @@ import warnings
 import healpy
 import numpy as np
 
-from vsh.checks import arguments
+from vsh.checks import arguments, arrays
 from vsh.checks.arguments import generator
 from vsh.checks.notes import printable
 from vsh.errors import FieldError, TableError, first_line
 from vsh.types import ArrayLike, FloatArray, IntArray, PathName, Rng
 
+__all__ = [
+    "centres",
+    "check_nside",
+    "mean_map",
+    "missing_pixels",
+    "pixels_of",
+    "random_positions",
+    "read_map",
+]
 
-@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), nside=arguments.whole)
+
+@arguments.accepts(lon=arrays.dimension(1), lat=arrays.dimension(1), nside=arguments.whole)
 def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int) -> IntArray:
     """The HEALPix pixel (ring order) of each position, (n,).
 
     Parameters
     ----------
-    lon, lat : (n,) arrays — positions [rad]
-    nside : int — a power of two
+    lon, lat : (n,) arrays
+        Positions [rad]
+    nside : int
+        A power of two.
+
+    Returns
+    -------
+    int array
 
     Raises
     ------
@@ -37,27 +53,53 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int) -> IntArray:
     return healpy.ang2pix(nside, np.clip(np.pi / 2 - lat, 0, np.pi), lon)
 
 
-def check_nside(nside: int) -> None:
-    """Return nside; raise FieldError unless it is a power of two from 1 to 8192."""
+def check_nside(nside: int) -> int:
+    """Return nside; raise FieldError unless it is a power of two from 1 to 8192.
+
+    Parameters
+    ----------
+    nside : int
+        Of the HEALPix pixels.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    FieldError
+        If it is no power of two.
+    """
     if not (isinstance(nside, (int, np.integer)) and 1 <= nside <= 8192 and nside & (nside - 1) == 0):
         raise FieldError(f"nside must be a power of two from 1 to 8192, not {nside!r}")
     return nside
 
 
 def centres(nside: int) -> tuple[FloatArray, FloatArray]:
-    """Longitude and latitude of every pixel's centre, two (12 nside²,) arrays. [rad]"""
+    """Longitude and latitude of every pixel's centre, two (12 nside²,) arrays. [rad]
+
+    Parameters
+    ----------
+    nside : int
+        Of the HEALPix pixels.
+
+    Returns
+    -------
+    tuple[array, array]
+    """
     theta, phi = healpy.pix2ang(check_nside(nside), np.arange(12 * nside**2))
     return phi, np.pi / 2 - theta
 
 
-@arguments.accepts(density=arguments.dimension(1), n=arguments.whole, rng=arguments.seed)
+@arguments.accepts(density=arrays.dimension(1), n=arguments.whole, rng=arguments.seed)
 def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     """n positions drawn with the density of a HEALPix map, evenly within each pixel.
 
     Parameters
     ----------
-    density : (12 nside²,) array, ring order — not negative; pixels without a value (nan, masked, healpy's
-        UNSEEN) hold no sources
+    density : (12 nside²,) array, ring order
+        Not negative; pixels without a value (nan, masked, healpy's
+        UNSEEN) hold no sources.
     n : int
     rng : Generator or int
 
@@ -91,7 +133,17 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
 
 
 def missing_pixels(values: ArrayLike) -> int:
-    """How many pixels of a map have no value: nan, masked, or healpy's UNSEEN."""
+    """How many pixels of a map have no value: nan, masked, or healpy's UNSEEN.
+
+    Parameters
+    ----------
+    values : (12 nside²,) array
+        A map.
+
+    Returns
+    -------
+    int
+    """
     return int(_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
 
 
@@ -101,6 +153,15 @@ def _valueless(values):
 
 def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     """A HEALPix map from a FITS file, in ring order, and the frame its header names (or None).
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    tuple[array, str | None]
 
     Raises
     ------
@@ -130,8 +191,11 @@ def mean_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike, nside: int) -> F
 
     Parameters
     ----------
-    lon, lat : (n,) arrays — positions [rad]
+    lon, lat : (n,) arrays
+        Positions [rad]
     values : (n,) or (k, n) array
+    nside : int
+        Of the HEALPix pixels.
 
     Returns
     -------

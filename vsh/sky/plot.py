@@ -14,15 +14,28 @@ from vsh.sky.sphere import angles, triad
 from vsh.system.files import atomic_write
 from vsh.types import ArrayLike, Axes, Figure, FloatArray, PathName
 
+__all__ = [
+    "draw_map",
+    "draw_sources",
+    "draw_vectors",
+    "even_grid",
+    "map_angles",
+    "on_map",
+    "plot_field",
+    "save_figures",
+    "sky_axes",
+]
+
 _AXES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
 
-def sky_axes(frame: str = "icrs", axes: Axes | None = None) -> Axes:
+def sky_axes(frame: str = "icrs", axes: Axes | None = None) -> Any:
     """An all-sky map in the Hammer-Aitoff projection, longitude increasing to the left.
 
     Parameters
     ----------
-    frame : str — named on the map
+    frame : str
+        Named on the map.
     axes : matplotlib axes in the "hammer" projection, optional
 
     Returns
@@ -44,19 +57,47 @@ def sky_axes(frame: str = "icrs", axes: Axes | None = None) -> Axes:
 
 
 def on_map(lon: FloatArray) -> FloatArray:
-    """Longitude as the map's abscissa: east to the left, between -π and π."""
+    """Longitude as the map's abscissa: east to the left, between -π and π.
+
+    Parameters
+    ----------
+    lon : (n,) array
+        Longitude. [rad]
+
+    Returns
+    -------
+    array
+    """
     return -((np.asarray(lon) + np.pi) % (2 * np.pi) - np.pi)
 
 
-def draw_sources(axes: Axes, lon: ArrayLike, lat: ArrayLike, *, max_sources: int = 20_000, **style: Any) -> None:
-    """Sources as small dots; every k-th of more than `most`."""
+def draw_sources(axes: Any, lon: FloatArray, lat: FloatArray, *, max_sources: int = 20_000, **style: Any) -> Any:
+    """Sources as small dots; every k-th of more than `most`.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        Where to draw.
+    lon : (n,) array
+        Longitude. [rad]
+    lat : (n,) array
+        Latitude. [rad]
+    max_sources : int
+        Beyond which only every k-th is drawn.
+    **style
+        Of the dots.
+
+    Returns
+    -------
+    object
+    """
     step = max(1, len(lon) // max_sources)
     style = {"s": 3, "color": "0.6", "linewidths": 0, "zorder": 1} | style
     return axes.scatter(on_map(lon[::step]), lat[::step], **style)
 
 
 def draw_vectors(
-    axes: Axes, lon: ArrayLike, lat: ArrayLike, motion: ArrayLike, *, scale: float | None = None, **style: Any
+    axes: Any, lon: FloatArray, lat: FloatArray, motion: FloatArray, *, scale: float | None = None, **style: Any
 ) -> Any:
     """Motions as arrows that point where the motion goes on this map.
 
@@ -65,10 +106,17 @@ def draw_vectors(
 
     Parameters
     ----------
-    lon, lat : (n,) arrays — [rad]
-    motion : (2, n) array — east and north [µas/yr]
-    scale : float, optional — the motion that is drawn as long as a tenth of the map; the
-        largest unless given
+    lon, lat : (n,) arrays
+        [rad]
+    motion : (2, n) array
+        East and north [µas/yr]
+    scale : float, optional
+        The motion that is drawn as long as a tenth of the map; the
+        largest unless given.
+    axes : matplotlib Axes
+        Where to draw.
+    **style
+        Of the arrows.
 
     Returns
     -------
@@ -82,8 +130,26 @@ def draw_vectors(
     return axes.quiver(on_map(lon), lat, u, v, angles=np.degrees(angle), scale=scale * 11, scale_units="width", **style)
 
 
-def map_angles(axes: Axes, lon: ArrayLike, lat: ArrayLike, motion: ArrayLike, step: float = 1e-4) -> FloatArray:
-    """Angle of each motion on the map, anticlockwise from its right, (n,). [rad]"""
+def map_angles(axes: Any, lon: FloatArray, lat: FloatArray, motion: FloatArray, step: float = 1e-4) -> FloatArray:
+    """Angle of each motion on the map, anticlockwise from its right, (n,). [rad]
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        Where to draw.
+    lon : (n,) array
+        Longitude. [rad]
+    lat : (n,) array
+        Latitude. [rad]
+    motion : (2, n) array
+        µ_α* and µ_δ. [µas/yr]
+    step : float
+        By which to move along the motion. [rad]
+
+    Returns
+    -------
+    array
+    """
     p, q, r = triad(lon, lat)
     with np.errstate(invalid="ignore"):
         unit = np.nan_to_num(motion / np.hypot(*motion))
@@ -100,6 +166,17 @@ def map_angles(axes: Axes, lon: ArrayLike, lat: ArrayLike, motion: ArrayLike, st
 
 def plot_field(field: Field, coefficients: Coefficients, *, title: str | None = None, unit: str = "µas/yr") -> Figure:
     """The sources of a field and the motions that were fitted to them, with their scale.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+    coefficients : Coefficients
+        The field. [µas/yr]
+    title : str, optional
+        Of the figure.
+    unit : str
+        Beside the arrow of the legend.
 
     Returns
     -------
@@ -130,11 +207,28 @@ def plot_field(field: Field, coefficients: Coefficients, *, title: str | None = 
     return axes.figure
 
 
-def draw_map(axes: Axes, values: ArrayLike, cmap: str = "viridis", **style: Any) -> Any:
-    """A HEALPix map (ring order) on sky axes; empty pixels (nan) stay blank."""
+def draw_map(axes: Any, values: ArrayLike, cmap: str = "viridis", **style: Any) -> Any:
+    """A HEALPix map (ring order) on sky axes; empty pixels (nan) stay blank.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        Where to draw.
+    values : (12 nside²,) array
+        In ring order.
+    cmap : str
+        The colours.
+    **style
+        Of the image.
+
+    Returns
+    -------
+    object
+    """
     from vsh.sky.pixels import pixels_of  # healpy
 
-    nside = int(np.sqrt(len(values) / 12))
+    values = np.asarray(values)
+    nside = int(np.sqrt(values.size / 12))
     x, y = np.linspace(-np.pi, np.pi, 721), np.linspace(-np.pi / 2, np.pi / 2, 361)
     lon, lat = np.meshgrid(-(x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2)
     picture = np.asarray(values)[pixels_of(lon.ravel(), lat.ravel(), nside)].reshape(lon.shape)
@@ -142,7 +236,17 @@ def draw_map(axes: Axes, values: ArrayLike, cmap: str = "viridis", **style: Any)
 
 
 def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
-    """Positions about `step` degrees apart all over the sky: lon, lat. [rad]"""
+    """Positions about `step` degrees apart all over the sky: lon, lat. [rad]
+
+    Parameters
+    ----------
+    step : float
+        Between points. [deg]
+
+    Returns
+    -------
+    tuple[array, array]
+    """
     lon, lat = [], []
     for degrees in np.arange(-90 + step / 2, 90, step):
         around = max(1, round(360 * np.cos(np.radians(degrees)) / step))
@@ -152,7 +256,19 @@ def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
 
 
 def save_figures(figures: dict[str, Figure], folder: PathName) -> list[Path]:
-    """Write figures by name as PNG into a folder and close them; returns their paths."""
+    """Write figures by name as PNG into a folder and close them; returns their paths.
+
+    Parameters
+    ----------
+    figures : dict of str to figure
+        By name of file.
+    folder : str or Path
+        Where to write.
+
+    Returns
+    -------
+    list[Path]
+    """
     paths = []
     for name, figure in figures.items():
         paths.append(Path(folder) / f"{name}.png")

@@ -12,7 +12,12 @@ from vsh.checks.validation import checked_columns
 from vsh.errors import FieldError
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import angles, triad
+from vsh.types import BoolArray, FloatArray
 from vsh.units import UAS
+
+__all__ = [
+    "Positions",
+]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,16 +48,16 @@ class Positions(Frozen):
         If shapes disagree or a source has no position or no error.
     """
 
-    lon: np.ndarray
-    lat: np.ndarray
-    sigma: np.ndarray
-    rho: np.ndarray = None
-    name: np.ndarray = None
-    motion: np.ndarray = None
-    epoch: float = None
-    defining: np.ndarray = None
+    lon: FloatArray
+    lat: FloatArray
+    sigma: FloatArray
+    rho: FloatArray = None  # type: ignore[assignment]  # zero unless given, an array from then on
+    name: np.ndarray | None = None
+    motion: FloatArray | None = None
+    epoch: float | None = None
+    defining: BoolArray | None = None
     frame: str = "icrs"
-    notes: tuple = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
@@ -68,11 +73,21 @@ class Positions(Frozen):
 
     def __getitem__(self, keep: Any) -> Positions:
         """The sources picked by a mask, a slice or indices."""
-        picked = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Positions(**{k: v[..., keep] if isinstance(v, np.ndarray) else v for k, v in picked.items()})
+        picked: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        picked = {k: v[..., keep] if isinstance(v, np.ndarray) else v for k, v in picked.items()}
+        return Positions(**picked)
 
     def at_epoch(self, epoch: float | None) -> Positions:
         """The same sources, moved to another epoch along straight lines; those without motion stay.
+
+        Parameters
+        ----------
+        epoch : float or None
+            To which. [Julian year]
+
+        Returns
+        -------
+        Positions
 
         Raises
         ------
@@ -86,5 +101,5 @@ class Positions(Frozen):
         p, q, r = triad(self.lon, self.lat)
         east, north = self.motion * (UAS * (epoch - self.epoch))
         lon, lat = angles(r + east * p + north * q)
-        picked = {f.name: getattr(self, f.name) for f in fields(self)}
+        picked: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
         return Positions(**picked | {"lon": lon, "lat": lat, "epoch": epoch})

@@ -25,6 +25,11 @@ def atomic_write(path: PathName) -> Iterator[Path]:
     number of writers may write to one path at once, and one of them wins. A link stays a link: the
     file it names is replaced.
 
+    Parameters
+    ----------
+    path : str or Path
+        The file to be.
+
     Raises
     ------
     OSError
@@ -45,7 +50,13 @@ def atomic_write(path: PathName) -> Iterator[Path]:
 
 
 def remove_unfinished(folder: PathName) -> None:
-    """Remove what killed writers left in a folder and below: files by the names that only `atomic_write` gives."""
+    """Remove what killed writers left in a folder and below: files by the names that only `atomic_write` gives.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where to look.
+    """
     for file in Path(folder).rglob(f"{_UNFINISHED}*"):
         if file.is_file() and not file.is_symlink():
             file.unlink(missing_ok=True)
@@ -56,6 +67,11 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
     """A new, empty folder that takes the place of `path` once it is complete.
 
     Killed at any moment, there is the old folder or the new one under the name, never a part of either.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder to be.
     """
     path = Path(os.path.realpath(path))
     _remove_abandoned(path)

@@ -17,7 +17,7 @@ from vsh.system.progress import progress_bar
 
 T = TypeVar("T")
 #: What `limited` set.
-_LIMIT = ContextVar("threads", default=None)
+_LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 
 @contextmanager
@@ -44,10 +44,11 @@ def cores(threads: int | None = None) -> int:
     threads : int, optional
         The limit or the machine's cores unless given.
     """
-    if threads or _LIMIT.get():
-        return threads or _LIMIT.get()
+    wanted = threads or _LIMIT.get()
+    if wanted:
+        return wanted
     affinity = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
-    return len(affinity(0)) if affinity else os.cpu_count()
+    return len(affinity(0)) if affinity else (os.cpu_count() or 1)
 
 
 @lru_cache
@@ -69,6 +70,14 @@ def map_blocks(
     ----------
     progress : str, optional
         Words beside a progress bar, which shows itself after two seconds.
+    function : function of a slice
+        What to do with each.
+    n : int
+        Of how many.
+    size : int
+        Of a block.
+    threads : int, optional
+        How many; one a core unless given.
 
     Examples
     --------

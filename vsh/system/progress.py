@@ -22,9 +22,12 @@ def progress_bar(
     ----------
     things : iterable, optional
     total : int, optional
-    words : str — beside the bar
+    words : str
+        Beside the bar.
     shown : bool
     unit : str
+    **options
+        Others.
     """
     # With None tqdm looks whether stderr is a terminal.
     return tqdm(things, total=total, desc=words or None, delay=2, disable=None if shown else True, unit=unit, **options)

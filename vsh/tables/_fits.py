@@ -26,7 +26,20 @@ _DAMAGE = re.compile(r"truncat|checksum|datasum|corrupt|invalid|illegal|extra by
 
 
 def open_fits(path: PathName, label: str) -> TableSource:
-    """The first table of a FITS file, packed with gzip or not."""
+    """The first table of a FITS file, packed with gzip or not.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    label : str
+        What messages call the table.
+
+    Raises
+    ------
+    TableError
+        If it cannot be read; the message says why.
+    """
     plain = plain_file(path, label)
     units = check_layout(plain.name, label)
     tables = [number for number, header in enumerate(units) if header.get("XTENSION") in ("BINTABLE", "TABLE")]
@@ -56,7 +69,7 @@ def open_fits(path: PathName, label: str) -> TableSource:
                     block = {name: _column(part, hdus[chosen].columns[name]) for name in wanted}
                 yield block
 
-    notes = ()
+    notes: tuple[str, ...] = ()
     if len(tables) > 1:
         notes = (f"{label} holds {len(tables)} tables; the first was read (extension {chosen})",)
     return TableSource(
@@ -65,7 +78,20 @@ def open_fits(path: PathName, label: str) -> TableSource:
 
 
 def plain_file(path: PathName, label: str) -> Any:
-    """The file itself, or an unpacked copy that is deleted when nobody holds it any more: something with a name."""
+    """The file itself, or an unpacked copy that is deleted when nobody holds it any more: something with a name.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    label : str
+        What messages call the table.
+
+    Raises
+    ------
+    TableError
+        If it cannot be read; the message says why.
+    """
     with open(path, "rb") as file:
         if file.read(2) != b"\x1f\x8b":
             return file
@@ -80,8 +106,15 @@ def plain_file(path: PathName, label: str) -> Any:
     return copy
 
 
-def check_layout(path: PathName, label: str) -> None:
+def check_layout(path: PathName, label: str) -> Any:
     """Walk through the headers of a FITS file; a list of dicts of keywords, one a unit.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    label : str
+        What messages call the table.
 
     Raises
     ------
@@ -229,7 +262,24 @@ def _meta(header):
 
 @contextmanager
 def fits_checked(path: PathName, label: str) -> Iterator[str]:
-    """The name of a FITS file, unpacked where it was packed, whose layout has been checked."""
+    """The name of a FITS file, unpacked where it was packed, whose layout has been checked.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    label : str
+        What messages call the table.
+
+    Returns
+    -------
+    Iterator[str]
+
+    Raises
+    ------
+    TableError
+        If it cannot be read; the message says why.
+    """
     try:
         plain = plain_file(path, label)
         check_layout(plain.name, label)

@@ -62,7 +62,22 @@ def open_table(source: Any) -> TableSource:
 
 
 def format_of(path: PathName) -> str | None:
-    """astropy's name of the format that the ending of a name tells; TableError where it tells none."""
+    """astropy's name of the format that the ending of a name tells; TableError where it tells none.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    str | None
+
+    Raises
+    ------
+    TableError
+        If it cannot be read; the message says why.
+    """
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
     if suffixes and suffixes[-1] == ".gz":

@@ -36,14 +36,22 @@ class TableSource:
     """
 
     label: str
-    names: tuple
+    names: tuple[str, ...]
     read: Callable
     units: dict = field(default_factory=dict)
     meta: dict = field(default_factory=dict)
     notes: tuple = ()
 
     def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
-        """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""
+        """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None).
+
+        Parameters
+        ----------
+        names : sequence of str
+            Which of them.
+        rows : int
+            How many at a time.
+        """
         wanted = tuple(self.names if names is None else names)
         # astropy keeps a mask that a format cannot hold as a column of its own beside the values.
         masks = tuple(f"{name}.mask" for name in wanted if f"{name}.mask" in self.names)
@@ -51,14 +59,29 @@ class TableSource:
             yield {name: _with_mask(block, name) for name in wanted}
 
     def columns(self, names: Sequence[str] | None = None) -> dict[str, Any]:
-        """Some columns whole, a dict of (values, mask or None); all of them unless named."""
+        """Some columns whole, a dict of (values, mask or None); all of them unless named.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Which of them.
+
+        Returns
+        -------
+        dict[str, object]
+        """
         parts = list(self.blocks(names))
         if len(parts) == 1:
             return parts[0]
         return {name: _joined([part[name] for part in parts]) for name in parts[0]}
 
     def to_table(self) -> Table:
-        """The whole as an astropy Table."""
+        """The whole as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
         from astropy.table import Column, MaskedColumn, Table
 
         names = [name for name in self.names if not (name.endswith(".mask") and name[:-5] in self.names)]
@@ -77,6 +100,11 @@ def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
     ----------
     label : str
     sources : list of TableSource
+
+    Raises
+    ------
+    TableError
+        If it cannot be read; the message says why.
     """
     first = sources[0]
 

@@ -21,7 +21,8 @@ def read(path: PathName) -> Table:
 
     Parameters
     ----------
-    path : str or Path — FITS, VOTable, ECSV, CSV (with Gaia's null) or Parquet, or a folder of them
+    path : str or Path
+        FITS, VOTable, ECSV, CSV (with Gaia's null) or Parquet, or a folder of them.
 
     Returns
     -------
@@ -41,7 +42,17 @@ def read(path: PathName) -> Table:
 
 
 def as_table(source: Any) -> Table:
-    """A path or any table in memory as an astropy Table."""
+    """A path or any table in memory as an astropy Table.
+
+    Parameters
+    ----------
+    source : path or table
+        Whatever `vsh.tables.open_table` takes.
+
+    Returns
+    -------
+    Table
+    """
     from astropy.table import Table
 
     return source if isinstance(source, Table) else read(source)
@@ -50,7 +61,21 @@ def as_table(source: Any) -> Table:
 def table_of(
     columns: Mapping[str, Any], meta: dict[str, Any] | None = None, units: Mapping[str, str] | None = None
 ) -> Table:
-    """An astropy Table from columns, metadata of plain values and units, all by name."""
+    """An astropy Table from columns, metadata of plain values and units, all by name.
+
+    Parameters
+    ----------
+    columns : dict of str to array
+        By name.
+    meta : dict, optional
+        Provenance, plain values.
+    units : dict, optional
+        Units of columns by name.
+
+    Returns
+    -------
+    Table
+    """
     from astropy.table import Table
 
     table = Table({name: np.asarray(values) for name, values in columns.items()}, meta=meta or {})
@@ -69,9 +94,11 @@ def write(
 
     Parameters
     ----------
-    path : str or Path — its ending tells the format, as in `read`
+    path : str or Path
+        Its ending tells the format, as in `read`.
     columns : dict of name to (n,) array
-    meta : dict, optional — plain values, kept with the table
+    meta : dict, optional
+        Plain values, kept with the table.
     units : dict of name to str, optional
 
     Raises
@@ -83,7 +110,17 @@ def write(
 
 
 def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None) -> None:
-    """Write an astropy Table, with more metadata, to a new file, which takes the name `path` when it is complete."""
+    """Write an astropy Table, with more metadata, to a new file, which takes the name `path` when it is complete.
+
+    Parameters
+    ----------
+    table : astropy Table
+        Any.
+    path : str or Path
+        The file.
+    meta : dict, optional
+        Provenance, plain values.
+    """
     path = Path(path)
     check_writable(path)
     table.meta.update(meta or {})
@@ -113,6 +150,11 @@ def _write_votable(table, path):
 
 def check_writable(path: PathName) -> None:
     """Raise TableError now if a table could not be written to `path` later.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
 
     Raises
     ------

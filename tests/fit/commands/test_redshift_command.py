@@ -43,7 +43,7 @@ def test_everything_at_once(path, tmp_path, capsys):
     assert {each.name for each in out.iterdir()} == wanted
     assert (out / "report.txt").read_text(encoding="utf-8").strip() in text
     velocity = Table.read(out / "velocity.ecsv")
-    assert velocity.meta["options"]["hubble"] == 67.3
+    assert velocity.meta["options"]["h0"] == 67.3
     assert len(velocity.meta["sha256"]) == 64
     pull = (velocity["value"][:3] - BACHCHAN_2016.value) / velocity["sigma"][:3]
     assert np.abs(pull).max() < 4
@@ -142,7 +142,7 @@ def test_simulate_bin_drift_on_real_redshifts(name, column, edges, tmp_path, cap
     table = Table.read(real_catalogue(name))
     column = next(each for each in table.colnames if each.lower() in ("z", "redshift"))
     ra, dec = (next(each for each in table.colnames if each.lower() in names) for names in (("ra", "raj2000"), ("dec", "dej2000")))  # fmt: skip
-    population = sim.population.from_table(table, ra, dec, redshift=column)
+    population = sim.population.from_table(table, ra=ra, dec=dec, redshift=column)
     good = np.isfinite(population.redshift) & (population.redshift > 1e-3)
     velocity = BACHCHAN_2016.to_frame("icrs").value * (1 if "galaxies" in name else 1000)
     truth = sim.secular_parallax(velocity) + sim.acceleration((-0.236, -3.756, -2.08))

@@ -66,10 +66,10 @@ def test_recommended_degree():
         diagonal = 1 / np.sqrt(np.diag(fit.normal_equations(field, Modes(lmax)).matrix))
         scaled = fit.normal_equations(field, Modes(lmax)).matrix * np.outer(diagonal, diagonal)
         assert condition == pytest.approx(np.linalg.cond(scaled), rel=1e-6)
-    assert recommend_lmax(field, rows[2][1] * 1.01, 0.99) == 3
-    assert recommend_lmax(field, 1e9, rows[0][2] * 1.01) == 1
+    assert recommend_lmax(field, max_condition=rows[2][1] * 1.01, max_correlation=0.99) == 3
+    assert recommend_lmax(field, max_condition=1e9, max_correlation=rows[0][2] * 1.01) == 1
     with pytest.raises(DegeneracyError, match="not even degree 1"):
-        recommend_lmax(field, 1.5, 0.1)
+        recommend_lmax(field, max_condition=1.5, max_correlation=0.1)
     assert lmax_table(field[:10], 4)[-1] == (4, np.inf, 1.0)
 
 

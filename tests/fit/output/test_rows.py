@@ -70,10 +70,10 @@ def test_the_cross_check_takes_one_line_unless_it_fails(solution):
     rng = np.random.default_rng(2)
     lon, lat = sim.uniform_sky(100, rng)
     check = fit.cross_check(Field(lon, lat, rng.normal(size=(2, 100)), np.ones((2, 100))))
-    text = fit.report(solution, check)
+    text = fit.report(solution, check=check)
     assert "they agree to" in text
     assert "frame, QR" not in text
-    failed = fit.report(solution, replace(check, largest=1e-3))
+    failed = fit.report(solution, check=replace(check, largest=1e-3))
     assert "CROSS-CHECK FAILED" in failed
     assert "frame, QR" in failed
     assert "THEY DO NOT AGREE" in html_report(solution, {}, check=replace(check, largest=1e-3))

@@ -50,7 +50,7 @@ def test_another_cosmology_changes_the_shape_alone():
     cosmology = flat(0.2)
     truth = sim.secular_parallax(VELOCITY, cosmology=cosmology, hubble=80.0) + sim.acceleration(ACCELERATION)
     field = exact(galaxies(500, 1), truth)
-    np.testing.assert_allclose(observer_velocity(field, 80.0, cosmology).velocity.value, VELOCITY, rtol=1e-9)
+    np.testing.assert_allclose(observer_velocity(field, 80.0, cosmology=cosmology).velocity.value, VELOCITY, rtol=1e-9)
 
 
 def design_matrix(field, hubble, peculiar, excess_noise):

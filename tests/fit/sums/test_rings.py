@@ -26,7 +26,9 @@ def cut_sky(n, seed):
 @pytest.mark.parametrize("lmax", [1, 2, 3, 5, 10, 20])
 def test_compressed_is_direct(lmax):
     field, modes = cut_sky(3000, lmax), Modes(lmax)
-    direct, compressed = (fit.normal_equations(field, modes, method) for method in ("design-matrix", "compressed"))
+    direct, compressed = (
+        fit.normal_equations(field, modes, method=method) for method in ("design-matrix", "compressed")
+    )
     np.testing.assert_allclose(compressed.matrix, direct.matrix, atol=1e-11 * np.abs(direct.matrix).max(), rtol=0)
     np.testing.assert_allclose(compressed.rhs, direct.rhs, atol=1e-11 * np.abs(direct.rhs).max(), rtol=0)
     assert compressed.chi2_null == pytest.approx(direct.chi2_null, rel=1e-13)
@@ -40,7 +42,7 @@ def test_compressed_is_direct(lmax):
 @settings(max_examples=40)
 def test_compressed_is_direct_for_any_catalogue(seed, lmax, n):
     field = random_field(n, seed, rho=0.999)
-    direct, compressed = (fit.normal_equations(field, Modes(lmax), m) for m in ("design-matrix", "compressed"))
+    direct, compressed = (fit.normal_equations(field, Modes(lmax), method=m) for m in ("design-matrix", "compressed"))
     # The inverse covariance itself is only known to 1e-16/(1 − ρ²).
     np.testing.assert_allclose(compressed.matrix, direct.matrix, atol=1e-10 * np.abs(direct.matrix).max(), rtol=0)
 
@@ -48,7 +50,7 @@ def test_compressed_is_direct_for_any_catalogue(seed, lmax, n):
 @pytest.mark.parametrize("n", [1, 100, 40_000])
 def test_the_short_cut_for_degree_one_is_direct(n):
     field = cut_sky(n + 2, 7)
-    direct, short = (fit.normal_equations(field, Modes(1), method) for method in ("design-matrix", "auto"))
+    direct, short = (fit.normal_equations(field, Modes(1), method=method) for method in ("design-matrix", "auto"))
     np.testing.assert_allclose(short.matrix, direct.matrix, atol=1e-13 * np.abs(direct.matrix).max(), rtol=0)
     np.testing.assert_allclose(short.rhs, direct.rhs, atol=1e-13 * np.abs(direct.rhs).max(), rtol=0)
     assert short.chi2_null == pytest.approx(direct.chi2_null)
@@ -56,7 +58,7 @@ def test_the_short_cut_for_degree_one_is_direct(n):
 
 def test_threads_do_not_change_a_bit():
     field = cut_sky(200_000, 1)
-    one, four = (fit.normal_equations(field, Modes(4), "compressed", threads=threads) for threads in (1, 4))
+    one, four = (fit.normal_equations(field, Modes(4), method="compressed", threads=threads) for threads in (1, 4))
     np.testing.assert_array_equal(one.matrix, four.matrix)
     np.testing.assert_array_equal(one.rhs, four.rhs)
 
@@ -64,10 +66,10 @@ def test_threads_do_not_change_a_bit():
 def test_auto_is_one_of_the_two():
     few, many = cut_sky(500, 1), cut_sky(30_000, 1)
     for field, method in ((few, "design-matrix"), (many, "compressed")):
-        auto, named = (fit.normal_equations(field, Modes(5), m) for m in ("auto", method))
+        auto, named = (fit.normal_equations(field, Modes(5), method=m) for m in ("auto", method))
         np.testing.assert_array_equal(auto.matrix, named.matrix)
     with pytest.raises(ValueError, match="method must be one of 'auto', 'design-matrix', 'compressed', not 'fast'"):
-        fit.normal_equations(few, Modes(1), "fast")
+        fit.normal_equations(few, Modes(1), method="fast")
 
 
 def test_a_stream_of_fields_is_their_sum():
@@ -87,7 +89,7 @@ def test_normal_matrix_of_a_uniform_sky_is_nearly_diagonal():
     n = 300_000
     population = sim.Population(*sim.uniform_sky(n, rng=1), None)
     field = sim.observe(population, sim.spin((0, 0, 0)), rng=1, sigma=10.0)
-    matrix = fit.normal_equations(field, Modes(4), "compressed").matrix * 100 * 4 * np.pi / n
+    matrix = fit.normal_equations(field, Modes(4), method="compressed").matrix * 100 * 4 * np.pi / n
     expected = np.diag(Modes(4).norm2)
     # Sampling scatter of the mean of V_i·V_j over n points, some n^-½ of it.
     np.testing.assert_allclose(matrix, expected, atol=10 / np.sqrt(n))

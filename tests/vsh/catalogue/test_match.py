@@ -42,7 +42,7 @@ def test_offsets_come_out(by):
     a = positions()
     offset = Coefficients(Modes(2), np.arange(16.0)).at(a.lon, a.lat)
     order = np.random.default_rng(2).permutation(len(a))
-    field = match(a, moved(a, offset)[order], by)
+    field = match(a, moved(a, offset)[order], by=by)
     assert len(field) == 500
     np.testing.assert_allclose(field.motion, offset, atol=2e-3)  # rounding: 1e-16 rad twice, times 2π
     np.testing.assert_allclose(field.sigma, np.sqrt(2) * a.sigma)
@@ -72,7 +72,7 @@ def test_pairs_too_far_apart_are_remarked():
     offset = np.zeros((2, 500))
     offset[1, 3] = 5e6
     assert "1 of the pairs are more than 1 arcsec apart" in match(a, moved(a, offset)).notes[-1]
-    assert len(match(a, moved(a, offset), "position")) == 499
+    assert len(match(a, moved(a, offset), by="position")) == 499
 
 
 def test_positions_are_carried_to_a_common_epoch():
@@ -85,13 +85,13 @@ def test_positions_are_carried_to_a_common_epoch():
     np.testing.assert_allclose(match(a, past).motion[:, inner], 0, atol=0.05)
     assert np.abs(match(a, past.at_epoch(2006.0)).motion).max() < 1000
     with pytest.raises(FieldError, match="no epoch"):
-        match(a, Positions(past.lon, past.lat, past.sigma, motion=motion), "position")
+        match(a, Positions(past.lon, past.lat, past.sigma, motion=motion), by="position")
 
 
 def test_motions_are_compared_too():
     a, b = random_field(100, 1), random_field(100, 1)
     b = b._with(motion=b.motion - 5.0, sigma=2 * b.sigma)
-    field = match(a, b, "position")
+    field = match(a, b, by="position")
     np.testing.assert_allclose(field.motion, 5.0)
     np.testing.assert_allclose(field.sigma, np.sqrt(5) * a.sigma)
     np.testing.assert_allclose(field.rho, a.rho)
@@ -101,10 +101,10 @@ def test_motions_are_compared_too():
     ("call", "error", "words"),
     [
         (lambda a: match(a, random_field(5, 1)), FieldError, "two Positions or two Fields"),
-        (lambda a: match(a, a, "nearest"), FieldError, 'by "name" or "position"'),
+        (lambda a: match(a, a, by="nearest"), FieldError, 'by "name" or "position"'),
         (lambda a: match(a, positions(names=False)), FieldError, "without names"),
-        (lambda a: match(a, a, "position", radius=0), FieldError, "above zero"),
-        (lambda a: match(a, positions(seed=2), "position"), TableError, "no source of the one is in the other"),
+        (lambda a: match(a, a, by="position", radius=0), FieldError, "above zero"),
+        (lambda a: match(a, positions(seed=2), by="position"), TableError, "no source of the one is in the other"),
         (lambda a: match(random_field(5, 1), random_field(5, 1, frame="galactic")), FrameError, "icrs and galactic"),
         (lambda a: Positions(a.lon, a.lat, -a.sigma), FieldError, "σ ≤ 0: 500"),
         (lambda a: Positions(a.lon, a.lat + 5, a.sigma), FieldError, r"\|dec\| > 90°"),
@@ -165,4 +165,4 @@ def test_icrf3_against_icrf2():
     assert max(abs(found[name]) for name in ("R1", "R2", "R3")) < 20
     assert -110 < found["D3"] < -80
     assert 35 < found["E20"] < 65
-    assert len(match(a, b, "position")) == 3408
+    assert len(match(a, b, by="position")) == 3408

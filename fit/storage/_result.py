@@ -9,26 +9,24 @@ checked as strictly as a field is: what was written is what comes back, or an er
 
 from __future__ import annotations
 
-import base64
 import json
 import re
-import zlib
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from html import escape
 from importlib import import_module
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from fit.storage._plain import decoded, encoded, same
 from vsh import tables
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import printable
 from vsh.errors import TableError, VshError
-from vsh.modes import Modes
 from vsh.types import Figure, PathName, Table
 
 #: Kinds of results whose modules have been imported, by name.
-_KINDS = {}
+_KINDS: dict[str, type[Result]] = {}
 #: A file names the module of its kind; none but ours is ever imported.
 _OURS = re.compile(r"fit(\.\w+)+")
 
@@ -42,15 +40,30 @@ class Result(Frozen):
     """
 
     def report(self) -> str:
-        """The result as text."""
+        """The result as text.
+
+        Returns
+        -------
+        str
+        """
         raise NotImplementedError
 
     def plot(self) -> Figure:
-        """The result as a matplotlib figure."""
+        """The result as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
         raise NotImplementedError
 
     def to_table(self) -> Table:
-        """The result as an astropy Table: the columns that `write` writes."""
+        """The result as an astropy Table: the columns that `write` writes.
+
+        Returns
+        -------
+        Table
+        """
         columns, _, units = self._pack()
         return tables.table_of(columns, {"frame": getattr(self, "frame", None)}, units)
 
@@ -62,11 +75,15 @@ class Result(Frozen):
         table = type(self).to_table(self)
         columns = {name: np.asarray(table[name]) for name in table.colnames}
         units = {name: str(table[name].unit) for name in table.colnames if table[name].unit is not None}
-        return columns, {"fields": {each.name: _encoded(getattr(self, each.name)) for each in fields(self)}}, units
+        return (
+            columns,
+            {"fields": {each.name: encoded(getattr(self, each.name)) for each in fields(cast(Any, self))}},
+            units,
+        )
 
     @classmethod
     def _unpack(cls, columns, rest):
-        return cls(**{each.name: _decoded(rest["fields"][each.name]) for each in fields(cls)})
+        return cls(**{each.name: decoded(rest["fields"][each.name]) for each in fields(cast(Any, cls))})
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -78,7 +95,8 @@ class Result(Frozen):
         Parameters
         ----------
         path : str or Path
-        meta : dict, optional — provenance, plain values
+        meta : dict, optional
+            Provenance, plain values.
 
         Raises
         ------
@@ -91,12 +109,21 @@ class Result(Frozen):
         plain = {key: value for key, value in (("frame", getattr(self, "frame", None)), ("n_data", getattr(self, "n_data", None)))
                  if value is not None}  # fmt: skip
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
-            plain["notes"] = list(map(str, self.notes))
+            plain["notes"] = list(map(str, getattr(self, "notes", ())))
         tables.write(path, columns, plain | (meta or {}) | {"RESULT": mark}, units)
 
     @classmethod
     def read(cls, path: PathName) -> Any:
         """Read what `write` wrote, bit for bit.
+
+        Parameters
+        ----------
+        path : str or Path
+            An ECSV or FITS file.
+
+        Returns
+        -------
+        Any
 
         Raises
         ------
@@ -114,28 +141,23 @@ class Result(Frozen):
         """Whether two results are of one kind and the same in every number."""
         if type(other) is not type(self):
             return NotImplemented
-        return all(same(getattr(self, each.name), getattr(other, each.name)) for each in fields(self))
+        return all(same(getattr(self, each.name), getattr(other, each.name)) for each in fields(cast(Any, self)))
 
     def __hash__(self) -> int:
         return hash((type(self).__name__, repr(self)))
 
 
-def same(one: Any, two: Any) -> bool:
-    """Whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
-    if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):
-        one, two = np.asarray(one), np.asarray(two)
-        return one.shape == two.shape and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
-    if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
-        return len(one) == len(two) and all(map(same, one, two))
-    if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
-        return bool(np.isnan(two))
-    if hasattr(one, "__dataclass_fields__") and type(one) is type(two):
-        return all(same(getattr(one, name), getattr(two, name)) for name in one.__dataclass_fields__)
-    return bool(one == two)
-
-
 def read(path: PathName) -> Any:
     """Read any result that was written to a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        An ECSV or FITS file.
+
+    Returns
+    -------
+    Any
 
     Raises
     ------
@@ -199,87 +221,3 @@ def _native(name, column):
         raise TableError(f"{np.sum(column.mask)} values of column {name} are missing")
     array = np.asarray(column)
     return array.astype(array.dtype.newbyteorder("=")) if array.dtype.kind in "fi" else array.astype(str)
-
-
-def _encoded(value):
-    """A value as plain JSON, every bit of it: arrays as compressed bytes, results and nouns by their attributes."""
-    if isinstance(value, np.ndarray):
-        array = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"))
-        data = base64.b85encode(zlib.compress(array.tobytes(), 6)).decode()
-        return {"array": data, "kind": array.dtype.str, "shape": list(array.shape)}
-    if is_dataclass(value) and type(value).__module__.split(".")[0] in ("fit", "vsh"):
-        about = {"type": type(value).__name__, "module": type(value).__module__}
-        return about | {"fields": {each.name: _encoded(getattr(value, each.name)) for each in fields(value)}}
-    if isinstance(value, (bool, int, np.integer)) or value is None:
-        return value if value is None or isinstance(value, (bool, int)) else int(value)
-    if isinstance(value, (float, np.floating)):
-        return {"float": exact(value)}
-    if isinstance(value, dict):
-        return {"dict": [[_encoded(key), _encoded(each)] for key, each in value.items()]}
-    if isinstance(value, (list, tuple)):
-        return {"list" if isinstance(value, list) else "tuple": [_encoded(each) for each in value]}
-    return str(value)
-
-
-def _decoded(plain):
-    """What `_encoded` wrote."""
-    if not isinstance(plain, dict):
-        return plain
-    if "array" in plain:
-        kind = np.dtype(plain["kind"])
-        shape = tuple(count(size) for size in plain["shape"])
-        if kind.hasobject or kind.itemsize * int(np.prod(shape, dtype=float)) > 2**34:
-            raise TableError("an array")
-        size = kind.itemsize * int(np.prod(shape))
-        data = zlib.decompressobj().decompress(base64.b85decode(plain["array"]), size + 1)
-        if len(data) != size:
-            raise TableError("the size of an array")
-        array = np.frombuffer(data, kind).reshape(shape)
-        return array.astype(kind.newbyteorder("="))
-    if "float" in plain:
-        return number(plain["float"])
-    if "dict" in plain:
-        return {_decoded(key): _decoded(each) for key, each in plain["dict"]}
-    if "list" in plain:
-        return [_decoded(each) for each in plain["list"]]
-    if "tuple" in plain:
-        return tuple(_decoded(each) for each in plain["tuple"])
-    if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
-        raise TableError(f"a {plain['type']}")
-    kind = getattr(import_module(plain["module"]), plain["type"])
-    if not is_dataclass(kind):
-        raise TableError(f"a {plain['type']}")
-    return kind(**{name: _decoded(each) for name, each in plain["fields"].items()})
-
-
-def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
-    """The columns that name each coefficient."""
-    modes = list(modes)
-    return {
-        "coefficient": [str(mode) for mode in modes], "kind": [mode.kind for mode in modes],
-        "l": [mode.l for mode in modes], "m": [mode.m for mode in modes], "part": [mode.part or "-" for mode in modes],
-    }  # fmt: skip
-
-
-def exact(x: float) -> str:
-    """A number in hexadecimal: every bit, nan and inf among them."""
-    return float(x).hex()
-
-
-def number(text: Any) -> Any:
-    """What `exact` wrote, as a number; anything else as it is."""
-    return float.fromhex(text) if isinstance(text, str) else text
-
-
-def words(values: Any) -> tuple[str, ...]:
-    """A list of strings, checked, as a tuple."""
-    if not isinstance(values, list) or not all(isinstance(each, str) for each in values):
-        raise TableError(f"{values!r} is no list of words")
-    return tuple(values)
-
-
-def count(value: Any) -> int:
-    """A whole number of at least zero, checked."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise TableError(f"{value!r} is no count")
-    return value

@@ -1,0 +1,98 @@
+"""An orthogonal basis on the given sky: fields that are measured independently of each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh
+
+from fit.normal import normal_equations
+from fit.storage import Result
+from vsh import Coefficients, Modes, tables
+from vsh.field import Field
+from vsh.modes import as_modes
+from vsh.types import ArrayLike, Figure, FloatArray, Table
+
+
+@dataclass(frozen=True, eq=False)
+class Eigenmodes(Result):
+    """Fields that a sky measures independently of each other, from the worst to the best.
+
+    Attributes
+    ----------
+    information : (p,) array
+        Rising. How well each is measured against an even sky of the same weight: 1 is as well, 0.01 with
+        ten times the error.
+    fields : list of Coefficients
+        Each of ∫|V|² dΩ = 1.
+    frame : str
+    """
+
+    information: FloatArray
+    fields: list
+    frame: str
+
+    def report(self) -> str:
+        """How well the best and the worst are measured, as text.
+
+        Returns
+        -------
+        str
+        """
+        error = 1 / np.sqrt(self.information)
+        return (
+            f"Fields that this sky measures independently ({self.frame} axes): {len(self.information)}, with errors of "
+            f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of the same weight on a uniform sky\n"
+        )
+
+    def to_table(self) -> Table:
+        """Information of each as an astropy Table, from the worst to the best.
+
+        Returns
+        -------
+        Table
+        """
+        return tables.table_of({"information": self.information}, {"frame": self.frame})
+
+    def plot(self, n_fields: int = 2) -> Figure:
+        """The worst and the best as maps of arrows; a matplotlib figure.
+
+        Parameters
+        ----------
+        n_fields : int
+            How many of the worst and of the best.
+
+        Returns
+        -------
+        Figure
+        """
+        from fit.correlation._plot import plot_eigenmodes
+
+        return plot_eigenmodes(self, n_fields)
+
+
+def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = None) -> Eigenmodes:
+    """An orthogonal basis on the given sky.
+
+    Parameters
+    ----------
+    sources : as for `leakage`
+    modes : Modes, or the degree lmax
+    sigma : float or (2, n) array, optional
+        Errors in place of the sources' own. [µas/yr]
+
+    Returns
+    -------
+    Eigenmodes
+        Solutions of N v = λ M v, M the normal matrix of an even sky of the same total weight.
+    """
+    modes = as_modes(modes)
+    field = Field.without_motions(sources, sigma)
+    normal = normal_equations(field, modes).matrix
+    # ∫ |V|² dΩ = Σ norm2 c²; an even sky sees its mean, by half the trace of the weights.
+    norm = np.diag(modes.norm2.astype(float))
+    values, vectors = eigh(normal, norm)
+    even = field.information.sum() / 2 / (4 * np.pi)
+    return Eigenmodes(values / even, [Coefficients(modes, v) for v in vectors.T], field.frame)

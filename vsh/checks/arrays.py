@@ -1,0 +1,115 @@
+"""Arrays checked where they come in, and kept from being written to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from vsh.errors import ParameterError
+from vsh.types import ArrayLike, FloatArray
+
+
+def float_array(
+    name: str, value: Any, shape: Sequence[int] | None = None, finite: bool = True, broadcast: bool = False
+) -> FloatArray:
+    """A float array, perhaps of a given shape, without what is not finite and without a mask that hides something.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+    shape : tuple of int, optional
+        What its shape must be.
+    finite : bool
+        Refuse what is not finite.
+    broadcast : bool
+        Broadcast to the shape first.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
+    if np.ma.isMaskedArray(value) and np.ma.getmaskarray(value).any():
+        raise ParameterError(f"{np.ma.getmaskarray(value).sum()} values of {name} are masked: take them out first")
+    try:
+        found = np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{name} must be numbers, not {type(value).__name__}") from None
+    if broadcast and shape is not None:
+        with suppress(ValueError):
+            found = np.broadcast_to(found, shape)
+    if shape is not None and found.shape != tuple(shape):
+        raise ParameterError(f"{name} has shape {found.shape}, expected {tuple(shape)}")
+    if finite and not np.isfinite(found).all():
+        raise ParameterError(f"{np.sum(~np.isfinite(found))} of {found.size} values of {name} are not finite")
+    return found
+
+
+def covariance(name: str, value: Any, size: int) -> FloatArray:
+    """A symmetric (size, size) matrix with variances that are not negative, read-only.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+    size : int
+        Rows of the matrix.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
+    found = float_array(name, value, (size, size))
+    scale = np.sqrt(np.maximum(np.diag(found), 0))
+    if (np.diag(found) < 0).any():
+        raise ParameterError(f"{name} has {np.sum(np.diag(found) < 0)} negative variances")
+    if (np.abs(found - found.T) > 1e-8 * np.outer(scale, scale) + 1e-300).any():
+        raise ParameterError(f"{name} is not symmetric")
+    return read_only(found)
+
+
+def read_only(array: ArrayLike) -> FloatArray:
+    """The same array through a view that cannot be written to.
+
+    Parameters
+    ----------
+    array : array
+        Any.
+    """
+    view = np.asarray(array).view()
+    view.flags.writeable = False
+    return view
+
+
+def dimension(size: int) -> Callable[[str, Any], FloatArray]:
+    """A check for a float array of so many dimensions.
+
+    Parameters
+    ----------
+    size : int
+        How many dimensions.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
+
+    def check(name, value):
+        found = float_array(name, value, finite=False)
+        if found.ndim != size:
+            raise ParameterError(
+                f"{name} must be an array of {size} dimension{'s' * (size > 1)}, not of shape {found.shape}"
+            )
+        return found
+
+    return check
