@@ -3,6 +3,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 
 REALISATIONS ?= 100
+COVERAGE ?= 95
 MUTANTS ?= 8000
 PIP := -m pip install --quiet --disable-pip-version-check
 
@@ -21,6 +22,7 @@ paper: $(VENV)/installed  ## every table and figure of the paper: paper/comparis
 test: $(VENV)/installed-test  ## set up, and pass the tests
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
+	$(BIN)/mypy
 	$(BIN)/pytest -m "not slow" -n auto
 
 test-slow: $(VENV)/installed-test  ## the tests that take long
@@ -34,6 +36,19 @@ test-newest:  ## the tests with the newest versions there are today
 	$(PYTHON) -m venv .venv-newest
 	.venv-newest/bin/python $(PIP) --editable '.[test]'
 	.venv-newest/bin/pytest -m "not slow" -n auto
+
+coverage: $(VENV)/installed-test  ## line and branch coverage; at least COVERAGE per cent of both together
+	$(BIN)/coverage erase
+	$(BIN)/coverage run -m pytest -q -m "not slow" -p no:cacheprovider
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report --skip-covered --fail-under $(COVERAGE)
+
+package: $(VENV)/installed-test  ## wheel and sdist in dist/, and the sdist's own tests in an empty environment
+	rm -rf dist build/package
+	$(BIN)/python $(PIP) build
+	$(BIN)/python -m build --outdir dist
+	mkdir -p build/package && tar xf dist/*.tar.gz -C build/package --strip-components 1
+	$(MAKE) -C build/package test
 
 mutate: $(VENV)/installed-test  ## break the code in the known places, one at a time: does a test find each?
 	$(BIN)/python tests/mutate.py
@@ -61,7 +76,7 @@ lock: $(VENV)/bin/python  ## resolve anew what is installed: requirements/newest
 	  --custom-compile-command 'make lock' --output-file requirements/oldest.txt setup.cfg
 
 clean:  ## take away what was made here
-	rm -rf $(VENV) .venv-oldest .venv-newest demo paper docs/_build build *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-oldest .venv-newest demo paper docs/_build build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 %/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

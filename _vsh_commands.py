@@ -14,7 +14,7 @@ def _run(module):
     from importlib import import_module
 
     main = import_module(module).main
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.shell.guarded` sees it
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
     sys.exit(main())
 
 

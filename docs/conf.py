@@ -10,7 +10,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 sys.path[:0] = [str(ROOT), str(HERE)]
 
-import vsh
+import vsh  # noqa: E402 (found by the path above)
 
 project = "vsh-astrometry"
 author = "the vsh-astrometry developers"
@@ -19,7 +19,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.intersphinx",
-    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
     "numpydoc",
     "sphinxarg.ext",
     "sphinx_gallery.gen_gallery",

@@ -11,9 +11,10 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FILES = sorted(path.name for path in (ROOT / "tests").glob("test_against_*.py")) + [
-    "test_conventions.py",
-    "test_effects.py",
+FILES = [
+    *sorted(f"against/{path.name}" for path in (ROOT / "tests" / "against").glob("test_*.py")),
+    "vsh/test_conventions.py",
+    "sim/test_effects.py",
 ]
 HEAD = """# Validation
 
@@ -25,7 +26,7 @@ the unit of the quantity (radians, µas, µas/yr, or a pure number) and relative
 TAIL = """
 Beyond these: `make paper` compares every number of Bachchan, Hobbs & Lindegren (2016) with ours ([the paper](paper.md)); the
 posterior is compared with a closed form and with a grid, and its ranks of 300 known truths are uniform
-(`tests/test_posterior.py`).
+(`tests/fit/posterior/test_posterior.py`).
 """
 
 
@@ -44,7 +45,7 @@ def main():
 def table(rows):
     lines = []
     for file in FILES:
-        mine = [row for row in rows if row["file"] == file]
+        mine = [row for row in rows if row["file"] == Path(file).name]
         if not mine:
             continue
         lines += [f"## {mine[0]['truth']}", "", f"`tests/{file}`", "", "| test | comparisons | largest difference | relative |",

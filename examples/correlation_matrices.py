@@ -1,10 +1,10 @@
 """
-What a patchy sky ties together
+What a non-uniform sky correlates
 ===============================
 
 Two skies, seen with the same errors: quasars all over the sky but for the Galactic plane, and a
 list pieced together from surveys, thin in the south. On the second, spin and acceleration cannot
-be told apart well. Which parameters, which part of the sky is to blame, what would help?
+be separated well. Which parameters, which part of the sky causes it, what would help?
 """
 
 import matplotlib.pyplot as plt

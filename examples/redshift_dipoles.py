@@ -4,7 +4,7 @@ Dipoles in bins of redshift
 
 The acceleration of the Solar System moves every source alike; our motion through the Universe
 moves near ones more. Galaxies and quasars with both, and a frame that spins, are cut into bins of
-redshift: the spin stays, the flow turns into our drift towards the nearest.
+redshift: the spin stays, the acceleration gives way to our secular parallax at low redshift.
 """
 
 import matplotlib.pyplot as plt
@@ -39,10 +39,10 @@ bins = binned(both, modes=1, edges=[0.001, 0.004, 0.007, 0.011, 0.02, 0.03, 1.0,
 print(bins.report())
 
 # %%
-# Do the bins agree? The spin does; the acceleration does not, until the drift is taken away.
-print("spin alike in all bins:         chance {:.2g}".format(bins.equality("T").p_value))
-print("acceleration alike in all bins: chance {:.2g}".format(bins.equality("S").p_value))
-print(f"constant but for our drift:     chance {bins.secular_parallax(PLANCK_2018)[1].p_value:.2g}")
+# Do the bins agree? The spin does; the acceleration does not, until the secular parallax is subtracted.
+print("spin alike in all bins:         p-value {:.2g}".format(bins.equality("T").p_value))
+print("acceleration alike in all bins: p-value {:.2g}".format(bins.equality("S").p_value))
+print(f"constant ã, secular parallax:   p-value {bins.secular_parallax(PLANCK_2018)[1].p_value:.2g}")
 
 # %%
 # The figure: dashed, the prediction for Planck's velocity.

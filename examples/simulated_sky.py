@@ -2,7 +2,7 @@
 A sky as Gaia sees it
 =====================
 
-Quasars on two skies, the five-year scanning law, photocentres that wander, and what comes
+Quasars on two skies, the five-year scanning law, variable photocentres, and what comes
 back of a known acceleration.
 """
 
@@ -19,7 +19,7 @@ variability = sim.Variability(sigma=100.0, tau=2.0)
 
 # %%
 # The same number of sources, all over the sky but for the Galactic plane (GUMS) or where the
-# surveys before Gaia found them (IGQL): the patchy sky ties spin to acceleration.
+# surveys before Gaia found them (IGQL): on this non-uniform sky spin and acceleration are correlated.
 for sky in ("gums", "igql"):
     quasars = sim.quasars(20_000, rng=2, sky=sky)
     field = sim.observe(quasars, truth, rng=3, mission=law, release="paper", variability=variability)

@@ -2,7 +2,7 @@
 Our velocity, or the Hubble constant
 ====================================
 
-Galaxies drift past us by our velocity over their distance, v H0/(c z): their motions know the
+Galaxies move by our velocity over their distance, v H0/(c z): their motions know the
 product. With H0 known they measure v; with v known from the microwave background they measure
 H0; with neither, only the product, along which a posterior is a ridge.
 """
@@ -15,7 +15,7 @@ from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh.cosmology import PLANCK_2018
 
 # %%
-# The truth: Planck's velocity, H0 = 70, galaxies that wander by 300 km/s.
+# The truth: Planck's velocity, H0 = 70, galaxies with peculiar velocities of 300 km/s.
 truth = (
     sim.secular_parallax(PLANCK_2018.to_frame("icrs").value, hubble=70.0)
     + sim.peculiar(300.0, rng=1, hubble=70.0)

@@ -1,14 +1,47 @@
 """Conjugate gradients with a preconditioner, and the condition number they see on the way."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal
 
 from vsh.errors import ConvergenceError
 from vsh.system.progress import progress_bar
+from vsh.types import FloatArray
 
 
-def conjugate_gradients(system, rhs, tolerance, max_iterations, words):
-    """Solve system c = rhs; returns c, iterations, relative residual, condition."""
+def conjugate_gradients(
+    system: Any, rhs: FloatArray, tolerance: float, max_iterations: int, words: str | None
+) -> tuple[FloatArray, int, float, float]:
+    """Solve system c = rhs.
+
+    Parameters
+    ----------
+    system : object
+        With `apply`, `precondition`, `empty_sky`, `diagonal` and `modes`.
+    rhs : (p,) array
+        The right-hand side.
+    tolerance : float
+        Relative residual at which to stop.
+    max_iterations : int
+        After which it has not converged.
+    words : str or None
+        Beside a progress bar.
+
+    Returns
+    -------
+    c : (p,) array
+    iterations : int
+    residual, condition : float
+        The relative residual, and the condition number as the iterations saw it.
+
+    Raises
+    ------
+    ConvergenceError
+        If it has not converged.
+    """
     x, r = np.zeros_like(rhs), rhs.copy()
     z = system.precondition(r)
     p, rz = z.copy(), r @ z

@@ -158,7 +158,7 @@ def _equations(field, acceleration):
         east.insert(1, p)
         north.insert(1, q)
     east, north = np.concatenate(east, axis=1), np.concatenate(north, axis=1)
-    # What of the northern error the eastern one does not foretell, and its size.
+    # The part of the northern error that is independent of the eastern one, and its size.
     (s1, s2), rho = field.sigma[:, :, None], field.rho[:, None]
     north = (north - rho * s2 / s1 * east) / (s2 * np.sqrt(1 - rho**2))
     return np.concatenate([east / s1, north])

@@ -118,7 +118,7 @@ class HarmonicSolution(LinearSolution):
         """Probability that noise alone gives this degree as much signal or more.
 
         W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
-        when the true ones are zero, however uneven the sky coverage.
+        when the true ones are zero, whatever the sky coverage.
 
         Parameters
         ----------

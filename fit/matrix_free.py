@@ -151,7 +151,9 @@ def solve_matrix_free(
     Parameters
     ----------
     fields : Field or iterable of Fields
+        The catalogues.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     prior_power : float, (lmax,) array or function of l, optional
         Expected power of one kind and degree under a Gaussian prior of mean zero, the same
         for T and S; inf says nothing. Needed where the sky leaves modes undetermined.
@@ -161,7 +163,9 @@ def solve_matrix_free(
     tolerance : float
         Relative residual at which to stop.
     max_iterations : int
+        Of the conjugate gradients.
     threads : int, optional
+        How many; one a core unless given.
     progress : bool
         Show a progress bar, after two seconds.
 
@@ -178,13 +182,15 @@ def solve_matrix_free(
     modes = as_modes(modes)
     system = _System(fields, modes, prior_power, threads)
     values, iterations, residual, condition = conjugate_gradients(
-        system, system.rhs, tolerance, max_iterations, progress and f"degree {modes.lmax}"
+        system, system.rhs, tolerance, max_iterations, f"degree {modes.lmax}" if progress else None
     )
     errors = {}
     for mode in errors_of:
         unit = np.zeros(len(modes))
         unit[modes.index(mode)] = 1
-        column = conjugate_gradients(system, unit, tolerance, max_iterations, progress and f"error of {mode}")[0]
+        column = conjugate_gradients(system, unit, tolerance, max_iterations, f"error of {mode}" if progress else None)[
+            0
+        ]
         errors[mode] = float(np.sqrt(column[modes.index(mode)]))
     said = f"matrix-free: {iterations} iterations, residual {residual:.1e}, condition {condition:.3g}"
     return MatrixFreeSolution(

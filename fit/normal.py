@@ -101,7 +101,9 @@ def normal_equations(
     Parameters
     ----------
     field : Field or iterable of Fields
+        The sources.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     method : {"auto", "design-matrix", "compressed"}
         "design-matrix" sums the design matrix, exact to rounding; "compressed" sums the moments of
         the weights and is as good to 1e-12, in a time that hardly grows with the degree.
@@ -165,6 +167,7 @@ def gaussian_prior(
     Parameters
     ----------
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     sigma : float or (p,) array
         Standard deviations; inf says nothing [µas/yr]
     mean : float or (p,) array

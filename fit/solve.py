@@ -29,6 +29,7 @@ def solve(
     Parameters
     ----------
     normal : NormalEquations
+        What to solve.
     prior : NormalEquations, optional
         Added to them, `fit.gaussian_prior(…)` say.
     max_condition : float
@@ -83,7 +84,9 @@ def fit_field(field: Field | Iterable[Field], modes: Modes | int) -> Solution:
     Parameters
     ----------
     field : Field or iterable of Fields
+        The sources.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
 
     Returns
     -------

@@ -75,6 +75,7 @@ def solve(
     years : float
         Length of the mission; the reference epoch is its middle.
     variability : Variability, optional
+        Variability of the photocentres.
     attitude : (k,) array, optional
         Error of the attitude in each interval between knots, shared
         by all sources [µas]
@@ -128,7 +129,7 @@ def expected_solution_covariances(
 ) -> tuple[FloatArray, FloatArray]:
     """Formal and true covariances of the solutions, without drawing them: two (n, 5, 5) arrays.
 
-    The true one adds A⁺ C A⁺ᵀ of the wandering, and the attitude's error as if it were independent
+    The true one adds A⁺ C A⁺ᵀ of the variability, and the attitude's error as if it were independent
     from transit to transit. nan where a source has too few transits.
 
     Parameters
@@ -140,7 +141,7 @@ def expected_solution_covariances(
     years : float
         Length of the mission.
     variability : Variability, optional
-        Wandering of the photocentres.
+        Variability of the photocentres.
     attitude : float
         Its error. [µas]
     """
@@ -155,7 +156,7 @@ def expected_solution_covariances(
 
 
 def _spread(inverse, design, transits, variability, n):
-    """A⁺ C A⁺ᵀ of every source, C the covariance of its wandering at its transits."""
+    """A⁺ C A⁺ᵀ of every source, C the covariance of its variability at its transits."""
     out = np.zeros((n, 5, 5))
     bounds = np.searchsorted(transits.source, np.arange(n + 1))
     for k, (begin, end) in enumerate(pairwise(bounds)):
@@ -209,7 +210,9 @@ def transit_error(
     magnitude : (n,) array
         G.
     law : NominalScanningLaw
+        The scanning law.
     release : {"DR3", "DR4", "DR5"}
+        Whose errors.
     unit : (5,) array, optional
         Of `errors_of_unit_transits(law)`, where it is at hand.
     """

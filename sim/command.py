@@ -110,7 +110,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="vsh-sim",
         description="Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "
-        "that wander, five-parameter solutions. The table is one that vsh-fit reads; its metadata hold the truth.",
+        "that vary, five-parameter solutions. The table is one that vsh-fit reads; its metadata hold the truth.",
         epilog="Example: vsh-sim quasars --n 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
     )
     parser.add_argument(

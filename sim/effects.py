@@ -72,6 +72,7 @@ def circular_acceleration(speed: Quantity, radius: Quantity) -> Any:
     Parameters
     ----------
     speed, radius : Quantities
+        On the circle.
 
     Returns
     -------
@@ -148,6 +149,7 @@ def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, so
     Parameters
     ----------
     density, mass, lens_distance, source_distance : Quantities
+        Lenses in a volume.
 
     Returns
     -------
@@ -185,7 +187,7 @@ def effects(redshift: float = 0.01) -> dict[str, Any]:
     Parameters
     ----------
     redshift : float
-        At which drift and peculiar motion are taken.
+        At which secular parallax and peculiar motion are taken.
 
     Returns
     -------
@@ -198,14 +200,14 @@ def effects(redshift: float = 0.01) -> dict[str, Any]:
 
     distance = float(transverse_distance([redshift], PLANCK_2013)[0])
     galactic = float(circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc).value)
-    drift = 369.0 / (AU_PER_YEAR * distance)
+    parallax = 369.0 / (AU_PER_YEAR * distance)
     peculiar = tuple(speed / (AU_PER_YEAR * distance) for speed in (600.0, 1500.0))
     depth = lensing_depth(0.05 / u.Mpc**3, 1e11 * u.M_sun, 5 * u.Gpc, 10 * u.Gpc)
     lens = float(transverse_motion(600 * u.km / u.s, 5 * u.Gpc).value)
     shear = 0.01 * hubble_rate(PLANCK_2013.H0.value)
     return {
         "acceleration of the Solar System": (galactic, galactic),
-        "cosmological proper motion": (drift, drift),
+        "cosmological proper motion": (parallax, parallax),
         "anisotropic expansion by 1 %": (shear, shear),
         "off-centre void": (0.02, 0.02),
         "peculiar proper motion": peculiar,

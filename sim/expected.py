@@ -45,7 +45,7 @@ def expected_covariances(
     kind : {"motion", "position"}
         Of which two of the five parameters.
     variability : Variability, optional
-        Wandering of the photocentres.
+        Variability of the photocentres.
     excess_noise : float or (n,) array
         Along-scan error added in quadrature to every transit. [µas]
     release : {"DR3", "DR4", "DR5", "paper"}
@@ -58,7 +58,7 @@ def expected_covariances(
     Returns
     -------
     formal, true : (n, 2, 2) arrays
-        As quoted, and as the errors scatter: with the wandering and the attitude. nan for sources with
+        As quoted, and as the errors scatter: with the variability and the attitude. nan for sources with
         too few transits. [µas² or (µas/yr)²]
 
     Raises

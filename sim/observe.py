@@ -50,7 +50,7 @@ def observe(
         Simulate every transit of every source over it, and solve for five parameters. A bare scanning law
         has the errors of `release` and an attitude known to 10 µas.
     variability : Variability, optional
-        Wandering of the photocentres, with a mission.
+        Variability of the photocentres, with a mission.
     excess_noise : float or (n,) array
         Along-scan error added to that of a point source in every transit, in quadrature, as
         of galaxies that are not points. [µas]
@@ -63,6 +63,7 @@ def observe(
     release : {"DR3", "DR4", "DR5", "paper"}
         Whose errors, where the mission does not say it.
     threads : int, optional
+        How many; one a core unless given.
     progress : bool
         Show a bar, after two seconds.
 
@@ -94,7 +95,7 @@ def observe(
         )
         return _field(population[keep], as_signal(signal), errors, covariance, notes)
     if variability is not None:
-        raise ParameterError("variability needs a mission, at whose transits the photocentre wanders")
+        raise ParameterError("variability needs a mission, at whose transits the photocentre is displaced")
     if sigma is None:
         if population.magnitude is None:
             raise ParameterError("Gaia's errors need magnitudes: give sigma=, or a population that has them")
@@ -145,7 +146,7 @@ def observe_offsets(
     radio : float or (n,) array
         Standard error of a radio position in each component. [µas]
     variability : Variability, optional
-        Wandering of the photocentres.
+        Variability of the photocentres.
     release : {"DR3", "DR4", "DR5", "paper"}
         Whose errors, where the mission does not say it.
     threads : int, optional

@@ -101,14 +101,16 @@ def plot_histograms(population: Population) -> Figure:
 
 
 def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks: int = 3) -> Figure:
-    """Photocentres that wander: tracks on the sky of a few draws. Returns the figure.
+    """Variable photocentres: tracks on the sky of a few draws. Returns the figure.
 
     Parameters
     ----------
     times : (k,) array
         Rising [yr]
     variability : Variability
+        Of the photocentres.
     rng : Generator or int
+        The source of all randomness.
     n_tracks : int
         How many.
 
@@ -129,7 +131,7 @@ def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks:
 
 
 def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = PLANCK_2013) -> Figure:
-    """Comoving distance and the drift by our velocity, against redshift. Returns the figure.
+    """Comoving distance and the secular parallax by our velocity, against redshift. Returns the figure.
 
     Parameters
     ----------
@@ -148,7 +150,7 @@ def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = PLAN
     left.loglog(z, distance, color="#0b5394")
     _finish(left, "redshift", "transverse comoving distance [Mpc]")
     right.loglog(z, speed / (AU_PER_YEAR * distance), color="#c55a11")
-    _finish(right, "redshift", f"drift at 90° from {speed:g} km/s [µas/yr]")
+    _finish(right, "redshift", f"secular parallax at 90° from {speed:g} km/s [µas/yr]")
     return figure
 
 

@@ -52,6 +52,7 @@ def sky_map(sky: str | FloatArray) -> tuple[FloatArray, str]:
     Parameters
     ----------
     sky : {"uniform", "plane-avoiding", "gums", "igql"}
+        A name, or a map in ring order.
 
     Returns
     -------
@@ -76,6 +77,7 @@ def draw_positions(
     Parameters
     ----------
     n : int
+        How many.
     rng : Generator or int
         The source of all randomness.
     sky : str or (12 nside²,) array

@@ -1,4 +1,4 @@
-"""Photocentres that wander: a Gaussian Markov chain.
+"""Variable photocentres: a Gaussian Markov chain.
 
 Bachchan, Hobbs & Lindegren (2016), eqs. 8 and 9: x_i = e^{−Δt/τ} x_{i−1} + g_i, with g_i of
 standard deviation σ √(1 − e^{−2Δt/τ}).
@@ -23,7 +23,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Variability:
-    """Wandering of the photocentre, alike and independent in α* and δ.
+    """Variability of the photocentre, alike and independent in α* and δ.
 
     Attributes
     ----------

@@ -88,6 +88,7 @@ def load(source: PathName | dict[str, Any]) -> Study:
     Parameters
     ----------
     source : path of a TOML file, or a dict
+        The configuration.
 
     Returns
     -------

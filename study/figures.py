@@ -49,7 +49,7 @@ def write_figures(study: Study, folder: Path) -> list[Path]:
 
 
 def _tracks(study):
-    """Fig. 2: photocentres that wander with 2 and 10 years, three draws of each."""
+    """Fig. 2: variable photocentres with correlation times of 2 and 10 years, three draws of each."""
     years = study.mission["years"]
     rng = np.random.default_rng(study.settings["seed"])
     quasar = sim.quasars(1, 1)
@@ -68,7 +68,7 @@ def _tracks(study):
 
 
 def _galaxies(study):
-    """Fig. 3: weight and number of galaxies by magnitude; redshifts and the drift."""
+    """Fig. 3: weight and number of galaxies by magnitude; redshifts and the secular parallax."""
     case = next(case["galaxies"] for case in study.cases if "galaxies" in case)
     galaxies = sim.galaxies(
         case["number"],
@@ -82,7 +82,7 @@ def _galaxies(study):
     error = np.hypot(transit_error(galaxies.magnitude, law, study.mission["release"]), case["excess_noise"])
     counts = law.transits(galaxies.lon[some], galaxies.lat[some]).counts(some.stop)
     figure, panels = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
-    (weight, redshift), (number, drift) = panels
+    (weight, redshift), (number, parallax) = panels
     weight.semilogy(galaxies.magnitude[some], counts / error[some] ** 2, ".", color="#0b5394", markersize=2)
     _finish(weight, "G", "weight  Σ σ⁻² [µas⁻²]")
     number.hist(galaxies.magnitude, bins=60, color="#0b5394")
@@ -90,8 +90,8 @@ def _galaxies(study):
     redshift.hist(galaxies.redshift, bins=60, color="#c55a11")
     _finish(redshift, "redshift", "galaxies")
     z = np.linspace(case["min_redshift"], case["max_redshift"], 300)
-    drift.plot(z, study.truth["velocity"][0] / (AU_PER_YEAR * transverse_distance(z)), color="#c55a11")
-    _finish(drift, "redshift", "cosmological proper motion [µas/yr]")
+    parallax.plot(z, study.truth["velocity"][0] / (AU_PER_YEAR * transverse_distance(z)), color="#c55a11")
+    _finish(parallax, "redshift", "cosmological proper motion [µas/yr]")
     return figure
 
 

@@ -30,6 +30,7 @@ def write_paper(study: Study, folder: Path, n_realisations: int, draw: bool = Tr
     study : Study
         Cases A to D.
     folder : Path
+        Where to write.
     n_realisations : int
         Realisations.
     draw : bool

@@ -27,10 +27,13 @@ def prepared(
     Parameters
     ----------
     study : Study
+        The configuration.
     case : dict
         One of its cases.
     kind : {"quasars", "vlbi", "galaxies"}
+        Toroidal or spheroidal.
     folder : Path
+        Where to write.
     progress : bool
         Show a bar, after two seconds.
 

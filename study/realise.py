@@ -22,6 +22,7 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
     Parameters
     ----------
     study : Study
+        The configuration.
     index : int
         Of the case.
     files : dict of str to path

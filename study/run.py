@@ -33,6 +33,7 @@ def run(
     Parameters
     ----------
     study : Study
+        The configuration.
     folder : path
         study.json, prepared/, realisations/CASE/NNNN.json, and results.ecsv and summary.ecsv at the end. A
         study that was killed leaves whole files only; run again, it ends in the same bytes as one that was not.

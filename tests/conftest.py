@@ -78,10 +78,10 @@ def triad(lon, lat):
     return np.array([east, north, out])
 
 
-def patchy(n=3000, seed=1, even=False, frame="galactic"):
-    """Quasars of the patchy list, with unequal errors unless `even`."""
+def nonuniform(n=3000, seed=1, uniform_errors=False, frame="galactic"):
+    """Quasars of the non-uniform list, with unequal errors unless `uniform_errors`."""
     quasars = sim.quasars(n, seed, "igql")
-    rng = np.random.default_rng([seed, 7])  # a stream of its own: errors that know nothing of places
-    sigma = np.full((2, n), 300.0) if even else 10 ** rng.uniform(2, 3, (2, n))
-    rho = np.zeros(n) if even else rng.uniform(-0.8, 0.8, n)
+    rng = np.random.default_rng([seed, 7])  # a stream of its own: errors that do not depend on position
+    sigma = np.full((2, n), 300.0) if uniform_errors else 10 ** rng.uniform(2, 3, (2, n))
+    rho = np.zeros(n) if uniform_errors else rng.uniform(-0.8, 0.8, n)
     return Field(quasars.lon, quasars.lat, np.zeros((2, n)), sigma, rho).to_frame(frame)

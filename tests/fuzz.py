@@ -152,7 +152,7 @@ def outcome(read, path, whole):
     except VshError as error:
         message = str(error)
         return "refused" if len(message) > 10 and "\x1b" not in message else f"bare: {message!r}"
-    except Exception as error:  # noqa: BLE001 (that none comes is what is tried)
+    except Exception as error:
         return f"traceback: {type(error).__name__}: {str(error)[:100]}"
     now = describe(found)
     return "same" if now == whole else f"changed: {difference(whole, now)}"

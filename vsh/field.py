@@ -14,8 +14,7 @@ from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
 from vsh.checks.validation import check_shapes, checked_columns, invalid_rows, select_usable
 from vsh.errors import FieldError, FrameError
-from vsh.sky.frames import check_frame, rotation_matrix
-from vsh.sky.sphere import angles, triad
+from vsh.sky.frames import check_frame, rotation_matrix, turned
 from vsh.types import ArrayLike, FloatArray, OnBad
 
 _NUMBERS = ("lat", "motion", "sigma", "rho", "redshift", "magnitude")
@@ -44,8 +43,7 @@ class Field(Frozen):
     frame : str
         "icrs", "galactic" or "ecliptic".
     notes : tuple of str
-        What a reader of any result from this field should know: units that were assumed,
-        rows that were left out.
+        What a reader of any result should know: units that were assumed, rows that were left out.
 
     Raises
     ------
@@ -97,11 +95,11 @@ class Field(Frozen):
         ra, dec : (n,) arrays
             Positions [deg, or Quantities of any angle]
         pmra, pmdec, pmra_error, pmdec_error : (n,) arrays
-            µ_α* and µ_δ and their
-            standard errors [mas/yr, or Quantities of any angle per time]
+            µ_α* and µ_δ and their errors [mas/yr, or Quantities of any angle per time]
         pmra_pmdec_corr : (n,) array, optional
             Their correlation; zero unless given.
         redshift, magnitude, name : (n,) arrays, optional
+            One for each source.
         frame : str
             Of the positions and motions alike.
         on_bad : {"raise", "drop"}
@@ -123,10 +121,8 @@ class Field(Frozen):
         >>> field.motion.ravel()
         array([100., 200.])
         """
-        given = {
-            "ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec, "pmra_error": pmra_error, "pmdec_error": pmdec_error,
-            "pmra_pmdec_corr": pmra_pmdec_corr, "redshift": redshift, "magnitude": magnitude,
-        }  # fmt: skip
+        given = {"ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec, "pmra_error": pmra_error, "pmdec_error": pmdec_error,
+                 "pmra_pmdec_corr": pmra_pmdec_corr, "redshift": redshift, "magnitude": magnitude}  # fmt: skip
         columns, said = usable_columns(given, name, on_bad, first_row)
         return cls(**columns, frame=frame, notes=(*notes, *said))
 
@@ -137,8 +133,9 @@ class Field(Frozen):
         Parameters
         ----------
         sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
+            As for `fit.correlation.predict`.
         sigma : float or (2, n) array, optional
-            Errors in place of the sources' own [µas/yr]
+            Errors in place of the sources' own. [µas/yr]
 
         Raises
         ------
@@ -288,31 +285,15 @@ class Field(Frozen):
         if check_frame(name) == self.frame:
             return self
         matrix = rotation_matrix(self.frame, name)
-        p, q, r = triad(self.lon, self.lat)
-        lon, lat = angles(matrix @ r)
-        # The old east and north along the new east: cosine and sine of the turn.
-        east = triad(lon, lat)[0]
-        cos, sin = np.sum(east * (matrix @ p), 0), np.sum(east * (matrix @ q), 0)
-        mu, (s1, s2) = self.motion, self.sigma
-        v1, v2, v12 = s1**2, s2**2, self.rho * s1 * s2
-        twist = 2 * cos * sin * v12
-        new_sigma = np.sqrt([cos**2 * v1 + sin**2 * v2 + twist, sin**2 * v1 + cos**2 * v2 - twist])
-        covariance = cos * sin * (v2 - v1) + (cos**2 - sin**2) * v12
-        return self._with(
-            lon=lon,
-            lat=lat,
-            motion=np.stack([cos * mu[0] + sin * mu[1], cos * mu[1] - sin * mu[0]]),
-            sigma=new_sigma,
-            rho=covariance / (new_sigma[0] * new_sigma[1]),
-            frame=name,
-        )
+        lon, lat, motion, sigma, rho = turned(matrix, self.lon, self.lat, self.motion, self.sigma, self.rho)
+        return self._with(lon=lon, lat=lat, motion=motion, sigma=sigma, rho=rho, frame=name)
 
     def _set(self, column, value):
         # A read-only view: the caller's array stays as it is.
         object.__setattr__(self, column, read_only(value) if isinstance(value, np.ndarray) else value)
 
     def _with(self, **changes):
-        """A field derived from this one, which has passed the gate already."""
+        """A field derived from this one, which has been checked already."""
         new = object.__new__(Field)
         for f in fields(self):
             new._set(f.name, changes.get(f.name, getattr(self, f.name)))

@@ -33,6 +33,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     Parameters
     ----------
     coefficients : Coefficients
+        The field. [µas/yr]
     to : str or (3, 3) array
         "icrs", "galactic", "ecliptic", or the matrix A of r' = A r.
     covariance : (p, p) array, optional

@@ -38,6 +38,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
     Parameters
     ----------
     coefficients : Coefficients
+        The field. [µas/yr]
     lon, lat : (n,) arrays
         Positions [rad]
     threads : int, optional
@@ -125,6 +126,7 @@ def fourier_moments(
     lon, lat : (n,) arrays
         Positions [rad]; already checked, of a Field.
     values : (k, n) complex array
+        Of each source.
     max_order : int
         The highest |M| and |n|.
     threads : int, optional
@@ -154,6 +156,7 @@ def synthesis_on_rings(coefficients: Coefficients, shape: tuple[int, ...], threa
     Parameters
     ----------
     coefficients : Coefficients
+        The field. [µas/yr]
     shape : (rings, points)
         Latitudes −π/2 + (j + ½) π/rings, longitudes 2πk/points.
     threads : int, optional

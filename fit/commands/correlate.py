@@ -86,7 +86,7 @@ def _sky(correlation, field, label, options):
     found = correlation.predict(field, options.lmax)
     lines.append(
         f"{label}: errors of a fit of degree {options.lmax}: spin {_three(found.spin.sigma)}, acceleration "
-        f"{_three(found.acceleration.sigma)} µas/yr; {100 * found.efficiency:.0f} % of what a uniform sky of the same weight tells"
+        f"{_three(found.acceleration.sigma)} µas/yr; {100 * found.efficiency:.0f} % of the information of a uniform sky of the same weight"
     )
     return "\n".join(lines) + "\n"
 
@@ -102,8 +102,8 @@ def _blame(correlation, field, label, pair, options):
     what = "correlation of {} and {}".format(*pair) if len(pair) == 2 else f"ln σ² of {pair[0]}"
     return (
         f"{label}: {what}\n"
-        f"  hangs most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if its weight were doubled\n"
-        f"  {options.add_sources} sources of median error more are best put around {lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
+        f"  depends most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if its weight were doubled\n"
+        f"  {options.add_sources} sources of median error more would help most around {lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
     )
 
 
@@ -158,7 +158,7 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-correlate",
-        description="Which parameters a catalogue's sky cannot tell apart, which part of the sky is to blame, and what leaks into "
+        description="Which parameters are correlated on a catalogue's sky, which part of the sky causes it, and what leaks into "
         "a fit from degrees that were left out. Positions and errors are enough; no motions are needed.",
         epilog="Example: vsh-correlate gums.fits igql.fits --influence omega_y,a_x --leakage 6 --frame galactic --output results",
     )

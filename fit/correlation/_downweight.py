@@ -1,4 +1,4 @@
-"""Thinning a dense survey until spin and acceleration come apart, at the least cost in error."""
+"""Downweighting dense regions until spin and acceleration are uncorrelated, at the least cost in error."""
 
 from __future__ import annotations
 
@@ -97,6 +97,7 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
     Parameters
     ----------
     sources : Field, or positions with errors
+        As for `fit.correlation.predict`.
     max_correlation : float
         Between 0 and 1.
     nside : int
@@ -111,7 +112,7 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
     Raises
     ------
     ConvergenceError
-        If no thinning reaches the bound.
+        If no weights reach the bound.
 
     Notes
     -----
@@ -165,7 +166,7 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
     keep[keep < 1e-5] = 0.0
     if slack(keep).min() < -1e-3:
         raise ConvergenceError(
-            f"no thinning brings all correlations under {max_correlation:g} ({found.message}): take a larger bound"
+            f"no weights bring all correlations under {max_correlation:g} ({found.message}): take a larger bound"
         )
     full = np.full(12 * nside**2, np.nan)
     full[used] = keep

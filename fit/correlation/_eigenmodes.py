@@ -23,7 +23,7 @@ class Eigenmodes(Result):
     Attributes
     ----------
     information : (p,) array
-        Rising. How well each is measured against an even sky of the same weight: 1 is as well, 0.01 with
+        Rising. How well each is measured against a uniform sky of the same weight: 1 is as well, 0.01 with
         ten times the error.
     fields : list of Coefficients
         Each of ∫|V|² dΩ = 1.
@@ -78,20 +78,22 @@ def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = No
 
     Parameters
     ----------
-    sources : as for `leakage`
+    sources
+        As for `leakage`.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own. [µas/yr]
 
     Returns
     -------
     Eigenmodes
-        Solutions of N v = λ M v, M the normal matrix of an even sky of the same total weight.
+        Solutions of N v = λ M v, M the normal matrix of a uniform sky of the same total weight.
     """
     modes = as_modes(modes)
     field = Field.without_motions(sources, sigma)
     normal = normal_equations(field, modes).matrix
-    # ∫ |V|² dΩ = Σ norm2 c²; an even sky sees its mean, by half the trace of the weights.
+    # ∫ |V|² dΩ = Σ norm2 c²; a uniform sky measures its mean, by half the trace of the weights.
     norm = np.diag(modes.norm2.astype(float))
     values, vectors = eigh(normal, norm)
     even = field.information.sum() / 2 / (4 * np.pi)

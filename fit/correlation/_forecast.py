@@ -36,7 +36,7 @@ class Prediction(Solution):
 
         The sixth root of the ratio of determinants of their normal equations of degree 1 alone.
         """
-        even = self._weight / 3 * np.eye(6)  # N of degree 1 on an even sky: two thirds of the mean weight a source
+        even = self._weight / 3 * np.eye(6)  # N of degree 1 on a uniform sky: two thirds of the mean weight a source
         return float(np.exp((np.linalg.slogdet(self._alone)[1] - np.linalg.slogdet(even)[1]) / 6))
 
     @property
@@ -71,7 +71,9 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
     Parameters
     ----------
     sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
+        As for `fit.correlation.predict`.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     sigma : float, (2, n) array or None
         Errors in place of the sources' own [µas/yr]; needed
         where they have none.
@@ -109,7 +111,8 @@ def compare_cuts(
 
     Parameters
     ----------
-    sources : as for `predict`
+    sources
+        As for `predict`.
     cases : dict of str to None, mask (n,), or factors (n,) on the weights
         None takes all; a factor of zero leaves a source out.
     modes : Modes or int

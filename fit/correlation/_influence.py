@@ -1,4 +1,4 @@
-"""Which part of the sky is to blame: the derivative of a result by the weight of each pixel."""
+"""Influence maps: the derivative of a result with respect to the weight of each pixel."""
 
 from __future__ import annotations
 
@@ -34,10 +34,13 @@ def influence_map(
     Parameters
     ----------
     sources : Field, or positions with errors as for `fit.correlation.predict`
+        As for `fit.correlation.predict`.
     modes : Modes, or the degree lmax, or "spin+acceleration" (degree 1)
+        What to fit, or the degree lmax.
     parameters : (str, str) or str
         Two names of parameters ("omega_y", "a_x", "t(2,0)"): their correlation. One: its variance.
     nside : int
+        Of the HEALPix pixels.
     quantity : "value", optional
         Of one parameter, in place of its variance; needs motions.
     sigma : float or (2, n) array, optional
@@ -104,7 +107,7 @@ def gain_of_sources(
     from vsh.sky.pixels import centres
 
     if quantity == "value":
-        raise ParameterError("sources that are not there yet have no motions: a value cannot be foretold")
+        raise ParameterError("added sources have no motions: the change of a value cannot be predicted")
     field = Field.without_motions(sources)
     sigma = float(np.median(field.sigma)) if sigma is None else float(sigma)
     lon, lat = centres(nside)

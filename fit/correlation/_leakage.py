@@ -1,4 +1,4 @@
-"""What is not fitted leaks into what is: on an uneven sky the harmonics are not orthogonal."""
+"""Leakage: on a non-uniform sky the harmonics are not orthogonal, and degrees that are not fitted bias those that are."""
 
 from __future__ import annotations
 
@@ -193,6 +193,7 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
     Parameters
     ----------
     sources : Field, or positions with errors as for `fit.correlation.predict`
+        As for `fit.correlation.predict`.
     fitted, unmodelled : Modes, or degrees
         Fitted to the first, with a true field up to the second.
     sigma : float or (2, n) array, optional
@@ -264,7 +265,8 @@ def recommend_lmax(
 
     Parameters
     ----------
-    sources : as for `leakage`
+    sources
+        As for `leakage`.
     max_condition : float
         Of the scaled normal matrix.
     max_correlation : float

@@ -1,4 +1,4 @@
-"""Which parameters a sky cannot tell apart, which part of it is to blame, and what to do about it."""
+"""Correlation matrices of parameters on one or several skies."""
 
 from __future__ import annotations
 
@@ -217,9 +217,11 @@ def correlation_matrices(
     Parameters
     ----------
     fields : Field, positions with errors, or a list or dict of them
+        The catalogues.
     parameters : "spin+acceleration", Modes, or a degree
         Of which parameters: the components of spin and acceleration, or all coefficients.
     labels : list of str, optional
+        What to call them.
     offsets : Field or list of Fields, optional
         Of VLBI sources: the orientation ε is put in front, as in the paper's table.
     solver : {"harmonics", "frame"}
@@ -272,7 +274,7 @@ def correlation_matrices(
 
 
 def dipole(field: Field) -> FloatArray:
-    """Mean direction of the sources by weight, (3,): zero on an even sky.
+    """Mean direction of the sources by weight, (3,): zero on a uniform sky.
 
     Parameters
     ----------

@@ -55,12 +55,12 @@ def parameters_of(what: Modes | int | str) -> Parameters:
 
     Parameters
     ----------
-    what : "spin+acceleration", a degree, or Modes
-        The first: omega_x … a_z, from a fit of degree 1; else every coefficient.
+    what : Modes, int or str
+        Every coefficient, or with "spin+acceleration" omega_x … a_z from a fit of degree 1.
 
     Returns
     -------
-    Parameters
+    chosen : Parameters
 
     Raises
     ------
@@ -82,12 +82,12 @@ def named(names: Sequence[str], what: Modes | int | str) -> Parameters:
     ----------
     names : sequence of str
         Coefficients, or omega_x … a_z.
-    what : Modes, int, or "spin+acceleration"
-        Of the fit.
+    what : Modes, int or str
+        Of the fit; "spin+acceleration" is degree 1.
 
     Returns
     -------
-    Parameters
+    chosen : Parameters
 
     Raises
     ------

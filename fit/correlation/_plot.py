@@ -63,6 +63,7 @@ def plot_influence(values: FloatArray, field: Field, title: str, label: str, *, 
     field : Field
         The sources, in the frame of the map.
     title, label : str
+        Of the figure.
     max_sources : int
         How many dots at most.
 
@@ -148,5 +149,5 @@ def plot_eigenmodes(eigen: Any, n_fields: int = 2) -> Figure:
         draw_vectors(axes, lon, lat, eigen.fields[i].at(lon, lat), color="#c55a11" if place < count else "#0b5394")
         words = "worst" if place < count else "best"
         error = 1 / np.sqrt(eigen.information[i])
-        axes.set_title(f"{words} measured: {error:.2f} times the error on an even sky", pad=14, fontsize=13)
+        axes.set_title(f"{words} measured: {error:.2f} times the error on a uniform sky", pad=14, fontsize=13)
     return figure

@@ -118,6 +118,7 @@ def plot_residuals(solution: HarmonicResult, field: Field, *, nside: int | None 
     Parameters
     ----------
     solution : Solution
+        What was found.
     field : Field
         In the solution's frame.
     nside : int, optional

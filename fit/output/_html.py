@@ -1,4 +1,4 @@
-"""A report to hand round: one page that needs nothing but itself."""
+"""A self-contained HTML report."""
 
 from __future__ import annotations
 
@@ -99,9 +99,11 @@ def html_report(
     Parameters
     ----------
     solution : Solution
+        What was found.
     figures : dict of str to matplotlib figure
         Embedded as PNG.
     check : CrossCheck, optional
+        Both solvers at degree 1.
     truth : dict of str to Vector, optional
         Of a simulated catalogue.
     source : str

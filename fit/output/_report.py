@@ -19,6 +19,7 @@ def report(
     Parameters
     ----------
     solution : Solution
+        What was found.
     check : CrossCheck, optional
         Both solvers at degree 1, from `fit.cross_check`.
     truth : dict of str to Vector, optional

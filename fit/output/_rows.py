@@ -40,6 +40,7 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
     Parameters
     ----------
     vectors : dict of str to Vector
+        By name.
     truth : dict of str to Vector, optional
         Of a simulated catalogue, by the same names.
 

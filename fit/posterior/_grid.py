@@ -1,4 +1,4 @@
-"""The same posterior without chance: on a grid, for cross-check and for figures."""
+"""The same posterior on a grid, for cross-checks and figures."""
 
 from __future__ import annotations
 

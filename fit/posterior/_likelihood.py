@@ -157,6 +157,7 @@ def compress_likelihood(
     Parameters
     ----------
     rows : ParallaxEquations
+        Its equations.
     spread, excess_noise : pairs of float
         Limits of s [km/s] and x [µas/yr]
     spin : None, "free" or Vector

@@ -10,6 +10,6 @@ __all__ = [
     "ChiSquare",
     "Trend",
     "binned",
-    "permutation_test",
     "equal_information",
+    "permutation_test",
 ]

@@ -39,7 +39,9 @@ def permutation_test(
     binned : BinnedSolution
         Of degree 1.
     n_permutations : int
+        How many.
     rng : Generator or int
+        The source of all randomness.
     velocity : Vector, optional
         Ours [km/s]: tests "secular_parallax" as well, whether the bins contradict a constant
         acceleration with the secular parallax of that velocity.

@@ -22,6 +22,7 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck") -> Figure:
     Parameters
     ----------
     binned : BinnedSolution
+        The bins.
     velocity : "planck", Vector or None
         Whose secular parallax is drawn in, about the acceleration that fits
         best with it.

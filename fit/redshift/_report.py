@@ -24,6 +24,7 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
     Parameters
     ----------
     binned : BinnedSolution
+        The bins.
     velocity : Vector or None
         Whose secular parallax the bins are compared with.
     p_values : dict, optional

@@ -40,10 +40,13 @@ def compare_blocks(
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     nsides : tuple of int
         From small blocks to large ones.
     progress : bool
+        Show a bar, after two seconds.
 
     Returns
     -------

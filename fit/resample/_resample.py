@@ -137,8 +137,11 @@ def bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng, *, 
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     n_replicates : int
+        How many.
     rng : Generator or int
         The source of all randomness.
     progress : bool
@@ -236,7 +239,9 @@ def jackknife(field: Field, modes: Modes | int, nside: int, *, progress: bool = 
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     nside : int
         Of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
         With noise correlated over 10° pulls were 2.1 at nside 4, 1.5 at 2 and 1.3 at 1 (formal errors: 10).

@@ -56,12 +56,15 @@ def clip(
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     kappa : float
         Leave out X > κ · median(X)
     threshold : float, optional
         Leave out X > threshold instead.
     max_rounds : int
+        Of the iteration.
 
     Returns
     -------

@@ -50,12 +50,15 @@ def excess_noise(
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     scale : bool
         Estimate a factor f on the catalogue's errors as well: f² C + s² I.
     tolerance : float
         To which the likelihood is maximised, in units of the error of s² and f².
     max_rounds : int
+        Of the iteration.
 
     Returns
     -------

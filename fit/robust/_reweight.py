@@ -28,7 +28,7 @@ _ADAPTING = 15
 
 @dataclass(frozen=True, eq=False)
 class Reweighted(AboutSolution):
-    """A fit that trusts each source as far as the source deserves.
+    """A fit in which sources with large residuals have less weight.
 
     Attributes
     ----------
@@ -81,13 +81,16 @@ def student_t(
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes, or the degree lmax
+        What to fit, or the degree lmax.
     nu : float, optional
         Degrees of freedom of the distribution; estimated by maximum likelihood, between
         0.5 and 200, unless given.
     tolerance : float
         The fit has settled when no coefficient moves by so much of its error.
     max_rounds : int
+        Of the iteration.
 
     Returns
     -------

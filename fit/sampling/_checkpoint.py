@@ -24,7 +24,9 @@ def fingerprint(field: Field, model: dict[str, str]) -> dict[str, str]:
     Parameters
     ----------
     field : Field
+        The sources.
     model : dict of str to str
+        What else determines the chain.
 
     Returns
     -------

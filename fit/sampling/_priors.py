@@ -49,7 +49,7 @@ class Prior(Protocol):
 
 def _limit(name, value):
     """A number, which may be infinite; whole ones stay whole."""
-    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and value == value:  # noqa: PLR0124 (nan)
+    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and value == value:
         return value
     raise ParameterError(f"{name} of a prior must be a number, not {value!r}")
 

@@ -14,17 +14,17 @@ from fit.secular_parallax._forecast import predict
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 
 __all__ = [
+    "OMEGA",
     "A",
+    "HubbleSolution",
     "ParallaxEquations",
     "ParallaxSolution",
     "ParallaxSums",
-    "HubbleSolution",
-    "OMEGA",
     "U",
     "VelocitySolution",
     "check_determined",
-    "parallax_equations",
     "hubble_constant",
     "observer_velocity",
+    "parallax_equations",
     "predict",
 ]

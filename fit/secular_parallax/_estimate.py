@@ -42,7 +42,7 @@ def observer_velocity(
     Parameters
     ----------
     field : Field
-        With redshifts, none below the flow (`vsh.redshifts.with_redshift`).
+        With redshifts, none below the flow (`vsh.cosmology.with_redshift`).
     hubble : float
         H0. [km/s/Mpc]
     cosmology : astropy cosmology, optional

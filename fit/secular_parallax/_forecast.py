@@ -25,11 +25,14 @@ def predict(
 
     Parameters
     ----------
-    sources, sigma : as for `fit.correlation.predict`, with redshifts
+    sources, sigma
+        As for `fit.correlation.predict`, with redshifts.
     hubble : float
         For the velocity, and the scale of H0's error [km/s/Mpc]
-    velocity : as for `fit.secular_parallax.hubble_constant`
-    options : of `fit.secular_parallax.observer_velocity`, but hubble
+    velocity
+        As for `fit.secular_parallax.hubble_constant`.
+    **options
+        Of `fit.secular_parallax.observer_velocity`, but hubble.
 
     Returns
     -------

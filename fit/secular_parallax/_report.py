@@ -19,6 +19,7 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
     Parameters
     ----------
     solution : VelocitySolution or HubbleSolution
+        What was found.
     source : str, optional
         What was fitted.
     truth : dict, optional

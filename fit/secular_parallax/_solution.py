@@ -101,7 +101,7 @@ class VelocitySolution(ParallaxSolution):
         return galactic.direction, galactic.direction_error
 
     def against(self, velocity: Vector = PLANCK_2018) -> tuple[float, float]:
-        """χ² of the difference from another velocity (its own errors included), and the chance of as much.
+        """χ² of the difference from another velocity (its own errors included), and its p-value.
 
         Parameters
         ----------

@@ -95,6 +95,7 @@ class Result(Frozen):
         Parameters
         ----------
         path : str or Path
+            The file.
         meta : dict, optional
             Provenance, plain values.
 

@@ -8,9 +8,9 @@ from fit.sums._sandwich import leverage, outer_products, sandwich, weighted_matr
 __all__ = [
     "Rings",
     "compressed_sums",
-    "dipole_sums",
     "design_matrix_sums",
     "design_matrix_up_to",
+    "dipole_sums",
     "fourier_sums",
     "leverage",
     "outer_products",

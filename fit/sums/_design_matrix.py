@@ -1,6 +1,6 @@
 """The normal equations by their definition: the design matrix, a block of sources at a time.
 
-Exact to rounding at any degree, and the yardstick for the faster ways.
+Exact to rounding at any degree, and the reference for the faster ways.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ def design_matrix_sums(field: Field, modes: Modes, threads: int | None = None) -
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes
+        What to fit, or the degree lmax.
     threads : int, optional
         One a core unless given.
 

@@ -23,6 +23,7 @@ def dipole_sums(field: Field) -> tuple[FloatArray, FloatArray, float]:
     Parameters
     ----------
     field : Field
+        The sources.
 
     Returns
     -------

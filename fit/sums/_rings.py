@@ -36,7 +36,9 @@ def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tup
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes
+        What to fit, or the degree lmax.
     threads : int, optional
         One a core unless given.
 

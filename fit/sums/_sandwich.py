@@ -53,6 +53,7 @@ def weighted_matrix(field: Any, weights: FloatArray, modes: Modes, threads: int 
     weights : (3, n) array
         A, b, c of each source; they need not be positive.
     modes : Modes
+        What to fit, or the degree lmax.
     threads : int, optional
         How many; one a core unless given.
 
@@ -81,7 +82,9 @@ def leverage(
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes
+        What to fit, or the degree lmax.
     inverse : (p, p) array
         N⁻¹ of the fit.
     factors : (n,) array
@@ -151,7 +154,9 @@ def sandwich(
     Parameters
     ----------
     field : Field
+        The sources.
     modes : Modes
+        What to fit, or the degree lmax.
     residual : (2, n) array
         Δ [µas/yr]
     factors : (n,) array

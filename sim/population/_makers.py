@@ -21,6 +21,7 @@ def quasars(
     Parameters
     ----------
     n : int
+        How many.
     rng : Generator or int
         The source of all randomness.
     sky : {"uniform", "plane-avoiding", "gums", "igql"} or (12 nside²,) array
@@ -99,9 +100,11 @@ def galaxies(
     Parameters
     ----------
     n : int
+        How many.
     rng : Generator or int
         The source of all randomness.
-    sky : as for `quasars`
+    sky
+        As for `quasars`.
     min_redshift, max_redshift : float
         Redshifts.
     max_magnitude : float
@@ -110,6 +113,7 @@ def galaxies(
         Mean and standard deviation of the absolute magnitudes; with these the
         counts peak at G ≈ 17, as those of the paper's galaxies do.
     map_frame : str
+        Of the axes of a map that is given.
 
     Returns
     -------

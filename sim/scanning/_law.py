@@ -56,11 +56,9 @@ class NominalScanningLaw(Frozen):
     basic_angle : float
         Between the fields of view [rad]
     half_height : float
-        Of a field, across the scan [rad]; 0.342°, a little less than the 0.35° of the
-        whole field, gives the published counts with their 6 % of dead time.
+        Of a field, across the scan [rad]; 0.342°, not 0.35°, gives the published counts with 6 % of dead time.
     pole_days : float
-        At first the axis stays in the ecliptic, ν = 0 or π as is nearer to
-        the given phase, so that both fields pass the ecliptic poles every spin [days]
+        At first the axis stays in the ecliptic, ν = 0 or π, so that both fields pass the poles every spin. [days]
     dead_time : float
         Fraction of the time that is lost, in gaps of some six hours.
     rng : Generator or int
@@ -75,8 +73,7 @@ class NominalScanningLaw(Frozen):
 
     Examples
     --------
-    >>> law = NominalScanningLaw(years=1)
-    >>> z, first, second = law.attitude(np.array([0.5]))
+    >>> z, first, second = NominalScanningLaw(years=1).attitude(np.array([0.5]))
     >>> round(float(np.degrees(np.arccos(first[:, 0] @ second[:, 0]))), 6)
     106.5
     """

@@ -23,6 +23,7 @@ def random_field(power: ArrayLike, rng: Rng) -> Signal:
     power : (lmax,) array
         ∫ |V_l|² dΩ of one kind, on average [(µas/yr)²]
     rng : Generator or int
+        The source of all randomness.
 
     Returns
     -------
@@ -77,6 +78,7 @@ def gravitational_waves(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: i
     omega : float
         Ω_GW.
     rng : Generator or int
+        The source of all randomness.
     hubble : float
         [km/s/Mpc]
     lmax : int

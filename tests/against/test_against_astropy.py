@@ -68,4 +68,4 @@ def test_galactic_centre_in_icrs():
 
 
 def test_a_micro_arcsecond_is_astropys():
-    assert UAS == pytest.approx((1 * u.uas).to_value("rad"), rel=1e-14)
+    assert pytest.approx((1 * u.uas).to_value("rad"), rel=1e-14) == UAS

@@ -79,7 +79,7 @@ def test_errors_wrong_by_place(estimate):
     assert found.std() == pytest.approx(1, abs=0.07)  # 720 pulls: 0.026
 
 
-def test_extra_noise_is_unbiased():
+def test_excess_noise_is_unbiased():
     """Fault C5: 0.871 for 1 with 96 of 800 numbers fitted."""
     for extra in (1.0, 5.0):
         found = [excess_noise(sky(400, seed, extra=extra), 5) for seed in range(25)]
@@ -158,7 +158,7 @@ def test_p_values_of_bins(case, skies):
             found.setdefault(name, []).append(p)
             found.setdefault(f"{name} permuted", []).append(permuted[name])
         contradicted += any(max(p, permuted[name]) < 0.0027 for name, p in plain.items())
-        # The same hypothesis by two ways: far bins have hardly a drift.
+        # The same hypothesis by two ways: far bins have hardly a secular parallax.
         assert abs(permuted["S"] - permuted["secular_parallax"]) < 0.1
     low, high = (0.02, 0.09) if skies == 300 else (0.0, 0.175)  # 40 skies: 0.05 + 3.6 · 0.034
     for name, values in found.items():
@@ -226,8 +226,8 @@ def test_block_lengths_are_compared():
     assert best.nside == 8
     assert best.ratio == pytest.approx(1, abs=0.1)
     assert "no resampling can see" in advice
-    patchy = sim.random_field(np.r_[np.zeros(5), np.full(15, 40.0)], 3)(lon, lat)  # shared over some 10°
-    shared = Field(lon, lat, independent.motion + patchy, np.ones((2, 4000)))
+    pattern = sim.random_field(np.r_[np.zeros(5), np.full(15, 40.0)], 3)(lon, lat)  # shared over some 10°
+    shared = Field(lon, lat, independent.motion + pattern, np.ones((2, 4000)))
     rows, best, advice = fit.resample.compare_blocks(shared, 1, progress=False)
     assert best.nside < 8
     assert rows[0].ratio < best.ratio

@@ -25,7 +25,7 @@ HEAVY = {
     "ducc0": ["vsh/transform.py"],
     "emcee": ["fit/sampling/_chain.py"],
     "corner": ["fit/*/_plot.py"],
-    "arviz": ["fit/posterior/_sample.py"],
+    "arviz": ["fit/posterior/_posterior.py"],
     "matplotlib": [
         "*/_plot.py", "*/plot.py", "fit/output/_figures.py", "fit/output/_files.py", "*/commands/*.py", "study/figures.py",
     ],

@@ -1,49 +1,110 @@
 """The documentation is complete and true to the code; `make docs` builds it."""
 
+import importlib
 import re
 import subprocess
 import sys
 
 import pytest
+import yaml
 from conftest import ROOT
 
+import vsh
+
 DOCS = ROOT / "docs"
-PACKAGES = ("vsh", "fit", "sim", "study")
+PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]
+PAGES = [path for path in PAGES if "_build" not in path.parts and "gallery" not in path.parts]
+COMMANDS = {
+    "vsh-fit": "fit.commands.fit", "vsh-sim": "sim.command", "vsh-redshift": "fit.commands.redshift",
+    "vsh-correlate": "fit.commands.correlate", "vsh-study": "study.command",
+}  # fmt: skip
+#: Faces whose names are used inside the project only.
+INTERNAL = {"fit.sums", "fit.sampling", "fit.commands", "vsh.checks", "vsh.system", "vsh.commands"}
 
 
-def test_every_module_is_in_the_reference():
-    text = (DOCS / "api.md").read_text(encoding="utf-8")
-    for package in PACKAGES:
-        for path in (ROOT / package).glob("*.py"):
-            if path.stem != "__init__":
-                assert f".. automodule:: {package}.{path.stem}\n" in text
+def name(path):
+    return path.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize(
-    "path", sorted(DOCS.glob("*.md")) + [ROOT / "README.md", ROOT / "CHANGELOG.md"], ids=lambda p: p.name
-)
+def faces():
+    for package in ("vsh", "sim", "fit", "study"):
+        for path in (ROOT / package).rglob("__init__.py"):
+            yield ".".join(path.relative_to(ROOT).parts[:-1])
+
+
+def test_every_face_has_its_page():
+    text = "".join(path.read_text(encoding="utf-8") for path in (DOCS / "api").glob("*.md"))
+    assert {face for face in faces() if f".. automodule:: {face}\n" not in text} == INTERNAL | {"vsh.sky"}
+
+
+@pytest.mark.parametrize("face", sorted(faces()))
+def test_what_a_face_promises_is_there(face):
+    module = importlib.import_module(face)
+    for each in getattr(module, "__all__", ()):
+        assert getattr(module, each) is not None, f"{face}.{each}"
+
+
+def test_every_command_has_its_page():
+    for command, module in COMMANDS.items():
+        text = (DOCS / "commands" / f"{command}.md").read_text(encoding="utf-8")
+        assert f":module: {module}\n" in text
+
+
+def test_every_option_of_a_command_has_a_word_of_help():
+    for module in COMMANDS.values():
+        parser = importlib.import_module(module).make_parser()
+        assert all(action.help for action in parser._actions)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=name)
 def test_links_to_files_hold(path):
     for link in re.findall(r"\]\(([^)#\s]+)", path.read_text(encoding="utf-8")):
-        if "://" not in link and not link.startswith("gallery/"):
+        if "://" not in link and "gallery/" not in link:
             target = path.parent / link
             assert target.exists() or (path.name == "CHANGELOG.md" and (ROOT / link).exists()), link
 
 
-@pytest.mark.parametrize("name", ["vsh-fit", "vsh-sim", "vsh-redshift", "vsh-correlate", "vsh-study"])
-def test_options_that_the_pages_name_exist(name):
+@pytest.mark.parametrize("command", COMMANDS)
+def test_options_that_the_pages_name_exist(command):
     """Every option of a command that stands on a page is one that the command has."""
-    module = {"vsh-fit": "fit.commands.fit", "vsh-sim": "sim.command", "vsh-redshift": "fit.commands.redshift", "vsh-correlate": "fit.commands.correlate",
-              "vsh-study": "study.command"}[name]  # fmt: skip
-    done = subprocess.run([sys.executable, "-m", module, "--help"], cwd=ROOT, capture_output=True, text=True, encoding="utf-8",
-                          check=True)  # fmt: skip
-    known = set(re.findall(r"--[a-z-]+", done.stdout))
-    for path in [ROOT / "README.md", *DOCS.glob("*.md")]:
+    done = subprocess.run(
+        [sys.executable, "-m", COMMANDS[command], "--help"], cwd=ROOT, capture_output=True, text=True, encoding="utf-8",
+        check=True,
+    )  # fmt: skip
+    known = set(re.findall(r"--[a-z0-9-]+", done.stdout))
+    for path in PAGES:
+        if path.name == "CHANGELOG.md":
+            continue
         for line in path.read_text(encoding="utf-8").splitlines():
-            for command in re.findall(rf"{name}( [^`|\n]*)", line):
-                assert set(re.findall(r"(?<= )--[a-z-]+", command)) <= known, (path.name, line)
+            for options in re.findall(rf"{command}( [^`|\n]*)", line):
+                assert set(re.findall(r"(?<= )--[a-z0-9-]+", options)) <= known, (path.name, line)
 
 
 def test_the_python_in_the_pages_is_python():
-    for path in [ROOT / "README.md", *DOCS.glob("*.md")]:
+    for path in PAGES:
         for block in re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL):
             compile(block, path.name, "exec")
+
+
+def test_the_python_of_the_readme_runs():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    done = subprocess.run([sys.executable, "-c", block], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "acceleration" in done.stdout
+
+
+def test_the_readme_is_one_screen():
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 60
+    assert max(map(len, lines)) <= 100
+    first = " ".join(lines[:6])
+    for word in ("vector spherical harmonics", "proper motions", "Gaia", "VLBI", "spin", "acceleration"):
+        assert word in first
+
+
+def test_the_version_is_said_once():
+    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert yaml.safe_load(cited)["version"] == vsh.__version__
+    for path in [ROOT / "README.md", *DOCS.glob("*.md"), ROOT / "setup.cfg"]:
+        assert f"version = {vsh.__version__}" not in path.read_text(encoding="utf-8")

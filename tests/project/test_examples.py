@@ -64,7 +64,7 @@ def pulls_of(text):
 
 def test_redshift_dipoles(tmp_path):
     text = run("redshift_dipoles.py", folder=tmp_path)
-    chances = [float(line.split("chance")[1]) for line in text.splitlines()[-3:]]
+    chances = [float(line.split("p-value")[1]) for line in text.splitlines()[-3:]]
     assert chances[0] > 0.003
     assert chances[1] < 1e-4
     assert chances[2] > 0.003
@@ -83,7 +83,7 @@ def test_velocity_or_hubble(tmp_path):
     assert (tmp_path / "velocity_or_hubble.png").stat().st_size > 10_000
 
 
-def test_correlation_map(tmp_path):
+def test_correlation_matrices(tmp_path):
     text = run("correlation_matrices.py", folder=tmp_path)
     assert "upper GUMS-like, lower IGQL-like" in text
     assert "thinned to |ρ| < 0.2" in text

@@ -23,14 +23,14 @@ APEX = np.array([-25.7, -244.3, 275.3])
     [(0.001, 4.454, 17.478), (0.003, 13.354, 5.829), (0.01, 44.440, 1.7516), (0.03, 132.685, 0.5867),
      (0.1, 434.756, 0.1790), (1.0, 3406.3, 0.0229)],
 )  # fmt: skip
-def test_drift_values(z, distance, motion):
-    """conventions.md: d_M and the drift of 369 km/s."""
+def test_secular_parallax_values(z, distance, motion):
+    """conventions.md: d_M and the secular parallax of 369 km/s."""
     assert float(transverse_distance([z])[0]) == pytest.approx(distance, abs=0.05 if z == 1 else 6e-4)  # as printed
     away = sim.secular_parallax((369.0, 0, 0))([np.pi / 2], [0.0], [z])  # 90° from the apex
     np.testing.assert_allclose(away[:, 0], [motion, 0], atol=6e-4 if z < 0.01 else 6e-5)
 
 
-def test_drift_is_away_from_the_apex_and_scales_with_hubble():
+def test_secular_parallax_is_away_from_the_apex_and_scales_with_hubble():
     lon, lat = np.array([1.0]), np.array([0.0])
     toward_lower_longitude = sim.secular_parallax((1000.0, 0, 0))(lon, lat, [0.01])[0, 0]
     assert toward_lower_longitude > 0  # the apex is at longitude 0; east is away from it
@@ -157,7 +157,7 @@ def of_modes(lmax, lowest):
 LINEAR = {
     "spin": ([sim.spin(e) for e in AXES], 5.0),
     "acceleration": ([sim.acceleration(e) for e in AXES], 5.0),
-    "drift": ([sim.secular_parallax(e) for e in AXES], 300.0),
+    "secular parallax": ([sim.secular_parallax(e) for e in AXES], 300.0),
     "any coefficients": (of_modes(2, 1), 5.0),
     "waves": (of_modes(3, 2), 5.0),
     "anisotropic expansion": ([sim.anisotropic_expansion(s) for s in SHEARS], 3.0),

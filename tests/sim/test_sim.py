@@ -22,9 +22,9 @@ def test_magnitudes_have_the_published_counts():
     """Of 1 215 942 quasars, 29 200 to G = 18, 146 614 to 19, 490 161 to 20."""
     n = 200_000
     magnitude = sim.quasars(n, rng=1, max_magnitude=21.0).magnitude
-    for faintest, count in ((18, 29_200), (19, 175_814), (20, 665_975)):
+    for limit, count in ((18, 29_200), (19, 175_814), (20, 665_975)):
         share = count / 1_215_942
-        assert abs((magnitude <= faintest).mean() - share) < 4 * np.sqrt(share / n)
+        assert abs((magnitude <= limit).mean() - share) < 4 * np.sqrt(share / n)
     assert magnitude.max() <= 21
 
 

@@ -123,8 +123,8 @@ def test_galactic_acceleration_in_icrs():
 
 
 def test_units():
-    assert units.AU_PER_YEAR == pytest.approx(4.740470, abs=5e-7)
-    assert units.KM_S_MYR == pytest.approx(0.6880253, abs=5e-8)
+    assert pytest.approx(4.740470, abs=5e-7) == units.AU_PER_YEAR
+    assert pytest.approx(0.6880253, abs=5e-8) == units.KM_S_MYR
 
 
 def test_spin_and_acceleration_are_coupled_by_the_dipole_of_the_sources():

@@ -1,4 +1,4 @@
-"""The gate, slicing, and what a field may not do to the caller's arrays."""
+"""Checks, slicing, and what a field may not do to the caller's arrays."""
 
 import astropy.units as u
 import numpy as np
@@ -101,14 +101,14 @@ def test_the_poles_are_on_the_sky():
         ({"frame": "B1950"}, "unknown frame 'B1950'"),
     ],
 )
-def test_the_constructor_has_the_same_gate(change, message):
+def test_the_constructor_has_the_same_checks(change, message):
     good = {"lon": np.zeros(3), "lat": np.zeros(3), "motion": np.zeros((2, 3)), "sigma": np.ones((2, 3))}
     with pytest.raises(ValueError, match=message):
         Field(**(good | change))
 
 
 def test_turning_a_field_does_not_refuse_what_the_gate_let_through():
-    """Errors of 1 and 5000 at 45° are correlated beyond the gate's limit; the source is the same."""
+    """Errors of 1 and 5000 at 45° are correlated beyond the limit; the source is the same."""
     field = random_field(200, seed=1, rho=0.0)
     stretched = Field(field.lon, field.lat, field.motion, np.array([[1.0], [5000.0]]) * np.ones((2, 200)))
     turned = stretched.to_frame("galactic")

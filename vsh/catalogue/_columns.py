@@ -83,7 +83,9 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
     Parameters
     ----------
     columns : Columns
+        Names of columns by role.
     source : vsh.tables.TableSource
+        The configuration.
 
     Raises
     ------
@@ -139,6 +141,15 @@ def frame_of(where: Mapping[str, str], frame: str | None) -> str | None:
 
 
 def missing_column(name: str | None, source: TableSource) -> str:
+    """What is said of a column that is not there, with the names nearest to it.
+
+    Parameters
+    ----------
+    name : str or None
+        That was asked for.
+    source : TableSource
+        The table.
+    """
     near = get_close_matches(str(name), source.names, n=3, cutoff=0.6)
     hint = f"; nearest: {', '.join(map(printable, near))}" if near else ""
     shown = list(map(printable, source.names[:200]))
@@ -152,7 +163,9 @@ def doubt_positions(found: Any, assumed: Any, at_least: int = 20) -> None:
     Parameters
     ----------
     found : dict with masked arrays "ra" and "dec" [deg]
+        As it was read.
     assumed : whether their unit is an assumption
+        Whether a unit of positions was assumed.
     at_least : int
         So many sources are needed to doubt.
 

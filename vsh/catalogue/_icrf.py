@@ -18,6 +18,7 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     Parameters
     ----------
     path : str or Path
+        The file.
     name : {"icrf", "iers"}
         Which designation names the sources: J000020.3-322101 or 2357-326.
 

@@ -86,9 +86,10 @@ def iter_fields(
     source, columns, units, on_bad, frame
         As for `read_field`. Joined, the fields are the one that it reads. (A VOTable is read whole first.)
     rows : int
+        Its equations.
 
-    Yields
-    ------
+    Returns
+    -------
     Field
         ``fit.normal_equations(iter_fields(path), modes)`` fits them all in one pass.
 
@@ -166,6 +167,7 @@ def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None
     Parameters
     ----------
     field : Field
+        The sources.
     path : str or Path
         Its ending tells the format.
     meta : dict, optional

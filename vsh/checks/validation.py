@@ -25,6 +25,7 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
     column : str
         Its name, for messages.
     value : array, masked array or Quantity
+        As a table has it.
     unit : str
         To which a Quantity is converted.
 
@@ -179,6 +180,7 @@ def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> 
     Parameters
     ----------
     noun : Field or Positions
+        What is checked.
     floats, others : tuples of str
         Names of its columns of numbers, and of others.
 
@@ -214,8 +216,11 @@ def select_usable(
     Parameters
     ----------
     found : dict of str to mask, as `invalid_rows` gives it
+        By reason.
     n : int
+        How many.
     on_bad : {"raise", "drop"}
+        What to do about rows that cannot be used.
     first_row : int
         Number of the first row in the table it is a part of.
     mark : tuple of arrays

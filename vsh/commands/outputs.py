@@ -27,9 +27,11 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     Parameters
     ----------
     path : path
+        The folder.
     command : str
         Its name, "vsh-fit".
     overwrite : bool
+        Replace what is there.
 
     Raises
     ------
@@ -89,10 +91,13 @@ def results_folder(path: PathName, command: str, provenance: dict[str, Any], ove
     Parameters
     ----------
     path : path
+        The folder.
     command : str
+        The name of the command.
     provenance : dict
         Plain values, kept in `provenance.json`.
     overwrite : bool
+        Replace what is there.
     """
     check_folder(path, command, overwrite)
     Path(os.path.realpath(path)).parent.mkdir(parents=True, exist_ok=True)

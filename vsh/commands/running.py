@@ -85,7 +85,9 @@ def provenance(paths: Any, options: argparse.Namespace, versions: dict[str, Any]
     Parameters
     ----------
     paths : path or list of paths
+        The files.
     options : argparse.Namespace
+        The other arguments.
     versions : dict
         Of this program and whatever else matters.
     **counts

@@ -26,7 +26,9 @@ def velocity_along(value: Any, frame: str) -> Vector:
     Parameters
     ----------
     value : "planck" or "paper", a Vector, or three components in km/s along those axes
+        What was given.
     frame : str
+        "icrs", "galactic" or "ecliptic".
 
     Returns
     -------
@@ -53,10 +55,14 @@ def velocity_along(value: Any, frame: str) -> Vector:
         if three.shape != (3,):
             raise ParameterError(f"a velocity has three components, not {value!r}")
         if not (np.isfinite(three).all() and three.any()):
-            raise ParameterError(f"a velocity of {three} km/s has no direction: the drift cannot be scaled by it")
+            raise ParameterError(
+                f"a velocity of {three} km/s has no direction: a secular parallax cannot be scaled by it"
+            )
         value = Vector(three, np.zeros((3, 3)), frame, "km/s")
     if not value.amplitude > 0:
-        raise ParameterError(f"a velocity of {value.amplitude} km/s has no direction: the drift cannot be scaled by it")
+        raise ParameterError(
+            f"a velocity of {value.amplitude} km/s has no direction: a secular parallax cannot be scaled by it"
+        )
     return replace(value.to_frame(frame), unit="km/s")
 
 

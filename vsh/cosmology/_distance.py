@@ -25,6 +25,7 @@ def transverse_distance(
     Parameters
     ----------
     redshift : (n,) array
+        One for each source.
     cosmology : astropy cosmology, optional
         Its shape; its H0 too unless `hubble` is given;
         flat, Ω_m = 0.315, H0 = 67.3 unless given.
@@ -60,7 +61,7 @@ def transverse_distance(
     if not good.all():
         raise FieldError(
             f"{(~good).sum()} of {redshift.size} redshifts give no distance: {count_unusable(redshift)}. "
-            "Leave those sources out first: vsh.redshifts.with_redshift(field), or --on-bad drop"
+            "Leave those sources out first: vsh.cosmology.with_redshift(field), or --on-bad drop"
         )
     farthest = _exact(np.linspace(redshift.min(), redshift.max(), 64), cosmology)
     if not (farthest > 0).all():
@@ -68,10 +69,7 @@ def transverse_distance(
             f"redshifts up to {redshift.max():.3g} reach beyond the antipode of this closed cosmology, where distances are not "
             "positive: leave them out, or lower its densities"
         )
-    if redshift.size > _EXACT:
-        distance = _interpolated(redshift, cosmology)
-    else:
-        distance = _exact(redshift, cosmology)
+    distance = (_interpolated if redshift.size > _EXACT else _exact)(redshift, cosmology)
     return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
 
 

@@ -64,6 +64,7 @@ def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT) -> Field:
     Parameters
     ----------
     field : Field
+        The sources.
     min_redshift : float
         The smallest redshift of use.
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from vsh.errors import FrameError
+from vsh.sky.sphere import angles, triad
 from vsh.types import FloatArray
 
 __all__ = [
@@ -79,3 +80,40 @@ def _rotation(frame, to):
     matrix = axes.transform_to(FRAMES[to]).cartesian.xyz.value
     matrix.flags.writeable = False
     return matrix
+
+
+def turned(
+    matrix: FloatArray, lon: FloatArray, lat: FloatArray, motion: FloatArray, sigma: FloatArray, rho: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Positions, motions and their errors along other axes.
+
+    Parameters
+    ----------
+    matrix : (3, 3) array
+        The rotation of vectors, from `rotation_matrix`.
+    lon, lat : (n,) arrays
+        Positions. [rad]
+    motion, sigma : (2, n) arrays
+        Motions and their errors.
+    rho : (n,) array
+        Their correlation.
+
+    Returns
+    -------
+    lon, lat : (n,) arrays
+    motion, sigma : (2, n) arrays
+    rho : (n,) array
+        The same along the new axes.
+    """
+    p, q, r = triad(lon, lat)
+    new_lon, new_lat = angles(matrix @ r)
+    # The old east and north along the new east: cosine and sine of the turn.
+    east = triad(new_lon, new_lat)[0]
+    cos, sin = np.sum(east * (matrix @ p), 0), np.sum(east * (matrix @ q), 0)
+    mu, (s1, s2) = motion, sigma
+    v1, v2, v12 = s1**2, s2**2, rho * s1 * s2
+    twist = 2 * cos * sin * v12
+    new_sigma = np.sqrt([cos**2 * v1 + sin**2 * v2 + twist, sin**2 * v1 + cos**2 * v2 - twist])
+    covariance = cos * sin * (v2 - v1) + (cos**2 - sin**2) * v12
+    new_motion = np.stack([cos * mu[0] + sin * mu[1], cos * mu[1] - sin * mu[0]])
+    return new_lon, new_lat, new_motion, new_sigma, covariance / (new_sigma[0] * new_sigma[1])

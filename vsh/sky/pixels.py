@@ -101,7 +101,9 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
         Not negative; pixels without a value (nan, masked, healpy's
         UNSEEN) hold no sources.
     n : int
+        How many.
     rng : Generator or int
+        The source of all randomness.
 
     Returns
     -------
@@ -194,6 +196,7 @@ def mean_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike, nside: int) -> F
     lon, lat : (n,) arrays
         Positions [rad]
     values : (n,) or (k, n) array
+        Of each source.
     nside : int
         Of the HEALPix pixels.
 

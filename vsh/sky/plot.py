@@ -37,6 +37,7 @@ def sky_axes(frame: str = "icrs", axes: Axes | None = None) -> Any:
     frame : str
         Named on the map.
     axes : matplotlib axes in the "hammer" projection, optional
+        With a map projection; new ones unless given.
 
     Returns
     -------

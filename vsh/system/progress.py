@@ -21,11 +21,15 @@ def progress_bar(
     Parameters
     ----------
     things : iterable, optional
+        Through which to go.
     total : int, optional
+        How many.
     words : str
         Beside the bar.
     shown : bool
+        Whether there is one.
     unit : str
+        Of what is counted.
     **options
         Others.
     """

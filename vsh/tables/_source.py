@@ -99,7 +99,9 @@ def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
     Parameters
     ----------
     label : str
+        Of the colour bar.
     sources : list of TableSource
+        The parts.
 
     Raises
     ------

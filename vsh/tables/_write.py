@@ -97,9 +97,11 @@ def write(
     path : str or Path
         Its ending tells the format, as in `read`.
     columns : dict of name to (n,) array
+        By name.
     meta : dict, optional
         Plain values, kept with the table.
     units : dict of name to str, optional
+        Units of columns by name.
 
     Raises
     ------

@@ -138,7 +138,7 @@ def test_a_real_catalogue(capsys):
     ("name", "column", "edges"),
     [("openngc_galaxies.ecsv", "redshift", "0.001,0.005,0.02,0.1"), ("sdss_dr5_quasars.fits", "z", "0.1,1,2,5")],
 )
-def test_simulate_bin_drift_on_real_redshifts(name, column, edges, tmp_path, capsys):
+def test_simulate_and_bin_on_real_redshifts(name, column, edges, tmp_path, capsys):
     table = Table.read(real_catalogue(name))
     column = next(each for each in table.colnames if each.lower() in ("z", "redshift"))
     ra, dec = (next(each for each in table.colnames if each.lower() in names) for names in (("ra", "raj2000"), ("dec", "dej2000")))  # fmt: skip

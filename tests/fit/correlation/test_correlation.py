@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from conftest import patchy, random_field
+from conftest import nonuniform, random_field
 
 import fit
 import sim
@@ -36,21 +36,21 @@ def test_names_and_rows():
 
 @pytest.mark.parametrize("even", [True, False])
 def test_both_solvers_give_the_same_matrix(even):
-    field = patchy(even=even)
+    field = nonuniform(uniform_errors=even)
     one, two = correlation_matrices(field), correlation_matrices(field, solver="frame")
     assert one.names == two.names
     np.testing.assert_allclose(one.matrix(0), two.matrix(0), atol=1e-10)
 
 
 def test_equal_weights_are_tied_by_the_dipole_to_second_order():
-    """The block ω–ã is −(3/2)[r̄]ₓ: halving the unevenness quarters what is left."""
+    """The block ω–ã is −(3/2)[r̄]ₓ: halving the non-uniformity quarters what is left."""
     rng = np.random.default_rng(1)
     lon, lat = sim.uniform_sky(400_000, rng)
     r = triad(lon, lat)[2]
     direction = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
     left = []
     for size in (0.4, 0.2):
-        # Weights by 1/σ²: exact unevenness without the noise of counts.
+        # Weights by 1/σ²: exact non-uniformity without the noise of counts.
         symmetric = np.concatenate([r, -r], axis=1)
         weight = 1 + size * (direction @ symmetric + 0.5 * (symmetric[2] ** 2 - 1 / 3))
         lon2, lat2 = np.concatenate([lon, lon + np.pi]), np.concatenate([lat, -lat])
@@ -63,7 +63,7 @@ def test_equal_weights_are_tied_by_the_dipole_to_second_order():
 
 
 def test_two_catalogues_in_one_matrix():
-    a, b = patchy(even=True), patchy(seed=2)
+    a, b = nonuniform(uniform_errors=True), nonuniform(seed=2)
     both = correlation_matrices({"A": a, "B": b})
     matrix = both.combined()
     assert matrix[0, 4] == both.matrix(0)[0, 4]
@@ -80,7 +80,7 @@ def test_two_catalogues_in_one_matrix():
 
 
 def test_orientation_in_front():
-    field, offsets = patchy(), patchy(200, 5)
+    field, offsets = nonuniform(), nonuniform(200, 5)
     found = correlation_matrices(field, offsets=offsets)
     assert found.names[:3] == ("epsilon_x", "epsilon_y", "epsilon_z")
     np.testing.assert_allclose(found.matrix(0)[3:, 3:], correlation_matrices(field).matrix(0), atol=1e-10)
@@ -120,15 +120,15 @@ def test_positions_are_enough():
 )
 def test_bad_input(call, error, words):
     with pytest.raises(error, match=words):
-        call(patchy(300))
+        call(nonuniform(300))
 
 
 def test_figures():
-    field = patchy(2000)
+    field = nonuniform(2000)
     from fit.correlation import plot_influence, symbol
 
     assert symbol("omega_y") == r"$\omega_y$"
-    for found in (correlation_matrices([field, patchy(seed=2)]), correlation_matrices(field, 3)):
+    for found in (correlation_matrices([field, nonuniform(seed=2)]), correlation_matrices(field, 3)):
         figure = found.plot()
         image = figure.axes[0].images[0]
         assert image.norm.vmin == -image.norm.vmax

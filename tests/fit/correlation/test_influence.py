@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from conftest import patchy
+from conftest import nonuniform
 
 import fit
 from fit.correlation import correlation_matrices, gain_of_sources, influence_map, most_influential, named, parameters_of
@@ -29,7 +29,7 @@ def finite_difference(field, modes, pair, pixels, pixel, step=1e-4, quantity=Non
 @pytest.mark.parametrize("seed", range(20))
 def test_influence_against_finite_differences(seed):
     rng = np.random.default_rng(seed)
-    field = patchy(800, seed)
+    field = nonuniform(800, seed)
     lmax = int(rng.integers(1, 4))
     names = [str(mode) for mode in Modes(lmax)] + list(parameters_of("spin+acceleration").names)
     pair = tuple(rng.choice(names, 2, replace=False))
@@ -41,7 +41,7 @@ def test_influence_against_finite_differences(seed):
 
 
 def test_influence_on_variances_and_values():
-    field = patchy(800, 3)
+    field = nonuniform(800, 3)
     field = field._with(motion=np.random.default_rng(1).normal(size=(2, 800)) * field.sigma)
     pixels = pixels_of(field.lon, field.lat, 2)
     variance, value = influence_map(field, 2, "a_x", 2), influence_map(field, 2, "a_x", 2, quantity="value")
@@ -55,7 +55,7 @@ def test_influence_on_variances_and_values():
 
 
 def test_thousands_of_sources_take_the_transform():
-    field = patchy(12_000, 3)
+    field = nonuniform(12_000, 3)
     few = influence_map(field, 2, ("omega_x", "a_y"), 4)
     parts = [influence_of_part(field, keep) for keep in np.array_split(np.arange(12_000), 2)]
     np.testing.assert_allclose(sum(parts), few, atol=1e-11)
@@ -77,14 +77,14 @@ def influence_of_part(field, keep):
     return np.bincount(pixels_of(part.lon, part.lat, 4), _change(covariance, first, second, g, h, product), 192)
 
 
-def test_removing_the_blamed_region_lowers_the_correlation_as_foretold():
-    field = patchy(20_000, 4, even=True)
+def test_removing_the_most_influential_region_lowers_the_correlation_as_predicted():
+    field = nonuniform(20_000, 4, uniform_errors=True)
     before = correlation_matrices(field).matrix(0)[0, 4]
     values = influence_map(field, 1, ("omega_x", "a_y"), 4)
     pixels = pixels_of(field.lon, field.lat, 4)
     mask = most_influential(values, 0.3)
     assert 1 < mask.sum() < 96
-    # A tenth of its weight: what the derivative foretells; all of it: lower still.
+    # A tenth of its weight: what the derivative predicts; all of it: lower still.
     factor = np.where(mask[pixels], 0.9, 1.0)
     after = correlation_matrices(reweighted(field, factor)).matrix(0)[0, 4]
     assert after - before == pytest.approx(-0.1 * values[mask].sum(), rel=0.05)
@@ -92,8 +92,8 @@ def test_removing_the_blamed_region_lowers_the_correlation_as_foretold():
     assert abs(correlation_matrices(field[~mask[pixels]]).matrix(0)[0, 4]) < before - 0.1
 
 
-def test_adding_sources_does_what_was_foretold():
-    field = patchy(20_000, 4, even=True)
+def test_adding_sources_does_what_was_predicted():
+    field = nonuniform(20_000, 4, uniform_errors=True)
     values = gain_of_sources(field, 1, ("omega_x", "a_y"), 2, n_sources=200)
     from vsh.sky.pixels import centres
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from conftest import patchy
+from conftest import nonuniform
 
 import fit
 import sim
@@ -10,7 +10,7 @@ from vsh.errors import DegeneracyError
 
 
 def test_leakage_is_the_bias_of_a_noiseless_fit():
-    field = patchy(1000, 5)
+    field = nonuniform(1000, 5)
     rng = np.random.default_rng(1)
     from vsh import Coefficients
 
@@ -29,7 +29,7 @@ def test_leakage_is_the_bias_of_a_noiseless_fit():
 
 def test_mean_squared_bias_of_2000_skies():
     """200 would tell the mean square of six components to 4 % only."""
-    field = patchy(500, 6)
+    field = nonuniform(500, 6)
     power = np.array([3.0, 2.0, 1.0, 0.5, 0.25])
     found = leakage(field, 1, 6)
     expected = found.bias(power)
@@ -58,7 +58,7 @@ def test_an_even_sky_leaks_nothing():
 
 
 def test_recommended_degree():
-    field = patchy(20_000, 1, even=True)
+    field = nonuniform(20_000, 1, uniform_errors=True)
     rows = lmax_table(field, 4)
     for lmax, condition, correlation in rows:
         solution = fit.solve(fit.normal_equations(field, Modes(lmax)))
@@ -74,7 +74,7 @@ def test_recommended_degree():
 
 
 def test_eigenmodes_are_measured_apart():
-    field = patchy(3000, 2)
+    field = nonuniform(3000, 2)
     found = eigenmodes(field, 2)
     assert (np.diff(found.information) >= 0).all()
     normal = fit.normal_equations(field, Modes(2)).matrix

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from conftest import patchy
+from conftest import nonuniform
 
 import fit
 import sim
@@ -14,7 +14,7 @@ from vsh.sky.pixels import pixels_of
 
 
 def test_a_prediction_is_the_covariance_of_the_fit_to_come():
-    field = patchy()
+    field = nonuniform()
     found, solution = predict(field, 3), fit.fit_field(field, 3)
     np.testing.assert_array_equal(found.covariance, solution.covariance)
     np.testing.assert_allclose(found.spin.sigma, solution.spin.sigma)
@@ -34,7 +34,7 @@ def test_a_prediction_is_the_covariance_of_the_fit_to_come():
 
 
 def test_plans_side_by_side():
-    field = patchy()
+    field = nonuniform()
     north = field.lat > 0
     table = compare_cuts(field, {"all": None, "north": north, "half the weight": np.full(len(field), 0.5)})
     assert list(table["case"]) == ["all", "north", "half the weight"]
@@ -59,7 +59,7 @@ def test_predicted_velocity_and_hubble():
 
 @pytest.mark.parametrize("bound", [0.3, 0.1])
 def test_thinning_reaches_its_bound_at_little_cost(bound):
-    field = patchy(20_000, 1)
+    field = nonuniform(20_000, 1)
     found = downweight(field, bound)
     assert abs(found.before.largest[0]) > 0.35
     assert abs(found.after.largest[0]) <= bound + 1e-3

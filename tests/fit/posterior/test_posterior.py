@@ -100,7 +100,7 @@ def test_a_chain_with_free_dispersion_against_the_grid():
     assert abs(product.mean() / (700 * 67.3) - 1) < 0.15
 
 
-def test_extra_noise_is_found():
+def test_excess_noise_is_found():
     field = galaxies(sigma=3.0)
     quieter = field.with_errors(field.sigma / 2)  # 3 in truth, 1.5 as told: √(9 − 2.25) is missing
     on_grid = grid(quieter, PLANCK_2018, Flat(20, 150), peculiar_dispersion=0.0, excess_noise=Flat(0, 20))

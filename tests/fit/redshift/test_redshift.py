@@ -103,7 +103,7 @@ def test_equality_and_trend_are_chi2_where_nothing_changes(shared):
         assert 0.35 < p.mean() < 0.65
 
 
-def test_a_drift_is_found_by_the_trend_in_nearness_and_not_by_equality_alone():
+def test_a_secular_parallax_is_found_by_the_trend_and_not_by_equality_alone():
     velocity = Vector([4000.0, 0, 0], np.zeros((3, 3)), unit="km/s")
     population = sim.galaxies(30_000, rng=1)
     field = sim.observe(

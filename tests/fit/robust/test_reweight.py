@@ -112,7 +112,7 @@ def noisy(seed, extra, factor=1.0):
     return Field(field.lon, field.lat, motion, sigma, rho)
 
 
-def test_extra_noise_is_recovered():
+def test_excess_noise_is_recovered():
     found = [fit.robust.excess_noise(noisy(seed, 15.0), Modes(1)) for seed in range(60)]
     pulls = np.array([(f.excess_noise - 15) / f.excess_noise_error for f in found])
     assert abs(pulls.mean()) < 4 / np.sqrt(60)
@@ -121,7 +121,7 @@ def test_extra_noise_is_recovered():
     assert abs(of_the_fit.std() - 1) < 4 / np.sqrt(2 * of_the_fit.size)
 
 
-def test_extra_noise_and_scale_together():
+def test_excess_noise_and_scale_together():
     found = [fit.robust.excess_noise(noisy(seed, 15.0, 1.3), Modes(1), scale=True) for seed in range(40)]
     for value, name in ((15.0, "excess_noise"), (1.3, "scale")):
         pulls = np.array([(getattr(f, name) - value) / getattr(f, f"{name}_error") for f in found])
@@ -129,7 +129,7 @@ def test_extra_noise_and_scale_together():
         assert abs(pulls.std() - 1) < 4 / np.sqrt(80)
 
 
-def test_no_extra_noise_is_none():
+def test_no_excess_noise_is_none():
     found = [fit.robust.excess_noise(noisy(seed, 0.0), Modes(1)) for seed in range(20)]
     assert sum(f.excess_noise == 0 for f in found) >= 4  # half of the time the best variance would be negative
     assert all(f.excess_noise < 4 * f.excess_noise_error for f in found)

@@ -39,7 +39,7 @@ def test_both_truths_come_out_of_noiseless_motions():
     np.testing.assert_allclose(hubble.acceleration.value, ACCELERATION, rtol=1e-9)
 
 
-def test_sources_drift_toward_the_antapex():
+def test_sources_move_toward_the_antapex():
     field = Field([0.0], [0.0], np.zeros((2, 1)), np.ones((2, 1)), redshift=[0.01])
     north = sim.secular_parallax((0, 0, 100.0))(field.lon, field.lat, field.redshift)
     assert north[1, 0] < 0

@@ -11,12 +11,12 @@ from conftest import random_field  # isort: skip
 Z = np.array([0.001, 0.003, 0.01, 0.03, 0.1, 1.0])
 
 
-def test_distances_and_drifts_of_the_conventions():
+def test_distances_and_parallaxes_of_the_conventions():
     distance = transverse_distance(Z)
     np.testing.assert_allclose(distance, [4.454, 13.354, 44.440, 132.685, 434.756, 3406.3], rtol=2e-5, atol=5e-4)
     drift = 369.0 / (AU_PER_YEAR * distance)
     np.testing.assert_allclose(drift, [17.478, 5.829, 1.7516, 0.5867, 0.1790, 0.0229], rtol=0, atol=6e-4)
-    assert 369.0 / AU_PER_YEAR == pytest.approx(77.84, abs=5e-3)
+    assert pytest.approx(77.84, abs=5e-3) == 369.0 / AU_PER_YEAR
     assert 750.0 / (AU_PER_YEAR * distance[2]) == pytest.approx(3.56, abs=5e-3)
 
 

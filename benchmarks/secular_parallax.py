@@ -1,7 +1,7 @@
 """Our velocity and H0 from the paper's galaxies, a hundred times; and the time that posteriors take.
 
-Run as `python benchmarks/drift.py [SKIES]`. One mission gives the errors of 100 000 galaxies; each sky
-draws noise with these errors, peculiar velocities, and the drift of the paper's velocity.
+Run as `python benchmarks/secular_parallax.py [SKIES]`. One mission gives the errors of 100 000 galaxies; each sky
+draws noise with these errors, peculiar velocities, and the secular parallax of the paper's velocity.
 """
 
 import sys

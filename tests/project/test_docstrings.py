@@ -1,0 +1,89 @@
+"""Every public signature is typed, and its docstring names every argument, in one form."""
+
+import ast
+import re
+
+import pytest
+from conftest import ROOT
+
+FILES = [path for package in ("vsh", "sim", "fit", "study") for path in sorted((ROOT / package).rglob("*.py"))]
+ENTRY = re.compile(r"^([*\w][\w, *]*?)(?: : .*)?$")
+
+
+def public(path):
+    """The public functions of a file, and the public methods of its public classes: pairs of a name and a node."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+            yield node.name, node
+        elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            yield node.name, node
+            for each in node.body:
+                if isinstance(each, ast.FunctionDef) and not each.name.startswith("_"):
+                    yield f"{node.name}.{each.name}", each
+
+
+def arguments(node):
+    spec = node.args
+    found = [*spec.posonlyargs, *spec.args, *spec.kwonlyargs, spec.vararg, spec.kwarg]
+    return [each for each in found if each is not None and each.arg not in ("self", "cls")]
+
+
+def documented(node):
+    """Names under Parameters."""
+    lines = ast.get_docstring(node).splitlines()
+    if "Parameters" not in lines:
+        return set()
+    found = set()
+    for line, after in zip(lines[lines.index("Parameters") + 2 :], [*lines[lines.index("Parameters") + 3 :], ""]):
+        if re.fullmatch("-+", after):
+            break
+        match = ENTRY.match(line)
+        if match and not line.startswith(" "):
+            found |= {each.strip().lstrip("*") for each in match.group(1).split(",")}
+    return found
+
+
+def path_name(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("path", FILES, ids=path_name)
+def test_signatures_are_typed(path):
+    for name, node in public(path):
+        if isinstance(node, ast.FunctionDef):
+            assert node.returns is not None, name
+            assert [each.arg for each in arguments(node) if each.annotation is None] == [], name
+
+
+@pytest.mark.parametrize("path", FILES, ids=path_name)
+def test_docstrings_name_every_argument(path):
+    for name, node in public(path):
+        assert ast.get_docstring(node), name
+        if isinstance(node, ast.FunctionDef):
+            assert {each.arg for each in arguments(node)} == documented(node), name
+
+
+@pytest.mark.parametrize("path", FILES, ids=path_name)
+def test_docstrings_have_one_form(path):
+    """A type and its text stand on lines of their own."""
+    for name, node in public(path):
+        for line in ast.get_docstring(node).splitlines():
+            assert not re.match(r"^\w[\w, ]* : .* — ", line), (name, line)
+
+
+@pytest.mark.parametrize("path", FILES, ids=path_name)
+def test_long_signatures_take_keywords(path):
+    """No public function takes more than nine arguments by position."""
+    for name, node in public(path):
+        if isinstance(node, ast.FunctionDef):
+            assert len(node.args.args) <= 9, name
+
+
+@pytest.mark.parametrize("path", FILES, ids=path_name)
+def test_errors_that_are_raised_are_listed(path):
+    for name, node in public(path):
+        if not isinstance(node, ast.FunctionDef):
+            continue
+        raised = [each for each in ast.walk(node) if isinstance(each, ast.Raise) and isinstance(each.exc, ast.Call)]
+        if raised:
+            assert "Raises\n------" in ast.get_docstring(node), name
