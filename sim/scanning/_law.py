@@ -27,7 +27,7 @@ from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
-from vsh.types import ArrayLike, FloatArray
+from vsh.types import ArrayLike, FloatArray, Rng
 from vsh.units import DEGREE
 
 MAX_YEARS = 100  # longer missions are typing errors
@@ -45,18 +45,14 @@ class NominalScanningLaw(Frozen):
         Julian year of the start; 2014.73 is that of Gaia's science operations.
     years : float
         Length of the mission.
-    precession_phase, spin_phase : float
-        ν and Ω at the start [rad]
-    solar_aspect : float
-        ξ [rad]
+    precession_phase, spin_phase, solar_aspect : float
+        ν and Ω at the start, and ξ. [rad]
     precessions : float
         Of the spin axis about the Sun, a year.
-    spin_rate : float
-        [arcsec/s]
-    basic_angle : float
-        Between the fields of view [rad]
+    spin_rate, basic_angle : float
+        [arcsec/s], and between the fields of view. [rad]
     half_height : float
-        Of a field, across the scan [rad]; 0.342°, not 0.35°, gives the published counts with 6 % of dead time.
+        Of a field, across the scan [rad]; 0.342° gives the published counts with 6 % of dead time.
     pole_days : float
         At first the axis stays in the ecliptic, ν = 0 or π, so that both fields pass the poles every spin. [days]
     dead_time : float
@@ -89,7 +85,7 @@ class NominalScanningLaw(Frozen):
     half_height: float = 0.342 * DEGREE
     pole_days: float = 0.0
     dead_time: float = 0.0
-    rng: object = None
+    rng: Rng | None = None
     frame: str = "icrs"
     remembered: dict = field(default_factory=dict, init=False, repr=False)
     _state: dict = field(default_factory=dict, init=False, repr=False)

@@ -35,6 +35,7 @@ def test_versions_are_locked_and_floors_are_tested():
         "emcee",
         "matplotlib",
         "tqdm",
+        "lazy-loader",
         "threadpoolctl",
         "corner",
     ):

@@ -86,7 +86,7 @@ def test_weights_are_those_of_the_likelihood():
     np.testing.assert_allclose(slope, numeric, rtol=1e-5)
 
 
-def test_degrees_of_freedom_are_found():
+def test_nu_is_found():
     rng = np.random.default_rng(1)
     n = 20_000
     population = sim.Population(*sim.uniform_sky(n, rng), None)
@@ -96,7 +96,7 @@ def test_degrees_of_freedom_are_found():
     # Fisher's information of ν = 3 from 20 000 pairs: a few per cent.
     assert found.nu == pytest.approx(3, rel=0.1)
     assert fit.robust.student_t(heavy, Modes(1), nu=5).nu == 5
-    with pytest.raises(ValueError, match="dof must be above zero"):
+    with pytest.raises(ValueError, match="nu must be above zero"):
         fit.robust.student_t(heavy, Modes(1), nu=0)
 
 
