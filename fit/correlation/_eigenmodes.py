@@ -42,10 +42,17 @@ class Eigenmodes(Result):
         str
         """
         error = 1 / np.sqrt(self.information)
-        return (
-            f"Fields that this sky measures independently ({self.frame} axes): {len(self.information)}, with errors of "
-            f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of the same weight on a uniform sky\n"
-        )
+        lines = [
+            f"Fields that this sky measures independently ({self.frame} axes): {len(error)}, with errors of "
+            f"{error[-1]:.3f} (best) to {error[0]:.3g} (worst) times those of the same weight on a uniform sky",
+            "The worst, with what they are made of:",
+        ]
+        for i, field in enumerate(self.fields[:3]):
+            names = list(map(str, field.modes))
+            largest = np.argsort(-np.abs(field.values))[:3]
+            made = ", ".join(f"{field.values[k]:+.2f} {names[k]}" for k in largest)
+            lines.append(f"  {error[i]:>8.3g} × the error   {made}")
+        return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
         """Information of each as an astropy Table, from the worst to the best.

@@ -45,7 +45,7 @@ def plot_spectrum(solution: HarmonicResult) -> Figure:
     # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
     axes.set_yscale("log", nonpositive="clip")
     levels = np.array([(row.power, row.power + row.error, row.noise) for row in rows])
-    axes.set_ylim(levels.min() / 4, levels.max() * 2)
+    axes.set_ylim(np.nanmin(levels) / 4, np.nanmax(levels) * 2)  # a prediction has noise alone
     if len(rows) <= 40:
         axes.set_xticks(np.unique([row.l for row in rows]))
     axes.set_xlabel("degree", fontsize=13)

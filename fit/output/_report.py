@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from fit.output._rows import components, direction, is_scaled, power_rows, vector_rows, vectors_of
 from fit.spectrum import HarmonicResult
 from vsh.checks.notes import printable
@@ -32,7 +34,11 @@ def report(
     -------
     str
     """
-    sections = [_heading(solution, source), _vectors(solution, truth or {}), _degrees(solution)]
+    sections = [_heading(solution, source)]
+    if np.isnan(solution.coefficients.values).all():
+        sections.append(_predicted(solution))
+    else:
+        sections += [_vectors(solution, truth or {}), _degrees(solution)]
     if check is not None:
         sections.append(report_check(check))
     if solution.notes:
@@ -49,8 +55,9 @@ def _heading(solution, source):
         f"sources        {solution.n_data // 2}",
         f"frame          {solution.frame}",
         f"degree         1 to {modes.lmax}: {len(modes)} coefficients",
-        f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}",
     ]
+    if np.isfinite(solution.chi2):
+        lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}")
     lines += [f"{label:15}{text}" for label, text in warnings_of(solution)]
     return "\n".join(lines)
 
@@ -79,6 +86,17 @@ def warnings_of(solution: HarmonicResult) -> list[tuple[str, str]]:
             )
         )
     return found
+
+
+def _predicted(solution):
+    """What a solution says that has errors and no values yet."""
+    lines = [f"{'errors [µas/yr]':16}{'x':>10}{'y':>10}{'z':>10}"]
+    for name, vector in vectors_of(solution).items():
+        lines.append(f"{name:16}" + "".join(f"{s:>10.3f}" for s in vector.sigma))
+    lines += ["", "Power of noise by degree, ∫|V|²dΩ [(µas/yr)²]"]
+    for l in range(1, solution.modes.lmax + 1):
+        lines.append(f"{f'T{l}, S{l}':16}{solution.noise_power('T', l):>10.3g}{solution.noise_power('S', l):>10.3g}")
+    return "\n".join(lines)
 
 
 def _vectors(solution, truth):

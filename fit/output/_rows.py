@@ -203,7 +203,7 @@ def p_value(p: float) -> str:
     -------
     str
     """
-    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300"
+    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "nan"
 
 
 def note_lines(notes: Iterable[str]) -> list[str]:

@@ -65,11 +65,16 @@ class Result(Frozen):
         Table
         """
         columns, _, units = self._pack()
-        return tables.table_of(columns, {"frame": getattr(self, "frame", None)}, units)
+        return tables.table_of(columns, self._plain_facts(), units)
 
     def _repr_html_(self) -> str:
         """The report, for a notebook."""
         return f"<pre>{escape(self.report())}</pre>"
+
+    def _plain_facts(self):
+        """What any reader of the table should see in its header."""
+        facts = {"frame": getattr(self, "frame", None), "n_data": getattr(self, "n_data", None)}
+        return {key: value for key, value in facts.items() if isinstance(value, str | int)}
 
     def _pack(self):
         table = type(self).to_table(self)
@@ -107,8 +112,7 @@ class Result(Frozen):
         _check_format(path)
         columns, rest, units = self._pack()
         mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | rest)
-        plain = {key: value for key, value in (("frame", getattr(self, "frame", None)), ("n_data", getattr(self, "n_data", None)))
-                 if value is not None}  # fmt: skip
+        plain = self._plain_facts()
         if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
             plain["notes"] = list(map(str, getattr(self, "notes", ())))
         tables.write(path, columns, plain | (meta or {}) | {"RESULT": mark}, units)

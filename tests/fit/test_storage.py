@@ -1,3 +1,7 @@
+import re
+from importlib import import_module
+
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from astropy.table import Table
@@ -5,10 +9,12 @@ from conftest import random_field
 
 import fit
 import sim
-from fit.correlation import correlation_matrices, leakage, predict
+from fit.correlation import correlation_matrices, downweight, eigenmodes, leakage, predict
+from fit.posterior import grid, sample
 from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.storage import read
+from fit.storage._result import _KINDS
 from vsh import Vector
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import TableError
@@ -31,7 +37,60 @@ def results():
         "common": binned(binning, 2, 2, shared_higher_degrees=True),
         "correlations": correlation_matrices({"one": field, "two": random_field(300, 3)}, 2),
         "leakage": leakage(field, 1, 3),
+        "clipping": fit.robust.clip(field, 1),
+        "reweighting": fit.robust.student_t(field, 1),
+        "excess noise": fit.robust.excess_noise(field, 1),
+        "cross-check": fit.cross_check(field),
+        "trend": binned(binning, 1, 3).trend(),
+        "bootstrap": fit.resample.bootstrap(field, 1, 12, 1, progress=False),
+        "eigenmodes": eigenmodes(field, 1),
+        "keeping": downweight(random_field(2000, 1), 0.3),
+        "without a matrix": fit.solve_matrix_free(field, 3),
+        "grid": grid(galaxies, PLANCK_2018, n_points=12),
+        "samples": sample(galaxies, PLANCK_2018, n_samples=20_000, rng=1, n_walkers=20, progress=False).kept(),
     }
+
+
+NAMES = (
+    *("solution", "clipped", "prediction", "frame", "velocity", "velocity and spin", "hubble", "bins", "common"),
+    *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
+    *("eigenmodes", "keeping", "without a matrix", "grid", "samples"),
+)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return results()
+
+
+def test_every_kind_of_result_is_tried(found):
+    """Another kind of result joins the list above, or says here why not."""
+    bases = {"LinearSolution", "NamedSolution", "HarmonicSolution", "AboutSolution", "SampleResult", "ParallaxSolution"}
+    elsewhere = {"Posterior"}  # a chain in a file of its own: tests/fit/posterior
+    import_module("fit.output")
+    assert set(found) == set(NAMES)
+    assert {type(each).__name__ for each in found.values()} == set(_KINDS) - bases - elsewhere
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_result_can_do_everything(name, found):
+    result = found[name]
+    report = result.report()
+    assert report.endswith("\n")
+    assert len(report.splitlines()) >= 2
+    assert "nan" not in report
+    assert not re.search(r"[<]\w+ object at", report)
+    table = result.to_table()
+    assert isinstance(table, Table)
+    assert len(table)
+    figure = result.plot()
+    assert figure.axes
+    figure.canvas.draw()
+    plt.close(figure)
+    assert "<" in result._repr_html_()
+    assert result == result
+    assert result != object()
+    assert isinstance(hash(result), int)
 
 
 def same(a, b):
@@ -40,6 +99,8 @@ def same(a, b):
         return type(a) is type(b) and all(same(getattr(a, f), getattr(b, f)) for f in a.__dataclass_fields__)
     if isinstance(a, np.ndarray):
         return a.shape == b.shape and a.tobytes() == np.asarray(b, a.dtype).tobytes()
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     if isinstance(a, (list, tuple)):
         return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
     if isinstance(a, float):
@@ -48,9 +109,9 @@ def same(a, b):
 
 
 @pytest.mark.parametrize("ending", ["ecsv", "fits"])
-@pytest.mark.parametrize("name", list(results()))
-def test_there_and_back(name, ending, tmp_path):
-    result = results()[name]
+@pytest.mark.parametrize("name", NAMES)
+def test_there_and_back(name, ending, found, tmp_path):
+    result = found[name]
     path = tmp_path / f"result.{ending}"
     result.write(path, {"ORIGIN": "a test"})
     assert same(type(result).read(path), result)
@@ -60,8 +121,8 @@ def test_there_and_back(name, ending, tmp_path):
     assert plain.meta["ORIGIN"] == "a test"
 
 
-def test_a_plain_table_says_what_is_in_it(tmp_path):
-    solution = results()["solution"]
+def test_a_plain_table_says_what_is_in_it(found, tmp_path):
+    solution = found["solution"]
     solution.write(tmp_path / "solution.ecsv")
     table = Table.read(tmp_path / "solution.ecsv")
     assert table["coefficient"][0] == "t(1,0)"
@@ -69,21 +130,21 @@ def test_a_plain_table_says_what_is_in_it(tmp_path):
     np.testing.assert_array_equal(table["covariance"], solution.covariance)
 
 
-def test_what_cannot_be_read(tmp_path):
+def test_what_cannot_be_read(found, tmp_path):
     Table({"x": [1.0]}).write(tmp_path / "other.ecsv")
     with pytest.raises(TableError, match="holds no result of a fit"):
         read(tmp_path / "other.ecsv")
-    results()["frame"].write(tmp_path / "frame.fits")
+    found["frame"].write(tmp_path / "frame.fits")
     with pytest.raises(TableError, match="holds a FrameSolution, not a Solution"):
         fit.Solution.read(tmp_path / "frame.fits")
     with pytest.raises(TableError, match="as .ecsv or .fits, which keep every bit"):
-        results()["frame"].write(tmp_path / "frame.csv")
+        found["frame"].write(tmp_path / "frame.csv")
     with pytest.raises(TableError, match="no such file"):
         read(tmp_path / "none.fits")
 
 
-def test_for_notebooks_and_papers():
-    solution = results()["solution"]
+def test_for_notebooks_and_papers(found):
+    solution = found["solution"]
     html = solution._repr_html_()
     assert html.count("<tr>") == 1 + 2 + 1 + 6
     assert "left out µ" in html
