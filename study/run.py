@@ -15,7 +15,7 @@ from study.realise import realise
 from study.results import write_results
 from vsh.checks.notes import printable
 from vsh.system.files import atomic_write, remove_unfinished
-from vsh.system.parallel import cores
+from vsh.system.parallel import cores, end_with_parent
 from vsh.system.progress import progress_bar
 from vsh.types import PathName
 
@@ -78,7 +78,10 @@ def _work(study, folder, tasks, workers, progress):
     bar = progress_bar(None, len(tasks), "realisations", progress, smoothing=0.05)
     if not tasks:
         return
-    with bar, ProcessPoolExecutor(min(workers, len(tasks)), mp_context=get_context("spawn")) as pool:
+    processes = ProcessPoolExecutor(
+        min(workers, len(tasks)), mp_context=get_context("spawn"), initializer=end_with_parent
+    )
+    with bar, processes as pool:
         waiting, left = {}, iter(tasks)
         for task in left:
             waiting[pool.submit(_one, study, folder, task)] = task

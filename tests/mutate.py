@@ -30,7 +30,7 @@ BREAKS = [
     ("vsh/tables/_fits.py", "raw == column.null", "raw == column.null + 1", "test_readers.py"),
     ("vsh/tables/_fits.py", 'if rest.strip(b"\\x00 "):', "if False:", "test_readers.py"),
     ("vsh/tables/_text.py", "if longest > FIELD:", "if False:", "test_readers.py"),
-    ("vsh/catalogue/_columns.py", "if not isinstance(parsed, u.UnitBase):", "if False:", "test_readers.py"),
+    ("vsh/catalogue/_units.py", "if not isinstance(parsed, u.UnitBase):", "if False:", "test_readers.py"),
     ("vsh/checks/notes.py", "parts |= note.parts", "parts |= {id(note): (note.counts, note.total)}", "test_nouns.py"),
     (
         "vsh/system/files.py",
@@ -99,7 +99,7 @@ BREAKS = [
         "np.ceil(1 * self._slowest())",
         "test_checkpoint.py",
     ),
-    ("fit/storage.py", "_check_same(found, columns, table)\n    except", "pass\n    except", "test_storage.py"),
+    ("fit/storage/_result.py", "_check_same(found, columns, table)\n    except", "pass\n    except", "test_storage.py"),
     (
         "fit/correlation/_forecast.py",
         "np.linalg.slogdet(even)[1]) / 6",

@@ -64,10 +64,10 @@ def pulls_of(text):
 
 def test_redshift_dipoles(tmp_path):
     text = run("redshift_dipoles.py", folder=tmp_path)
-    chances = [float(line.split("p-value")[1]) for line in text.splitlines()[-3:]]
-    assert chances[0] > 0.003
-    assert chances[1] < 1e-4
-    assert chances[2] > 0.003
+    p_values = [float(line.split("p-value")[1]) for line in text.splitlines()[-3:]]
+    assert p_values[0] > 0.003
+    assert p_values[1] < 1e-4
+    assert p_values[2] > 0.003
     assert (tmp_path / "redshift_dipoles.png").stat().st_size > 10_000
 
 

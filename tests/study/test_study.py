@@ -66,13 +66,14 @@ def test_the_same_bytes_whatever_the_number_of_workers(finished, tmp_path):
 def kill_and_go_on(folder, moments):
     kills = 0
     for seconds in moments:
-        process = subprocess.Popen([sys.executable, ROOT / "tests" / "study" / "study_to_kill.py", folder], cwd=ROOT)
+        command = [sys.executable, ROOT / "tests" / "study" / "study_to_kill.py", folder]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE)
         try:
-            process.wait(seconds)
+            process.communicate(timeout=seconds)
             break
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait()
+            process.communicate(timeout=60)  # the pipe's end: its workers have left too
             kills += 1
     study.run(study.load(SMALL), folder, progress=False)
     return kills

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
+from multiprocessing import parent_process
 from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -49,6 +51,22 @@ def cores(threads: int | None = None) -> int:
         return wanted
     affinity = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
     return len(affinity(0)) if affinity else (os.cpu_count() or 1)
+
+
+def end_with_parent() -> None:
+    """The initialiser of a pool of processes: a worker ends when the process that started it was killed.
+
+    Left alone it would wait for work for ever, since each worker holds the queue open for the others.
+    """
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def watch():
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @lru_cache

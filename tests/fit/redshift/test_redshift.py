@@ -187,18 +187,18 @@ def test_table():
 
 def test_shuffling_keeps_its_promise_with_wrong_errors():
     """Errors five times too small: χ² as quoted claims a difference, scaled and permuted it does not."""
-    chances, plain, scaled = [], [], []
+    p_values, plain, scaled = [], [], []
     for seed in range(40):
         field = quasars(250, seed)
         field = field.with_errors(field.sigma / 5)
         found = binned(field, 1, 3)
-        chances.append(permutation_test(field, found, n_permutations=99, rng=seed)["S"])
+        p_values.append(permutation_test(field, found, n_permutations=99, rng=seed)["S"])
         plain.append(found.equality("S", 1).p_value_quoted)
         scaled.append(found.equality("S", 1).p_value)
     assert max(plain) < 0.01
     assert 0.35 < np.mean(scaled) < 0.65  # uniform: the mean of 40 has a standard error of 0.046
-    assert 0.35 < np.mean(chances) < 0.65
-    assert min(chances) >= 0.01
+    assert 0.35 < np.mean(p_values) < 0.65
+    assert min(p_values) >= 0.01
 
 
 def test_shuffling_begins_with_the_same_chi2():
