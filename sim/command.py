@@ -43,7 +43,7 @@ def _run(options):
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     outputs.check_file(options.output, options.overwrite)
     # A stream of its own for each step, so that one option does not shift what another draws.
-    sky, chosen, gaps, observed, wander = np.random.default_rng(options.seed).spawn(5)
+    sky, chosen, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
     population = _population(options, sky, chosen)
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     velocity = np.zeros(3) if options.velocity is None else options.velocity.to_frame("icrs").value
@@ -51,7 +51,7 @@ def _run(options):
         if velocity.any():
             signal += sim.secular_parallax(velocity, hubble=options.h0)
         if options.peculiar_dispersion:
-            signal += sim.peculiar(options.peculiar_dispersion, wander, hubble=options.h0)
+            signal += sim.peculiar(options.peculiar_dispersion, noise, hubble=options.h0)
     law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
     variability = sim.Variability(options.variability, options.tau) if options.variability else None
     mission = sim.Mission(law, options.release, options.attitude)

@@ -57,7 +57,7 @@ class ConvergenceError(VshError, ValueError):
 
 
 class CheckpointError(VshError, ValueError):
-    """A file of a run that was broken off cannot be used to go on."""
+    """A file of a run that was interrupted cannot be used to go on."""
 
 
 class VshWarning(UserWarning):

@@ -220,7 +220,7 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
 def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = None) -> list[tuple[int, float, float]]:
     """Condition and largest correlation of fits of every degree: rows of (lmax, condition, correlation).
 
-    The condition is that of the correlation matrix; inf for a fit that the sources do not bear.
+    The condition is that of the correlation matrix; inf where the sources do not determine the fit.
 
     Parameters
     ----------

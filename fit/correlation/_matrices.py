@@ -191,7 +191,9 @@ class CorrelationMatrices(Result):
         x, y, z = self.dipoles[i]
         start, end = self.names.index("omega_x"), self.names.index("a_x")
         block = self.matrices[i][start : start + 3, end : end + 3]
-        lines = [f"  mean direction of its weight: ({x:+.3f}, {y:+.3f}, {z:+.3f}); what that dipole explains:"]
+        lines = [
+            f"  mean direction of its weight: ({x:+.3f}, {y:+.3f}, {z:+.3f}); the correlations that this dipole predicts:"
+        ]
         explained = self.dipole_prediction(i)
         order = np.argsort(-np.abs(block), axis=None)[:3]
         for row, column in zip(*np.unravel_index(order, (3, 3)), strict=True):

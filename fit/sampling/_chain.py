@@ -34,7 +34,7 @@ class Run:
     """One chain: `resume_from` ties it to a checkpoint, `run` runs it.
 
     Moves are by differential evolution, one in ten of them from mode to mode. The chain does not
-    depend on where it was broken off, nor on how often it was saved.
+    depend on where it was interrupted, nor on how often it was saved.
     """
 
     def __init__(self, model: Any, begin: FloatArray, seed: int, steps: int, progress: bool, save_every: float) -> None:

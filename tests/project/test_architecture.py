@@ -1,4 +1,4 @@
-"""Imports run one way, rooms stay small, and heavy libraries are imported in few places.
+"""Imports run one way, packages stay small, and heavy libraries are imported in few places.
 
 vsh imports neither sim nor fit; sim and fit import vsh and not each other. Inside a package no two modules import
 each other, not even from within a function, and files that begin with an underscore are imported from their own
@@ -94,15 +94,15 @@ def test_private_files_are_imported_from_their_own_folder(path):
 
 def test_no_two_modules_import_each_other():
     """Not in a circle of any length, and not from within functions either; a face and its own files are one."""
-    room = {each: each.rsplit(".", 1)[0] if each.rsplit(".", 1)[-1].startswith("_") else each for each in MODULES}
-    for of in (room, {each: each for each in MODULES}):
+    package = {each: each.rsplit(".", 1)[0] if each.rsplit(".", 1)[-1].startswith("_") else each for each in MODULES}
+    for of in (package, {each: each for each in MODULES}):
         arrows = {}
         for each, path in MODULES.items():
             # A package's own __init__ only gathers names; for single files it is left out.
-            if of is not room and path.name == "__init__.py":
+            if of is not package and path.name == "__init__.py":
                 continue
             targets = {
-                of[t] for t in imported(path) if t in MODULES and (of is room or MODULES[t].name != "__init__.py")
+                of[t] for t in imported(path) if t in MODULES and (of is package or MODULES[t].name != "__init__.py")
             }
             arrows.setdefault(of[each], set()).update(targets - {of[each]} - {"vsh", "sim", "fit", "study"})
         assert _circle(arrows) is None
@@ -175,5 +175,5 @@ def test_small_folders(folder):
 def test_the_tests_mirror_the_rooms():
     """Each folder of tests is one of the code, but for those about the project as a whole."""
     folders = {path.relative_to(ROOT / "tests") for path in FOLDERS if path.is_relative_to(ROOT / "tests")}
-    rooms = {path.relative_to(ROOT) for path in FOLDERS if not path.is_relative_to(ROOT / "tests")}
-    assert {each.as_posix() for each in folders - rooms} <= {".", "against", "project"}
+    packages = {path.relative_to(ROOT) for path in FOLDERS if not path.is_relative_to(ROOT / "tests")}
+    assert {each.as_posix() for each in folders - packages} <= {".", "against", "project"}
