@@ -153,7 +153,7 @@ def solve_matrix_free(
     fields : Field or iterable of Fields
         The catalogues.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     prior_power : float, (lmax,) array or function of l, optional
         Expected power of one kind and degree under a Gaussian prior of mean zero, the same
         for T and S; inf says nothing. Needed where the sky leaves modes undetermined.
@@ -172,6 +172,7 @@ def solve_matrix_free(
     Returns
     -------
     MatrixFreeSolution
+        With several threads its last bits may vary from call to call.
 
     Raises
     ------

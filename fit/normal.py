@@ -103,7 +103,7 @@ def normal_equations(
     field : Field or iterable of Fields
         The sources.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     method : {"auto", "design-matrix", "compressed"}
         "design-matrix" sums the design matrix, exact to rounding; "compressed" sums the moments of
         the weights and is as good to 1e-12, in a time that hardly grows with the degree.
@@ -167,7 +167,7 @@ def gaussian_prior(
     Parameters
     ----------
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     sigma : float or (p,) array
         Standard deviations; inf says nothing [µas/yr]
     mean : float or (p,) array

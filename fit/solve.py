@@ -86,7 +86,7 @@ def fit_field(field: Field | Iterable[Field], modes: Modes | int) -> Solution:
     field : Field or iterable of Fields
         The sources.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
 
     Returns
     -------

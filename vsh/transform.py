@@ -86,6 +86,7 @@ def adjoint(
     Returns
     -------
     (p,) array
+        With several threads the order of the sums, and so the last bits, may vary from call to call.
 
     Raises
     ------

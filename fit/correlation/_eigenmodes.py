@@ -88,7 +88,7 @@ def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = No
     sources
         As for `leakage`.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own. [µas/yr]
 

@@ -73,7 +73,7 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
     sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
         As for `fit.correlation.predict`.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     sigma : float, (2, n) array or None
         Errors in place of the sources' own [µas/yr]; needed
         where they have none.

@@ -35,7 +35,7 @@ def binned(
     field : Field or iterable of Fields
         Sources without a usable redshift are left out; a note counts and names them.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     edges : (B + 1,) array, or int
         Rising; or the number of bins, of equal information. A bin holds z_low ≤ z < z_high.
     shared_higher_degrees : bool

@@ -42,7 +42,7 @@ def compare_blocks(
     field : Field
         The sources.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     nsides : tuple of int
         From small blocks to large ones.
     progress : bool

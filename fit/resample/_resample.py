@@ -139,7 +139,7 @@ def bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng, *, 
     field : Field
         The sources.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     n_replicates : int
         How many.
     rng : Generator or int
@@ -241,7 +241,7 @@ def jackknife(field: Field, modes: Modes | int, nside: int, *, progress: bool = 
     field : Field
         The sources.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     nside : int
         Of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
         With noise correlated over 10° pulls were 2.1 at nside 4, 1.5 at 2 and 1.3 at 1 (formal errors: 10).

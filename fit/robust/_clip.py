@@ -58,7 +58,7 @@ def clip(
     field : Field
         The sources.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     kappa : float
         Leave out X > κ · median(X)
     threshold : float, optional

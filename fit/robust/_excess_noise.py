@@ -52,7 +52,7 @@ def excess_noise(
     field : Field
         The sources.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     scale : bool
         Estimate a factor f on the catalogue's errors as well: f² C + s² I.
     tolerance : float

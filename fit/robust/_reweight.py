@@ -83,7 +83,7 @@ def student_t(
     field : Field
         The sources.
     modes : Modes, or the degree lmax
-        What to fit, or the degree lmax.
+        What to fit.
     nu : float, optional
         Degrees of freedom of the distribution; estimated by maximum likelihood, between
         0.5 and 200, unless given.

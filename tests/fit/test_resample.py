@@ -30,7 +30,9 @@ METHODS = {
 }
 
 
-SLOW = [pytest.param(name, marks=pytest.mark.slow if name == "bootstrap" else ()) for name in METHODS]
+SLOW = [
+    pytest.param(name, marks=pytest.mark.slow if name in ("bootstrap", "block bootstrap") else ()) for name in METHODS
+]
 
 
 @pytest.mark.parametrize("method", SLOW)

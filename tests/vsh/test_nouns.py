@@ -184,7 +184,8 @@ def test_frame_solutions_carry_notes_and_quality():
 )
 def test_modes_are_modes_or_a_degree(call):
     """Fault D1."""
-    np.testing.assert_array_equal(call(2), call(Modes(2)))
+    # Threads of the transforms add in any order: the last bits vary from call to call.
+    np.testing.assert_allclose(call(2), call(Modes(2)), rtol=1e-11)
     with pytest.raises(VshError):
         call(0)
     with pytest.raises(VshError):

@@ -47,7 +47,7 @@ def closed_form(field, prior, hubble, peculiar, n_points=4001):
     return centre, np.sqrt(p @ (h - centre) ** 2), mean, np.sqrt(np.diag(spread))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 4))])
 def test_against_the_closed_form_and_the_grid(seed):
     rng = np.random.default_rng(seed)
     prior = Vector(VELOCITY + rng.normal(0, 60, 3), np.diag(rng.uniform(20, 120, 3) ** 2), unit="km/s")
