@@ -53,6 +53,8 @@ numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
+# A page shows what a class can do, wherever it has it from.
+autodoc_default_options = {"inherited-members": "tuple,BaseException,Protocol"}
 
 # The gallery runs in a copy: the examples write their figures where they stand.
 EXAMPLES = HERE / "_examples"
@@ -90,5 +92,12 @@ def plain(app, what, name, obj, options, lines):
         lines[i] = "`".join(parts)
 
 
+def listed(app, what, name, obj, skip, options):
+    """Of a module whose page names its members, those alone; autodoc takes all where members are inherited."""
+    named = options.get("members")
+    return True if what == "module" and isinstance(named, list) and name not in named else None
+
+
 def setup(app):
+    app.connect("autodoc-skip-member", listed)
     app.connect("autodoc-process-docstring", plain, priority=100)

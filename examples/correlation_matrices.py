@@ -1,6 +1,6 @@
 """
 What a non-uniform sky correlates
-===============================
+=================================
 
 Two skies, seen with the same errors: quasars all over the sky but for the Galactic plane, and a
 list pieced together from surveys, thin in the south. On the second, spin and acceleration cannot

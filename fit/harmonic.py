@@ -48,6 +48,10 @@ class HarmonicSolution(LinearSolution):
         ----------
         field : Field
             The sources.
+
+        Returns
+        -------
+        FloatArray
         """
         return at_sources(self.coefficients, field)
 
@@ -75,6 +79,10 @@ class HarmonicSolution(LinearSolution):
             The degree.
         debiased : bool
             Take away what noise gives on average.
+
+        Returns
+        -------
+        float
         """
         power = self.coefficients.power(kind, l)
         return power - self.noise_power(kind, l) if debiased else power
@@ -88,6 +96,10 @@ class HarmonicSolution(LinearSolution):
             Toroidal or spheroidal.
         l : int
             The degree.
+
+        Returns
+        -------
+        float
         """
         return float(np.trace(self._weighted_covariance(kind, l)))
 
@@ -104,6 +116,10 @@ class HarmonicSolution(LinearSolution):
             Toroidal or spheroidal.
         l : int
             The degree.
+
+        Returns
+        -------
+        float
         """
         degree = self.modes.slice_of(kind, l)
         wc = self._weighted_covariance(kind, l)
@@ -142,6 +158,10 @@ class HarmonicSolution(LinearSolution):
             Toroidal or spheroidal.
         l : int
             The degree.
+
+        Returns
+        -------
+        float
         """
         degree = self.modes.slice_of(kind, l)
         c = self.coefficients.values[degree]

@@ -56,6 +56,10 @@ class LinearSolution(Result):
         ----------
         field : Field
             In the frame of the solution.
+
+        Returns
+        -------
+        FloatArray
         """
 
     @property
@@ -177,7 +181,12 @@ class NamedSolution(LinearSolution):
         return self._vector("a")
 
     def to_table(self) -> Table:
-        """Parameters with their errors and correlations as an astropy Table, a row each."""
+        """Parameters with their errors and correlations as an astropy Table, a row each.
+
+        Returns
+        -------
+        Table
+        """
         columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
         columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
         return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})

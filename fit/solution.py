@@ -180,7 +180,12 @@ class AboutSolution(Result):
         return self.solution.report()
 
     def to_table(self) -> Table:
-        """The coefficients with their errors as an astropy Table, a row each."""
+        """The coefficients with their errors as an astropy Table, a row each.
+
+        Returns
+        -------
+        Table
+        """
         return self.solution.to_table()
 
     def plot(self) -> Figure:

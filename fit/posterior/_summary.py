@@ -69,7 +69,12 @@ class SampleResult(Result):
     notes: tuple[str, ...]
 
     def summary(self) -> dict[str, Interval]:
-        """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
+        """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`.
+
+        Returns
+        -------
+        dict[str, Interval]
+        """
         return intervals(self.samples)
 
     @property
@@ -83,7 +88,12 @@ class SampleResult(Result):
         return self._vector("a", "µas/yr")
 
     def to_table(self) -> Table:
-        """The summary as an astropy Table, a row a quantity."""
+        """The summary as an astropy Table, a row a quantity.
+
+        Returns
+        -------
+        Table
+        """
         rows = self.summary()
         columns = {"quantity": list(rows), "unit": [UNITS.get(name, "") for name in rows]}
         columns |= {key: [getattr(row, key) for row in rows.values()] for key in Interval._fields}
