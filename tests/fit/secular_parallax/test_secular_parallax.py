@@ -196,3 +196,14 @@ def test_the_background_as_a_test():
 def test_bad_input(call, error, words):
     with pytest.raises(error, match=words):
         call(galaxies(50, 1))
+
+
+@pytest.mark.parametrize("spin", [None, "free"])
+def test_the_residuals_are_those_of_chi2(spin):
+    field = galaxies(300, 3)
+    velocity = observer_velocity(field, 67.3, peculiar_dispersion=0.0, spin=spin)
+    hubble = hubble_constant(field, VELOCITY, peculiar_dispersion=0.0, spin=spin)
+    for found in (velocity, hubble):
+        assert found.residuals(field).chi2.sum() == pytest.approx(found.chi2, rel=1e-9)
+    with pytest.raises(FieldError, match="redshift"):
+        velocity.model(Field(field.lon, field.lat, field.motion, field.sigma))
