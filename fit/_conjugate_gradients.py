@@ -66,7 +66,7 @@ def conjugate_gradients(
     worst = ", ".join(str(l) for l in sorted(np.argsort(-moving)[:5]))
     raise ConvergenceError(
         f"no convergence to {tolerance:.0e} in {max_iterations} iterations (residual {np.sqrt(rz / start):.1e}, condition "
-        f"at least {_condition(alphas, betas):.1e}). Undetermined are combinations of degrees {worst}, among others; "
+        f"at least {_condition(alphas, betas):.1e}). Not determined: combinations of degrees {worst}, among others; "
         f"{100 * system.empty_sky():.0f} % of the sky is empty at this resolution. Give a prior_power, lower lmax "
         f"from {system.modes.lmax}, or allow more iterations"
     )

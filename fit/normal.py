@@ -42,7 +42,7 @@ class NormalEquations(Frozen):
     frame : str or None
         Of the axes; None fits any (a prior that is the same along all axes).
     notes : tuple of str
-        What the fields asked to be said.
+        The notes of the fields.
     """
 
     modes: Modes

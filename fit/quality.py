@@ -69,7 +69,7 @@ class Quality:
         size = f"{self.reduced:.3f} is {abs(self.deviations):.1f} standard deviations from 1"
         if self.deviations > 0:
             return f"χ²/dof {size}: the residuals suggest errors {self.factor:.3g} times as large"
-        return f"χ²/dof {size}: the errors seem too large, by {1 / self.factor:.3g}"
+        return f"χ²/dof {size}: the errors seem too large by a factor of {1 / self.factor:.3g}"
 
 
 def log_p_value(chi2: float, dof: float) -> float:

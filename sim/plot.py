@@ -75,7 +75,7 @@ def plot_transits(population: Population, counts: FloatArray, nside: int = 16) -
     axes = sky_axes(population.frame)
     image = draw_map(axes, mean_map(population.lon, population.lat, counts, nside), cmap="magma")
     _bar(axes, image, "transits per source")
-    axes.set_title("how often the scanning law looks", pad=16)
+    axes.set_title("transits by the scanning law", pad=16)
     return axes.figure
 
 

@@ -23,7 +23,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Variability:
-    """Variability of the photocentre, alike and independent in α* and δ.
+    """Variability of the photocentre: independent in α* and δ, with the same parameters.
 
     Attributes
     ----------

@@ -62,7 +62,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="vsh-study",
         description="Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
-        "A study that was killed goes on from where it was.",
+        "An interrupted study resumes where it stopped.",
         epilog="Example: vsh-study study.toml --output results; vsh-study --paper --output paper --n-realisations 5",
     )
     parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")

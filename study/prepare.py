@@ -31,7 +31,7 @@ def prepared(
     case : dict
         One of its cases.
     kind : {"quasars", "vlbi", "galaxies"}
-        Toroidal or spheroidal.
+        Which sources of the case.
     folder : Path
         Where to write.
     progress : bool

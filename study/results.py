@@ -20,7 +20,7 @@ def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
     study : Study
         The configuration.
     folder : str or Path
-        Where to write.
+        The folder of the study.
     n_realisations : int
         How many.
     """

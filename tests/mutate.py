@@ -19,7 +19,7 @@ BREAKS = [
     ("vsh/checks/validation.py", "RHO2_LIMIT = 1 - 1e-6", "RHO2_LIMIT = 2.0", "test_bad_input.py"),
     (
         "vsh/checks/validation.py",
-        '"a value such as -9999 that stands for none"] = placeholders',
+        '"a value such as -9999 that marks missing data"] = placeholders',
         '"x"] = placeholders & False',
         "test_readers.py",
     ),

@@ -17,7 +17,7 @@ class ModesError(VshError, ValueError):
 
 
 class FieldError(VshError, ValueError):
-    """A field's arrays disagree in shape, or hold something no sky can hold."""
+    """A field's arrays disagree in shape, or hold values that are not possible on the sky."""
 
 
 class NothingLeftError(FieldError):
@@ -53,7 +53,7 @@ class CovarianceError(VshError, ValueError, AttributeError):
 
 
 class ConvergenceError(VshError, ValueError):
-    """A loop that should have settled has not."""
+    """An iteration has not converged."""
 
 
 class CheckpointError(VshError, ValueError):

@@ -75,7 +75,7 @@ def adjoint(
     Parameters
     ----------
     modes : Modes, or the degree lmax
-        P of them.
+        The modes V_i; p of them.
     lon, lat : (n,) arrays
         Positions [rad]
     motion : (2, n) array
@@ -185,7 +185,7 @@ def adjoint_on_rings(modes: Modes, motion: FloatArray, threads: int | None = Non
     Parameters
     ----------
     modes : Modes
-        P of them.
+        The modes V_i; p of them.
     motion : (2, rings, points) array
         East and north.
     threads : int, optional

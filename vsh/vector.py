@@ -193,8 +193,8 @@ class Vector(Frozen):
     def direction_cone(self, probability: float = 0.68) -> float:
         """Opening of the cone about `direction` that holds the true one with this probability. [deg]
 
-        Covers 61, 69, 73, 73, 70 % (for 68) at a signal to noise of 1, 1.5, 2, 3, 5; below 1 no cone does
-        what it says, and a vector whose `p_value` is above 5 % has no direction worth the name.
+        Covers 61, 69, 73, 73, 70 % (for 68) at a signal to noise of 1, 1.5, 2, 3, 5; below 1 no cone
+        has that coverage, and a vector whose `p_value` is above 5 % has no significant direction.
 
         Parameters
         ----------

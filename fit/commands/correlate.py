@@ -103,7 +103,7 @@ def _blame(correlation, field, label, pair, options):
     return (
         f"{label}: {what}\n"
         f"  depends most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if its weight were doubled\n"
-        f"  {options.add_sources} sources of median error more would help most around {lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
+        f"  {options.add_sources} more sources of median error would help most around {lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
     )
 
 
@@ -178,7 +178,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--add-sources", type=parsing.count(1), default=1000, metavar="N", help="sources to add (default: 1000)"
     )
     parser.add_argument(
-        "--leakage", type=parsing.count(2), metavar="L", help="what degrees up to L, left out, do to the fit"
+        "--leakage", type=parsing.count(2), metavar="L", help="bias of the fit by degrees up to L that are not fitted"
     )
     parser.add_argument(
         "--power-per-degree",

@@ -131,7 +131,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     errors = parser.add_mutually_exclusive_group()
     errors.add_argument(
-        "--robust", choices=["student", "permissive"], help="a likelihood that expects some errors to be wrong"
+        "--robust", choices=["student", "permissive"], help="robust likelihood, for catalogues with some wrong errors"
     )
     errors.add_argument(
         "--excess-noise",

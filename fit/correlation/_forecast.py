@@ -71,7 +71,7 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
     Parameters
     ----------
     sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
-        As for `fit.correlation.predict`.
+        Their positions and errors; motions are not used.
     modes : Modes, or the degree lmax
         What to fit.
     sigma : float, (2, n) array or None

@@ -86,7 +86,7 @@ def gain_of_sources(
     Parameters
     ----------
     sources, modes, parameters, nside
-        As for `influence`.
+        As for `influence_map`.
     n_sources : int
         How many.
     sigma : float, optional

@@ -192,7 +192,7 @@ class CorrelationMatrices(Result):
         start, end = self.names.index("omega_x"), self.names.index("a_x")
         block = self.matrices[i][start : start + 3, end : end + 3]
         lines = [
-            f"  mean direction of its weight: ({x:+.3f}, {y:+.3f}, {z:+.3f}); the correlations that this dipole predicts:"
+            f"  weighted mean direction: ({x:+.3f}, {y:+.3f}, {z:+.3f}); the correlations that this dipole predicts:"
         ]
         explained = self.dipole_prediction(i)
         order = np.argsort(-np.abs(block), axis=None)[:3]

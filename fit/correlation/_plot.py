@@ -108,7 +108,7 @@ def plot_leakage(leakage: Any) -> Figure:
     Parameters
     ----------
     leakage : Leakage
-        Any.
+        What to draw.
     """
     rows, columns = leakage.matrix.shape
     figure, axes = plt.subplots(figsize=(min(16, 4 + 0.12 * columns), min(12, 3 + 0.3 * rows)), layout="constrained")
@@ -136,7 +136,7 @@ def plot_eigenmodes(eigen: Any, n_fields: int = 2) -> Figure:
     Parameters
     ----------
     eigen : Eigenmodes
-        Any.
+        What to draw.
     n_fields : int
         How many of the worst and of the best.
     """

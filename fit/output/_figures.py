@@ -62,7 +62,7 @@ def plot_power(solution: Any) -> Figure:
     Parameters
     ----------
     solution : MatrixFreeSolution
-        Any.
+        What to draw.
 
     Returns
     -------

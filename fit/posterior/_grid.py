@@ -142,7 +142,7 @@ def grid(
     Parameters
     ----------
     field : Field
-        With redshifts, none below the flow.
+        With redshifts, none missing or below 1e-4.
     velocity_prior, hubble_prior : as in `Priors`, optional
         "planck" and "flat" unless given; the velocity's prior must be Gaussian or flat.
     priors : Priors, optional

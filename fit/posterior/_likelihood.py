@@ -266,7 +266,7 @@ def _check(rows, spread, excess_noise, spin, threads):
 
 
 def _error(table, rows, spin, threads, points=24):
-    """The largest error of log L near its compress_likelihood, at points between the nodes, against the sums themselves."""
+    """The largest error of log L near its maximum, at points between the nodes, against the sums themselves."""
     t = (np.arange(points) + 0.5) / points
     s = table.spread.at(t)
     x = table.excess_noise.at((t * 0.6180339887 * points) % 1)  # all over the square, and the same every time

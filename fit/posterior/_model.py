@@ -5,8 +5,8 @@ v = u H_ref/H0, so that densities carry |∂v/∂u| = (H_ref/H0)³. Where the pr
 the data know u, the ridge runs along H0 at constant v, and v is the coordinate.
 
 A dispersion σ_pec that is fixed enters the weights alone, for H_ref: H0 comes from the dipole.
-One with a prior makes the scatter of the galaxies a ruler of σ_pec H0, as good as the prior is.
-Fixing it there would let a number that nobody knows measure H0 to a few per cent.
+One with a prior lets the scatter of the galaxies measure σ_pec H0, and H0 as well as that prior allows.
+If it were fixed there, a poorly known number would determine H0 to a few per cent.
 """
 
 from __future__ import annotations

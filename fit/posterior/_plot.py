@@ -39,7 +39,7 @@ def plot_corner(posterior: Any, names: Sequence[str] | None = None) -> Figure:
     Parameters
     ----------
     posterior : Posterior or Samples
-        Any.
+        What to draw.
     names : sequence of str, optional
         Which quantities.
     """
@@ -63,7 +63,7 @@ def plot_trace(posterior: Any, n_shown: int = 40) -> Figure:
     Parameters
     ----------
     posterior : Posterior
-        Any.
+        What to draw.
     n_shown : int
         Of the walkers.
     """
@@ -87,7 +87,7 @@ def plot_marginals(grid: Any) -> Figure:
     Parameters
     ----------
     grid : GridPosterior
-        Any.
+        What to draw.
     """
     figure, panels = plt.subplots(
         1, len(grid.names), figsize=(5.5 * len(grid.names), 4), layout="constrained", squeeze=False

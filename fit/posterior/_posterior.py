@@ -169,7 +169,7 @@ class Posterior(SampleResult):
         return self.plot(names)
 
     def trace(self) -> Figure:
-        """The walkers' way, coordinate by coordinate. A matplotlib figure.
+        """Trace plot: each coordinate of the walkers against the steps. A matplotlib figure.
 
         Returns
         -------

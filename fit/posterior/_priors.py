@@ -52,7 +52,7 @@ class Priors:
     spin : None, "free" or Vector
         No spin; a flat prior; or a Gaussian one. [µas/yr]
     outliers : prior, optional
-        Of the fraction of sources whose errors are not to be trusted. Every sample then looks at every source.
+        Prior on the fraction of sources with unreliable errors. Each sample then needs a sum over all sources.
     outlier_width : float, optional
         Their noise beyond the catalogue's; ten times the median error unless given. [µas/yr]
     """
@@ -195,13 +195,13 @@ def checked_priors(priors: Priors, frame: str) -> ModelPriors:
     hubble = as_prior(priors.hubble, "H0", _HUBBLE_PRIORS)
     if not (velocity.proper or hubble.proper):
         raise ParameterError(
-            "the data see only the product v · H0: with a flat prior on the velocity, that on H0 must be proper "
+            "the data constrain only the product v · H0: with a flat prior on the velocity, that on H0 must be proper "
             "(Flat(low, high), Normal(mean, sigma)), or the other way round"
         )
     if velocity.name == "flat" and not integrable_over_cube(hubble):
         raise ParameterError(
             f"with a prior flat in the velocity the posterior of H0 goes as p(H0)/H0³, which for {hubble} has no integral: small H0 "
-            'would win by where the sampler stops. Take velocity_prior="flat-product" (flat in v · H0: the prior on H0 comes '
+            'would dominate it. Take velocity_prior="flat-product" (flat in v · H0: the prior on H0 comes '
             "back), or give H0 a lower limit, Normal(mean, sigma, low=…) or Flat(low, high)"
         )
     return ModelPriors(

@@ -43,7 +43,7 @@ def sample(
     Parameters
     ----------
     field : Field
-        With redshifts, none below the flow.
+        With redshifts, none missing or below 1e-4.
     velocity_prior, hubble_prior : as in `Priors`, optional
         "planck" and "flat" unless given.
     priors : Priors, optional

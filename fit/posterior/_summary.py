@@ -173,7 +173,7 @@ def text_of(posterior: Any) -> str:
     Parameters
     ----------
     posterior : Posterior
-        Any.
+        What to describe.
     """
     steps, walkers, _ = posterior.chain.shape
     slowest = max(posterior.autocorrelation.values())
@@ -216,7 +216,7 @@ def table_lines(found: SampleResult) -> list[str]:
     Parameters
     ----------
     found : SampleResult
-        Any.
+        What to describe.
     """
     lines = [f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}"]
     for name, row in found.summary().items():

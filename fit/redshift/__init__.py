@@ -1,4 +1,4 @@
-"""Any degrees in bins of redshift: do all sources see the same sky?"""
+"""Any degrees in bins of redshift: are the coefficients the same at all redshifts?"""
 
 from fit.redshift._bins import binned, equal_information
 from fit.redshift._contrasts import ChiSquare, Trend

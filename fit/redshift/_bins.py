@@ -1,4 +1,4 @@
-"""Dipoles, or any degrees, in bins of redshift: do all sources see the same sky?"""
+"""Dipoles, or any degrees, in bins of redshift: are the coefficients the same at all redshifts?"""
 
 from __future__ import annotations
 

@@ -140,8 +140,8 @@ def equality_chi2(values: FloatArray, covariance: FloatArray) -> float:
     ----------
     values : (B, q) array
         In each bin.
-    covariance : (k, k) array
-        The covariance.
+    covariance : (B, q, q) array
+        Of each bin.
     """
     weight = np.linalg.inv(covariance)
     pull = np.einsum("bij,bj->bi", weight, values)
@@ -155,8 +155,8 @@ def slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> flo
     ----------
     values : (B, q) array
         In each bin.
-    covariance : (k, k) array
-        The covariance.
+    covariance : (B, q, q) array
+        Of each bin.
     x : (B,) array
         Of the bins.
     """
@@ -174,8 +174,8 @@ def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple
     ----------
     values : (B, q) array
         In each bin.
-    covariance : (k, k) array
-        The covariance.
+    covariance : (B q, B q) array
+        Of all of them.
     design : (B, k) array
         Of the model.
     """

@@ -25,7 +25,7 @@ from vsh.vector import Vector
 def permutation_test(
     field: Field, binned: BinnedSolution, *, n_permutations: int = 1000, rng: Rng = 1, velocity: Vector | None = None
 ) -> dict[str, float]:
-    """p-values by permutation: how often redshifts that mean nothing give bins as unlike as these.
+    """p-values by permutation: how often permuted redshifts give bins that differ at least as much.
 
     Positions, motions and errors stay together; the redshifts are permuted. Before that, the errors of each
     source are multiplied by the √(χ²/dof) of its bin, and in every permutation those of each bin by its own:

@@ -100,7 +100,7 @@ def plot_trend(trend: Any) -> Figure:
     Parameters
     ----------
     trend : Trend
-        Any.
+        What to draw.
     """
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
     for at, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):

@@ -115,7 +115,7 @@ class BinnedSolution(Result):
         ChiSquare
             Right for errors that are wrong by any factor in each bin, with 20 sources or more a bin. Not
             where sources share errors over the sky, nor where the sky has degrees that were not fitted and
-            bins see it in different places.
+            the bins cover different parts of the sky.
 
         Notes
         -----
@@ -182,7 +182,7 @@ class BinnedSolution(Result):
         """
         if not np.isfinite(self.mean_inverse_distance).all():
             raise ParameterError(
-                "a secular parallax needs a distance in every bin, and some bin has none beyond the flow"
+                "a secular parallax needs a distance in every bin, and some bin has no source with z ≥ 1e-4"
             )
         values, covariance, free = self._chosen("S", 1)
         rows = FIRST_DEGREE @ -velocity.to_frame(self.frame).value / AU_PER_YEAR

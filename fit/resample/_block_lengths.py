@@ -34,8 +34,8 @@ def compare_blocks(
 ) -> tuple[list[BlockLength], BlockLength, str]:
     """Jackknife errors with blocks of several sizes, side by side: which are long enough?
 
-    Errors that neighbours share make the jackknife's errors grow with the size of the blocks, until blocks
-    are longer than the sharing reaches.
+    If errors of neighbouring sources are correlated, jackknife errors grow with the size of the blocks, until blocks
+    are larger than the correlation length.
 
     Parameters
     ----------
@@ -51,9 +51,9 @@ def compare_blocks(
     Returns
     -------
     rows : list of BlockLength
-        Of those sizes that the sources can do without one block of.
+        One for each size at which the fit stays determined without any one block.
     best : BlockLength
-        The smallest blocks from which on errors do not grow any more, as far as their own errors tell.
+        The smallest blocks beyond which the errors do not grow significantly.
     advice : str
         In words, with what no resampling can see.
 
@@ -99,4 +99,4 @@ def _advice(rows, best):
     said = f"jackknife errors over formal ones: {table}; taken: nside {best.nside}"
     if best is rows[-1] and len(rows) > 1:
         said += ", the largest blocks: errors still grow with them, and may be larger yet"
-    return said + ". What the whole sky shares (a glide or a rotation of the frame) no resampling can see"
+    return said + ". No resampling can detect errors common to the whole sky (a glide or a rotation of the frame)"

@@ -3,9 +3,9 @@
 Normal equations add, so the sky is cut into blocks once, and every replicate is a sum of
 blocks that are already there.
 
-Resampling sees what differs from source to source, or from block to block. Errors that neighbours share
-want blocks longer than the sharing reaches (`compare_blocks` looks for that length); errors that the whole
-sky shares, a glide or a rotation of the frame above all, no resampling can see.
+Resampling detects errors that differ from source to source, or from block to block. If neighbours share errors,
+blocks must be larger than the correlation length (`compare_blocks` estimates it). Errors common to the whole
+sky, above all a glide or a rotation of the frame, cannot be detected by any resampling.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MEMORY = 4 * 2**30
 
 @dataclass(frozen=True, eq=False)
 class Resampled(AboutSolution):
-    """A solution and what became of it when the sources were drawn again.
+    """A solution and its replicates from resampled sources.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Resampled(AboutSolution):
     replicates : (n, p) array
         Coefficients of each replicate. [µas/yr]
     covariance : (p, p) array
-        That the replicates speak for. [(µas/yr)²]
+        Of the coefficients, estimated from the replicates. [(µas/yr)²]
     """
 
     method: str
@@ -191,14 +191,14 @@ def parametric_bootstrap(field: Field, modes: Modes | int, n_replicates: int, rn
 def block_bootstrap(
     field: Field, modes: Modes | int, nside: int, n_replicates: int, rng: Rng, *, progress: bool = True
 ) -> Resampled:
-    """Draw HEALPix blocks of the sky again: errors that allow for what neighbours share.
+    """Bootstrap over HEALPix blocks of the sky: errors that allow for correlations between neighbours.
 
     Parameters
     ----------
     field, modes, n_replicates, rng, progress
         As for `bootstrap`.
     nside : int
-        Of the blocks; those without sources are no blocks.
+        nside of the HEALPix blocks; blocks without sources are not counted.
 
     Returns
     -------
@@ -256,7 +256,7 @@ def jackknife(field: Field, modes: Modes | int, nside: int, *, progress: bool = 
     Raises
     ------
     DegeneracyError
-        If fewer than two blocks hold sources, or the rest cannot do without one.
+        If fewer than two blocks hold sources, or the fit is degenerate without one of them.
     """
     modes = as_modes(modes)
     parts = _blocks(field, nside)

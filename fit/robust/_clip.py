@@ -32,7 +32,7 @@ class Clipped(AboutSolution):
     limit : float
         The largest X that was kept.
     factor : float
-        By which standard errors are larger than those of as many sources that were not chosen; it is in the
+        Factor on the standard errors that corrects for the selection by residuals; it is included in the
         solution's covariance.
     """
 
@@ -73,14 +73,14 @@ def clip(
     Raises
     ------
     ConvergenceError
-        If the choice goes round in circles, has not settled after `max_rounds`, or leaves too few sources.
+        If the clipping oscillates, has not converged after `max_rounds`, or leaves too few sources.
     ParameterError
         If kappa or the threshold is not positive.
 
     Notes
     -----
     Lindegren et al. (2018, A&A 616, A2), Klioner et al. (2021, A&A 649, A9) clip like this. Sources that are
-    kept because they fit scatter less than their errors say, and tell less: with q half the squared limit in
+    chosen this way scatter less than their errors, and carry less information: with q half the squared limit in
     units of the errors, covariances are multiplied by (1 − e^−q)/(1 − (1 + q) e^−q), χ² divided by
     1 − q e^−q/(1 − e^−q). Both hold for Gaussian errors, of the size quoted or all wrong by one factor; the
     square root of the first is 1.006, 1.108, 1.308 for κ = 3, 2, 1.5 (pulls within 5 % of 1).
@@ -118,7 +118,7 @@ def clip(
         kept = chosen
         if (key := kept.tobytes()) in seen:
             raise ConvergenceError(
-                f"the clip goes round in circles after {rounds} rounds: {swing} sources come and go at "
+                f"the clipping oscillates after {rounds} rounds: {swing} sources are alternately clipped and kept at "
                 f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g} (--clip-threshold)"
             )
         seen[key] = rounds

@@ -218,7 +218,7 @@ def named_function(function: Callable[..., Any]) -> str:
     Parameters
     ----------
     function : function
-        Any.
+        Of one number.
 
     Returns
     -------

@@ -19,7 +19,7 @@ from vsh.field import Field
 from vsh.types import ArrayLike, Cosmology
 from vsh.vector import Vector
 
-_PRODUCT = "the motions of sources see only the product of our velocity and the Hubble constant, v · H0"
+_PRODUCT = "the proper motions constrain only the product of our velocity and the Hubble constant, v · H0"
 
 
 @arguments.accepts(
@@ -42,7 +42,7 @@ def observer_velocity(
     Parameters
     ----------
     field : Field
-        With redshifts, none below the flow (`vsh.cosmology.with_redshift`).
+        With redshifts, none missing or below 1e-4 (`vsh.cosmology.with_redshift`).
     hubble : float
         H0. [km/s/Mpc]
     cosmology : astropy cosmology, optional

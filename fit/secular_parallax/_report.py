@@ -72,7 +72,7 @@ def _velocity(solution, quality):
         f"{'velocity':14}{_cells(components(v, 1))}  |v| = {amplitude(v, 1)}",
         f"{'galactic':14}{_cells(components(galactic, 1))}",
         f"{'apex':14}{direction(galactic)}; noise-debiased |v| {v.debiased_amplitude:.1f}",
-        f"no velocity at all: {_both(from_none, 3, quality)}",
+        f"zero velocity: {_both(from_none, 3, quality)}",
         f"the microwave background's {PLANCK_2018.amplitude:.1f} km/s: {_both(from_planck, 3, quality)}",
     ]
 
@@ -109,5 +109,5 @@ def _hubble(solution, quality):
     scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
     return [
         f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
-        f"{'H0':14}{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc, {pull:.1f} standard errors from none{scaled}",
+        f"{'H0':14}{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc, {pull:.1f} standard errors from zero{scaled}",
     ]

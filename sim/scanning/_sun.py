@@ -29,7 +29,7 @@ def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray
 
     Returns
     -------
-    array
+    tuple[array, array]
     """
     g, mean = _anomaly(start, time)
     longitude = mean + (1.915 * np.sin(g) + 0.020 * np.sin(2 * g)) * DEGREE

@@ -44,7 +44,7 @@ def random_field(power: ArrayLike, rng: Rng) -> Signal:
 
 
 def wave_fractions(lmax: int) -> FloatArray:
-    """Share of each degree in the power of an random_field gravitational-wave background, (lmax,).
+    """Share of each degree in the power of a stochastic gravitational-wave background, (lmax,).
 
     α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
     sum to 1. The fractions are those of Book & Flanagan (2011, PhRvD 83, 024024), table 1.

@@ -114,7 +114,7 @@ def spin(vector: ArrayLike) -> Signal:
 
 
 def acceleration(vector: ArrayLike) -> Signal:
-    """SecularParallax towards a point by the Solar System's acceleration, ã − (ã·r) r. [µas/yr]
+    """Apparent motion towards the direction of the Solar System's acceleration ã: ã − (ã·r) r. [µas/yr]
 
     Parameters
     ----------

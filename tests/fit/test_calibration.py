@@ -230,7 +230,7 @@ def test_block_lengths_are_compared():
     assert [row.nside for row in rows] == [8, 4, 2, 1]
     assert best.nside == 8
     assert best.ratio == pytest.approx(1, abs=0.1)
-    assert "no resampling can see" in advice
+    assert "No resampling can detect" in advice
     pattern = sim.random_field(np.r_[np.zeros(5), np.full(15, 40.0)], 3)(lon, lat)  # shared over some 10°
     shared = Field(lon, lat, independent.motion + pattern, np.ones((2, 4000)))
     rows, best, advice = fit.resample.compare_blocks(shared, 1, progress=False)

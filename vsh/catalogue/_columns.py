@@ -85,7 +85,7 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
     columns : Columns
         Names of columns by role.
     source : vsh.tables.TableSource
-        The configuration.
+        The table.
 
     Raises
     ------

@@ -58,7 +58,7 @@ def match(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: A
         b = b.at_epoch(a.epoch)
     (i, j), ambiguous = _by_name(a, b) if by == "name" else _by_position(a, b, 1.0 if radius is None else float(radius))
     if not len(i):
-        raise TableError(f"no source of the one is in the other ({len(a)} and {len(b)}, matched by {by})")
+        raise TableError(f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by})")
     difference = _offsets(a, b, i, j) if positions else a.motion[:, i] - b.motion[:, j]
     covariance = _covariance(a, i) + _covariance(b, j)
     sigma = np.sqrt(covariance[:2])

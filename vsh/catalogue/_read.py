@@ -86,7 +86,7 @@ def iter_fields(
     source, columns, units, on_bad, frame
         As for `read_field`. Joined, the fields are the one that it reads. (A VOTable is read whole first.)
     rows : int
-        Its equations.
+        The largest number of sources in a field.
 
     Returns
     -------

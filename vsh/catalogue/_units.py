@@ -124,7 +124,7 @@ def plain(name: str, values: Any, missing: BoolArray | None) -> Any:
     name : str
         Of the column.
     values : array
-        What to write.
+        As the table has them.
     missing : mask or None
         Where there is no value.
     """
@@ -140,7 +140,7 @@ def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
     name : str
         Of the column.
     values : array
-        What to write.
+        As the table has them.
     missing : mask or None
         Where there is no value.
     """
@@ -159,5 +159,5 @@ def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
     )  # a sort is faster than np.unique's hash
     repeated = int(np.sum(named[1:] == named[:-1]))
     if repeated:
-        said.append(f"warning: {repeated} rows repeat the {name} of another and count again")
+        said.append(f"warning: {repeated} rows repeat the {name} of another row and are used as separate sources")
     return values, said

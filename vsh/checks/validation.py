@@ -120,7 +120,7 @@ def invalid_rows(
         f"{c} missing": mask for c, mask in (missing or {}).items() if c not in ("redshift", "magnitude")
     }
     if placeholders is not None:
-        reasons["a value such as -9999 that stands for none"] = placeholders
+        reasons["a value such as -9999 that marks missing data"] = placeholders
     reasons = reasons | {
         "position not finite": ~(np.isfinite(lon) & np.isfinite(lat)),
         "proper motion not finite": ~np.isfinite(motion).all(0),

@@ -125,7 +125,7 @@ def hubble_value(cosmology: Cosmology) -> float:
     Parameters
     ----------
     cosmology : astropy cosmology
-        Any.
+        With an H0.
 
     Returns
     -------

@@ -16,7 +16,7 @@ def open_astropy(table: Any) -> TableSource:
     Parameters
     ----------
     table : astropy Table
-        Any.
+        The table.
     """
     names = tuple(table.colnames)
     units = {name: table[name].unit for name in names if getattr(table[name], "unit", None) is not None}
@@ -34,7 +34,7 @@ def open_frame(frame: Any) -> TableSource:
     Parameters
     ----------
     frame : DataFrame
-        Any.
+        The table.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def is_frame(thing: Any) -> bool:
     Parameters
     ----------
     thing : object
-        Any.
+        The table.
     """
     return any(c.__name__ == "DataFrame" and c.__module__.split(".")[0] == "pandas" for c in type(thing).__mro__)
 

@@ -99,7 +99,7 @@ def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
     Parameters
     ----------
     label : str
-        Of the colour bar.
+        What messages call the table.
     sources : list of TableSource
         The parts.
 
