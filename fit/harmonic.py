@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, fdtrc
 
 from fit.linear import LinearSolution
 from vsh.coefficients import FIRST_DEGREE, Coefficients
@@ -25,6 +25,8 @@ class HarmonicSolution(LinearSolution):
     """
 
     coefficients: Coefficients
+    #: Of a covariance that was not estimated from replicates.
+    covariance_dof: float = float("inf")
 
     @property
     def modes(self) -> Modes:
@@ -126,7 +128,7 @@ class HarmonicSolution(LinearSolution):
         wcwc = np.trace(wc @ wc)
         wc_c = self._power_weights(l) * self.coefficients.values[degree]
         signal = max(0.0, wc_c @ self.covariance[degree, degree] @ wc_c - wcwc)
-        if self.p_value(kind, l) > 0.05:
+        if not self.p_value(kind, l) <= 0.05:
             signal = 0.0
         return float(np.sqrt(4 * signal + 2 * wcwc))
 
@@ -134,7 +136,8 @@ class HarmonicSolution(LinearSolution):
         """Probability that noise alone gives this degree as much signal or more.
 
         W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
-        when the true ones are zero, whatever the sky coverage.
+        when the true ones are zero, whatever the sky coverage. Where C was estimated from replicates, it is
+        Hotelling's T²; nan where they are too few to determine it.
 
         Parameters
         ----------
@@ -147,10 +150,14 @@ class HarmonicSolution(LinearSolution):
         -------
         float
         """
-        return float(chdtrc(2 * l + 1, self.chi2_of_degree(kind, l)))
+        chi2, n, dof = self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof
+        if np.isinf(dof):
+            return float(chdtrc(n, chi2))
+        free = dof - n + 1
+        return float(fdtrc(n, free, chi2 * free / (n * dof))) if free > 0 else float("nan")
 
     def chi2_of_degree(self, kind: Kind, l: int) -> float:
-        """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree.
+        """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree; nan where too few replicates determine C.
 
         Parameters
         ----------
@@ -163,6 +170,8 @@ class HarmonicSolution(LinearSolution):
         -------
         float
         """
+        if self.covariance_dof < 2 * l + 1:
+            return float("nan")
         degree = self.modes.slice_of(kind, l)
         c = self.coefficients.values[degree]
         return float(c @ np.linalg.solve(self.covariance[degree, degree], c))

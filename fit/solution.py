@@ -39,6 +39,9 @@ class Solution(HarmonicSolution):
         What the reader should know of the data.
     errors_from : str
         Where the covariance comes from, where not from the catalogue's errors alone.
+    covariance_dof : float
+        Degrees of freedom with which the covariance was estimated; inf where it follows from the errors of the
+        sources, the number of replicates less one where it was resampled. p-values allow for them.
     """
 
     coefficients: Coefficients
@@ -48,6 +51,7 @@ class Solution(HarmonicSolution):
     frame: str = "icrs"
     notes: tuple[str, ...] = ()
     errors_from: str = "the catalogue"
+    covariance_dof: float = float("inf")
 
     def __repr__(self) -> str:
         return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
@@ -143,7 +147,8 @@ class Solution(HarmonicSolution):
             "value": self.coefficients.values, "sigma": self.sigma, "covariance": self.covariance,
         }  # fmt: skip
         rest = {"lmax": self.modes.lmax, "chi2": exact(self.chi2), "n_data": int(self.n_data), "frame": self.frame,
-                "notes": list(map(str, self.notes)), "errors_from": self.errors_from}  # fmt: skip
+                "notes": list(map(str, self.notes)), "errors_from": self.errors_from,
+                "covariance_dof": exact(self.covariance_dof)}  # fmt: skip
         return columns, rest, dict.fromkeys(("value", "sigma"), "uas / yr") | {"covariance": "uas2 / yr2"}
 
     @classmethod
@@ -156,7 +161,7 @@ class Solution(HarmonicSolution):
         """What every solution is made of, in the order of its attributes."""
         coefficients = Coefficients(Modes(rest["lmax"]), columns["value"])
         return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
-                words(rest["notes"]), str(rest["errors_from"]))  # fmt: skip
+                words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]))  # fmt: skip
 
 
 class AboutSolution(Result):

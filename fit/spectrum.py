@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from scipy.special import ndtri
 
 from fit.quality import Quality, normal_deviate
 from vsh import Coefficients, Field, Modes, Vector
@@ -73,6 +74,10 @@ class HarmonicResult(Protocol):
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader should know of the data."""
+
+    @property
+    def covariance_dof(self) -> float:
+        """With how many degrees of freedom the covariance was estimated; inf where it was not."""
 
     @property
     def errors_from(self) -> str:
@@ -221,6 +226,7 @@ def wilson_hilferty(w: float, n: float) -> float:
 def _degree(solution, kind, l):
     n = 2 * l + 1
     w = solution.chi2_of_degree(kind, l)
+    p_value = solution.p_value(kind, l)
     zonal = solution.modes.slice_of(kind, l).start
     power = solution.coefficients.power(kind, l)
     mk_w = power / solution.covariance[zonal, zonal]
@@ -230,8 +236,15 @@ def _degree(solution, kind, l):
         power,
         solution.noise_power(kind, l),
         solution.power_error(kind, l),
-        solution.p_value(kind, l),
-        float(normal_deviate(w, n)),
+        p_value,
+        _deviate(solution, w, n, p_value),
         float(mk_w),
         float(wilson_hilferty(mk_w, n)),
     )
+
+
+def _deviate(solution, w, n, p_value):
+    """z of the p-value; from χ² itself where there is one, since p rounds to 0 and 1."""
+    if np.isinf(solution.covariance_dof):
+        return float(normal_deviate(w, n))
+    return float(-ndtri(p_value))

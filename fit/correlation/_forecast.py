@@ -98,8 +98,8 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
         to_coefficients[modes.slice_of(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
     return Prediction(
         Coefficients(modes, np.full(len(modes), np.nan)), solution.covariance, float("nan"), solution.n_data,
-        solution.frame, solution.notes, "the predicted weights", float(field.information.sum()),
-        to_coefficients.T @ normal.matrix @ to_coefficients,
+        solution.frame, solution.notes, "the predicted weights", _weight=float(field.information.sum()),
+        _alone=to_coefficients.T @ normal.matrix @ to_coefficients,
     )  # fmt: skip
 
 

@@ -78,6 +78,15 @@ def warnings_of(solution: HarmonicResult) -> list[tuple[str, str]]:
         found.append(("warning", said))
         if solution.quality.factor > 1:
             found.append(("", "errors below are the catalogue's; p-values are given for both"))
+    lost = [l for l in range(1, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
+    if lost:
+        found.append(
+            (
+                "warning",
+                f"{solution.covariance_dof + 1:.0f} replicates are too few for the 2l + 1 coefficients of degree {lost[0]} and above: "
+                "p-values are nan there",
+            )
+        )
     if 0 < solution.dof < len(solution.modes):
         found.append(
             (
@@ -114,9 +123,10 @@ def _vectors(solution, truth):
 
 def _degrees(solution):
     both = is_scaled(solution)
+    law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
     lines = [
         "Power by degree, ∫|V|²dΩ [(µas/yr)²]: as fitted, noise-debiased, its error; the p-value of as much",
-        "from noise alone (exact χ², any sky) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
+        f"from noise alone ({law}) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
         *(["p scaled: with errors multiplied by √(χ²/dof)"] if both else []),
         f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}"
         + (f"{'p scaled':>11}" if both else "") + f"{'z':>8}{'M&K Z':>8}",

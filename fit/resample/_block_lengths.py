@@ -12,6 +12,10 @@ from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
 
+#: Blocks for each coefficient, at least: with fewer, leaving one out nearly undoes some coefficient, and errors
+#: grow with the blocks whatever the sources share (2.7 times at degree 5 and 12 blocks, with independent errors).
+BLOCKS_PER_COEFFICIENT = 2
+
 
 class BlockLength(NamedTuple):
     """Jackknife errors with one size of blocks.
@@ -51,7 +55,8 @@ def compare_blocks(
     Returns
     -------
     rows : list of BlockLength
-        One for each size at which the fit stays determined without any one block.
+        One for each size with at least twice as many blocks as coefficients, and without any one of which
+        the fit stays determined.
     best : BlockLength
         The smallest blocks beyond which the errors do not grow significantly.
     advice : str
@@ -72,7 +77,14 @@ def compare_blocks(
         except DegeneracyError as error:
             failed = error
             continue
-        rows.append(_length(found, nside))
+        row = _length(found, nside)
+        if row.blocks >= BLOCKS_PER_COEFFICIENT * len(modes):
+            rows.append(row)
+        else:
+            failed = DegeneracyError(
+                f"{row.blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
+                f"{BLOCKS_PER_COEFFICIENT * len(modes)} are needed: fit a lower degree, or take smaller blocks"
+            )
     if not rows:
         raise failed or DegeneracyError("no sizes of blocks were given")
     best = next(row for i, row in enumerate(rows) if all(not _grows(row, later) for later in rows[i + 1 :]))

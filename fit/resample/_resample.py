@@ -94,7 +94,8 @@ class Resampled(AboutSolution):
     def resampled_solution(self) -> Solution:
         """The solution with this covariance in place of N⁻¹: its `spin` and `acceleration` carry these errors."""
         source = f"the {self.method}, {len(self.replicates)} replicates"
-        return replace(self.solution, covariance=self.covariance, errors_from=source)
+        dof = len(self.replicates) - 1.0
+        return replace(self.solution, covariance=self.covariance, errors_from=source, covariance_dof=dof)
 
     @property
     def spin(self) -> Vector:
@@ -245,6 +246,7 @@ def jackknife(field: Field, modes: Modes | int, nside: int, *, progress: bool = 
     nside : int
         Of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
         With noise correlated over 10° pulls were 2.1 at nside 4, 1.5 at 2 and 1.3 at 1 (formal errors: 10).
+        Take at least twice as many blocks as coefficients: with fewer, errors come out too large.
     progress : bool
         Show a bar, after two seconds.
 

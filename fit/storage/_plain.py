@@ -33,7 +33,11 @@ def same(one: Any, two: Any) -> bool:
         one, two = np.asarray(one), np.asarray(two)
         return one.shape == two.shape and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
     if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
-        return len(one) == len(two) and all(map(same, one, two))
+        return (
+            getattr(one, "_fields", None) == getattr(two, "_fields", None)
+            and len(one) == len(two)
+            and all(map(same, one, two))
+        )
     if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
         return bool(np.isnan(two))
     if hasattr(one, "__dataclass_fields__") and type(one) is type(two):
@@ -53,9 +57,9 @@ def encoded(value: Any) -> Any:
         array = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"))
         data = base64.b85encode(zlib.compress(array.tobytes(), 6)).decode()
         return {"array": data, "kind": array.dtype.str, "shape": list(array.shape)}
-    if is_dataclass(value) and type(value).__module__.split(".")[0] in ("fit", "vsh"):
+    if type(value).__module__.split(".")[0] in ("fit", "vsh") and (is_dataclass(value) or hasattr(value, "_fields")):
         about = {"type": type(value).__name__, "module": type(value).__module__}
-        return about | {"fields": {each.name: encoded(getattr(value, each.name)) for each in fields(value)}}
+        return about | {"fields": {name: encoded(getattr(value, name)) for name in _attributes(type(value))}}
     if isinstance(value, (bool, int, np.integer)) or value is None:
         return value if value is None or isinstance(value, (bool, int)) else int(value)
     if isinstance(value, (float, np.floating)):
@@ -65,6 +69,15 @@ def encoded(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return {"list" if isinstance(value, list) else "tuple": [encoded(each) for each in value]}
     return str(value)
+
+
+def _attributes(kind):
+    """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
+    if is_dataclass(kind):
+        return [each.name for each in fields(kind)]
+    return (
+        list(kind._fields) if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields") else None
+    )
 
 
 def decoded(plain: Any) -> Any:
@@ -107,10 +120,9 @@ def decoded(plain: Any) -> Any:
     if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
         raise TableError(f"a {plain['type']}")
     home: Any = getattr(import_module(plain["module"]), plain["type"])
-    if not is_dataclass(home):
+    if _attributes(home) is None:
         raise TableError(f"a {plain['type']}")
-    make: Any = home
-    return make(**{name: decoded(each) for name, each in plain["fields"].items()})
+    return home(**{name: decoded(each) for name, each in plain["fields"].items()})
 
 
 def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:

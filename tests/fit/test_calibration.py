@@ -14,7 +14,7 @@ from fit.sums import leverage, sandwich, weighted_matrix
 from vsh import Field, Modes
 from vsh.basis import harmonics
 from vsh.cosmology import PLANCK_2018
-from vsh.errors import ConvergenceError, ParameterError
+from vsh.errors import ConvergenceError, DegeneracyError, ParameterError
 
 
 def sky(n, seed, wrong=1.0, extra=0.0, half=1.0):
@@ -249,3 +249,42 @@ def test_the_jackknife_by_its_definition():
     np.testing.assert_allclose(found.covariance, 11 / 12 * (left - left.mean(0)).T @ (left - left.mean(0)), rtol=1e-6)
     low, high = found.interval(0.68)
     assert (high - low)[0] / 2 == pytest.approx(stats.t.ppf(0.84, 11) * found.sigma[0])
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        lambda field, seed: fit.resample.jackknife(field, 1, 1, progress=False),
+        lambda field, seed: fit.resample.bootstrap(field, 1, 15, seed, progress=False),
+    ],
+    ids=["jackknife of 12 blocks", "bootstrap of 15"],
+)
+def test_p_values_of_few_replicates(method):
+    """Against χ², P(p ≤ .05) was .135 and .118."""
+    found = []
+    for seed in range(150):
+        solution = method(quasars(seed, "nowhere")[0], seed).resampled_solution
+        found += [solution.p_value("T", 1), solution.p_value("S", 1)]
+    assert 0.015 < np.mean(np.array(found) <= 0.05) < 0.085
+    assert 0.40 < np.mean(found) < 0.60
+
+
+def test_too_few_replicates_have_no_p_value():
+    """A degree of 7 coefficients and 5 replicates came out with p < 1e-300."""
+    field = quasars(1, "nowhere")[0]
+    solution = fit.resample.bootstrap(field, 3, 5, 1, progress=False).resampled_solution
+    assert np.isnan(solution.p_value("T", 3))
+    assert 0 < solution.p_value("T", 1) < 1
+    text = solution.report()
+    assert "5 replicates are too few for the 2l + 1 coefficients of degree 2 and above: p-values are nan there" in text
+    assert "Hotelling" in text
+
+
+def test_blocks_too_few_for_the_coefficients_are_not_compared():
+    """With independent errors, 12 blocks at degree 5 gave errors 2.7 times too large, and were taken."""
+    field = quasars(1, "nowhere", 3000)[0]
+    rows, best, _ = fit.resample.compare_blocks(field, 5, progress=False)
+    assert [row.nside for row in rows] == [8, 4]
+    assert best.ratio < 1.35
+    with pytest.raises(DegeneracyError, match="12 blocks of nside 1 are too few for 70 coefficients; 140 are needed"):
+        fit.resample.compare_blocks(field, 5, nsides=[1], progress=False)

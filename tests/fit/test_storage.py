@@ -102,7 +102,7 @@ def same(a, b):
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     if isinstance(a, (list, tuple)):
-        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+        return type(a) is type(b) and len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
     if isinstance(a, float):
         return a == b or (np.isnan(a) and np.isnan(b))
     return a == b
@@ -116,6 +116,7 @@ def test_there_and_back(name, ending, found, tmp_path):
     result.write(path, {"ORIGIN": "a test"})
     assert same(type(result).read(path), result)
     assert same(read(path), result)
+    assert read(path).report() == result.report()
     plain = Table.read(path)  # astropy alone
     assert len(plain)
     assert plain.meta["ORIGIN"] == "a test"

@@ -83,5 +83,7 @@ def test_a_clip_in_circles_says_so(monkeypatch):
             return next(distances) ** 2.0
 
     monkeypatch.setattr(_clip, "solve", lambda normal: next(solutions) and Swinging())
-    with pytest.raises(ConvergenceError, match="oscillates after 3 rounds: 1000 sources are alternately clipped and kept"):
+    with pytest.raises(
+        ConvergenceError, match="oscillates after 3 rounds: 1000 sources are alternately clipped and kept"
+    ):
         fit.robust.clip(field, Modes(1), threshold=5.0)
