@@ -111,7 +111,7 @@ def make_parser() -> argparse.ArgumentParser:
         prog="vsh-sim",
         description="Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "
         "that vary, five-parameter solutions. The table is one that vsh-fit reads; its metadata hold the truth.",
-        epilog="Example: vsh-sim quasars --n 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
+        epilog="Example: vsh-sim quasars --number 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
     )
     parser.add_argument(
         "kind", choices=["quasars", "galaxies", "vlbi"], help="vlbi: offsets from radio positions, as motions"

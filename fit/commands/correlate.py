@@ -99,7 +99,9 @@ def _blame(correlation, field, label, pair, options):
     k = int(np.argmax(np.abs(coarse)))
     added = correlation.gain_of_sources(field, options.lmax, pair, 2, n_sources=options.add_sources)
     at = int(np.argmin(np.abs(_target(correlation, field, options.lmax, pair) + added) if len(pair) == 2 else added))
-    what = "correlation of {} and {}".format(*pair) if len(pair) == 2 else f"ln σ² of {pair[0]}"
+    what = f"ln σ² of {pair[0]}"
+    if len(pair) == 2:
+        what = f"correlation of {pair[0]} and {pair[1]}, {_target(correlation, field, options.lmax, pair):+.4f}"
     return (
         f"{label}: {what}\n"
         f"  depends most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if its weight were doubled\n"

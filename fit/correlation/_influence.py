@@ -12,6 +12,7 @@ from fit.harmonic import at_sources
 from fit.normal import normal_equations
 from fit.solve import solve
 from vsh import Coefficients
+from vsh.basis import harmonics
 from vsh.checks import arguments, arrays
 from vsh.errors import ParameterError
 from vsh.field import Field
@@ -97,12 +98,17 @@ def gain_of_sources(
     Returns
     -------
     (12 nside²,) array
-        Of the correlation, or of ln σ², to first order in `n_sources`.
+        Of the correlation, or of ln σ²; exact, all of them at the centre of the pixel.
 
     Raises
     ------
     ParameterError
         If a name is unknown, or a value is asked for.
+
+    Notes
+    -----
+    n sources of error σ at one place add (n/σ²) V Vᵀ to N, V the (p, 2) harmonics there, so that
+    C' = C − C V (1 σ²/n + Vᵀ C V)⁻¹ Vᵀ C.
     """
     from vsh.sky.pixels import centres
 
@@ -112,9 +118,20 @@ def gain_of_sources(
     sigma = float(np.median(field.sigma)) if sigma is None else float(sigma)
     lon, lat = centres(nside)
     covariance, first, second, chosen = _prepared(field, modes, parameters)
-    g = Coefficients(chosen.modes, covariance @ first).at(lon, lat)
-    h = None if second is None else Coefficients(chosen.modes, covariance @ second).at(lon, lat)
-    return _change(covariance, first, second, g, h, lambda x, y: np.sum(x * y, 0)) * (n_sources / sigma**2)
+    v = harmonics(lon, lat, chosen.modes)
+    inner = np.linalg.inv(
+        np.einsum("pin,pq,qjn->nij", v, covariance, v, optimize=True) + sigma**2 / n_sources * np.eye(2)
+    )
+
+    def after(f, g):
+        return f @ covariance @ g - np.einsum(
+            "in,nij,jn->n", np.tensordot(covariance @ f, v, 1), inner, np.tensordot(covariance @ g, v, 1)
+        )
+
+    if second is None:
+        return np.log(after(first, first) / (first @ covariance @ first))
+    before = (first @ covariance @ second) / np.sqrt((first @ covariance @ first) * (second @ covariance @ second))
+    return after(first, second) / np.sqrt(after(first, first) * after(second, second)) - before
 
 
 def _by_source(field, modes, parameters, quantity):

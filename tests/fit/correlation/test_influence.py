@@ -105,3 +105,26 @@ def test_adding_sources_does_what_was_predicted():
     change = correlation_matrices(richer).matrix(0)[0, 4] - correlation_matrices(field).matrix(0)[0, 4]
     assert change == pytest.approx(values.min(), rel=0.05)
     assert (gain_of_sources(field, 1, "a_x", 2) <= 0).all()
+
+
+@pytest.mark.parametrize("parameters", ["a_x", ("omega_x", "a_y"), ("t(2,1,re)", "s(1,0)")])
+def test_the_gain_is_exact_for_any_number_of_sources(parameters):
+    """To first order, 1000 sources changed ln σ² by −42 where −1.75 came out."""
+    from vsh.sky.pixels import centres
+
+    field = nonuniform(500, 2)
+    values = gain_of_sources(field, 2, parameters, 2, n_sources=1000, sigma=200.0)
+    names = (parameters,) if isinstance(parameters, str) else parameters
+
+    def of(field):
+        covariance = named(names, 2).covariance(fit.fit_field(field, 2).covariance)
+        return np.log(covariance[0, 0]) if len(names) == 1 else correlation_of(covariance)[0, 1]
+
+    for pixel in (0, 20, 47):
+        lon, lat = (
+            np.append(old, np.full(1000, new[pixel]))
+            for old, new in zip((field.lon, field.lat), centres(2), strict=True)
+        )
+        sigma = np.concatenate([field.sigma, np.full((2, 1000), 200.0)], axis=1)
+        richer = Field(lon, lat, np.zeros((2, 1500)), sigma, np.append(field.rho, np.zeros(1000)), frame=field.frame)
+        assert values[pixel] == pytest.approx(of(richer) - of(field), rel=1e-8)
