@@ -64,8 +64,17 @@ def _run(options):
         field = sim.observe(population, signal, observed, sigma=sigma, rho=rho)
     else:
         field = sim.observe(population, signal, observed, mission=mission, excess_noise=options.excess_noise, **common)
-    meta = {f"{name}_{axis}": float(value) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration))
-            for axis, value in zip("XYZ", vector, strict=True)}  # fmt: skip
+    # Offsets [µas] have an orientation; spin and acceleration are of motions.
+    true = (
+        {"ORIENT": options.orientation}
+        if options.kind == "vlbi"
+        else {"SPIN": options.spin, "ACC": options.acceleration}
+    )
+    meta = {
+        f"{name}_{axis}": float(value)
+        for name, vector in true.items()
+        for axis, value in zip("XYZ", vector, strict=True)
+    }
     if options.kind == "galaxies":
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = options.h0

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from fit.output._rows import components, direction, is_scaled, power_rows, vector_rows, vectors_of
+from fit.solution import AboutSolution, Solution
 from fit.spectrum import HarmonicResult
 from vsh.checks.notes import printable
+from vsh.errors import ParameterError
 
 WIDTH = 88
 
@@ -33,7 +35,17 @@ def report(
     Returns
     -------
     str
+
+    Raises
+    ------
+    ParameterError
+        If it is another kind of result, which has a `report()` of its own.
     """
+    if not isinstance(solution, Solution):
+        if not isinstance(solution, AboutSolution):
+            raise ParameterError(f"fit.report is for solutions for coefficients, not a {type(solution).__name__}"
+                                 + (": use its own, .report()" if hasattr(solution, "report") else ""))  # fmt: skip
+        solution = solution.solution
     sections = [_heading(solution, source)]
     if np.isnan(solution.coefficients.values).all():
         sections.append(_predicted(solution))
@@ -77,7 +89,7 @@ def warnings_of(solution: HarmonicResult) -> list[tuple[str, str]]:
     if said and solution.errors_from == "the catalogue":
         found.append(("warning", said))
         if solution.quality.factor > 1:
-            found.append(("", "errors below are the catalogue's; p-values are given for both"))
+            found.append(("", "the errors below are not scaled by that; p-values are given for both"))
     lost = [l for l in range(1, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
     if lost:
         found.append(
@@ -109,10 +121,13 @@ def _predicted(solution):
 
 
 def _vectors(solution, truth):
-    lines = [f"{'[µas/yr]':14}{'x':>16}{'y':>16}{'z':>16}{'amplitude':>22}"]
-    for row in vector_rows(vectors_of(solution), truth):
+    rows = list(vector_rows(vectors_of(solution), truth))
+    wide = max(16, *(len(cell) + 2 for row in rows for cell in row.cells))  # large values do not run together
+    last = max(22, *(len(row.amplitude) + 2 for row in rows))
+    lines = [f"{'[µas/yr]':14}" + "".join(f"{axis:>{wide}}" for axis in "xyz") + f"{'amplitude':>{last}}"]
+    for row in rows:
         label = f"  {row.name}" if row.is_truth else row.name
-        lines.append(f"{label:14}" + "".join(f"{cell:>16}" for cell in row.cells) + f"{row.amplitude:>22}")
+        lines.append(f"{label:14}" + "".join(f"{cell:>{wide}}" for cell in row.cells) + f"{row.amplitude:>{last}}")
     lines.append("")
     for name, vector in vectors_of(solution).items():
         other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")

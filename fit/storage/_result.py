@@ -173,10 +173,15 @@ def read(path: PathName) -> Any:
     table, shown = tables.read(path), printable(path)
     try:
         rest = json.loads({key.upper(): value for key, value in table.meta.items()}["RESULT"])
-        kind, module = rest.pop("type"), rest.pop("module")
-        home = _kind(kind, module)
+        kind, module = str(rest.pop("type")), str(rest.pop("module"))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ImportError):
         raise TableError(f"{shown} holds no result of a fit: it lacks its mark, RESULT, in the metadata") from None
+    try:
+        home = _kind(kind, module)
+    except (KeyError, ImportError):
+        raise TableError(
+            f"{shown} holds a {printable(kind)} of the module {printable(module)}, which is not known here: import it first"
+        ) from None
     try:
         columns = {name: _native(name, table[name]) for name in table.colnames}
         found = home._unpack(columns, rest)

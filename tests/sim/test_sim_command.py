@@ -14,7 +14,7 @@ from conftest import ROOT, real_catalogue
 
 import fit.commands.fit
 from sim.command import main
-from vsh.catalogue import read_field
+from vsh.catalogue import read_field, truth_of
 
 
 def test_simulate_and_fit(tmp_path, capsys):
@@ -65,6 +65,9 @@ def test_galaxies_vlbi_and_the_short_way(tmp_path):
     assert np.isfinite(read_field(out).redshift).all()
     assert main(["vlbi", "--number", "200", "--orientation", "-10,20,30", "--output", out, "--overwrite"]) == 0
     assert len(read_field(out)) == 200
+    meta = Table.read(out).meta
+    assert [meta[f"ORIENT_{axis}"] for axis in "XYZ"] == [-10, 20, 30]
+    assert truth_of(out) is None  # offsets have neither spin nor acceleration
     assert main(["quasars", "--number", "500", "--no-transits", "--output", out]) == 1  # it is there already
     assert main(["quasars", "--number", "500", "--no-transits", "--output", out, "--overwrite"]) == 0
     assert (

@@ -92,23 +92,28 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
     TableError
         If a column is missing.
     """
-    where, said = {}, []
+    where, said, absent = {}, [], []
     for f in fields(Columns):
         name = getattr(columns, f.name)
         if name is None and f.name not in REQUIRED:
             continue
         if name is None or isinstance(name, str):
             if name not in source.names:
-                raise TableError(
-                    f"{source.label}: {missing_column(name, source)}. Say which it is: columns={{{f.name!r}: …}} (--columns {f.name}=…)"
-                )
-            where[f.name] = name
+                absent.append((f.name, name))
+            else:
+                where[f.name] = name
         else:
             present = [candidate for candidate in name if candidate in source.names]
             if present:
                 where[f.name] = present[0]
             elif f.name == "pmra_pmdec_corr":
                 said.append(f"no column {' or '.join(name)}: correlations taken as zero")
+    if absent:
+        (role, name), *others = absent
+        also = f"; missing too: {', '.join(printable(other) for _, other in others)}" if others else ""
+        raise TableError(
+            f"{source.label}: {missing_column(name, source)}{also}. Say which it is: columns={{{role!r}: …}} (--columns {role}=…)"
+        )
     return where, said
 
 
@@ -150,7 +155,8 @@ def missing_column(name: str | None, source: TableSource) -> str:
     source : TableSource
         The table.
     """
-    near = get_close_matches(str(name), source.names, n=3, cutoff=0.6)
+    near = [each for each in source.names if each.lower() == str(name).lower()]
+    near = near or get_close_matches(str(name), source.names, n=3, cutoff=0.6)
     hint = f"; nearest: {', '.join(map(printable, near))}" if near else ""
     shown = list(map(printable, source.names[:200]))
     more = f" and {len(source.names) - 200} more" if len(source.names) > 200 else ""

@@ -10,7 +10,7 @@ import numpy as np
 
 from vsh import tables
 from vsh.catalogue._columns import REQUIRED, UNITS, Columns, as_columns, doubt_positions, frame_of, locate
-from vsh.catalogue._units import factors, identifiers, plain
+from vsh.catalogue._units import differing_units, factors, identifiers, plain
 from vsh.checks.arguments import whole
 from vsh.checks.notes import DroppedRows, merge_notes, printable
 from vsh.errors import NothingLeftError, VshWarning
@@ -137,6 +137,7 @@ class _maker:
         self.factors, assumed = factors(self.where, units, self.source)
         self.assumed = any("ra" in names for names in assumed.values())
         lines = [f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed.items()]
+        lines += differing_units(self.where, self.factors)
         self.said = [*self.source.notes, *lines, *self.said]
         self.on_bad = on_bad
         self.names = tuple(dict.fromkeys(self.where.values()))

@@ -57,6 +57,23 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
     return found, assumed
 
 
+def differing_units(where: Mapping[str, str], found: Mapping[str, Any]) -> list[str]:
+    """A note where motions and their errors are not all in one unit, which is seldom meant.
+
+    Parameters
+    ----------
+    where : dict of str to str
+        Columns by role.
+    found : dict of str to float
+        Factors by role, from `factors`.
+    """
+    sizes = {role: found[role] for role in ("pmra", "pmdec", "pmra_error", "pmdec_error") if role in found}
+    if len({float(f"{size:.9g}") for size in sizes.values()}) < 2:
+        return []
+    listed = ", ".join(f"{printable(where[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
+    return [f"proper motions and errors are in different units: is that so? ({listed})"]
+
+
 def parse_unit(unit: Any) -> Any:
     """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS.
 

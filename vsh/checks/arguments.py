@@ -220,7 +220,10 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
         @wraps(function)
         def checked(*arguments, **options):
-            bound = known.bind(*arguments, **options)
+            try:
+                bound = known.bind(*arguments, **options)
+            except TypeError:
+                return function(*arguments, **options)  # whose own error names it
             bound.apply_defaults()
             for name, check in checks.items():
                 value = bound.arguments[name]

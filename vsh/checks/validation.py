@@ -248,7 +248,9 @@ def select_usable(
         error.notes = (note,)
         raise error
     if on_bad == "raise":
-        raise FieldError(f'{said}. Mend them, or leave them out with on_bad="drop" (--on-bad drop)')
+        raise FieldError(
+            f'{said}; rows are counted from 0. Mend them, or leave them out with on_bad="drop" (--on-bad drop)'
+        )
     return ~bad, (note,)
 
 

@@ -4,11 +4,13 @@ import re
 
 import numpy as np
 import pytest
+from conftest import random_field
 
 import fit
 import sim
 from fit.output import amplitude, direction, html_report, pulls, vector_rows, vectors_of
 from vsh import Field, Vector
+from vsh.errors import ParameterError
 
 TRUTH = {"spin": Vector([3, -4, 5], np.zeros((3, 3))), "acceleration": Vector([0, -4, -2], np.zeros((3, 3)))}
 
@@ -77,3 +79,21 @@ def test_the_cross_check_takes_one_line_unless_it_fails(solution):
     assert "CROSS-CHECK FAILED" in failed
     assert "frame, QR" in failed
     assert "THEY DO NOT AGREE" in html_report(solution, {}, check=replace(check, largest=1e-3))
+
+
+def test_a_report_is_for_coefficients():
+    """Each ended in an AttributeError; Clipped has a solution to report."""
+    field = random_field(200, 1)
+    clipped = fit.clip(field, 1)
+    assert fit.report(clipped) == clipped.report()
+    for other in (fit.solve_frame(field), fit.solve_matrix_free(field, 2, progress=False)):
+        with pytest.raises(ParameterError, match=f"not a {type(other).__name__}: use its own"):
+            fit.report(other)
+    with pytest.raises(ParameterError, match="not a Field"):
+        fit.report(field)
+
+
+def test_large_values_do_not_run_together():
+    field = random_field(200, 1)
+    text = fit.report(fit.fit_field(field._with(motion=field.motion * 1e5), 1))
+    assert re.search(r"^spin( +[+-]\d+\.\d+ ± \d+\.\d+){3}  +\d", text, re.M)

@@ -219,3 +219,24 @@ def test_wrong_arguments(arguments, message):
 def test_what_is_no_table():
     with pytest.raises(TableError, match="a float is no table"):
         read_field(3.0)
+
+
+def test_units_that_differ_are_noted():
+    """µas fitted with errors in mas passed without a word: χ²/dof 0.000."""
+    bad = table()
+    for name in ("pmra", "pmdec"):
+        bad[name].unit = "uas / yr"
+    (note,) = (note for note in read_field(bad).notes if "different units" in note)
+    assert "pmdec in units of 0.001 mas/yr, pmra_error in units of 1 mas/yr" in note
+    assert not any("different units" in note for note in read_field(table()).notes)
+
+
+def test_every_missing_column_is_named():
+    bad = table()
+    bad.remove_columns(["pmra", "pmdec_error"])
+    with pytest.raises(TableError, match="no column 'pmra'.*missing too: pmdec_error. Say which"):
+        read_field(bad)
+    bad = table()
+    bad.rename_column("ra", "RA")
+    with pytest.raises(TableError, match="no column 'ra'.*nearest: RA. Say"):
+        read_field(bad)
