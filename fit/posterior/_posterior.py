@@ -97,7 +97,7 @@ class Posterior(SampleResult):
         -------
         Samples
         """
-        return Samples(self.samples, self.frame, tuple(map(str, self.notes)), self.model.priors.describe(), self.seed)
+        return Samples(self.samples, self.frame, tuple(map(str, self.notes)), self.model.priors.in_words(), self.seed)
 
     def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
         """Write the samples as a table, a column each; `Posterior.read` reads them back bit for bit, as `Samples`.

@@ -169,10 +169,25 @@ class ModelPriors:
         return {"H0": self.hubble, "peculiar_dispersion": self.peculiar_dispersion, "excess_noise": self.excess_noise}
 
     def describe(self) -> dict[str, str]:
-        """In words, for the fingerprint of a chain and for reports."""
+        """Every digit of them, for the fingerprint of a chain."""
         return {"velocity": self.velocity.name} | {
             name: repr(getattr(self, name)) for name in ("hubble", "peculiar_dispersion", "excess_noise")
         }
+
+    def in_words(self) -> dict[str, str]:
+        """For reports."""
+        return {"velocity": self.velocity.words or self.velocity.name} | {
+            name: _in_words(getattr(self, name)) for name in ("hubble", "peculiar_dispersion", "excess_noise")
+        }
+
+
+def _in_words(prior):
+    if isinstance(prior, Flat):
+        return f"flat from {prior.low:g} to {prior.high:g}"
+    if isinstance(prior, Normal):
+        bounded = np.isfinite([prior.low, prior.high]).any()
+        return f"{prior.mean:g} ± {prior.sigma:g}" + (f", from {prior.low:g} to {prior.high:g}" if bounded else "")
+    return f"{prior:g}" if isinstance(prior, float) else repr(prior)
 
 
 def checked_priors(priors: Priors, frame: str) -> ModelPriors:

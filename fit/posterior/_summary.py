@@ -178,9 +178,8 @@ def text_of(posterior: Any) -> str:
     steps, walkers, _ = posterior.chain.shape
     slowest = max(posterior.autocorrelation.values())
     priors = posterior.model.priors
-    said = priors.describe() | ({"velocity": priors.velocity.words} if priors.velocity.words else {})
     lines = [
-        *heading(posterior.frame, said),
+        *heading(posterior.frame, priors.in_words()),
         f"chain          {steps} steps of {walkers} walkers = {steps / slowest:.0f} autocorrelation times",
         f"               {len(posterior.samples['H0'])} samples kept after burn-in and thinning",
     ]
@@ -199,7 +198,9 @@ def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
     """
     dispersion = priors["peculiar_dispersion"]
     fixed = (
-        "fixed: in the weights alone" if dispersion[0].isdigit() else "free: the scatter bears on its product with H0"
+        "fixed: in the weights alone"
+        if dispersion.replace(".", "").isdigit()
+        else "free: the scatter bears on its product with H0"
     )
     return [
         f"Posterior ({frame} axes, velocity toward the apex)",

@@ -63,4 +63,8 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
         )
         line += f"{'–' if permuted is None else p_value(permuted):>10}"
         lines.append(f"{line}  {'contradicted' if believed < _REMARKABLE else 'not contradicted'}")
+    if p_values is None and binned.modes.lmax == 1 and len(binned) > 1:
+        lines.append(
+            "permuted: not computed here (fit.redshift.permutation_test does; vsh-redshift up to 20000 sources)"
+        )
     return "\n".join([*lines, *note_lines(binned.notes)]) + "\n"

@@ -68,7 +68,7 @@ def test_other_options(path, capsys):
     assert main([str(path), *arguments]) == 0
     assert "dispersion" in capsys.readouterr().out
     assert main([str(path), "--posterior", "--h0", "70", "--h0-error", "2"]) == 0
-    assert "H0: Normal(mean=70.0, sigma=2.0" in capsys.readouterr().out
+    assert "H0: 70 ± 2 km/s/Mpc" in capsys.readouterr().out
     assert main([str(path), "--bins", "3", "--lmax", "2", "--shared-higher-degrees"]) == 0
     assert "degree 1 to 2" in capsys.readouterr().out
 
