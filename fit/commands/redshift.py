@@ -208,7 +208,11 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--free-spin", action="store_true", help="fit the spin of the frame as well")
     posterior = parser.add_argument_group("posterior of our velocity and H0")
-    posterior.add_argument("--posterior", action="store_true", help="sample it; velocity: Planck's or --velocity")
+    posterior.add_argument(
+        "--posterior",
+        action="store_true",
+        help="sample it; prior on the velocity: Planck's or --velocity; on H0: flat, or by --h0-error or --h0-range",
+    )
     posterior.add_argument("--n-samples", type=parsing.count(1), default=400_000, metavar="N", help="default: 400000")
     posterior.add_argument(
         "--checkpoint", metavar="FILE", help="keep the chain here; an interrupted run resumes from it"
