@@ -43,8 +43,12 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
         f"sources        {solution.n_data // 2}",
         f"frame          {solution.frame}",
         f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights",
-        f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {quality.reduced:.3f}",
     ]
+    if np.isnan(solution.values).all():
+        lines += ["", "errors that a fit would have"]
+        lines += [f"{name:14}{sigma:>12.4g}" for name, sigma in zip(solution.names, solution.sigma, strict=True)]
+        return "\n".join([*lines, *_correlations(solution), *note_lines(solution.notes)]) + "\n"
+    lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {quality.reduced:.3f}")
     if quality.warning():
         lines.append(f"warning        {quality.warning()}")
         if quality.factor > 1:
@@ -54,12 +58,16 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
         rows.insert(2, _truth(solution, truth))  # below the components, or H0
     lines += ["", *rows, ""]
     a = solution.acceleration
-    lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| = {amplitude(a)} µas/yr")
+    lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| {_equal(amplitude(a))} µas/yr")
     lines.append(f"{'':14}{direction(a.to_frame('galactic'))}")
-    lines += ["", "Correlations", f"{'':8}" + "".join(f"{name:>8}" for name in solution.names)]
+    return "\n".join([*lines, *_correlations(solution), *note_lines(solution.notes)]) + "\n"
+
+
+def _correlations(solution):
+    lines = ["", "Correlations", f"{'':8}" + "".join(f"{name:>8}" for name in solution.names)]
     for name, row in zip(solution.names, solution.correlation, strict=True):
         lines.append(f"{name:8}" + "".join(f"{value:+8.3f}" for value in row))
-    return "\n".join([*lines, *note_lines(solution.notes)]) + "\n"
+    return lines
 
 
 def _velocity(solution, quality):
@@ -69,7 +77,7 @@ def _velocity(solution, quality):
     from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
     return [
         f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (galaxies move toward the antapex) [km/s]",
-        f"{'velocity':14}{_cells(components(v, 1))}  |v| = {amplitude(v, 1)}",
+        f"{'velocity':14}{_cells(components(v, 1))}  |v| {_equal(amplitude(v, 1))}",
         f"{'galactic':14}{_cells(components(galactic, 1))}",
         f"{'apex':14}{direction(galactic)}; noise-debiased |v| {v.debiased_amplitude:.1f}",
         f"zero velocity: {_both(from_none, 3, quality)}",
@@ -83,6 +91,10 @@ def _both(chi2, dof, quality):
     if quality.factor > 1:
         said += f"; with scaled errors {p_value(chdtrc(dof, chi2 / quality.factor**2))}"
     return said
+
+
+def _equal(text):
+    return text if text.startswith("<") else f"= {text}"
 
 
 def _cells(cells):

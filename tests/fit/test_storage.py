@@ -33,6 +33,8 @@ def results():
         "velocity": observer_velocity(galaxies, 67.3, spin=spin),
         "velocity and spin": observer_velocity(galaxies, 67.3, spin="free"),
         "hubble": hubble_constant(galaxies, PLANCK_2018),
+        "velocity to come": fit.secular_parallax.predict(galaxies)[0],
+        "hubble to come": fit.secular_parallax.predict(galaxies)[1],
         "bins": binned(binning, 2, 2),
         "common": binned(binning, 2, 2, shared_higher_degrees=True),
         "correlations": correlation_matrices({"one": field, "two": random_field(300, 3)}, 2),
@@ -54,7 +56,7 @@ def results():
 NAMES = (
     *("solution", "clipped", "prediction", "frame", "velocity", "velocity and spin", "hubble", "bins", "common"),
     *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
-    *("eigenmodes", "keeping", "without a matrix", "grid", "samples"),
+    *("velocity to come", "hubble to come", "eigenmodes", "keeping", "without a matrix", "grid", "samples"),
 )
 
 
