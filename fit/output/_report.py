@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from fit.output._rows import components, direction, is_scaled, power_rows, vector_rows, vectors_of
-from fit.solution import AboutSolution, Solution
 from fit.spectrum import HarmonicResult
 from vsh.checks.notes import printable
 from vsh.errors import ParameterError
@@ -41,11 +40,10 @@ def report(
     ParameterError
         If it is another kind of result, which has a `report()` of its own.
     """
-    if not isinstance(solution, Solution):
-        if not isinstance(solution, AboutSolution):
-            raise ParameterError(f"fit.report is for solutions for coefficients, not a {type(solution).__name__}"
-                                 + (": use its own, .report()" if hasattr(solution, "report") else ""))  # fmt: skip
-        solution = solution.solution
+    solution = getattr(solution, "solution", solution)  # of a result about one
+    if not hasattr(solution, "errors_from"):  # coefficients with a covariance say where it is from
+        own = ": use its own, .report()" if hasattr(solution, "report") else ""
+        raise ParameterError(f"fit.report is for solutions for coefficients, not a {type(solution).__name__}{own}")
     sections = [_heading(solution, source)]
     if np.isnan(solution.coefficients.values).all():
         sections.append(_predicted(solution))
