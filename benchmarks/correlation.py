@@ -13,7 +13,7 @@ def main(n=1_600_000):
     field = Field.without_motions(sim.quasars(n, 1, "igql"), 300.0)
     total = time.perf_counter()
     for words, call in (
-        ("correlation map, degree 10", lambda: correlation_matrices(field, 10)),
+        ("correlation matrices, degree 10", lambda: correlation_matrices(field, 10)),
         ("influence map, degree 10, nside 32", lambda: influence_map(field, 10, ("omega_y", "a_x"), 32)),
         ("leakage of degrees 11 to 20", lambda: leakage(field, 10, 20)),
     ):

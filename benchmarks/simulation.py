@@ -16,7 +16,7 @@ import fit
 import sim
 from fit.secular_parallax import observer_velocity
 
-PLANCK_2013 = {"gums": (0.144, 0.147, 0.159, 0.145, 0.146, 0.159), "igql": (0.171, 0.167, 0.211, 0.172, 0.167, 0.211)}
+PAPER = {"gums": (0.144, 0.147, 0.159, 0.145, 0.146, 0.159), "igql": (0.171, 0.167, 0.211, 0.172, 0.167, 0.211)}
 TIES = [[0.002, 0.444, -0.330], [-0.444, -0.004, -0.262], [0.328, 0.264, 0.002]]
 
 
@@ -36,7 +36,7 @@ def main(n=500_000):
         print(f"{sky}: {field.notes[0]}; variability {variability}: {seconds:.1f} s, peak memory {peak:.2f} GiB")
         scaled = found.sigma * np.sqrt(n / 500_000)
         print(
-            f"  σ of ω, ã  {scaled}\n  paper      {np.array(PLANCK_2013[sky])}\n  ratio      {scaled / PLANCK_2013[sky]}"
+            f"  σ of ω, ã  {scaled}\n  paper      {np.array(PAPER[sky])}\n  ratio      {scaled / PAPER[sky]}"
         )
         print(f"  ã          {found.acceleration.value} ± {found.acceleration.sigma}")
         if sky == "igql":
