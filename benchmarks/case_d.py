@@ -26,7 +26,7 @@ def main(n=500_000):
     law = sim.NominalScanningLaw(dead_time=0.06, rng=2)
     sigma, rho = errors_by_place(quasars.magnitude, quasars.lon, quasars.lat, law, release="paper")
     field = Field(quasars.lon, quasars.lat, np.zeros((2, n)), sigma, rho).to_frame("galactic")
-    print(correlation_matrices(field).text())
+    print(correlation_matrices(field).report())
 
     true = Field.without_motions(field)._with(motion=sim.acceleration(TRUTH)(field.lon, field.lat))
     rng = np.random.default_rng(3)

@@ -35,9 +35,7 @@ def main(n=500_000):
         found = fit.solve_frame(field.to_frame("galactic"))
         print(f"{sky}: {field.notes[0]}; variability {variability}: {seconds:.1f} s, peak memory {peak:.2f} GiB")
         scaled = found.sigma * np.sqrt(n / 500_000)
-        print(
-            f"  σ of ω, ã  {scaled}\n  paper      {np.array(PAPER[sky])}\n  ratio      {scaled / PAPER[sky]}"
-        )
+        print(f"  σ of ω, ã  {scaled}\n  paper      {np.array(PAPER[sky])}\n  ratio      {scaled / PAPER[sky]}")
         print(f"  ã          {found.acceleration.value} ± {found.acceleration.sigma}")
         if sky == "igql":
             print(

@@ -45,7 +45,9 @@ def open_votable(path: PathName, label: str) -> TableSource:
                 info for resource in document.resources for info in _infos(resource) if info.name == "QUERY_STATUS"
             ]
         except Exception as error:  # whatever a damaged file makes of a reader
-            raise TableError(f"{label} cannot be read as VOTable: {first_line(error)}. It may be truncated: fetch it again") from error
+            raise TableError(
+                f"{label} cannot be read as VOTable: {first_line(error)}. It may be truncated: fetch it again"
+            ) from error
     for warning in caught:
         if _LOSSES.search(str(warning.message)) or "truncated" in str(warning.message):
             raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
