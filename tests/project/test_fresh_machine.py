@@ -24,7 +24,7 @@ def test_imports_warn_of_nothing_in_an_empty_home(code, tmp_path):
 
 def test_versions_are_locked_and_floors_are_tested():
     """Fault A2: `make test-oldest` installs the lowest versions that setup.cfg declares."""
-    floors = dict(re.findall(r"^ {4}(\w[\w-]*)>=([\d.]+)$", (ROOT / "setup.cfg").read_text(), re.MULTILINE))
+    floors = dict(re.findall(r"^[ \t]+(\w[\w-]*)>=([\d.]+)$", (ROOT / "setup.cfg").read_text(), re.MULTILINE))
     oldest = dict(re.findall(r"^([\w-]+)==([\d.]+)$", (ROOT / "requirements" / "oldest.txt").read_text(), re.MULTILINE))
     for name in (
         "numpy",
