@@ -8,7 +8,7 @@ from fit import frame, robust, spectrum
 from fit.check import CrossCheck, cross_check
 from fit.frame import FrameSolution, solve_frame
 from fit.matrix_free import MatrixFreeSolution, solve_matrix_free
-from fit.normal import NormalEquations, gaussian_prior, normal_equations
+from fit.normal import Moments, NormalEquations, gaussian_prior, normal_equations
 from fit.output import report
 from fit.robust import Clipped, clip
 from fit.solution import Solution
@@ -22,6 +22,7 @@ __all__ = [
     "CrossCheck",
     "FrameSolution",
     "MatrixFreeSolution",
+    "Moments",
     "NormalEquations",
     "Solution",
     "clip",

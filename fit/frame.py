@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_triangular, svdvals
 
-from fit.linear import NamedSolution
+from fit.named import NamedSolution
 from vsh.checks.notes import merge_notes
 from vsh.errors import DegeneracyError, FieldError, FrameError
 from vsh.field import Field

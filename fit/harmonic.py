@@ -25,6 +25,8 @@ class HarmonicSolution(LinearSolution):
     """
 
     coefficients: Coefficients
+    #: Where the covariance is from; of a solution that has one.
+    errors_from: str
     #: Of a covariance that was not estimated from replicates.
     covariance_dof: float = float("inf")
 
@@ -32,6 +34,11 @@ class HarmonicSolution(LinearSolution):
     def modes(self) -> Modes:
         """The Modes that were fitted."""
         return self.coefficients.modes
+
+    @property
+    def scaled(self) -> HarmonicSolution:
+        """The same solution; one with a covariance may scale its errors."""
+        return self
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -1,22 +1,17 @@
-"""What all linear least-squares solutions have in common, and those whose parameters have names."""
+"""What all linear least-squares solutions have in common."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from fit.quality import Quality
-from fit.storage import Result, count, exact, number
-from vsh import tables
-from vsh.checks.arrays import covariance, float_array
-from vsh.errors import TableError
+from fit.storage import Result
 from vsh.field import Field
-from vsh.sky.frames import check_frame
-from vsh.types import Figure, FloatArray, Table
-from vsh.vector import Vector, correlation_of
+from vsh.types import FloatArray
+from vsh.vector import correlation_of
 
 
 class LinearSolution(Result):
@@ -108,123 +103,3 @@ class LinearSolution(Result):
         """
         field.check_frame(self.frame)
         return field.minus(self.model(field))
-
-
-@dataclass(frozen=True, eq=False)
-class NamedSolution(LinearSolution):
-    """A least-squares solution for named parameters.
-
-    Attributes
-    ----------
-    names : tuple of str
-    values : (p,) array
-        In the order of `names`.
-    covariance : (p, p) array
-    chi2 : float
-    n_data : int
-        Two a source.
-    frame : str
-        Of the axes.
-    notes : tuple of str
-        What the reader should know of the data.
-    """
-
-    names: tuple[str, ...]
-    values: FloatArray
-    covariance: FloatArray
-    chi2: float
-    n_data: int
-    frame: str
-    notes: tuple = ()
-
-    def __post_init__(self) -> None:
-        """Check what a file or a caller may have mixed up.
-
-        Raises
-        ------
-        ParameterError
-            If values or covariance do not go with the names.
-        """
-        size = len(self.names)
-        object.__setattr__(self, "values", float_array("the values", self.values, (size,), finite=False))
-        object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, size))
-        super().__post_init__()
-
-    def _pack(self):
-        columns = {
-            "parameter": list(self.names),
-            "value": self.values,
-            "sigma": self.sigma,
-            "covariance": self.covariance,
-        }
-        rest = {name: _packed(getattr(self, name)) for name in self.__dataclass_fields__
-                if name not in ("names", "values", "covariance")}  # fmt: skip
-        return columns, rest, {}
-
-    @classmethod
-    def _unpack(cls, columns, rest):
-        options = {name: _unpacked(rest[name]) for name in cls.__dataclass_fields__ if name in rest}
-        options["n_data"], options["frame"] = count(options["n_data"]), check_frame(options["frame"])
-        names = tuple(columns["parameter"].tolist())
-        if len(set(names)) < len(names):
-            raise TableError("names of parameters repeat")
-        return cls(names=names, values=columns["value"], covariance=columns["covariance"], **options)
-
-    @property
-    def spin(self) -> Vector | None:
-        """ω, a Vector in µas/yr, or None where it is not among the parameters."""
-        return self._vector("omega") if "omega_x" in self.names else None
-
-    @property
-    def acceleration(self) -> Vector:
-        """ã, a Vector in µas/yr."""
-        return self._vector("a")
-
-    def to_table(self) -> Table:
-        """Parameters with their errors and correlations as an astropy Table, a row each.
-
-        Returns
-        -------
-        Table
-        """
-        columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
-        columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
-        return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
-
-    def plot(self) -> Figure:
-        """The correlation matrix of the parameters as a matplotlib figure.
-
-        Returns
-        -------
-        Figure
-        """
-        from fit.output import plot_correlation
-
-        return plot_correlation(self)
-
-    def _vector(self, name, unit="µas/yr"):
-        start = self.names.index(f"{name}_x")
-        part = slice(start, start + 3)
-        return Vector(self.values[part], self.covariance[part, part], self.frame, unit)
-
-
-def _packed(value):
-    """A plain value, to the last bit."""
-    if isinstance(value, Vector):
-        return {"value": list(map(exact, value.value)), "covariance": [list(map(exact, row)) for row in value.covariance],
-                "frame": value.frame, "unit": value.unit}  # fmt: skip
-    if isinstance(value, (float, np.floating)):
-        return exact(value)
-    return list(map(str, value)) if isinstance(value, tuple) else value
-
-
-def _unpacked(value):
-    if isinstance(value, dict):
-        three = [number(x) for x in value["value"]]
-        return Vector(
-            three, [[number(x) for x in row] for row in value["covariance"]], value["frame"], str(value["unit"])
-        )
-    if isinstance(value, list):
-        return tuple(map(str, value))
-    is_hex = isinstance(value, str) and value.lstrip("-").startswith(("0x", "nan", "inf"))
-    return number(value) if is_hex else value

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
-
-import numpy as np
 
 from fit.harmonic import HarmonicSolution
 from fit.storage import Result, coefficient_columns, count, exact, number, words
@@ -16,7 +13,6 @@ from vsh.coefficients import Coefficients
 from vsh.modes import Modes
 from vsh.sky.frames import check_frame
 from vsh.types import Figure, FloatArray, Table
-from vsh.vector import correlation_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,16 +116,6 @@ class Solution(HarmonicSolution):
         if factor == 1.0 or self.errors_from != "the catalogue":
             return self
         return replace(self, covariance=self.covariance * factor**2, errors_from=f"the catalogue, times {factor:.3g}")
-
-    @cached_property
-    def sigma(self) -> FloatArray:
-        """Standard error of each coefficient, (p,). [µas/yr]"""
-        return np.sqrt(np.diag(self.covariance))
-
-    @cached_property
-    def correlation(self) -> FloatArray:
-        """Correlation matrix of the coefficients, (p, p)."""
-        return correlation_of(self.covariance)
 
     def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up.

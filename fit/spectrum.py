@@ -2,163 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
-from fit.quality import Quality, normal_deviate
-from vsh import Coefficients, Field, Modes, Vector
+from fit.harmonic import HarmonicSolution
+from fit.quality import normal_deviate
 from vsh.modes import KINDS
-from vsh.types import FloatArray, Kind
 
 __all__ = [
     "Degree",
-    "HarmonicResult",
     "spectrum",
     "wilson_hilferty",
 ]
-
-
-class HarmonicResult(Protocol):
-    """What a spectrum and a report need of a solution."""
-
-    @property
-    def modes(self) -> Modes:
-        """The Modes that were fitted."""
-
-    @property
-    def coefficients(self) -> Coefficients:
-        """The best fit. [µas/yr]"""
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Of the coefficients, (p, p). [(µas/yr)²]"""
-
-    @property
-    def correlation(self) -> FloatArray:
-        """Of the coefficients, (p, p)."""
-
-    @property
-    def spin(self) -> Vector:
-        """ω. [µas/yr]"""
-
-    @property
-    def acceleration(self) -> Vector:
-        """ã. [µas/yr]"""
-
-    @property
-    def chi2(self) -> float:
-        """Of the residuals."""
-
-    @property
-    def reduced_chi2(self) -> float:
-        """χ² per degree of freedom."""
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom."""
-
-    @property
-    def quality(self) -> Quality:
-        """What χ² says of the errors."""
-
-    @property
-    def n_data(self) -> int:
-        """Data points: two a source."""
-
-    @property
-    def frame(self) -> str:
-        """Of the axes."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the reader should know of the data."""
-
-    @property
-    def covariance_dof(self) -> float:
-        """With how many degrees of freedom the covariance was estimated; inf where it was not."""
-
-    @property
-    def errors_from(self) -> str:
-        """Where the covariance comes from."""
-
-    @property
-    def scaled(self) -> HarmonicResult:
-        """The same with errors scaled where χ² asks for it."""
-
-    def noise_power(self, kind: Kind, l: int) -> float:
-        """The power that noise alone gives on average.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
-
-        Returns
-        -------
-        float
-        """
-
-    def power_error(self, kind: Kind, l: int) -> float:
-        """Standard error of the power.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
-
-        Returns
-        -------
-        float
-        """
-
-    def p_value(self, kind: Kind, l: int) -> float:
-        """Of as much signal from noise alone.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
-
-        Returns
-        -------
-        float
-        """
-
-    def chi2_of_degree(self, kind: Kind, l: int) -> float:
-        """cᵀ C⁻¹ c of one kind and degree.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
-
-        Returns
-        -------
-        float
-        """
-
-    def residuals(self, field: Field) -> Field:
-        """The field less the fit.
-
-        Parameters
-        ----------
-        field : Field
-            In the frame of the solution.
-
-        Returns
-        -------
-        Field
-        """
 
 
 class Degree(NamedTuple):
@@ -186,7 +43,7 @@ class Degree(NamedTuple):
         return self.power - self.noise
 
 
-def spectrum(solution: HarmonicResult) -> list[Degree]:
+def spectrum(solution: HarmonicSolution) -> list[Degree]:
     """Every kind and degree of a solution, a list of Degree: T first, then S.
 
     Parameters

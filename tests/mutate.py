@@ -106,7 +106,7 @@ BREAKS = [
         "np.linalg.slogdet(even)[1]) / 2",
         "test_planning.py",
     ),
-    ("fit/correlation/_influence.py", "rho / 2 * (product(g, g)", "rho * (product(g, g)", "test_influence.py"),
+    ("fit/correlation/_influence.py", "rho / 2 * own", "rho * own", "test_influence.py"),
     (
         "sim/signal/_galaxies.py",
         "return -np.stack([self.velocity @ p",

@@ -98,10 +98,12 @@ def _blame(correlation, field, label, pair, options):
     coarse, (lon, lat) = correlation.influence_map(field, options.lmax, pair, 2), np.degrees(centres(2))
     k = int(np.argmax(np.abs(coarse)))
     added = correlation.gain_of_sources(field, options.lmax, pair, 2, n_sources=options.add_sources)
-    at = int(np.argmin(np.abs(_target(correlation, field, options.lmax, pair) + added) if len(pair) == 2 else added))
-    what = f"ln σ² of {pair[0]}"
     if len(pair) == 2:
-        what = f"correlation of {pair[0]} and {pair[1]}, {_target(correlation, field, options.lmax, pair):+.4f}"
+        now = _correlation_of(correlation, field, options.lmax, pair)
+        what, left = f"correlation of {pair[0]} and {pair[1]}, {now:+.4f}", np.abs(now + added)
+    else:
+        what, left = f"ln σ² of {pair[0]}", added
+    at = int(np.argmin(left))
     return (
         f"{label}: {what}\n"
         f"  depends most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if its weight were doubled\n"
@@ -109,7 +111,7 @@ def _blame(correlation, field, label, pair, options):
     )
 
 
-def _target(correlation, field, lmax, pair):
+def _correlation_of(correlation, field, lmax, pair):
     from fit.correlation import named
     from vsh.vector import correlation_of
 
@@ -117,7 +119,9 @@ def _target(correlation, field, lmax, pair):
 
 
 def _leak(leak, label, options):
-    names = ("omega_x", "omega_y", "omega_z", "a_x", "a_y", "a_z")
+    from fit.correlation import parameters_of
+
+    names = parameters_of("spin+acceleration").names
     found = leak.bias_of(names, options.power_per_degree)
     cells = ", ".join(f"{name} {value:.3g}" for name, value in found.items())
     first = leak.fitted.lmax + 1

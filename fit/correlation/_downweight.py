@@ -138,16 +138,14 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
         return np.linalg.slogdet(c)[1], -np.einsum("ij,kji->k", c, parts)
 
     def slack(keep):
-        c = covariance(keep)
-        sigma = np.sqrt(np.diag(c))
-        rho = (c / np.outer(sigma, sigma))[pairs]
+        rho = correlation_of(covariance(keep))[pairs]
         return np.concatenate([limit - rho, limit + rho])
 
     def slope(keep):
         c = covariance(keep)
         sigma = np.sqrt(np.diag(c))
         change = -c @ parts @ c
-        rho = c / np.outer(sigma, sigma)
+        rho = correlation_of(c)
         relative = np.einsum("kii->ki", change) / np.diag(c)
         d_rho = change / np.outer(sigma, sigma) - rho / 2 * (relative[:, :, None] + relative[:, None, :])
         d_rho = d_rho[:, pairs[0], pairs[1]].T

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._parameters import named
+from fit.correlation._parameters import FRAME_NAMES, named
 from fit.normal import normal_equations
 from fit.solution import Solution
 from fit.solve import solve
@@ -42,7 +42,7 @@ class Prediction(Solution):
     @property
     def largest(self) -> tuple[float, tuple[str, str]]:
         """The largest correlation among spin and acceleration, and the pair it is of."""
-        pair = named([f"{v}_{axis}" for v in ("omega", "a") for axis in "xyz"], self.modes)
+        pair = named(FRAME_NAMES, self.modes)
         correlation = correlation_of(pair.covariance(self.covariance))
         i, j = np.unravel_index(np.argmax(np.abs(correlation - np.eye(6))), (6, 6))
         return float(correlation[i, j]), (pair.names[i], pair.names[j])

@@ -115,7 +115,7 @@ def gain_of_sources(
     if quantity == "value":
         raise ParameterError("added sources have no motions: the change of a value cannot be predicted")
     field = Field.without_motions(sources)
-    sigma = float(np.median(field.sigma)) if sigma is None else float(sigma)
+    sigma = float(np.median(field.sigma)) if sigma is None else sigma
     lon, lat = centres(nside)
     covariance, first, second, chosen = _prepared(field, modes, parameters)
     v = harmonics(lon, lat, chosen.modes)
@@ -146,17 +146,18 @@ def _by_source(field, modes, parameters, quantity):
     if quantity is not None:
         raise ParameterError(f'quantity is None or "value", not {quantity!r}')
     h = None if second is None else at_sources(Coefficients(chosen.modes, covariance @ second), field)
-    return _change(covariance, first, second, g, h, field.inner)
+    return _change(covariance, first, second, g, h, field)
 
 
-def _change(covariance, first, second, g, h, product):
+def _change(covariance, first, second, g, h, field):
     """dρ, or d ln σ² where there is one parameter only."""
     c_ii = first @ covariance @ first
     if second is None:
-        return -product(g, g) / c_ii
+        return -field.inner(g, g) / c_ii
     c_jj, c_ij = second @ covariance @ second, first @ covariance @ second
     rho = c_ij / np.sqrt(c_ii * c_jj)
-    return -product(g, h) / np.sqrt(c_ii * c_jj) + rho / 2 * (product(g, g) / c_ii + product(h, h) / c_jj)
+    own = field.inner(g, g) / c_ii + field.inner(h, h) / c_jj
+    return -field.inner(g, h) / np.sqrt(c_ii * c_jj) + rho / 2 * own
 
 
 def _prepared(field, modes, parameters):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._parameters import check_lower, named
+from fit.correlation._parameters import FRAME_NAMES, check_lower, named
 from fit.normal import normal_equations
 from fit.solve import solve
 from fit.storage import Result, words
@@ -130,8 +130,7 @@ class Leakage(Result):
         -------
         str
         """
-        names = ("omega_x", "omega_y", "omega_z", "a_x", "a_y", "a_z")
-        cells = ", ".join(f"{name} {value:.3g}" for name, value in self.bias_of(names, 1.0).items())
+        cells = ", ".join(f"{name} {value:.3g}" for name, value in self.bias_of(FRAME_NAMES, 1.0).items())
         return f"{self!r}: rms bias by a power of 1 (µas/yr)² in each [µas/yr]\n  {cells}\n"
 
     def plot(self) -> Figure:

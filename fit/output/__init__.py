@@ -21,7 +21,7 @@ from fit.output._rows import (
 )
 
 if TYPE_CHECKING:
-    from fit.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum
+    from fit.output._figures import plot_correlation, plot_moments, plot_power, plot_residuals, plot_spectrum
 
 __all__ = [
     "WIDTH",
@@ -35,6 +35,7 @@ __all__ = [
     "note_lines",
     "p_value",
     "plot_correlation",
+    "plot_moments",
     "plot_power",
     "plot_residuals",
     "plot_spectrum",
@@ -50,7 +51,7 @@ __all__ = [
 ]
 
 # matplotlib is imported when a figure is first asked for.
-_FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum"]
+_FIGURES = ["plot_correlation", "plot_moments", "plot_power", "plot_residuals", "plot_spectrum"]
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_figures": _FIGURES})
 
 

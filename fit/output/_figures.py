@@ -7,10 +7,11 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fit.spectrum import HarmonicResult, spectrum
+from fit.harmonic import HarmonicSolution
+from fit.spectrum import spectrum
 from vsh.field import Field
 from vsh.modes import KINDS
-from vsh.sky.pixels import mean_map
+from vsh.sky.pixels import centres, mean_map
 from vsh.sky.plot import draw_map, sky_axes
 from vsh.types import Figure
 
@@ -18,7 +19,7 @@ _COLOURS = {"T": "#c55a11", "S": "#0b5394"}
 _NAMES = {"T": "toroidal", "S": "spheroidal"}
 
 
-def plot_spectrum(solution: HarmonicResult) -> Figure:
+def plot_spectrum(solution: HarmonicSolution) -> Figure:
     """Power by degree and kind, with what noise alone gives on average.
 
     Parameters
@@ -112,7 +113,31 @@ def plot_correlation(solution: Any) -> Figure:
     return figure
 
 
-def plot_residuals(solution: HarmonicResult, field: Field, *, nside: int | None = None) -> Figure:
+def plot_moments(moments: Any) -> Figure:
+    """Where on the sky the weight of the sources is, as smooth as their moments have it.
+
+    Parameters
+    ----------
+    moments : Moments
+        What to draw.
+
+    Returns
+    -------
+    matplotlib figure
+    """
+    lat, weight = moments.on_sky()
+    lon_of, lat_of = centres(32)
+    ring = np.abs(lat_of[:, None] - lat).argmin(1)
+    column = np.round(lon_of / (2 * np.pi) * weight.shape[1]).astype(int) % weight.shape[1]
+    axes = sky_axes(moments.frame)
+    image = draw_map(axes, weight[ring, column], vmin=0, vmax=np.percentile(weight[ring, column], 99))
+    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
+    bar.set_label("weight of the sources  [(yr/µas)² a steradian]", fontsize=12)
+    axes.set_title(f"{moments.n_data // 2} sources, to degree {moments.lmax}", pad=16)
+    return axes.figure
+
+
+def plot_residuals(solution: HarmonicSolution, field: Field, *, nside: int | None = None) -> Figure:
     """Mean normalised residual χ²/2 in each HEALPix pixel: 1 where the errors are right.
 
     Parameters

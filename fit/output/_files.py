@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from fit.spectrum import HarmonicResult
+from fit.harmonic import HarmonicSolution
 from vsh import tables
 from vsh.field import Field
 from vsh.types import Figure, PathName
 
 
-def write_correlation(solution: HarmonicResult, path: PathName, meta: dict[str, Any] | None = None) -> None:
+def write_correlation(solution: HarmonicSolution, path: PathName, meta: dict[str, Any] | None = None) -> None:
     """Write the correlation matrix as a table, a row and a column for each coefficient.
 
     Parameters
@@ -30,7 +30,7 @@ def write_correlation(solution: HarmonicResult, path: PathName, meta: dict[str, 
     tables.write(path, columns, meta)
 
 
-def draw_figures(solution: HarmonicResult, field: Field) -> dict[str, Figure]:
+def draw_figures(solution: HarmonicSolution, field: Field) -> dict[str, Figure]:
     """The sky, the spectrum, the correlations and the residuals: a dict of matplotlib figures.
 
     Parameters
@@ -55,7 +55,7 @@ def draw_figures(solution: HarmonicResult, field: Field) -> dict[str, Figure]:
     }
 
 
-def write_figures(solution: HarmonicResult, field: Field, folder: PathName) -> list[Path]:
+def write_figures(solution: HarmonicSolution, field: Field, folder: PathName) -> list[Path]:
     """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths.
 
     Parameters
@@ -76,7 +76,7 @@ def write_figures(solution: HarmonicResult, field: Field, folder: PathName) -> l
     return save_figures(draw_figures(solution, field), folder)
 
 
-def write_html(solution: HarmonicResult, field: Field, path: PathName, **about: Any) -> None:
+def write_html(solution: HarmonicSolution, field: Field, path: PathName, **about: Any) -> None:
     """Write a self-contained page with everything; `about` as for `fit.output.html_report`.
 
     Parameters

@@ -10,9 +10,9 @@ from html import escape
 from string import Template
 from typing import Any
 
+from fit.harmonic import HarmonicSolution
 from fit.output._report import AGREE, warnings_of
 from fit.output._rows import amplitude, components, direction, is_scaled, power_rows, vector_rows, vectors_of
-from fit.spectrum import HarmonicResult
 from vsh.types import Figure
 
 _PAGE = Template("""<!doctype html>
@@ -85,7 +85,7 @@ _CAPTIONS = {
 
 
 def html_report(
-    solution: HarmonicResult,
+    solution: HarmonicSolution,
     figures: dict[str, Figure],
     *,
     check: Any = None,

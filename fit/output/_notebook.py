@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from html import escape
 
+from fit.harmonic import HarmonicSolution
 from fit.output._rows import power_rows, vector_rows, vectors_of
-from fit.spectrum import HarmonicResult
 
 _SYMBOLS = {"spin": r"\omega", "acceleration": r"\tilde a"}
 
 
-def html_of(solution: HarmonicResult) -> str:
+def html_of(solution: HarmonicSolution) -> str:
     """Spin, acceleration and powers as HTML tables, for a notebook.
 
     Parameters
@@ -45,7 +45,7 @@ def _cells(cells):
     return "".join(f"<td>{escape(cell)}</td>" for cell in cells)
 
 
-def latex_of(solution: HarmonicResult) -> str:
+def latex_of(solution: HarmonicSolution) -> str:
     """Spin, acceleration and powers as a LaTeX table (booktabs).
 
     Parameters

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from fit.harmonic import HarmonicSolution
 from fit.output._rows import components, direction, is_scaled, power_rows, vector_rows, vectors_of
-from fit.spectrum import HarmonicResult
 from vsh.checks.notes import printable
 from vsh.errors import ParameterError
 
@@ -15,7 +15,7 @@ WIDTH = 88
 
 
 def report(
-    solution: HarmonicResult, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None
+    solution: HarmonicSolution, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None
 ) -> str:
     """Summarise a solution for a human; returns the text and prints nothing.
 
@@ -72,7 +72,7 @@ def _heading(solution, source):
     return "\n".join(lines)
 
 
-def warnings_of(solution: HarmonicResult) -> list[tuple[str, str]]:
+def warnings_of(solution: HarmonicSolution) -> list[tuple[str, str]]:
     """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence.
 
     Parameters

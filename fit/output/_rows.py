@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fit.spectrum import HarmonicResult, spectrum
+from fit.harmonic import HarmonicSolution
+from fit.spectrum import spectrum
 from vsh.types import FloatArray
 from vsh.vector import Vector
 
@@ -61,7 +62,7 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
     return rows
 
 
-def vectors_of(solution: HarmonicResult) -> dict[str, Vector]:
+def vectors_of(solution: HarmonicSolution) -> dict[str, Vector]:
     """Spin and acceleration of a solution by name.
 
     Parameters
@@ -171,7 +172,7 @@ class PowerRow(NamedTuple):
     mk_z: str
 
 
-def power_rows(solution: HarmonicResult) -> list[PowerRow]:
+def power_rows(solution: HarmonicSolution) -> list[PowerRow]:
     """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it.
 
     Parameters
@@ -221,7 +222,7 @@ def note_lines(notes: Iterable[str]) -> list[str]:
     return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []
 
 
-def is_scaled(solution: HarmonicResult) -> bool:
+def is_scaled(solution: HarmonicSolution) -> bool:
     """Whether p-values are shown twice: as quoted, and with scaled errors.
 
     Parameters

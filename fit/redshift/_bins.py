@@ -132,9 +132,6 @@ def equal_information(field: Field, n_bins: int) -> FloatArray:
     FieldError
         If there are no redshifts.
     """
-    n_bins = int(n_bins)
-    if n_bins < 1:
-        raise ParameterError(f"{n_bins} bins are none")
     field = with_redshift(field, 0.0)
     if len(field) < n_bins:
         raise DegeneracyError(f"{len(field)} sources do not fill {n_bins} bins")

@@ -8,7 +8,7 @@ from fit.redshift._contrasts import equality_chi2, slope_chi2
 from fit.redshift._solution import BinnedSolution
 from vsh.basis import harmonics
 from vsh.checks import arguments
-from vsh.checks.arguments import generator, whole
+from vsh.checks.arguments import generator
 from vsh.cosmology import FLOW_LIMIT, velocity_along, with_redshift
 from vsh.errors import ParameterError
 from vsh.field import Field
@@ -65,7 +65,7 @@ def permutation_test(
     """
     if binned.modes.lmax != 1:
         raise ParameterError(f"permutations are for bins of degree 1, not {binned.modes.lmax}")
-    rng, n_permutations = generator(rng), whole("n_permutations", n_permutations)
+    rng = generator(rng)
     field = with_redshift(field, 0.0)
     redshift = np.asarray(field.redshift)
     place = np.searchsorted(binned.edges, redshift, side="right") - 1

@@ -7,10 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fit.resample._resample import jackknife
 from vsh.checks import arguments
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
+from vsh.sky.pixels import pixels_of
 
 #: Blocks for each coefficient, at least: with fewer, leaving one out nearly undoes some coefficient, and errors
 #: grow with the blocks whatever the sources share (2.7 times at degree 5 and 12 blocks, with independent errors).
@@ -68,23 +70,19 @@ def compare_blocks(
         If no size can be used.
     """
     modes = as_modes(modes)
-    from fit.resample._resample import jackknife
-
-    rows, failed = [], None
+    needed, rows, failed = BLOCKS_PER_COEFFICIENT * len(modes), [], None
     for nside in nsides:
+        blocks = len(np.unique(pixels_of(field.lon, field.lat, nside)))
+        if blocks < needed:
+            failed = DegeneracyError(
+                f"{blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
+                f"{needed} are needed: fit a lower degree, or take smaller blocks"
+            )
+            continue
         try:
-            found = jackknife(field, modes, nside, progress=progress)
+            rows.append(_length(jackknife(field, modes, nside, progress=progress), nside))
         except DegeneracyError as error:
             failed = error
-            continue
-        row = _length(found, nside)
-        if row.blocks >= BLOCKS_PER_COEFFICIENT * len(modes):
-            rows.append(row)
-        else:
-            failed = DegeneracyError(
-                f"{row.blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
-                f"{BLOCKS_PER_COEFFICIENT * len(modes)} are needed: fit a lower degree, or take smaller blocks"
-            )
     if not rows:
         raise failed or DegeneracyError("no sizes of blocks were given")
     best = next(row for i, row in enumerate(rows) if all(not _grows(row, later) for later in rows[i + 1 :]))

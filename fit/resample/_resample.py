@@ -11,6 +11,7 @@ sky, above all a glide or a rotation of the frame, cannot be detected by any res
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from fit.normal import NormalEquations, normal_equations
 from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from vsh.checks import arguments
-from vsh.checks.arguments import between, generator, whole
+from vsh.checks.arguments import between, generator
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
@@ -129,7 +130,7 @@ class Resampled(AboutSolution):
         return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
 
 
-@arguments.accepts(field=arguments.a(Field), n_replicates=arguments.whole, rng=arguments.seed)
+@arguments.accepts(field=arguments.a(Field), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed)
 def bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng, *, progress: bool = True) -> Resampled:
     """Draw the sources again, each a Poisson number of times with mean 1.
 
@@ -155,7 +156,7 @@ def bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng, *, 
     modes = as_modes(modes)
     rng = generator(rng)
     solution = solve(normal_equations(field, modes))
-    replicates = np.empty((whole("n_replicates", n_replicates, 2), len(modes)))
+    replicates = np.empty((n_replicates, len(modes)))
     for replicate in _bar(replicates, progress, "bootstrap"):
         times = rng.poisson(1.0, len(field))
         drawn, times = field[times > 0], times[times > 0]
@@ -165,7 +166,7 @@ def bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng, *, 
     return Resampled("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-@arguments.accepts(field=arguments.a(Field), n_replicates=arguments.whole, rng=arguments.seed)
+@arguments.accepts(field=arguments.a(Field), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed)
 def parametric_bootstrap(field: Field, modes: Modes | int, n_replicates: int, rng: Rng) -> Resampled:
     """Draw the motions again, from the fit and the catalogue's errors.
 
@@ -183,12 +184,14 @@ def parametric_bootstrap(field: Field, modes: Modes | int, n_replicates: int, rn
     """
     modes = as_modes(modes)
     solution = solve(normal_equations(field, modes))
-    draws = generator(rng).standard_normal((whole("n_replicates", n_replicates, 2), len(modes)))
+    draws = generator(rng).standard_normal((n_replicates, len(modes)))
     replicates = solution.coefficients.values + draws @ np.linalg.cholesky(solution.covariance).T
     return Resampled("parametric bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-@arguments.accepts(field=arguments.a(Field), nside=arguments.whole, n_replicates=arguments.whole, rng=arguments.seed)
+@arguments.accepts(
+    field=arguments.a(Field), nside=arguments.whole, n_replicates=partial(arguments.whole, least=2), rng=arguments.seed
+)
 def block_bootstrap(
     field: Field, modes: Modes | int, nside: int, n_replicates: int, rng: Rng, *, progress: bool = True
 ) -> Resampled:
@@ -211,7 +214,7 @@ def block_bootstrap(
         If fewer than two blocks hold sources, or their matrices do not fit into memory.
     """
     modes = as_modes(modes)
-    rng, n_replicates = generator(rng), whole("n_replicates", n_replicates, 2)
+    rng = generator(rng)
     parts = _blocks(field, nside)
     p = len(modes)
     if len(parts) * p * p * 8 > MEMORY:

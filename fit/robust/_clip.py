@@ -86,7 +86,7 @@ def clip(
     square root of the first is 1.006, 1.108, 1.308 for κ = 3, 2, 1.5 (pulls within 5 % of 1).
     """
     modes = as_modes(modes)
-    given = positive("kappa" if threshold is None else "threshold", kappa if threshold is None else threshold)
+    given = positive("kappa", kappa) if threshold is None else threshold
     kept, seen = np.ones(len(field), bool), {}
     for rounds in range(1, max_rounds + 1):
         solution = solve(normal_equations(field[kept], modes))

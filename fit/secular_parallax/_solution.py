@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.linear import NamedSolution
+from fit.named import NamedSolution
 from fit.secular_parallax._report import text_of
 from vsh import Coefficients
 from vsh.cosmology import PLANCK_2018, transverse_distance

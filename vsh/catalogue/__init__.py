@@ -1,8 +1,9 @@
-"""Catalogues: from tables to fields and back, ICRF's positions, two catalogues matched."""
+"""Catalogues: from tables to fields and back, whole or in parts; ICRF's positions, two catalogues matched."""
 
 from vsh.catalogue._columns import GAIA, Columns
 from vsh.catalogue._icrf import read_icrf
 from vsh.catalogue._match import match
+from vsh.catalogue._parts import parts
 from vsh.catalogue._read import iter_fields, read_field, write_field
 from vsh.catalogue._sources import read_sources
 from vsh.catalogue._truth import truth_of
@@ -12,6 +13,7 @@ __all__ = [
     "Columns",
     "iter_fields",
     "match",
+    "parts",
     "read_field",
     "read_icrf",
     "read_sources",

@@ -11,13 +11,14 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
 from multiprocessing import parent_process
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
 from vsh.system.progress import progress_bar
 
 T = TypeVar("T")
+_NOTHING: Any = object()
 #: What `limited` set.
 _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
@@ -67,6 +68,21 @@ def end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def ahead(things: Iterator[T]) -> Iterator[T]:
+    """The same things, each made in a thread while the one before it is used.
+
+    Parameters
+    ----------
+    things : iterator
+        Of what takes time to make.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        following = pool.submit(next, things, _NOTHING)
+        while (thing := following.result()) is not _NOTHING:
+            following = pool.submit(next, things, _NOTHING)
+            yield thing
 
 
 @lru_cache

@@ -4,7 +4,7 @@ Every way a file can be unreadable ends in a TableError that names it.
 """
 
 from vsh.tables._fits import fits_checked
-from vsh.tables._open import FORMATS, format_of, open_table
+from vsh.tables._open import FORMATS, files_of, format_of, open_table
 from vsh.tables._source import TableSource
 from vsh.tables._write import as_table, check_writable, read, table_of, write, write_table
 
@@ -13,6 +13,7 @@ __all__ = [
     "TableSource",
     "as_table",
     "check_writable",
+    "files_of",
     "fits_checked",
     "format_of",
     "open_table",

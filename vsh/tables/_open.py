@@ -112,10 +112,41 @@ def _open_path(path):
 
 
 def _open_folder(path, label):
-    if (path / "collection.properties").exists():
-        raise TableError(
-            f"{label} is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
-        )
+    kind, files = _tables_in(path, label)
+    if kind == "parquet":
+        return open_parquet(files, label)
+    return chained(label, [_READERS[kind](file, printable(file)) for file in files])
+
+
+def files_of(path: PathName) -> list[Path]:
+    """The files that `open_table` would read from a path: those of a folder in the order of their names, or the file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, a folder of files, or a catalogue in HATS format.
+
+    Raises
+    ------
+    TableError
+        If it is neither, or a folder without tables or with tables of several formats.
+    """
+    path, label = Path(path), printable(path)
+    if path.is_dir():
+        return _tables_in(path, label)[1]
+    if not path.is_file():
+        raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
+    return [path]
+
+
+def _tables_in(path, label):
+    """The format and the files of a folder."""
+    path = _main_table(path, label)
+    if _is_hats(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
+        files = [each for each in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if each.is_file()]
+        if not files:
+            raise TableError(f"{label} is a catalogue in HATS format without partitions")
+        return "parquet", files
     kinds = {}
     for file in sorted(path.rglob("*")):
         inside = file.relative_to(path).parts
@@ -130,7 +161,22 @@ def _open_folder(path, label):
     if len(kinds) > 1:
         said = ", ".join(f"{len(files)} of {kind.removeprefix('ascii.')}" for kind, files in kinds.items())
         raise TableError(f"{label} holds tables of several formats ({said}): name a folder with those of one")
-    ((kind, files),) = kinds.items()
-    if kind == "parquet":
-        return open_parquet(files, label)
-    return chained(label, [_READERS[kind](file, printable(file)) for file in files])
+    return next(iter(kinds.items()))
+
+
+def _is_hats(path):
+    return (path / "hats.properties").is_file() or ((path / "properties").is_file() and (path / "dataset").is_dir())
+
+
+def _main_table(path, label):
+    """The folder of the main catalogue of a HATS collection, whose margin cache repeats sources; else the folder itself."""
+    properties = path / "collection.properties"
+    if not properties.is_file():
+        return path
+    pairs = (line.partition("=") for line in properties.read_text(encoding="utf-8", errors="replace").splitlines())
+    name = {key.strip(): value.strip() for key, _, value in pairs}.get("hats_primary_table_url", "")
+    if not name or not _is_hats(path / name):
+        raise TableError(
+            f"{label} is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
+        )
+    return path / name

@@ -69,12 +69,7 @@ def influence_of_part(field, keep):
     covariance, first, second, chosen = _prepared(field, 2, ("omega_x", "a_y"))
     part = field[keep]
     g, h = (Coefficients(chosen.modes, covariance @ row).at(part.lon, part.lat) for row in (first, second))
-    a, b, c = part.weights
-
-    def product(x, y):
-        return a * x[0] * y[0] + b * x[1] * y[1] + c * (x[0] * y[1] + x[1] * y[0])
-
-    return np.bincount(pixels_of(part.lon, part.lat, 4), _change(covariance, first, second, g, h, product), 192)
+    return np.bincount(pixels_of(part.lon, part.lat, 4), _change(covariance, first, second, g, h, part), 192)
 
 
 def test_removing_the_most_influential_region_lowers_the_correlation_as_predicted():

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from os import PathLike
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
-from vsh import Field, Modes
-from vsh.checks.arguments import choice
+from vsh import Modes
 from vsh.checks.arrays import float_array
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
-from vsh.errors import FieldError, FrameError, ModesError
+from vsh.errors import FrameError, ModesError
 from vsh.modes import as_modes
 from vsh.types import ArrayLike, FloatArray
-
-#: A normal matrix beyond this is refused. [bytes]
-MEMORY = 8 * 2**30
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,6 +59,20 @@ class NormalEquations(Frozen):
     def __radd__(self, other: Any) -> NormalEquations:
         return self if other == 0 else NotImplemented  # the start of sum()
 
+    def add_note(self, *notes: str) -> NormalEquations:
+        """The same equations with more that the reader of a result should know.
+
+        Parameters
+        ----------
+        *notes
+            Lines to add.
+
+        Returns
+        -------
+        NormalEquations
+        """
+        return replace(self, notes=merge_notes((*self.notes, *notes)))
+
     def _combine(self, other, sign):
         if not isinstance(other, NormalEquations):
             return NotImplemented
@@ -87,76 +94,6 @@ class NormalEquations(Frozen):
             self.frame or other.frame,
             merge_notes(self.notes, other.notes),
         )
-
-
-def normal_equations(
-    field: Field | Iterable[Field],
-    modes: Modes | int,
-    *,
-    method: Literal["auto", "design-matrix", "compressed"] = "auto",
-    threads: int | None = None,
-) -> NormalEquations:
-    """Sum a field, or a stream of fields, into normal equations.
-
-    Parameters
-    ----------
-    field : Field or iterable of Fields
-        The sources.
-    modes : Modes, or the degree lmax
-        What to fit.
-    method : {"auto", "design-matrix", "compressed"}
-        "design-matrix" sums the design matrix, exact to rounding; "compressed" sums the moments of
-        the weights and is as good to 1e-12, in a time that hardly grows with the degree.
-        "auto" takes what was measured to be faster (docs/performance.md).
-    threads : int, optional
-        How many; one a core unless given. The sum is taken in the order of the sources,
-        so the number of threads does not change a bit of it.
-
-    Returns
-    -------
-    NormalEquations
-
-    Raises
-    ------
-    FieldError
-        If a stream of fields holds none.
-    FrameError
-        If the fields of a stream stand in different frames.
-
-    Examples
-    --------
-    The whole is the sum of its parts:
-
-    >>> from vsh import Field
-    >>> rng = np.random.default_rng(1)
-    >>> field = Field(*rng.uniform(0, 1, (2, 100)), rng.normal(size=(2, 100)), np.ones((2, 100)))
-    >>> whole = normal_equations(field, Modes(2))
-    >>> np.allclose(whole.matrix, normal_equations([field[:30], field[30:]], Modes(2)).matrix)
-    True
-    """
-    modes = as_modes(modes)
-    choice("method", method, ("auto", "design-matrix", "compressed"))
-    if isinstance(field, (str, PathLike)):
-        raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or iter_fields")
-    if len(modes) ** 2 * 8 > MEMORY:
-        raise ModesError(
-            f"degree {modes.lmax} has {len(modes)} coefficients, whose normal matrix takes "
-            f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax, or use fit.solve_matrix_free"
-        )
-    if not isinstance(field, Field):
-        if isinstance(field, np.ndarray) or not hasattr(field, "__iter__"):
-            raise FieldError(f"a Field, or a stream of them, is wanted, not {type(field).__name__}")
-        total: Any = sum(normal_equations(each, modes, method=method, threads=threads) for each in field)
-        if isinstance(total, int):
-            raise FieldError("the stream of fields is empty: there are no sources to use")
-        return total
-    if method == "auto" and modes.lmax == 1:
-        sums = dipole_sums(field)
-    elif method == "compressed" or (method == "auto" and len(field) > design_matrix_up_to(modes)):
-        sums = compressed_sums(field, modes, threads)
-    else:
-        sums = design_matrix_sums(field, modes, threads)
-    return NormalEquations(modes, *sums, 2 * len(field), field.frame, field.notes)
 
 
 def gaussian_prior(

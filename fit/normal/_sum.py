@@ -1,0 +1,96 @@
+"""From sources to normal equations, wherever the sources are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import partial
+from os import PathLike
+from typing import Any, Literal
+
+import numpy as np
+
+from fit.normal._equations import NormalEquations
+from fit.normal._moments import Moments
+from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
+from vsh.checks.arguments import choice
+from vsh.errors import FieldError, ModesError
+from vsh.field import Field
+from vsh.modes import Modes, as_modes
+from vsh.parts import Parts
+
+#: A normal matrix beyond this is refused. [bytes]
+MEMORY = 8 * 2**30
+
+
+def normal_equations(
+    field: Field | Parts | Iterable[Field],
+    modes: Modes | int,
+    *,
+    method: Literal["auto", "design-matrix", "compressed"] = "auto",
+    threads: int | None = None,
+) -> NormalEquations:
+    """Sum a field, a catalogue in parts, or a stream of fields into normal equations.
+
+    Parameters
+    ----------
+    field : Field, Parts or iterable of Fields
+        The sources. Parts are summed where they are, and send the moments of their sources.
+    modes : Modes, or the degree lmax
+        What to fit.
+    method : {"auto", "design-matrix", "compressed"}
+        "design-matrix" sums the design matrix, exact to rounding; "compressed" sums the moments of
+        the weights and is as good to 1e-12, in a time that hardly grows with the degree.
+        "auto" takes what was measured to be faster (docs/performance.md).
+    threads : int, optional
+        How many; one a core unless given. The sum is taken in the order of the sources,
+        so the number of threads does not change a bit of it.
+
+    Returns
+    -------
+    NormalEquations
+
+    Raises
+    ------
+    FieldError
+        If a stream of fields holds none.
+    FrameError
+        If the fields of a stream stand in different frames.
+
+    Examples
+    --------
+    The whole is the sum of its parts:
+
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> field = Field(*rng.uniform(0, 1, (2, 100)), rng.normal(size=(2, 100)), np.ones((2, 100)))
+    >>> whole = normal_equations(field, Modes(2))
+    >>> np.allclose(whole.matrix, normal_equations([field[:30], field[30:]], Modes(2)).matrix)
+    True
+    """
+    modes = as_modes(modes)
+    choice("method", method, ("auto", "design-matrix", "compressed"))
+    if isinstance(field, (str, PathLike)):
+        raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or parts")
+    if len(modes) ** 2 * 8 > MEMORY:
+        raise ModesError(
+            f"degree {modes.lmax} has {len(modes)} coefficients, whose normal matrix takes "
+            f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax, or use fit.solve_matrix_free"
+        )
+    if isinstance(field, Parts):
+        if modes.lmax == 1 or method == "design-matrix":
+            return field.sum(partial(normal_equations, modes=modes, method=method), roles=(), words="normal equations")
+        return field.sum(partial(Moments.of, lmax=modes.lmax), roles=(), words="normal equations").normal_equations()
+    if not isinstance(field, Field):
+        if isinstance(field, np.ndarray) or not hasattr(field, "__iter__"):
+            raise FieldError(f"a Field, or a stream of them, is wanted, not {type(field).__name__}")
+        total: Any = sum(normal_equations(each, modes, method=method, threads=threads) for each in field)
+        if isinstance(total, int):
+            raise FieldError("the stream of fields is empty: there are no sources to use")
+        return total
+    if method == "auto" and modes.lmax == 1:
+        sums = dipole_sums(field)
+    elif method == "compressed" or (method == "auto" and len(field) > design_matrix_up_to(modes)):
+        sums = compressed_sums(field, modes, threads)
+    else:
+        sums = design_matrix_sums(field, modes, threads)
+    return NormalEquations(modes, *sums, 2 * len(field), field.frame, field.notes)

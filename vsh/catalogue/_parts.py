@@ -1,0 +1,169 @@
+"""Catalogues that are read and summed in parts: folders, files, partitions of LSDB and Dask, streams."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from vsh.catalogue._columns import REQUIRED, Columns, as_columns
+from vsh.catalogue._read import iter_fields
+from vsh.checks.arguments import whole
+from vsh.errors import ParameterError, TableError
+from vsh.field import Field
+from vsh.parts import Dask, Engine, Here, Parts, Processes, is_delayed
+from vsh.system.parallel import ahead
+from vsh.tables import files_of
+from vsh.types import OnBad
+
+#: Sources in a block of a part: some 200 MB while it is read and checked.
+ROWS = 500_000
+
+
+def parts(
+    source: Any,
+    *,
+    columns: Columns | Mapping[str, str] | None = None,
+    units: Mapping[str, Any] | None = None,
+    on_bad: OnBad = "raise",
+    frame: str | None = None,
+    rows: int = ROWS,
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> Parts:
+    """A catalogue of any size in parts, which are read and summed where they are.
+
+    Parameters
+    ----------
+    source : path, LSDB Catalog, Dask DataFrame, Arrow stream, DataFrame, Field, or a list
+        A file; a folder of files, or a catalogue in HATS format, of which every file is a part; a collection with
+        `to_delayed()` (LSDB's, also after a cone or a join, and Dask's), of which every partition is one; anything
+        that `read_field` takes; or a list of paths, tables, Fields or delayed objects of Dask.
+    columns, units, on_bad, frame
+        As for `read_field`. Name, magnitude and redshift are read where a step or a sum wants them.
+    rows : int
+        The largest number of sources in memory at a time, for each process.
+    workers : int, optional
+        So many processes on this machine; one, with a thread a core, unless given.
+    scheduler : str, optional
+        Address of a scheduler of Dask, or the path of its scheduler file. Files must lie where its workers see them.
+
+    Returns
+    -------
+    Parts
+        All that takes a stream of Fields takes it; `fit.normal_equations(parts, modes)` runs where the parts are,
+        and ``parts.map(lambda field: field[field.magnitude < 20])`` chooses from them. What Dask's collections hold is
+        summed by the client that is open, or by threads of this process.
+
+    Raises
+    ------
+    TableError
+        If there is no such file or folder, or a column is missing from a collection.
+    ParameterError
+        If the source is a stream that can be read only once.
+
+    Examples
+    --------
+    >>> table = {"ra": [10.0, 200.0], "dec": [-20.0, 5.0], "pmra": [0.1, 0.0], "pmdec": [0.2, 0.1],
+    ...          "pmra_error": [0.05, 0.1], "pmdec_error": [0.05, 0.1]}
+    >>> parts([table, table]).sum(len)
+    4
+    """
+    columns = as_columns(columns)
+    read = Reader(columns, units, on_bad, frame, whole("rows", rows))
+    pieces = _pieces(source, columns)
+    return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
+
+
+@dataclass(frozen=True)
+class Reader:
+    """From a piece to its fields, a block of sources at a time.
+
+    Attributes
+    ----------
+    columns, units, on_bad, frame
+        As for `read_field`.
+    rows : int
+        The largest number of sources in a block.
+    """
+
+    columns: Columns
+    units: Mapping[str, Any] | None
+    on_bad: OnBad
+    frame: str | None
+    rows: int
+
+    def __call__(self, piece: Any, roles: tuple[str, ...]) -> Iterator[Field]:
+        """The fields of a piece.
+
+        Parameters
+        ----------
+        piece : object
+            Anything that `read_field` takes, or a Field.
+        roles : tuple of str
+            Those of name, magnitude, redshift that are wanted.
+        """
+        if isinstance(piece, Field):
+            yield piece
+            return
+        yield from ahead(
+            iter_fields(
+                piece,
+                self.rows,
+                columns=self.columns,
+                units=self.units,
+                on_bad=self.on_bad,
+                frame=self.frame,
+                roles=roles,
+            )
+        )
+
+
+def _engine(pieces, workers, scheduler) -> Engine:
+    if scheduler is not None:
+        return Dask(str(scheduler))
+    if any(map(is_delayed, pieces)):
+        return Dask(None, None if workers is None else whole("workers", workers))
+    if workers is not None and whole("workers", workers) > 1:
+        return Processes(workers)
+    return Here()
+
+
+def _pieces(source, columns):
+    """What the parts are read from, a tuple."""
+    if isinstance(source, (str, os.PathLike)):
+        return tuple(files_of(source))
+    if isinstance(source, Parts):
+        raise ParameterError("this is a catalogue in parts already")
+    if hasattr(type(source), "to_delayed"):
+        return tuple(_narrowed(source, columns).to_delayed())
+    if isinstance(source, list | tuple) and source:
+        return tuple(piece for each in source for piece in (_pieces(each, columns) if _has_parts(each) else (each,)))
+    if hasattr(type(source), "__next__") and not hasattr(type(source), "__arrow_c_stream__"):
+        raise ParameterError(
+            "what can be read only once is no catalogue in parts: give a list, or fit.normal_equations the stream"
+        )
+    return (source,)
+
+
+def _has_parts(thing):
+    return isinstance(thing, (str, os.PathLike)) or hasattr(type(thing), "to_delayed")
+
+
+def _narrowed(collection, columns):
+    """The columns that a field can use, so that nothing else is read."""
+    names = list(map(str, getattr(collection, "columns", ())))
+    if not names:
+        return collection
+    wanted = []
+    for role in Columns.__dataclass_fields__:
+        given = getattr(columns, role)
+        candidates = (given,) if isinstance(given, str) else given or ()
+        present = [name for name in candidates if name in names]
+        if role in REQUIRED and not present:
+            raise TableError(
+                f"the {type(collection).__name__} has no column {given!r} for {role}: it has {', '.join(names)}"
+            )
+        wanted += present[:1]
+    return collection[list(dict.fromkeys(wanted))]

@@ -1,0 +1,19 @@
+"""Sources in parts: files, partitions on a cluster, blocks of a stream, and sums over them."""
+
+from vsh.parts._add import Tree, added
+from vsh.parts._dask import Dask, is_delayed
+from vsh.parts._engines import Engine, Here, Processes
+from vsh.parts._parts import OPTIONAL, Parts, as_parts
+
+__all__ = [
+    "OPTIONAL",
+    "Dask",
+    "Engine",
+    "Here",
+    "Parts",
+    "Processes",
+    "Tree",
+    "added",
+    "as_parts",
+    "is_delayed",
+]

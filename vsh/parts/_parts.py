@@ -1,0 +1,237 @@
+"""A catalogue in parts, wherever they lie: it streams here, and sums run where the parts are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from vsh.checks import arguments
+from vsh.checks.notes import merge_notes
+from vsh.errors import FieldError, NothingLeftError, ParameterError
+from vsh.field import Field
+from vsh.parts._add import added
+from vsh.parts._engines import Engine, Here
+from vsh.system.parallel import limited
+from vsh.system.progress import progress_bar
+
+HERE = Here()
+#: What of a source is not needed for its motion.
+OPTIONAL = ("name", "magnitude", "redshift")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Parts:
+    """Sources in parts: made by `vsh.catalogue.parts`, or of Fields by `as_parts`.
+
+    Attributes
+    ----------
+    pieces : tuple
+        What the parts are read from: paths, tables, Fields, delayed objects of Dask.
+    read : function
+        (piece, roles) → iterator of Fields; `roles` are those of name, magnitude, redshift that are wanted.
+    steps : tuple of functions
+        Field → Field, applied to every block as it is read.
+    engine : vsh.parts.Engine
+        Where sums are computed.
+    """
+
+    pieces: tuple
+    read: Callable[[Any, tuple[str, ...]], Iterator[Field]]
+    steps: tuple[Callable[[Field], Field], ...] = ()
+    engine: Engine = HERE
+
+    def __repr__(self) -> str:
+        return f"<Parts: {len(self.pieces)}, summed {self.engine}>"
+
+    def __len__(self) -> int:
+        return len(self.pieces)
+
+    def __iter__(self) -> Iterator[Field]:
+        """The fields one after the other, a block of sources at a time, in this process."""
+        for piece in self.pieces:
+            for field in self.read(self.engine.fetched(piece), OPTIONAL):
+                yield _through(self.steps, field)
+
+    def map(self, step: Callable[[Field], Field]) -> Parts:
+        """The same parts with a further step, done where the parts are when they are read.
+
+        Parameters
+        ----------
+        step : function
+            Field → Field, source by source: it sees a block of sources at a time. For other processes it must be
+            a function that they can import, unless Dask sends it.
+
+        Returns
+        -------
+        Parts
+
+        Raises
+        ------
+        ParameterError
+            If it is no function.
+        """
+        if not callable(step):
+            raise ParameterError(f"a step is a function from a Field to a Field, not a {type(step).__name__}")
+        return replace(self, steps=(*self.steps, step))
+
+    def to_frame(self, name: str) -> Parts:
+        """The same sources in another frame.
+
+        Parameters
+        ----------
+        name : {"icrs", "galactic", "ecliptic"}
+            The frame to turn to.
+
+        Returns
+        -------
+        Parts
+        """
+        return self.map(_InFrame(name))
+
+    def sum(
+        self,
+        function: Callable[[Field], Any],
+        *,
+        roles: Iterable[str] = OPTIONAL,
+        words: str = "parts",
+        progress: bool = True,
+    ) -> Any:
+        """The sum of a function over all sources, computed where the parts are.
+
+        Parameters
+        ----------
+        function : function
+            From a Field, some of the sources, to anything that adds: arrays, normal equations, moments; dicts and
+            tuples of them; None for nothing.
+        roles : iterable of str
+            Those of name, magnitude, redshift that the function looks at. (Steps see all.)
+        words : str
+            Beside the progress bar.
+        progress : bool
+            Show a bar, after two seconds.
+
+        Returns
+        -------
+        object
+            Added up in a fixed tree: the same bits however many workers there are and whichever is first.
+
+        Raises
+        ------
+        NothingLeftError
+            If no part has a source that can be used.
+        FieldError
+            If the function does not return what adds.
+        TableError
+            If a part cannot be read.
+        """
+        if not callable(function):
+            raise ParameterError(
+                f"what is summed is a function of a Field, not a {type(function).__name__}; for normal equations: "
+                "fit.normal_equations(parts, modes)"
+            )
+        wanted = OPTIONAL if self.steps else tuple(role for role in OPTIONAL if role in set(roles))
+        work = Work(self.read, self.steps, function, wanted, self.engine.threads)
+        bar = progress_bar(total=len(self.pieces), words=words, shown=progress and len(self.pieces) > 1, unit=" parts")
+        with bar:
+            found = self.engine.total(work, self.pieces, bar.update)
+        total: Any
+        total, notes, sources = (None, _Notes(), 0) if found is None else found
+        if not sources:
+            error = NothingLeftError(
+                "no part holds a source that can be used: " + ("; ".join(notes) or "all are empty")
+            )
+            error.notes = tuple(notes)
+            raise error
+        return total.add_note(*notes) if notes and hasattr(total, "add_note") else total
+
+    def counted(self) -> int:
+        """How many sources there are; reads all of them."""
+        return self.sum(len, roles=(), words="counting")
+
+
+def as_parts(field: Any) -> Parts:
+    """Parts as they are; a Field, or Fields in a list, as parts.
+
+    Parameters
+    ----------
+    field : Parts, Field, or list or tuple of Fields
+        The sources.
+
+    Raises
+    ------
+    FieldError
+        If it is none of these.
+    """
+    if isinstance(field, Parts):
+        return field
+    fields = (field,) if isinstance(field, Field) else tuple(field) if isinstance(field, list | tuple) else ()
+    if not fields or not all(isinstance(each, Field) for each in fields):
+        raise FieldError(f"a Field, a list of Fields, or parts of a catalogue, are wanted, not {type(field).__name__}")
+    return Parts(fields, itself)
+
+
+def itself(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
+    """The reader of a part that is a Field.
+
+    Parameters
+    ----------
+    field : Field
+        The part.
+    roles : tuple of str
+        Not looked at.
+    """
+    yield field
+
+
+def _through(steps, field):
+    for step in steps:
+        field = arguments.a(Field)("what a step returns", step(field))
+    return field
+
+
+class _Notes(list):
+    """Notes of parts without a source; they add."""
+
+    def __add__(self, other):
+        return _Notes(merge_notes(self, other))
+
+
+@dataclass(frozen=True)
+class _InFrame:
+    name: str
+
+    def __call__(self, field):
+        return field.to_frame(self.name)
+
+
+@dataclass(frozen=True)
+class Work:
+    """The sum over one part: (sum, notes of what had no sources, number of sources)."""
+
+    read: Callable[[Any, tuple[str, ...]], Iterator[Field]]
+    steps: tuple[Callable[[Field], Field], ...]
+    function: Callable[[Field], Any]
+    roles: tuple[str, ...]
+    threads: int | None
+
+    def __call__(self, piece: Any) -> Any:
+        """The sum.
+
+        Parameters
+        ----------
+        piece : object
+            What the part is read from.
+        """
+        total, notes, sources = None, _Notes(), 0
+        with limited(self.threads):
+            try:
+                for field in self.read(piece, self.roles):
+                    field = _through(self.steps, field)
+                    if len(field):
+                        total, sources = added(total, self.function(field)), sources + len(field)
+            except NothingLeftError as error:  # of the whole part: a reader hands on what is lost of some of it
+                if error.notes and getattr(self.read, "on_bad", "drop") == "raise":
+                    raise
+                notes = _Notes(error.notes)
+        return total, notes, sources
