@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from vsh.checks.arguments import positive
 from vsh.errors import ConvergenceError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
-from vsh.types import FloatArray
+from vsh.parts import Parts, as_parts, median
+from vsh.types import BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +27,8 @@ class Clipped(AboutSolution):
     ----------
     solution : Solution
         Of the sources kept.
-    kept : (n,) bool array
-        Which those are.
+    kept : (n,) bool array or None
+        Which those are; None of a catalogue in parts, whose sources `select` chooses.
     n_rounds : int
         How many fits it took.
     limit : float
@@ -37,15 +39,34 @@ class Clipped(AboutSolution):
     """
 
     solution: Solution
-    kept: FloatArray
+    kept: BoolArray | None
     n_rounds: int
     limit: float
     factor: float = 1.0
 
+    def select(self, field: Field) -> Field:
+        """Those of some sources that agree with the fit; a step for `Parts.map`.
 
-@arguments.accepts(field=arguments.a(Field), threshold=arguments.positive, max_rounds=arguments.whole)
+        Parameters
+        ----------
+        field : Field
+            In the solution's frame.
+
+        Returns
+        -------
+        Field
+        """
+        return field[_distances(field, self.solution) <= self.limit]
+
+
+@arguments.accepts(field=arguments.a(Field, Parts), threshold=arguments.positive, max_rounds=arguments.whole)
 def clip(
-    field: Field, modes: Modes | int, kappa: float = 3.0, threshold: float | None = None, *, max_rounds: int = 100
+    field: Field | Parts,
+    modes: Modes | int,
+    kappa: float = 3.0,
+    threshold: float | None = None,
+    *,
+    max_rounds: int = 100,
 ) -> Clipped:
     """Fit, leave out what lies too far from the fit, and fit again until nothing changes.
 
@@ -55,8 +76,8 @@ def clip(
 
     Parameters
     ----------
-    field : Field
-        The sources.
+    field : Field or Parts
+        The sources. Parts are gone through three times a round.
     modes : Modes, or the degree lmax
         What to fit.
     kappa : float
@@ -85,44 +106,90 @@ def clip(
     1 − q e^−q/(1 − e^−q). Both hold for Gaussian errors, of the size quoted or all wrong by one factor; the
     square root of the first is 1.006, 1.108, 1.308 for κ = 3, 2, 1.5 (pulls within 5 % of 1).
     """
-    modes = as_modes(modes)
+    modes, sky = as_modes(modes), as_parts(field)
     given = positive("kappa", kappa) if threshold is None else threshold
-    kept, seen = np.ones(len(field), bool), {}
+    normal = normal_equations(field, modes)
+    n_sources = n_kept = normal.n_data // 2
+    kept, before, seen = None, None, set()
     for rounds in range(1, max_rounds + 1):
-        solution = solve(normal_equations(field[kept], modes))
-        x = np.sqrt(solution.residuals(field).chi2)
-        limit = float(kappa * np.median(x) if threshold is None else threshold)
-        chosen = x <= limit
-        if (chosen == kept).all():
-            left_out = len(field) - int(kept.sum())
-            rule = f"κ = {kappa:g} times the median" if threshold is None else "the given threshold"
-            # For Gaussian errors the median of X² is 2 ln 2 times what is right, whatever their scale.
+        solution = solve(normal)
+        distances = partial(_distances, solution=solution)
+        limit = float(kappa * median(sky, distances, f"clip, round {rounds}") if threshold is None else threshold)
+        chosen = sky.sum(partial(_within, solution=solution, limit=limit), roles=(), words=f"clip, round {rounds}")
+        if chosen["mark"] == kept or (kept is None and chosen["sources"] == n_sources):
             q = given**2 * (np.log(2) if threshold is None else 0.5)
-            variance, share = truncation(q)
-            said = f"clipped {left_out} of {len(field)} sources with X > {limit:.3g} ({rule}; {rounds} rounds)"
-            if variance > 1.001:
-                said += f"; errors multiplied by {np.sqrt(variance):.3f} and χ² divided by {share:.3f} for that choice"
-            solution = replace(
-                solution,
-                covariance=solution.covariance * variance,
-                chi2=solution.chi2 / share,
-                notes=(*solution.notes, said),
-            )
-            return Clipped(solution, kept, rounds, limit, float(np.sqrt(variance)))
-        if 2 * int(chosen.sum()) < len(modes):
+            # For Gaussian errors the median of X² is 2 ln 2 times what is right, whatever their scale.
+            rule = f"κ = {kappa:g} times the median" if threshold is None else "the given threshold"
+            said = f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rule}; {rounds} rounds)"
+            mask = distances(sky.in_memory) <= limit if sky.in_memory is not None else None
+            return _corrected(solution, mask, rounds, limit, q, said)
+        if 2 * chosen["sources"] < len(modes):
             raise ConvergenceError(
-                f"the clip keeps {int(chosen.sum())} of {len(field)} sources, too few for {len(modes)} coefficients: "
+                f"the clip keeps {chosen['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
                 f"take a larger {'kappa' if threshold is None else 'threshold'} than {given:g}"
             )
-        swing = int((chosen != kept).sum())
-        kept = chosen
-        if (key := kept.tobytes()) in seen:
+        kept, n_kept = chosen["mark"], chosen["sources"]
+        if kept in seen or rounds == max_rounds:
+            swing = sky.sum(partial(_differing, one=(solution, limit), two=before), roles=(), words="clip")
+        if kept in seen:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {swing} sources are alternately clipped and kept at "
                 f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g} (--clip-threshold)"
             )
-        seen[key] = rounds
-    raise ConvergenceError(f"the clip has not settled after {max_rounds} rounds: {swing} sources still change")
+        seen.add(kept)
+        before = solution, limit
+        select = partial(_select, solution=solution, limit=limit)
+        normal = normal_equations(sky.map(select) if sky.in_memory is None else select(sky.in_memory), modes)
+    raise ConvergenceError(
+        f"the clip has not settled after {max_rounds} rounds: {swing} sources more or less in the last"
+    )
+
+
+def _corrected(solution, kept, rounds, limit, q, said):
+    """The clipped solution, its errors and χ² corrected for the choice by residuals up to X²/2 = q."""
+    variance, share = truncation(q)
+    if variance > 1.001:
+        said += f"; errors multiplied by {np.sqrt(variance):.3f} and χ² divided by {share:.3f} for that choice"
+    solution = replace(
+        solution,
+        covariance=solution.covariance * variance,
+        chi2=solution.chi2 / share,
+        notes=(*solution.notes, said),
+    )
+    return Clipped(solution, kept, rounds, limit, float(np.sqrt(variance)))
+
+
+def _distances(field, solution):
+    """X of each source."""
+    return np.sqrt(solution.residuals(field).chi2)
+
+
+def _select(field, solution, limit):
+    return field[_distances(field, solution) <= limit]
+
+
+def _differing(field, one, two):
+    """How many sources one fit keeps and the other does not."""
+    kept, before = (_distances(field, solution) <= limit for solution, limit in (one, two or one))
+    return int((kept != before).sum())
+
+
+def _within(field, solution, limit):
+    """How many sources are kept, and a sum of hashes that tells one choice from another."""
+    kept = _distances(field, solution) <= limit
+    places = np.stack([field.lon[kept], field.lat[kept]]).view(np.uint64)
+    # The finaliser of SplitMix64 (Steele et al. 2014) mixes the bits of each source's place; sums are modulo 2⁶⁴.
+    mixed = places[0] ^ (places[1] * np.uint64(0x9E3779B97F4A7C15))
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
+    return {"sources": int(kept.sum()), "mark": _Mark(int(np.sum(mixed ^ (mixed >> np.uint64(31)), dtype=np.uint64)))}
+
+
+class _Mark(int):
+    """A sum of hashes, modulo 2⁶⁴."""
+
+    def __add__(self, other):
+        return _Mark(int.__add__(self, other) % 2**64)
 
 
 def truncation(q: float) -> tuple[float, float]:

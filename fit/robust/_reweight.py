@@ -7,8 +7,11 @@ left large residuals, X² = Δᵀ C⁻¹ Δ of both components together.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from scipy.optimize import minimize_scalar
 from scipy.special import gamma, gammainc, gammaln
 
@@ -17,13 +20,16 @@ from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from fit.sums import sandwich
 from vsh.checks import arguments
-from vsh.errors import ConvergenceError
+from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
+from vsh.parts import Parts, as_parts
 from vsh.types import FloatArray, IntArray
 
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
+#: Newton's steps to a source's share in its own fit, at most; with thousands of sources three are enough.
+_STEPS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,26 +40,25 @@ class Reweighted(AboutSolution):
     ----------
     solution : Solution
         Its covariance is that of the residuals, source by source, not of the catalogue's errors.
-    weights : (n,) array
-        By how much each source's inverse covariance was multiplied, up to a common factor.
+    weights : (n,) array or None
+        By how much each source's inverse covariance was multiplied, up to a common factor; None of a catalogue in
+        parts.
     n_rounds : int
         How many fits it took.
     inflation : float
         Standard errors over those of plain least squares with the catalogue's errors, rms over the coefficients.
+    effective : float
+        The number of equally weighted sources with the same weight, (Σu)²/Σu².
     nu : float or None
         Degrees of freedom of the Student-t distribution.
     """
 
     solution: Solution
-    weights: FloatArray
+    weights: FloatArray | None
     n_rounds: int
     inflation: float
+    effective: float
     nu: float | None = None
-
-    @property
-    def effective(self) -> float:
-        """The number of equally weighted sources with the same weight, (Σu)²/Σu²."""
-        return float(self.weights.sum() ** 2 / (self.weights**2).sum())
 
     def most_downweighted(self, n_sources: int = 10) -> IntArray:
         """Indices of the sources with the least weight, least first.
@@ -66,22 +71,29 @@ class Reweighted(AboutSolution):
         Returns
         -------
         int array
+
+        Raises
+        ------
+        ParameterError
+            If the catalogue was in parts, whose sources have no numbers.
         """
+        if self.weights is None:
+            raise ParameterError("the sources of a catalogue in parts have no numbers: the report names the five")
         return np.argsort(self.weights, kind="stable")[:n_sources]
 
 
 @arguments.accepts(
-    field=arguments.a(Field), nu=arguments.positive, tolerance=arguments.positive, max_rounds=arguments.whole
+    field=arguments.a(Field, Parts), nu=arguments.positive, tolerance=arguments.positive, max_rounds=arguments.whole
 )
 def student_t(
-    field: Field, modes: Modes | int, *, nu: float | None = None, tolerance: float = 1e-4, max_rounds: int = 500
+    field: Field | Parts, modes: Modes | int, *, nu: float | None = None, tolerance: float = 1e-4, max_rounds: int = 500
 ) -> Reweighted:
     """Fit with a bivariate Student-t likelihood of each source's residual.
 
     Parameters
     ----------
-    field : Field
-        The sources.
+    field : Field or Parts
+        The sources. Parts are gone through twice a round.
     modes : Modes, or the degree lmax
         What to fit.
     nu : float, optional
@@ -111,23 +123,15 @@ def student_t(
     5 % at degree 6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that
     neighbours share.
     """
-    modes = as_modes(modes)
-    state = {"nu": 4.0 if nu is None else nu}
-    estimated = nu is None
-
-    def weight(x2):
-        if estimated:
-            state["nu"] = _likeliest_nu(x2)
-        dof = state["nu"]
-        u = (dof + 2) / (dof + x2)
-        return u, -u / (dof + x2)
-
-    found = _reweighted(field, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
-    return replace(found, nu=float(state["nu"]))
+    modes, sky = as_modes(modes), as_parts(field)
+    weight = _StudentT(4.0 if nu is None else nu, estimated=nu is None)
+    return _reweighted(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
 
 
-@arguments.accepts(field=arguments.a(Field), tolerance=arguments.positive, max_rounds=arguments.whole)
-def permissive(field: Field, modes: Modes | int, *, tolerance: float = 1e-4, max_rounds: int = 500) -> Reweighted:
+@arguments.accepts(field=arguments.a(Field, Parts), tolerance=arguments.positive, max_rounds=arguments.whole)
+def permissive(
+    field: Field | Parts, modes: Modes | int, *, tolerance: float = 1e-4, max_rounds: int = 500
+) -> Reweighted:
     """Fit taking every error for a lower bound: Sivia's conservative formulation.
 
     The true errors are s ≥ 1 times the stated ones, with probability density 1/s². For two
@@ -152,63 +156,188 @@ def permissive(field: Field, modes: Modes | int, *, tolerance: float = 1e-4, max
     Sivia & Skilling (2006, Data Analysis, sect. 8.3.1), there for one component. The covariance is the same
     sandwich as that of `student_t`.
     """
+    modes, sky = as_modes(modes), as_parts(field)
+    return _reweighted(sky, modes, _Permissive(), "Sivia's conservative likelihood", tolerance, max_rounds, 0.5)
 
-    modes = as_modes(modes)
 
-    def weight(x2):
+@dataclass(frozen=True)
+class _StudentT:
+    """Weights of the bivariate t distribution and their slopes by X²."""
+
+    nu: float
+    estimated: bool
+
+    def __call__(self, x2):
+        u = (self.nu + 2) / (self.nu + x2)
+        return u, -u / (self.nu + x2)
+
+    def fitted(self, sky, share, words):
+        """The same with the likeliest ν, from the residuals with leverages by the ν that was."""
+        if not self.estimated:
+            return self
+        n, logs = sky.sum(partial(_log_terms, share=share), roles=(), words=words)
+        return replace(self, nu=_likeliest_nu(logs / n))
+
+
+@dataclass(frozen=True)
+class _Permissive:
+    """Weights of Sivia's likelihood and their slopes by X²."""
+
+    nu: None = None
+
+    def __call__(self, x2):
         q = np.maximum(x2 / 2, 1e-8)
         i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (1.5, 2.5, 3.5))
         return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
 
-    return _reweighted(field, modes, weight, "Sivia's conservative likelihood", tolerance, max_rounds, 0.5)
+    def fitted(self, sky, share, words):
+        return self
 
 
-def _reweighted(field, modes, weight, name, tolerance, max_rounds, power):
+@dataclass(frozen=True)
+class _Share:
+    """What weighs each source: its residual from a solution, and its share in its own fit.
+
+    Attributes
+    ----------
+    solution : Solution
+        Of the round before.
+    weight : function
+        X² → u and its slope.
+    leverage : float
+        By which u tr W is multiplied for the share: p/2 over Σ u tr W.
+    """
+
+    solution: Solution
+    weight: Any
+    leverage: float
+
+    def __call__(self, field):
+        """X² over one less the share, u and its slope, each (n,); and the residuals."""
+        residual = self.solution.residuals(field)
+        chi2, largest = residual.chi2, self.leverage * field.information
+        own = np.zeros(len(field))
+        # The share depends on u, and u on the share, the less the larger it is: Newton's steps to where both agree.
+        for _ in range(_STEPS):
+            x2 = chi2 / (1 - own)
+            u, slope = self.weight(x2)
+            step = (np.minimum(largest * u, 0.9) - own) / (1 - largest * slope * x2 / (1 - own))
+            own = np.clip(own + step, 0.0, 0.9)
+            if np.max(np.abs(step)) < 1e-13:
+                break
+        x2 = chi2 / (1 - own)
+        return x2, *self.weight(x2), residual.motion
+
+
+def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error."""
-    plain = solve(normal_equations(field, modes))
-    solution, values = plain, plain.coefficients.values
-    u = np.ones(len(field))
+    normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=name)
+    plain = solution = solve(normal)
+    values, leverage = plain.values, len(modes) / 2 / information
     for rounds in range(1, max_rounds + 1):
-        if rounds <= _ADAPTING:  # the share of each source in its own fit; held fixed later, so that all settles
-            own = np.minimum(len(modes) * u * field.information / np.sum(u * field.information) / 2, 0.9)
-        u, slope = weight(solution.residuals(field).chi2 / (1 - own))
-        solution = solve(normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes))
-        moved = np.max(np.abs(solution.coefficients.values - values) / plain.sigma)
-        values = solution.coefficients.values
+        words = f"{name}, round {rounds}"
+        weight = weight.fitted(sky, _Share(solution, weight, leverage), words)
+        share = _Share(solution, weight, leverage)
+        found = sky.sum(partial(_weighted, share=share, modes=modes), roles=(), words=words)
+        solution = solve(found["normal"])
+        if rounds <= _ADAPTING:  # held fixed later, so that all settles
+            leverage = len(modes) / 2 / found["information"]
+        moved = np.max(np.abs(solution.values - values) / plain.sigma)
+        values = solution.values
         if moved < tolerance:
             break
     else:
         raise ConvergenceError(
             f"the weights have not settled after {max_rounds} rounds: coefficients move by {moved:.1e} σ"
         )
-    residual = solution.residuals(field)
-    x2 = residual.chi2 / (1 - own)
-    # ∂(uΔ)/∂Δ is u on average across Δ and u + 2u'X² along it.
-    covariance, _ = sandwich(field, modes, residual.motion, u, u + slope * x2, power=power)
+    return _with_errors(sky, plain, solution, _Share(solution, weight, leverage), name, rounds, power)
+
+
+def _with_errors(sky, plain, solution, share, name, rounds, power):
+    """The settled fit with the covariance of its residuals, and what is said of it."""
+    covariance = sandwich(sky, partial(_scores, share=share), solution.modes, power=power, words=f"{name}, errors")
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
-    least = np.argsort(u, kind="stable")[:5]
-    label = field.name if field.name is not None else np.arange(len(field))
-    effective = u.sum() ** 2 / (u * u).sum()
+    facts = sky.sum(partial(_facts, share=share), roles=("name",), words=f"{name}, weights")
+    effective = facts["u"] ** 2 / facts["u²"]
+    most = max(u for u, _ in facts["most"])
     said = (
-        f"{name}: {rounds} rounds, weight of {effective:.1f} equal sources of {len(field)}; errors are {inflation:.2f} times "
-        f"those of the catalogue; most downweighted: {', '.join(f'{label[i]} ({u[i] / u.max():.2g})' for i in least)}"
+        f"{name}: {rounds} rounds, weight of {effective:.1f} equal sources of {facts['sources']}; errors are "
+        f"{inflation:.2f} times those of the catalogue; most downweighted: "
+        f"{', '.join(f'{label} ({u / most:.2g})' for u, label in facts['least'].few)}"
     )
     solution = replace(
         solution,
         covariance=covariance,
-        chi2=float(residual.chi2.sum()),
+        chi2=facts["chi2"],
+        n_data=plain.n_data,
         notes=(*plain.notes, said),
         errors_from="the residuals of the robust fit, source by source",
     )
-    return Reweighted(solution, u, rounds, inflation)
+    weights = None if sky.in_memory is None else share(sky.in_memory)[1]
+    return Reweighted(solution, weights, rounds, inflation, float(effective), share.weight.nu)
 
 
-def _likeliest_nu(x2):
+def _plain(field, modes):
+    return normal_equations(field, modes), float(field.information.sum())
+
+
+def _weighted(field, share, modes):
+    _, u, _, _ = share(field)
+    return {
+        "normal": normal_equations(field.with_errors(field.sigma / np.sqrt(u)), modes),
+        "information": float(np.sum(u * field.information)),
+    }
+
+
+def _scores(field, share):
+    x2, u, slope, residual = share(field)
+    # ∂(uΔ)/∂Δ is u on average across Δ and u + 2u'X² along it.
+    return residual, u, u + slope * x2
+
+
+def _facts(field, share):
+    _, u, _, residual = share(field)
+    labels = field.name if field.name is not None else np.arange(len(field))
+    least = np.argsort(u, kind="stable")[:5]
+    return {
+        "u": float(u.sum()),
+        "u²": float(u @ u),
+        "chi2": float(field.inner(residual, residual).sum()),
+        "sources": len(field),
+        "least": _Least([(float(u[i]), str(labels[i])) for i in least]),
+        "most": [(float(u.max()), "")],
+    }
+
+
+@dataclass(frozen=True)
+class _Least:
+    """The five sources with the least weight; of several parts, the five least of all."""
+
+    few: list
+
+    def __add__(self, other):
+        return _Least(sorted([*self.few, *other.few], key=lambda each: each[0])[:5])
+
+
+#: Where the likelihood of ν is looked at; between them it is a polynomial of ln ν, exact to 1e-12.
+_NODES = chebyshev.chebpts1(36)
+_LOW, _HIGH = np.log([0.5, 200.0])
+
+
+def _log_terms(field, share):
+    """How many sources, and Σ ln(1 + X²/ν) at the nodes of ln ν."""
+    x2 = share(field)[0]
+    nus = np.exp(_LOW + (_HIGH - _LOW) * (_NODES + 1) / 2)
+    return len(field), np.array([np.log1p(x2 / nu).sum() for nu in nus])
+
+
+def _likeliest_nu(mean_logs):
     """ν of the bivariate t distribution, p(X²) ∝ (1 + X²/ν)^{−(ν+2)/2}, that makes the X² likeliest."""
+    terms = chebyshev.chebfit(_NODES, mean_logs, len(_NODES) - 1)
 
     def loss(log_nu):
         nu = np.exp(log_nu)
         constant = gammaln((nu + 2) / 2) - gammaln(nu / 2) - np.log(nu)
-        return -(constant - (nu + 2) / 2 * np.mean(np.log1p(x2 / nu)))
+        return -(constant - (nu + 2) / 2 * chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms))
 
-    return float(np.exp(minimize_scalar(loss, bounds=np.log([0.5, 200]), method="bounded").x))
+    return float(np.exp(minimize_scalar(loss, bounds=(_LOW, _HIGH), method="bounded").x))

@@ -3,7 +3,7 @@
 from fit.sums._design_matrix import design_matrix_sums, design_matrix_up_to
 from fit.sums._dipole import dipole_sums
 from fit.sums._rings import Rings, compressed_sums, fourier_sums
-from fit.sums._sandwich import leverage, outer_products, sandwich, weighted_matrix
+from fit.sums._sandwich import leverage, outer_products, sandwich, weighted_matrix, weighted_sums
 
 __all__ = [
     "Rings",
@@ -16,4 +16,5 @@ __all__ = [
     "outer_products",
     "sandwich",
     "weighted_matrix",
+    "weighted_sums",
 ]

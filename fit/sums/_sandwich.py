@@ -7,16 +7,18 @@ covariance of an estimate whose score is Σ Aᵀ ψ and whose slope is H is then
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import partial, reduce
 
 import numpy as np
 
 from fit.sums._design_matrix import design_matrix_up_to
-from fit.sums._rings import Rings, fourier_sums
+from fit.sums._rings import compressed_sums
 from vsh.basis import harmonics
 from vsh.field import Field
 from vsh.modes import Modes
+from vsh.parts import Parts, added
 from vsh.system.parallel import map_blocks
 from vsh.types import FloatArray
 
@@ -31,19 +33,53 @@ class _Weighted:
     lon: FloatArray
     lat: FloatArray
     weights: FloatArray
-
-    @property
-    def motion(self):
-        return np.zeros((2, len(self)))
+    motion: FloatArray
 
     def __len__(self):
         return self.lon.size
 
     def __getitem__(self, part):
-        return _Weighted(self.lon[part], self.lat[part], self.weights[:, part])
+        return _Weighted(self.lon[part], self.lat[part], self.weights[:, part], self.motion[:, part])
 
 
-def weighted_matrix(field: Any, weights: FloatArray, modes: Modes, threads: int | None = None) -> FloatArray:
+def weighted_sums(
+    field: Field, weights: FloatArray, modes: Modes, threads: int | None = None
+) -> tuple[FloatArray, FloatArray, float]:
+    """Σ Aᵀ X A, Σ Aᵀ X y and Σ yᵀ X y with any symmetric X = [[a, c], [c, b]] at each source.
+
+    Parameters
+    ----------
+    field : Field
+        Positions and motions y; its errors do not count.
+    weights : (3, n) array
+        a, b, c of each source; they need not be positive.
+    modes : Modes
+        What to fit.
+    threads : int, optional
+        How many; one a core unless given.
+
+    Returns
+    -------
+    matrix : (p, p) array
+    rhs : (p,) array
+    square : float
+    """
+    sources = _Weighted(field.lon, field.lat, np.asarray(weights, float), field.motion)
+    if len(sources) > design_matrix_up_to(modes):
+        return compressed_sums(sources, modes, threads)
+
+    def block(part):
+        basis = harmonics(field.lon[part], field.lat[part], modes)
+        (a, b, c), y = sources.weights[:, part], sources.motion[:, part]
+        turned = np.stack([a * basis[:, 0] + c * basis[:, 1], c * basis[:, 0] + b * basis[:, 1]], axis=1)
+        flat = turned.reshape(len(modes), -1)
+        square = np.sum(a * y[0] ** 2 + b * y[1] ** 2 + 2 * c * y[0] * y[1])
+        return basis.reshape(len(modes), -1) @ flat.T, flat @ y.ravel(), float(square)
+
+    return reduce(added, map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
+
+
+def weighted_matrix(field: Field, weights: FloatArray, modes: Modes, threads: int | None = None) -> FloatArray:
     """Σ Aᵀ [[a, c], [c, b]] A over the sources, (p, p).
 
     Parameters
@@ -51,9 +87,9 @@ def weighted_matrix(field: Any, weights: FloatArray, modes: Modes, threads: int 
     field : Field
         Only its positions count.
     weights : (3, n) array
-        A, b, c of each source; they need not be positive.
+        a, b, c of each source; they need not be positive.
     modes : Modes
-        What to fit, or the degree lmax.
+        What to fit.
     threads : int, optional
         How many; one a core unless given.
 
@@ -61,21 +97,17 @@ def weighted_matrix(field: Any, weights: FloatArray, modes: Modes, threads: int 
     -------
     array
     """
-    sources = _Weighted(field.lon, field.lat, np.asarray(weights, float))
-    if len(sources) > design_matrix_up_to(modes):
-        return Rings(modes.lmax).matrix(fourier_sums(sources, modes.lmax, threads)[0])
-
-    def block(part):
-        basis = harmonics(field.lon[part], field.lat[part], modes)
-        a, b, c = sources.weights[:, part]
-        turned = np.stack([a * basis[:, 0] + c * basis[:, 1], c * basis[:, 0] + b * basis[:, 1]], axis=1)
-        return basis.reshape(len(modes), -1) @ turned.reshape(len(modes), -1).T
-
-    return sum(map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
+    return weighted_sums(field, weights, modes, threads)[0]
 
 
 def leverage(
-    field: Field, modes: Modes, inverse: FloatArray, factors: FloatArray | float = 1.0, threads: int | None = None
+    field: Field,
+    modes: Modes,
+    inverse: FloatArray,
+    factors: FloatArray | float = 1.0,
+    *,
+    total: tuple[int, float] | None = None,
+    threads: int | None = None,
 ) -> FloatArray:
     """How much of its own fitted motion each source makes, (n,): between 0 and 1, p/2n on average.
 
@@ -89,6 +121,8 @@ def leverage(
         N⁻¹ of the fit.
     factors : (n,) array
         On the weights of the field, as the fit had them.
+    total : (int, float), optional
+        How many sources went into the fit, and Σ tr W of them, where the field holds only some.
     threads : int, optional
         How many; one a core unless given.
 
@@ -104,8 +138,9 @@ def leverage(
     p = len(modes)
     weights = field.weights * factors
     trace = weights[0] + weights[1]
-    if len(field) * p * p > EXACT:
-        return np.minimum(p * trace / trace.sum() / 2, 0.9)
+    n_sources, whole = (len(field), trace.sum()) if total is None else total
+    if n_sources * p * p > EXACT:
+        return np.minimum(p * trace / whole / 2, 0.9)
 
     def block(part):
         basis = harmonics(field.lon[part], field.lat[part], modes)
@@ -140,45 +175,60 @@ def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> F
 
 
 def sandwich(
-    field: Field,
+    sky: Parts,
+    scores: Callable[[Field], tuple[FloatArray, FloatArray, FloatArray]],
     modes: Modes,
-    residual: FloatArray,
-    factors: FloatArray,
-    slopes: FloatArray,
     *,
     power: float = 0.75,
-    threads: int | None = None,
-) -> tuple[FloatArray, FloatArray]:
+    words: str = "errors",
+) -> FloatArray:
     """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ.
 
     Parameters
     ----------
-    field : Field
-        The sources.
+    sky : Parts
+        The sources, summed in two passes.
+    scores : function
+        From a Field to three arrays: the residuals Δ, (2, n) [µas/yr]; u, each source's weight in the fit, (n,); the
+        slopes of u Δ by Δ in units of C⁻¹, (n,): u itself where the weights do not depend on Δ.
     modes : Modes
         What to fit, or the degree lmax.
-    residual : (2, n) array
-        Δ [µas/yr]
-    factors : (n,) array
-        u, each source's weight in the fit.
-    slopes : (n,) array
-        Of u Δ by Δ, in units of C⁻¹: u itself where the weights do not depend on Δ.
     power : float
         Residuals are divided by (1 − leverage) to this power: ½ is HC2, 1 is HC3 of MacKinnon &
         White (1985, J. Econometrics 29, 305). The first is unbiased for the covariance, and so gives pulls
         that are too wide where it is uncertain; halfway they are 1 within 2 % with 400 sources and 96
         coefficients.
-    threads : int, optional
-        How many; one a core unless given.
+    words : str
+        Beside the progress bar.
 
     Returns
     -------
-    covariance : (p, p) array [(µas/yr)²]
-    leverage : (n,) array
+    array
+        [(µas/yr)²]
     """
-    fitted = np.linalg.inv(weighted_matrix(field, field.weights * factors, modes, threads))
-    own = leverage(field, modes, fitted, factors, threads)
-    slope = np.linalg.inv(weighted_matrix(field, field.weights * slopes, modes, threads))
-    scores = outer_products(field, residual, factors / (1 - own) ** power)
-    covariance = slope @ weighted_matrix(field, scores, modes, threads) @ slope
-    return (covariance + covariance.T) / 2, own
+    slopes = sky.sum(partial(_slopes, scores=scores, modes=modes), roles=(), words=words)
+    fitted, slope = np.linalg.inv(slopes["fitted"]), np.linalg.inv(slopes["slope"])
+    total = (slopes["sources"], slopes["trace"])
+    middle = sky.sum(
+        partial(_scores, scores=scores, modes=modes, inverse=fitted, total=total, power=power), roles=(), words=words
+    )
+    covariance = slope @ middle @ slope
+    return (covariance + covariance.T) / 2
+
+
+def _slopes(field, scores, modes):
+    """Of some sources: the matrices with weights u and with their slopes, Σ u tr W, and how many they are."""
+    _, u, slopes = scores(field)
+    return {
+        "fitted": weighted_matrix(field, field.weights * u, modes),
+        "slope": weighted_matrix(field, field.weights * slopes, modes),
+        "trace": float(np.sum(field.information * u)),
+        "sources": len(field),
+    }
+
+
+def _scores(field, scores, modes, inverse, total, power):
+    """Σ AᵀψψᵀA of some sources."""
+    residual, u, _ = scores(field)
+    own = leverage(field, modes, inverse, u, total=total)
+    return weighted_matrix(field, outer_products(field, residual, u / (1 - own) ** power), modes)

@@ -15,6 +15,7 @@ from vsh import Field, Modes
 from vsh.basis import harmonics
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ConvergenceError, DegeneracyError, ParameterError
+from vsh.parts import as_parts
 
 
 def sky(n, seed, wrong=1.0, extra=0.0, half=1.0):
@@ -120,7 +121,7 @@ def test_the_sandwich_by_its_definition():
         score = u[i] / (1 - hat[i]) ** 0.75 * basis[:, :, i] @ inverse[i] @ field.motion[:, i]
         meat += np.outer(score, score)
     expected = np.linalg.inv(bread[1]) @ meat @ np.linalg.inv(bread[1])
-    found, _ = sandwich(field, modes, field.motion, u, slope)
+    found = sandwich(as_parts(field), lambda _: (field.motion, u, slope), modes)
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
 
 

@@ -4,6 +4,7 @@ from vsh.parts._add import Tree, added
 from vsh.parts._dask import Dask, is_delayed
 from vsh.parts._engines import Engine, Here, Processes
 from vsh.parts._parts import OPTIONAL, Parts, as_parts
+from vsh.parts._quantiles import median, weighted_quantiles
 
 __all__ = [
     "OPTIONAL",
@@ -16,4 +17,6 @@ __all__ = [
     "added",
     "as_parts",
     "is_delayed",
+    "median",
+    "weighted_quantiles",
 ]

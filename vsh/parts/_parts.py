@@ -145,6 +145,12 @@ class Parts:
             raise error
         return total.add_note(*notes) if notes and hasattr(total, "add_note") else total
 
+    @property
+    def in_memory(self) -> Field | None:
+        """The field itself, where it is all in one and in memory; None otherwise."""
+        (first, *others) = self.pieces or (None,)
+        return first if isinstance(first, Field) and not others and not self.steps else None
+
     def counted(self) -> int:
         """How many sources there are; reads all of them."""
         return self.sum(len, roles=(), words="counting")

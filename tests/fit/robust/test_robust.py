@@ -69,20 +69,10 @@ def test_an_unsettled_clip_is_never_returned():
 def test_a_clip_in_circles_says_so(monkeypatch):
     """Two sets of sources that send for one another."""
     field = noisy(6)[:1000]
-    solutions = iter([fit.fit_field(field, 1)] * 9)
-    distances = iter([np.r_[np.full(500, a), np.full(500, b)] for a, b in [(1, 9), (9, 1)] * 4])
-
-    class Swinging:
-        notes = ()
-
-        def residuals(self, field):
-            return self
-
-        @property
-        def chi2(self):
-            return next(distances) ** 2.0
-
-    monkeypatch.setattr(_clip, "solve", lambda normal: next(solutions) and Swinging())
+    far = {"one": np.r_[np.full(500, 1.0), np.full(500, 9.0)], "two": np.r_[np.full(500, 9.0), np.full(500, 1.0)]}
+    solutions = iter(["one", "two"] * 4)
+    monkeypatch.setattr(_clip, "solve", lambda normal: next(solutions))
+    monkeypatch.setattr(_clip, "_distances", lambda field, solution: far[solution])
     with pytest.raises(
         ConvergenceError, match="oscillates after 3 rounds: 1000 sources are alternately clipped and kept"
     ):
