@@ -11,7 +11,6 @@ import numpy as np
 from fit.normal._equations import NormalEquations
 from fit.storage import Result, count, exact, number, words
 from fit.sums import Rings, fourier_sums
-from vsh import tables
 from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
 from vsh.errors import FrameError, ModesError, TableError
@@ -19,7 +18,7 @@ from vsh.field import Field
 from vsh.modes import Modes, as_modes
 from vsh.parts import Parts
 from vsh.sky.frames import check_frame
-from vsh.types import ComplexArray, Figure, FloatArray, Table
+from vsh.types import ComplexArray, Figure, FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,7 +144,8 @@ class Moments(Result):
         ModesError
             If it is above theirs.
         """
-        lmax, cut = as_modes(lmax).lmax, as_modes(lmax).lmax - self.lmax
+        lmax = as_modes(lmax).lmax
+        cut = lmax - self.lmax
         if cut > 0:
             raise ModesError(
                 f"moments of degree {self.lmax} do not hold degree {lmax}: sum the sources to degree {lmax}"
@@ -153,11 +153,9 @@ class Moments(Result):
         if cut == 0:
             return self
         return replace(
-            self,
-            lmax=lmax,
-            weights=self.weights[:, : 2 * lmax + 1, -2 * cut : 2 * cut],
+            self, lmax=lmax, weights=self.weights[:, : 2 * lmax + 1, -2 * cut : 2 * cut],
             motions=self.motions[:, : lmax + 1, -cut:cut],
-        )
+        )  # fmt: skip
 
     def normal_equations(self, modes: Modes | int | None = None) -> NormalEquations:
         """Normal equations of any degree up to theirs.
@@ -225,7 +223,7 @@ class Moments(Result):
         -------
         str
         """
-        weight = (self.weights[0, 0] + self.weights[1, 0])[2 * self.lmax].real / self.n_data
+        weight = (self.weights[:2, 0].sum(0))[2 * self.lmax].real / self.n_data
         lines = [
             f"Moments of {self.n_data // 2} sources to degree {self.lmax} ({self.frame} axes): "
             f"{(self.weights.nbytes + self.motions.nbytes) / 1e3:.4g} kB",
@@ -234,16 +232,6 @@ class Moments(Result):
             *(f"  - {note}" for note in self.notes),
         ]
         return "\n".join(lines) + "\n"
-
-    def to_table(self) -> Table:
-        """The moments as an astropy Table: a row each.
-
-        Returns
-        -------
-        Table
-        """
-        columns, _, units = self._pack()
-        return tables.table_of(columns, self._plain_facts(), units)
 
     def plot(self) -> Figure:
         """The weight of the sources on the sky, as a matplotlib figure.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import cast
+from functools import partial, reduce
+from typing import Any, cast
 
 import numpy as np
 
@@ -13,15 +14,17 @@ from fit.solution import Solution
 from fit.solve import solve
 from vsh import Coefficients, Field
 from vsh.checks import arguments, arrays, nouns
+from vsh.checks.notes import merge_notes
 from vsh.cosmology import FLOW_LIMIT, usable, with_redshift
-from vsh.errors import DegeneracyError, ParameterError
+from vsh.errors import DegeneracyError, NothingLeftError, ParameterError
 from vsh.modes import Modes, as_modes
+from vsh.parts import Parts, added, as_parts, weighted_quantiles
 from vsh.types import ArrayLike, FloatArray
 
 
-@arguments.accepts(field=nouns.fields)
+@arguments.accepts(field=nouns.fields_or_parts)
 def binned(
-    field: Field | Iterable[Field],
+    field: Field | Parts | Iterable[Field],
     modes: Modes | int,
     edges: ArrayLike | int,
     *,
@@ -32,8 +35,8 @@ def binned(
 
     Parameters
     ----------
-    field : Field or iterable of Fields
-        Sources without a usable redshift are left out; a note counts and names them.
+    field : Field, Parts or iterable of Fields
+        Parts are gone through once where the edges are given, three times otherwise. Sources without a usable redshift are left out; a note counts and names them.
     modes : Modes, or the degree lmax
         What to fit.
     edges : (B + 1,) array, or int
@@ -57,10 +60,9 @@ def binned(
         If there are no redshifts.
     """
     modes = as_modes(modes)
-    fields = [field] if isinstance(field, Field) else field
     if isinstance(edges, (str, dict)) or np.ndim(edges) == 0:
-        if not isinstance(field, Field):
-            raise ParameterError("bins of equal information need the whole field: give their edges")
+        if not isinstance(field, Field | Parts):
+            raise ParameterError("bins of equal information need the whole field, or parts: give their edges")
         edges = equal_information(field, cast(int, edges))
     edges = arrays.float_array("edges", edges)
     if edges.ndim != 1 or len(edges) < 2:
@@ -73,26 +75,21 @@ def binned(
             f"the edges of redshift bins rise from one to the next, not {edges[at]} to {edges[at + 1]}"
         )
     bins = len(edges) - 1
-    normals, sums, notes, outside = [0] * bins, np.zeros((bins, 5)), [], 0
-    for part in fields:
-        if part is not field and part.redshift is not None and not usable(part.redshift, 0.0).any():
-            notes.append(f"left out {len(part)} sources in a row without a usable redshift")
-            continue
-        good = with_redshift(part, 0.0)
-        notes += [note for note in good.notes if note not in notes]
-        place = np.searchsorted(edges, np.asarray(good.redshift), side="right") - 1
-        outside += int(((place < 0) | (place >= bins)).sum())
-        for b in np.unique(place[(place >= 0) & (place < bins)]):
-            inside = good[place == b]
-            normals[b] = normals[b] + normal_equations(inside, modes, threads=threads)
-            sums[b] += _moments(inside)
-    if outside:
-        notes.append(f"left out {outside} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
-    for b, normal in enumerate(normals):
-        if not normal:
+    found: dict[Any, Any]
+    work = partial(_by_bin, edges=edges, modes=modes, threads=threads)
+    if isinstance(field, Parts):
+        found = field.sum(work, roles=("redshift",), words="bins of redshift")
+    else:
+        found = reduce(added, map(work, [field] if isinstance(field, Field) else field), {})
+    notes = list(merge_notes(*found.get("notes", ())))
+    if found.get("outside"):
+        notes.append(f"left out {found['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
+    for b in range(bins):
+        if b not in found:
             raise DegeneracyError(
                 f"bin {b + 1} of {bins}, {edges[b]:g} ≤ z < {edges[b + 1]:g}, is empty: choose other edges"
             )
+    normals, sums = [found[b][0] for b in range(bins)], np.array([found[b][1] for b in range(bins)])
     counts = sums[:, 0].astype(int)
     solutions, covariance, free = (_joint if shared_higher_degrees and modes.lmax > 1 else _apart)(normals, edges)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -110,13 +107,28 @@ def binned(
     )
 
 
-@arguments.accepts(field=arguments.a(Field), n_bins=arguments.whole)
-def equal_information(field: Field, n_bins: int) -> FloatArray:
+def _by_bin(field, edges, modes, threads):
+    """Of some sources, by bin: normal equations and moments of the redshifts; and what was left out."""
+    try:
+        good = with_redshift(field, 0.0)
+    except NothingLeftError as error:  # other parts may have some
+        return {"notes": [(*field.notes, *error.notes)]}
+    place = np.searchsorted(edges, np.asarray(good.redshift), side="right") - 1
+    bins = len(edges) - 1
+    found = {"outside": int(((place < 0) | (place >= bins)).sum()), "notes": [good.notes]}
+    for b in np.unique(place[(place >= 0) & (place < bins)]):
+        inside = good[place == b]
+        found[int(b)] = normal_equations(inside, modes, threads=threads), _moments(inside)
+    return found
+
+
+@arguments.accepts(field=arguments.a(Field, Parts), n_bins=arguments.whole)
+def equal_information(field: Field | Parts, n_bins: int) -> FloatArray:
     """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,).
 
     Parameters
     ----------
-    field : Field
+    field : Field or Parts
         The sources.
     n_bins : int
         How many.
@@ -132,19 +144,43 @@ def equal_information(field: Field, n_bins: int) -> FloatArray:
     FieldError
         If there are no redshifts.
     """
-    field = with_redshift(field, 0.0)
-    if len(field) < n_bins:
-        raise DegeneracyError(f"{len(field)} sources do not fill {n_bins} bins")
-    redshift = np.asarray(field.redshift)
-    order = np.argsort(redshift, kind="stable")
-    z, weight = redshift[order], np.cumsum(field.information[order])
-    inner = z[np.searchsorted(weight, weight[-1] * np.arange(1, n_bins) / n_bins)]
-    edges = np.r_[z[0], inner, np.nextafter(z[-1], np.inf)]
+    sky = as_parts(field)
+    sources, low, high = sky.sum(_reach, roles=("redshift",), words="redshifts")
+    if sources < n_bins:
+        raise DegeneracyError(f"{sources} sources do not fill {n_bins} bins")
+    inner = weighted_quantiles(
+        sky, partial(_usable_column, column="redshift"), partial(_usable_column, column="information"),
+        np.arange(1, n_bins) / n_bins, roles=("redshift",), words="bins of redshift",
+    )  # fmt: skip
+    edges = np.r_[low.value, inner, np.nextafter(high.value, np.inf)]
     if not (np.diff(edges) > 0).all():
         raise DegeneracyError(
             f"{n_bins} bins cannot hold equal information: a few sources weigh more than a bin; take fewer n_bins"
         )
     return edges
+
+
+def _usable_column(field, column):
+    """A column of the sources with a redshift; nothing where there is none."""
+    if field.redshift is None:
+        return getattr(with_redshift(field, 0.0), column)  # which says what is missing
+    return getattr(field[usable(field.redshift, 0.0)], column)
+
+
+def _reach(field):
+    """How many sources have a redshift, the least and the largest."""
+    z = _usable_column(field, "redshift")
+    return len(z), _Extreme(z.min() if z.size else np.inf, min), _Extreme(z.max() if z.size else -np.inf, max)
+
+
+class _Extreme:
+    """The least or the largest of what is added."""
+
+    def __init__(self, value, of):
+        self.value, self.of = value, of
+
+    def __add__(self, other):
+        return _Extreme(self.of(self.value, other.value), self.of)
 
 
 def _moments(field):

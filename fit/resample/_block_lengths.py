@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from fit.resample._resample import jackknife
+from fit.resample._blocks import jackknife
 from vsh.checks import arguments
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
+from vsh.parts import Parts, as_parts
 from vsh.sky.pixels import pixels_of
 
 #: Blocks for each coefficient, at least: with fewer, leaving one out nearly undoes some coefficient, and errors
@@ -34,9 +36,9 @@ class BlockLength(NamedTuple):
     resampled: object
 
 
-@arguments.accepts(field=arguments.a(Field))
+@arguments.accepts(field=arguments.a(Field, Parts))
 def compare_blocks(
-    field: Field, modes: Modes | int, *, nsides: Sequence[int] = (8, 4, 2, 1), progress: bool = True
+    field: Field | Parts, modes: Modes | int, *, nsides: Sequence[int] = (8, 4, 2, 1), progress: bool = True
 ) -> tuple[list[BlockLength], BlockLength, str]:
     """Jackknife errors with blocks of several sizes, side by side: which are long enough?
 
@@ -45,7 +47,7 @@ def compare_blocks(
 
     Parameters
     ----------
-    field : Field
+    field : Field or Parts
         The sources.
     modes : Modes, or the degree lmax
         What to fit.
@@ -72,7 +74,7 @@ def compare_blocks(
     modes = as_modes(modes)
     needed, rows, failed = BLOCKS_PER_COEFFICIENT * len(modes), [], None
     for nside in nsides:
-        blocks = len(np.unique(pixels_of(field.lon, field.lat, nside)))
+        blocks = len(as_parts(field).sum(partial(_pixels, nside=nside), roles=(), words="blocks"))
         if blocks < needed:
             failed = DegeneracyError(
                 f"{blocks} blocks of nside {nside} are too few for {len(modes)} coefficients; "
@@ -87,6 +89,11 @@ def compare_blocks(
         raise failed or DegeneracyError("no sizes of blocks were given")
     best = next(row for i, row in enumerate(rows) if all(not _grows(row, later) for later in rows[i + 1 :]))
     return rows, best, _advice(rows, best)
+
+
+def _pixels(field, nside):
+    """The blocks that hold sources, as keys."""
+    return dict.fromkeys(np.unique(pixels_of(field.lon, field.lat, nside)).tolist())
 
 
 def _length(found, nside):

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.polynomial import chebyshev
-from scipy.optimize import minimize_scalar
-from scipy.special import gamma, gammainc, gammaln
 
 from fit.normal import normal_equations
+from fit.robust._likelihoods import Permissive, Share, StudentT
 from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from fit.sums import sandwich
@@ -28,8 +25,6 @@ from vsh.types import FloatArray, IntArray
 
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
-#: Newton's steps to a source's share in its own fit, at most; with thousands of sources three are enough.
-_STEPS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +119,7 @@ def student_t(
     neighbours share.
     """
     modes, sky = as_modes(modes), as_parts(field)
-    weight = _StudentT(4.0 if nu is None else nu, estimated=nu is None)
+    weight = StudentT(4.0 if nu is None else nu, estimated=nu is None)
     return _reweighted(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
 
 
@@ -157,76 +152,7 @@ def permissive(
     sandwich as that of `student_t`.
     """
     modes, sky = as_modes(modes), as_parts(field)
-    return _reweighted(sky, modes, _Permissive(), "Sivia's conservative likelihood", tolerance, max_rounds, 0.5)
-
-
-@dataclass(frozen=True)
-class _StudentT:
-    """Weights of the bivariate t distribution and their slopes by X²."""
-
-    nu: float
-    estimated: bool
-
-    def __call__(self, x2):
-        u = (self.nu + 2) / (self.nu + x2)
-        return u, -u / (self.nu + x2)
-
-    def fitted(self, sky, share, words):
-        """The same with the likeliest ν, from the residuals with leverages by the ν that was."""
-        if not self.estimated:
-            return self
-        n, logs = sky.sum(partial(_log_terms, share=share), roles=(), words=words)
-        return replace(self, nu=_likeliest_nu(logs / n))
-
-
-@dataclass(frozen=True)
-class _Permissive:
-    """Weights of Sivia's likelihood and their slopes by X²."""
-
-    nu: None = None
-
-    def __call__(self, x2):
-        q = np.maximum(x2 / 2, 1e-8)
-        i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (1.5, 2.5, 3.5))
-        return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
-
-    def fitted(self, sky, share, words):
-        return self
-
-
-@dataclass(frozen=True)
-class _Share:
-    """What weighs each source: its residual from a solution, and its share in its own fit.
-
-    Attributes
-    ----------
-    solution : Solution
-        Of the round before.
-    weight : function
-        X² → u and its slope.
-    leverage : float
-        By which u tr W is multiplied for the share: p/2 over Σ u tr W.
-    """
-
-    solution: Solution
-    weight: Any
-    leverage: float
-
-    def __call__(self, field):
-        """X² over one less the share, u and its slope, each (n,); and the residuals."""
-        residual = self.solution.residuals(field)
-        chi2, largest = residual.chi2, self.leverage * field.information
-        own = np.zeros(len(field))
-        # The share depends on u, and u on the share, the less the larger it is: Newton's steps to where both agree.
-        for _ in range(_STEPS):
-            x2 = chi2 / (1 - own)
-            u, slope = self.weight(x2)
-            step = (np.minimum(largest * u, 0.9) - own) / (1 - largest * slope * x2 / (1 - own))
-            own = np.clip(own + step, 0.0, 0.9)
-            if np.max(np.abs(step)) < 1e-13:
-                break
-        x2 = chi2 / (1 - own)
-        return x2, *self.weight(x2), residual.motion
+    return _reweighted(sky, modes, Permissive(), "Sivia's conservative likelihood", tolerance, max_rounds, 0.5)
 
 
 def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
@@ -236,8 +162,8 @@ def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
     values, leverage = plain.values, len(modes) / 2 / information
     for rounds in range(1, max_rounds + 1):
         words = f"{name}, round {rounds}"
-        weight = weight.fitted(sky, _Share(solution, weight, leverage), words)
-        share = _Share(solution, weight, leverage)
+        weight = weight.fitted(sky, Share(solution, weight, leverage), words)
+        share = Share(solution, weight, leverage)
         found = sky.sum(partial(_weighted, share=share, modes=modes), roles=(), words=words)
         solution = solve(found["normal"])
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
@@ -250,7 +176,7 @@ def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
         raise ConvergenceError(
             f"the weights have not settled after {max_rounds} rounds: coefficients move by {moved:.1e} σ"
         )
-    return _with_errors(sky, plain, solution, _Share(solution, weight, leverage), name, rounds, power)
+    return _with_errors(sky, plain, solution, Share(solution, weight, leverage), name, rounds, power)
 
 
 def _with_errors(sky, plain, solution, share, name, rounds, power):
@@ -317,27 +243,3 @@ class _Least:
 
     def __add__(self, other):
         return _Least(sorted([*self.few, *other.few], key=lambda each: each[0])[:5])
-
-
-#: Where the likelihood of ν is looked at; between them it is a polynomial of ln ν, exact to 1e-12.
-_NODES = chebyshev.chebpts1(36)
-_LOW, _HIGH = np.log([0.5, 200.0])
-
-
-def _log_terms(field, share):
-    """How many sources, and Σ ln(1 + X²/ν) at the nodes of ln ν."""
-    x2 = share(field)[0]
-    nus = np.exp(_LOW + (_HIGH - _LOW) * (_NODES + 1) / 2)
-    return len(field), np.array([np.log1p(x2 / nu).sum() for nu in nus])
-
-
-def _likeliest_nu(mean_logs):
-    """ν of the bivariate t distribution, p(X²) ∝ (1 + X²/ν)^{−(ν+2)/2}, that makes the X² likeliest."""
-    terms = chebyshev.chebfit(_NODES, mean_logs, len(_NODES) - 1)
-
-    def loss(log_nu):
-        nu = np.exp(log_nu)
-        constant = gammaln((nu + 2) / 2) - gammaln(nu / 2) - np.log(nu)
-        return -(constant - (nu + 2) / 2 * chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms))
-
-    return float(np.exp(minimize_scalar(loss, bounds=(_LOW, _HIGH), method="bounded").x))

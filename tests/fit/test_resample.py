@@ -5,7 +5,7 @@ import pytest
 
 import fit
 import sim
-from fit.resample import _resample
+from fit.resample import _blocks
 from vsh import Coefficients, Field, Modes
 from vsh.errors import DegeneracyError, FieldError
 from vsh.sky.pixels import centres, mean_map, pixels_of
@@ -87,7 +87,7 @@ def test_what_cannot_be_resampled_is_said():
 
 
 def test_blocks_that_do_not_fit_into_memory_are_refused(monkeypatch):
-    monkeypatch.setattr(_resample, "MEMORY", 1000)
+    monkeypatch.setattr(_blocks, "MEMORY", 1000)
     with pytest.raises(DegeneracyError, match="do not fit into memory: lower nside from 2 or lmax from 1"):
         fit.resample.block_bootstrap(observed(1), Modes(1), 2, 10, rng=1)
 

@@ -30,6 +30,8 @@ HEAVY = {
         "*/_plot.py", "*/plot.py", "fit/output/_figures.py", "fit/output/_files.py", "*/commands/*.py", "study/figures.py",
     ],
     "pyarrow": ["vsh/tables/_arrow.py"],
+    "dask": ["vsh/parts/_dask.py"],
+    "distributed": ["vsh/parts/_dask.py"],
     "astropy.cosmology": ["vsh/cosmology/_distance.py"],
     "astropy": [
         "vsh/tables/_*.py", "vsh/cosmology/_distance.py", "vsh/catalogue/_columns.py", "vsh/catalogue/_units.py", "vsh/sky/frames.py", "vsh/commands/*.py",
@@ -38,7 +40,7 @@ HEAVY = {
 }  # fmt: skip
 #: What a function may import instead of its file: what is heavy, and what is imported only if it is asked for.
 LATE = re.compile(
-    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|importlib|multiprocessing|threadpoolctl|tqdm|platform|tomllib)\b"
+    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|importlib|multiprocessing|threadpoolctl|tqdm|platform|tomllib)\b"
 )
 
 

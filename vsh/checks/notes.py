@@ -1,12 +1,12 @@
 """What a reader of a result should know of its data: lines of text that travel with it and add up.
 
-Notes are strings. Two kinds also count: rows that were left out, and notes too many to list.
+Notes are strings. Some also count: rows that were left out, sources without a redshift, notes too many to list.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from hashlib import blake2b
 from typing import Any
 
@@ -19,14 +19,14 @@ MAX_NOTES = 9
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 
-class DroppedRows(str):
-    """A note that says how many rows were left out and why; those of several tables add up.
+class CountedNote(str):
+    """A note with a count, which adds up where parts of a catalogue do.
 
     Attributes
     ----------
-    parts : dict of str to (dict of str to int, int)
-        For each table, told apart by a hash: how many rows were left out for which reason, and how
-        many rows it had. A table that comes in by two ways counts once.
+    parts : dict of str to (dict of str to int, int, tuple of str)
+        For each table, told apart by a hash: how many rows there were for which reason, how many rows it had,
+        and the names of a few. A table that comes in by two ways counts once.
     """
 
     parts: dict[str, Any]
@@ -34,21 +34,38 @@ class DroppedRows(str):
     total: int
 
     def __new__(cls, parts):
-        counts, total = {}, 0
-        for reasons, rows in parts.values():
+        counts, total, names = {}, 0, []
+        for reasons, rows, named in parts.values():
             total += rows
+            names += named
             for reason, count in reasons.items():
                 counts[reason] = counts.get(reason, 0) + count
-        listed = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
-        note = super().__new__(cls, f"left out {sum(counts.values())} of {total} rows{': ' if listed else ''}{listed}")
+        note = super().__new__(cls, cls.words(counts, total, names))
         note.parts, note.counts, note.total = parts, counts, total
         return note
 
     def __getnewargs__(self):
         return (self.parts,)
 
+    @staticmethod
+    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+        """What the note says.
+
+        Parameters
+        ----------
+        counts : dict of str to int
+            Rows by reason.
+        total : int
+            All rows.
+        names : list of str
+            Of the first.
+        """
+        raise NotImplementedError
+
     @classmethod
-    def of_table(cls, counts: Mapping[str, int], total: int, *arrays: ArrayLike) -> DroppedRows:
+    def of_table(
+        cls, counts: Mapping[str, int], total: int, *arrays: ArrayLike, names: Sequence[str] = ()
+    ) -> CountedNote:
         """Of one table, known again by a hash of some of its arrays.
 
         Parameters
@@ -59,11 +76,47 @@ class DroppedRows(str):
             All rows.
         *arrays
             By which the table is known again.
+        names : sequence of str
+            Of a few.
         """
         digest = blake2b(digest_size=12)
         for array in arrays:
             digest.update(np.ascontiguousarray(array).tobytes())
-        return cls({digest.hexdigest(): (dict(counts), int(total))})
+        return cls({digest.hexdigest(): (dict(counts), int(total), tuple(names))})
+
+
+class DroppedRows(CountedNote):
+    """A note that says how many rows were left out and why."""
+
+    @staticmethod
+    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+        """What the note says.
+
+        Parameters
+        ----------
+        counts, total, names
+            As for `CountedNote.words`.
+        """
+        listed = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
+        return f"left out {sum(counts.values())} of {total} rows{': ' if listed else ''}{listed}"
+
+
+class WithoutRedshift(CountedNote):
+    """A note that says how many sources have no redshift that can be used."""
+
+    @staticmethod
+    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+        """What the note says.
+
+        Parameters
+        ----------
+        counts, total, names
+            As for `CountedNote.words`.
+        """
+        lost = sum(counts.values())
+        listed = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
+        named = f" ({', '.join(names[:5])}{', …' if lost > 5 else ''})" if names else ""
+        return f"left out {lost} of {total} sources without a usable redshift: {listed}{named}"
 
 
 class MoreNotes(str):
@@ -95,11 +148,11 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
         The notes of each table.
     """
     plain: dict[str, None] = {}
-    parts: dict[str, Any] = {}
+    counted: dict[type[CountedNote], dict[str, Any]] = {}
     hidden: set[str] = set()
     for note in (note for group in groups for note in group):
-        if isinstance(note, DroppedRows):
-            parts |= note.parts
+        if isinstance(note, CountedNote):
+            counted.setdefault(type(note), {}).update(note.parts)
         elif isinstance(note, MoreNotes):
             hidden |= note.hashes
         else:
@@ -111,7 +164,7 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
         hidden |= {_hash(line) for line in lines[MAX_NOTES - 1 :]}
         hidden -= {_hash(line) for line in kept}
         lines = kept
-    return (*lines, *([DroppedRows(parts)] if parts else []), *([MoreNotes(hidden)] if hidden else []))
+    return (*lines, *(kind(parts) for kind, parts in counted.items()), *([MoreNotes(hidden)] if hidden else []))
 
 
 def dropped(notes: Iterable[str]) -> int:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.errors import FieldError
+from vsh.checks.notes import WithoutRedshift
+from vsh.errors import FieldError, NothingLeftError
 from vsh.field import Field
 from vsh.types import ArrayLike, BoolArray
 
@@ -49,13 +50,26 @@ def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str
     >>> count_unusable([np.nan, 0.0, -0.1, 5e-5, 0.1])
     '1 missing, 2 zero or negative, 1 below 0.0001'
     """
+    counts = reasons_unusable(redshift, min_redshift)
+    return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
+
+
+def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> dict[str, int]:
+    """How many redshifts cannot be used, by reason.
+
+    Parameters
+    ----------
+    redshift : (n,) array
+        One for each source.
+    min_redshift : float
+        The smallest redshift of use.
+    """
     redshift = np.asarray(redshift, float)
-    counts = {
+    return {
         "missing": int((~np.isfinite(redshift)).sum()),
         "zero or negative": int((np.isfinite(redshift) & (redshift <= 0)).sum()),
         f"below {min_redshift:g}": int(((redshift > 0) & (redshift < min_redshift)).sum()),
     }
-    return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
 
 
 def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT) -> Field:
@@ -82,11 +96,13 @@ def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT) -> Field:
     good = usable(field.redshift, min_redshift)
     if good.all():
         return field
-    said = f"{(~good).sum()} of {len(field)} sources without a usable redshift: {count_unusable(field.redshift, min_redshift)}"
-    if not good.any():
-        raise FieldError(f"{said}. No source is left")
-    named = ""
-    if field.name is not None:
-        first = [str(name) for name in field.name[~good][:5]]
-        named = f" ({', '.join(first)}{', …' if (~good).sum() > 5 else ''})"
-    return field[good].add_note(f"left out {said}{named}")
+    bad = ~good
+    names = () if field.name is None else tuple(str(name) for name in field.name[bad][:5])
+    reasons = reasons_unusable(field.redshift, min_redshift)
+    note = WithoutRedshift.of_table(reasons, len(field), field.lon, field.redshift, names=names)
+    if bad.all():
+        error = NothingLeftError(f"{bad.sum()} of {len(field)} sources without a usable redshift: "
+                                 f"{count_unusable(field.redshift, min_redshift)}. No source is left")  # fmt: skip
+        error.notes = (note,)
+        raise error
+    return field[good].add_note(note)

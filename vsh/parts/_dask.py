@@ -45,7 +45,12 @@ class Dask(Engine):
         return f"by Dask{f' at {self.address}' if self.address else ''}"
 
     def total(self, work: Callable[[Any], Any], pieces: Sequence[Any], done: Callable[[], object]) -> Any:
-        """See `Engine`.
+        """The sum of `work` over the pieces.
+
+        Parameters
+        ----------
+        work, pieces, done
+            As for `Engine.total`.
 
         Raises
         ------
@@ -72,7 +77,13 @@ class Dask(Engine):
                 client.close()
 
     def fetched(self, piece: Any) -> Any:
-        """See `Engine`."""
+        """A piece as something that can be read in this process.
+
+        Parameters
+        ----------
+        piece : object
+            What a part is read from.
+        """
         if not is_delayed(piece):
             return piece
         client, own = self._client()

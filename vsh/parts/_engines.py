@@ -58,7 +58,13 @@ class Here(Engine):
         return "here"
 
     def total(self, work: Callable[[Any], Any], pieces: Sequence[Any], done: Callable[[], object]) -> Any:
-        """See `Engine`."""
+        """The sum of `work` over the pieces.
+
+        Parameters
+        ----------
+        work, pieces, done
+            As for `Engine.total`.
+        """
         tree = Tree()
         for piece in pieces:
             tree.add(work(piece))
@@ -82,7 +88,12 @@ class Processes(Engine):
         return f"by {self.workers} processes"
 
     def total(self, work: Callable[[Any], Any], pieces: Sequence[Any], done: Callable[[], object]) -> Any:
-        """See `Engine`.
+        """The sum of `work` over the pieces.
+
+        Parameters
+        ----------
+        work, pieces, done
+            As for `Engine.total`.
 
         Raises
         ------

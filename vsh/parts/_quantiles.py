@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 import numpy as np
@@ -30,10 +30,10 @@ def median(sky: Parts, numbers: Callable[[Field], FloatArray], words: str = "med
     """
     if sky.in_memory is not None:
         return float(np.median(numbers(sky.in_memory)))
-    counts = sky.sum(partial(_histogram, numbers=numbers, weights=None), words=words)
+    counts = sky.sum(partial(_histogram, numbers=numbers, weights=None), roles=(), words=words)
     n = int(counts.sum())
     middle = [(n + 1) // 2, n // 2 + 1]
-    return float(np.mean(_found(sky, numbers, None, counts, middle, words)))
+    return float(np.mean(_found(sky, numbers, None, counts, middle, (), words)))
 
 
 def weighted_quantiles(
@@ -41,6 +41,8 @@ def weighted_quantiles(
     numbers: Callable[[Field], FloatArray],
     weights: Callable[[Field], FloatArray],
     shares: ArrayLike,
+    *,
+    roles: Iterable[str] = (),
     words: str = "quantiles",
 ) -> FloatArray:
     """For each share, the least number up to which sources hold that share of the weight.
@@ -55,6 +57,8 @@ def weighted_quantiles(
         From a Field to a weight a source, (n,), none below zero.
     shares : (k,) array
         Between 0 and 1.
+    roles : iterable of str
+        Those of name, magnitude, redshift that the functions look at.
     words : str
         Beside the progress bar.
 
@@ -62,16 +66,16 @@ def weighted_quantiles(
     -------
     (k,) array
     """
-    counts = sky.sum(partial(_histogram, numbers=numbers, weights=weights), words=words)
-    return _found(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), words)
+    counts = sky.sum(partial(_histogram, numbers=numbers, weights=weights), roles=roles, words=words)
+    return _found(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
 
 
-def _found(sky, numbers, weights, counts, targets, words):
+def _found(sky, numbers, weights, counts, targets, roles, words):
     """The numbers at which the cumulative weight reaches the targets."""
     reached = np.cumsum(counts)
     bins = np.minimum(np.searchsorted(reached, targets), BINS - 1)
     wanted = np.unique(bins)
-    gathered = sky.sum(partial(_inside, numbers=numbers, weights=weights, bins=wanted), words=words)
+    gathered = sky.sum(partial(_inside, numbers=numbers, weights=weights, bins=wanted), roles=roles, words=words)
     found = []
     for bin_, target in zip(bins, targets, strict=True):
         values, mass = (np.concatenate(column) for column in zip(*gathered[int(bin_)], strict=True))

@@ -1,0 +1,167 @@
+"""How the result varies when parts of the sky are left out or drawn again: jackknife and bootstrap over blocks.
+
+Normal equations add, so the sky is cut into blocks once, and every replicate is a sum of
+blocks that are already there.
+
+If neighbours share errors, blocks must be larger than the correlation length (`compare_blocks` estimates it). Errors
+common to the whole sky, above all a glide or a rotation of the frame, cannot be detected by any resampling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from fit.normal import Moments, NormalEquations, normal_equations
+from fit.resample._resampled import Resampled
+from fit.solve import solve
+from vsh.checks import arguments
+from vsh.checks.arguments import generator
+from vsh.errors import DegeneracyError
+from vsh.field import Field
+from vsh.modes import Modes, as_modes
+from vsh.parts import Parts
+from vsh.sky.pixels import pixels_of
+from vsh.system.progress import progress_bar
+from vsh.types import Rng
+
+#: Beyond this, the normal matrices of all blocks are not kept at once. [bytes]
+MEMORY = 4 * 2**30
+
+
+@arguments.accepts(
+    field=arguments.a(Field, Parts),
+    nside=arguments.whole,
+    n_replicates=partial(arguments.whole, least=2),
+    rng=arguments.seed,
+)
+def block_bootstrap(
+    field: Field | Parts, modes: Modes | int, nside: int, n_replicates: int, rng: Rng, *, progress: bool = True
+) -> Resampled:
+    """Bootstrap over HEALPix blocks of the sky: errors that allow for correlations between neighbours.
+
+    Parameters
+    ----------
+    field, modes, n_replicates, rng, progress
+        As for `bootstrap`.
+    nside : int
+        nside of the HEALPix blocks; blocks without sources are not counted.
+
+    Returns
+    -------
+    Resampled
+
+    Raises
+    ------
+    DegeneracyError
+        If fewer than two blocks hold sources, or their matrices do not fit into memory.
+    """
+    modes = as_modes(modes)
+    rng = generator(rng)
+    p, blocks = len(modes), normals_of_blocks(field, modes, nside, progress)
+    if len(blocks) * p * p * 8 > MEMORY:
+        raise DegeneracyError(
+            f"{len(blocks)} blocks of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from {modes.lmax}"
+        )
+    normals = list(blocks)
+    matrices = np.array([normal.matrix.ravel() for normal in normals])
+    sides = np.array([normal.rhs for normal in normals])
+    total: Any = sum(normals)
+    solution = solve(total)
+    replicates = np.empty((n_replicates, p))
+    for replicate in progress_bar(replicates, words="block bootstrap", shown=progress):
+        times = rng.multinomial(len(normals), np.full(len(normals), 1 / len(normals))).astype(float)
+        drawn = NormalEquations(modes, (times @ matrices).reshape(p, p), times @ sides, 0.0, total.n_data, total.frame)
+        replicate[:] = solve(drawn).coefficients.values
+    return Resampled("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
+
+
+@arguments.accepts(field=arguments.a(Field, Parts), nside=arguments.whole)
+def jackknife(field: Field | Parts, modes: Modes | int, nside: int, *, progress: bool = True) -> Resampled:
+    """Leave out one HEALPix block of the sky after the other.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+    modes : Modes, or the degree lmax
+        What to fit.
+    nside : int
+        Of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
+        With noise correlated over 10° pulls were 2.1 at nside 4, 1.5 at 2 and 1.3 at 1 (formal errors: 10).
+        Take at least twice as many blocks as coefficients: with fewer, errors come out too large.
+    progress : bool
+        Show a bar, after two seconds.
+
+    Returns
+    -------
+    Resampled
+        Its covariance is (B − 1)/B Σ (c_b − c̄)(c_b − c̄)ᵀ over the B blocks.
+
+    Raises
+    ------
+    DegeneracyError
+        If fewer than two blocks hold sources, or the fit is degenerate without one of them.
+    """
+    modes = as_modes(modes)
+    blocks = normals_of_blocks(field, modes, nside, progress)
+    whole_sky = normal_equations(field, modes)
+    replicates = np.empty((len(blocks), len(modes)))
+    for replicate, normal in zip(replicates, blocks, strict=True):
+        replicate[:] = solve(whole_sky - normal).coefficients.values
+    away = replicates - replicates.mean(0)
+    covariance = (len(blocks) - 1) / len(blocks) * away.T @ away
+    return Resampled("jackknife", solve(whole_sky), replicates, covariance)
+
+
+class normals_of_blocks:
+    """The normal equations of each HEALPix block that holds sources, one after the other.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        The sources. Parts are gone through once, and send the sums of each block that they have sources in.
+    modes : Modes
+        What to fit.
+    nside : int
+        Of the blocks.
+    progress : bool
+        Show a bar, after two seconds.
+
+    Raises
+    ------
+    DegeneracyError
+        If fewer than two blocks hold sources.
+    """
+
+    def __init__(self, field: Field | Parts, modes: Modes, nside: int, progress: bool = True) -> None:
+        self.field, self.modes, self.words, self.progress = field, modes, f"blocks, nside {nside}", progress
+        if isinstance(field, Parts):
+            work = partial(_by_block, modes=modes, nside=nside)
+            found = field.sum(work, roles=(), words=self.words, progress=progress)
+            self.blocks: list[Any] = [found[pixel] for pixel in sorted(found)]
+        else:
+            pixel = pixels_of(field.lon, field.lat, nside)
+            order = np.argsort(pixel, kind="stable")
+            self.blocks = np.split(order, np.flatnonzero(np.diff(pixel[order])) + 1)
+        if len(self.blocks) < 2:
+            raise DegeneracyError(f"all sources lie in one block of nside {nside}: take a larger nside")
+
+    def __len__(self) -> int:
+        return len(self.blocks)
+
+    def __iter__(self) -> Iterator[NormalEquations]:
+        for block in progress_bar(self.blocks, words=self.words, shown=self.progress):
+            yield (
+                block.normal_equations()
+                if isinstance(self.field, Parts)
+                else normal_equations(self.field[block], self.modes)
+            )
+
+
+def _by_block(field, modes, nside):
+    pixel = pixels_of(field.lon, field.lat, nside)
+    return {int(each): Moments.of(field[pixel == each], modes) for each in np.unique(pixel)}
