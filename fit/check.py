@@ -16,6 +16,7 @@ from vsh import tables
 from vsh.checks import arguments
 from vsh.field import Field
 from vsh.modes import Modes
+from vsh.parts import Parts
 from vsh.types import Figure, Table
 
 
@@ -70,14 +71,14 @@ class CrossCheck(Result):
         return self.frame.plot()
 
 
-@arguments.accepts(field=arguments.a(Field))
-def cross_check(field: Field) -> CrossCheck:
+@arguments.accepts(field=arguments.a(Field, Parts))
+def cross_check(field: Field | Parts) -> CrossCheck:
     """Fit degree 1 to a field by both solvers and compare.
 
     Parameters
     ----------
-    field : Field
-        The sources.
+    field : Field or Parts
+        The sources. Parts are gone through twice.
 
     Returns
     -------

@@ -12,7 +12,8 @@ when they are wrong.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,9 @@ from fit.named import NamedSolution
 from vsh.checks.notes import merge_notes
 from vsh.errors import DegeneracyError, FieldError, FrameError
 from vsh.field import Field
+from vsh.parts import Parts, added, as_parts
 from vsh.sky.sphere import triad
+from vsh.system.parallel import map_blocks
 from vsh.types import FloatArray
 from vsh.vector import Vector
 
@@ -91,14 +94,14 @@ class FrameSolution(NamedSolution):
         return self._vector("epsilon", "µas") if "epsilon_x" in self.names else None
 
 
-def solve_frame(motions: Field, offsets: Field | None = None) -> FrameSolution:
+def solve_frame(motions: Field | Parts, offsets: Field | Parts | None = None) -> FrameSolution:
     """Solve for the spin and the acceleration, and for the orientation where offsets are given.
 
     Parameters
     ----------
-    motions : Field
+    motions : Field or Parts
         Proper motions. [µas/yr]
-    offsets : Field, optional
+    offsets : Field or Parts, optional
         Position differences (this frame minus the reference), of other sources or the
         same: `motion` and `sigma` hold Δα*, Δδ and their errors. [µas]
 
@@ -123,28 +126,52 @@ def solve_frame(motions: Field, offsets: Field | None = None) -> FrameSolution:
     >>> found.spin.value.round(9), found.acceleration.value.round(9)
     (array([1., 2., 3.]), array([4., 5., 6.]))
     """
-    if not isinstance(motions, Field) or not isinstance(offsets, (Field, type(None))):
-        raise FieldError(f"the frame solver takes Fields, not {type(motions).__name__} and {type(offsets).__name__}")
-    if offsets is not None and offsets.frame != motions.frame:
-        raise FrameError(f"motions are in {motions.frame}, offsets in {offsets.frame}: take both to one frame")
+    for each in (motions, offsets or motions):
+        if not isinstance(each, Field | Parts):
+            raise FieldError(f"the frame solver takes Fields, or parts of them, not a {type(each).__name__}")
     groups = [("omega", "a")] if offsets is None else [("epsilon",), ("omega", "a")]
     names = tuple(f"{name}_{axis}" for group in groups for name in group for axis in _AXES)
-    parts = [motions] if offsets is None else [offsets, motions]
+    found = as_parts(motions).sum(
+        partial(_triangle, column=len(names) - 6, size=len(names)), roles=(), words="frame solver"
+    )
+    if offsets is not None:
+        found = (
+            as_parts(offsets).sum(partial(_triangle, column=0, size=len(names)), roles=(), words="frame solver") + found
+        )
+    return _back_substitute(found.matrix, names, found.n_data, found.frame, found.notes)
 
-    triangle: Any = np.zeros((0, len(names) + 1))
-    column = 0
-    for part, group in zip(parts, groups):
-        width = 3 * len(group)
-        for start in range(0, len(part), _ROWS):
-            rows = _equations(part[start : start + _ROWS], acceleration="a" in group)
-            wide = np.zeros((len(rows), len(names) + 1))
-            wide[:, column : column + width] = rows[:, :-1]
-            wide[:, -1] = rows[:, -1]
-            triangle = np.linalg.qr(np.concatenate([triangle, wide]), mode="r")
-        column += width
-    n_data = 2 * sum(map(len, parts))
-    notes = motions.notes if offsets is None else merge_notes(offsets.notes, motions.notes)
-    return _back_substitute(triangle, names, n_data, motions.frame, notes)
+
+@dataclass(frozen=True, eq=False)
+class _Triangle:
+    """The upper triangle of the equations of some sources; two of them are the triangle of both."""
+
+    matrix: FloatArray
+    n_data: int
+    frame: str
+    notes: tuple[str, ...]
+
+    def __add__(self, other):
+        if other.frame != self.frame:
+            raise FrameError(f"sources are in {self.frame} and {other.frame}: take all to one frame")
+        matrix = np.linalg.qr(np.concatenate([self.matrix, other.matrix]), mode="r")
+        return _Triangle(matrix, self.n_data + other.n_data, self.frame, merge_notes(self.notes, other.notes))
+
+    def add_note(self, *notes):
+        return replace(self, notes=merge_notes((*self.notes, *notes)))
+
+
+def _triangle(field, column, size):
+    """Of motions, or of offsets in the first three columns of nine."""
+    motions = column + 6 == size
+
+    def block(part):
+        rows = _equations(field[part], acceleration=motions)
+        wide = np.zeros((len(rows), size + 1))
+        wide[:, column : column + rows.shape[1] - 1] = rows[:, :-1]
+        wide[:, -1] = rows[:, -1]
+        return _Triangle(np.linalg.qr(wide, mode="r"), len(rows), field.frame, field.notes)
+
+    return reduce(added, map_blocks(block, len(field), _ROWS))
 
 
 def _equations(field, acceleration):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._parameters import FRAME_NAMES, check_lower, named
+from fit.correlation._parameters import FRAME_NAMES, check_lower, named, without_motions
 from fit.normal import normal_equations
 from fit.solve import solve
 from fit.storage import Result, words
@@ -16,7 +16,6 @@ from vsh import Coefficients, Modes, tables
 from vsh.checks import arguments
 from vsh.checks.arrays import float_array
 from vsh.errors import DegeneracyError, ParameterError, TableError
-from vsh.field import Field
 from vsh.modes import as_modes
 from vsh.sky.frames import check_frame
 from vsh.types import ArrayLike, Figure, FloatArray, Table
@@ -191,7 +190,7 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
 
     Parameters
     ----------
-    sources : Field, or positions with errors as for `fit.correlation.predict`
+    sources : Field, Parts, or positions with errors as for `fit.correlation.predict`
         As for `fit.correlation.predict`.
     fitted, unmodelled : Modes, or degrees
         Fitted to the first, with a true field up to the second.
@@ -204,15 +203,14 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
     """
     fitted, unmodelled = as_modes(fitted), as_modes(unmodelled)
     check_lower(fitted, unmodelled)
-    field = Field.without_motions(sources, sigma)
-    normal = normal_equations(field, unmodelled)
+    normal = normal_equations(without_motions(sources, sigma), unmodelled)
     inside = np.array([mode.l <= fitted.lmax for mode in unmodelled])
     own = normal.matrix[np.ix_(inside, inside)]
     part = replace(normal, modes=fitted, matrix=own, rhs=normal.rhs[inside])
     solve(part)  # tells what such a fit cannot separate
     matrix = np.linalg.solve(own, normal.matrix[np.ix_(inside, ~inside)])
     names = np.array([str(mode) for mode in unmodelled])
-    return Leakage(matrix, fitted, unmodelled, tuple(names[inside]), tuple(names[~inside]), field.frame)
+    return Leakage(matrix, fitted, unmodelled, tuple(names[inside]), tuple(names[~inside]), normal.frame or "icrs")
 
 
 @arguments.accepts(max_lmax=arguments.whole)
@@ -223,7 +221,7 @@ def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = No
 
     Parameters
     ----------
-    sources : Field, or positions with errors
+    sources : Field, Parts, or positions with errors
         As for `fit.correlation.predict`.
     max_lmax : int
         Where to stop.
@@ -234,16 +232,15 @@ def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = No
     -------
     list[tuple[int, float, float]]
     """
-    field = Field.without_motions(sources, sigma)
     modes = Modes(max_lmax)
-    matrix = normal_equations(field, modes).matrix
+    normal = normal_equations(without_motions(sources, sigma), modes)
     rows = []
     for lmax in range(1, max_lmax + 1):
         inside = np.array([mode.l <= lmax for mode in modes])
-        part = matrix[np.ix_(inside, inside)]
+        part = normal.matrix[np.ix_(inside, inside)]
         diagonal = np.sqrt(np.diag(part))
         values = np.linalg.eigvalsh(part / np.outer(diagonal, diagonal)) if (diagonal > 0).all() else np.zeros(2)
-        if values[0] <= 1e-12 * values[-1] or 2 * len(field) < inside.sum():
+        if values[0] <= 1e-12 * values[-1] or normal.n_data < inside.sum():
             rows.append((lmax, float("inf"), 1.0))
             continue
         correlation = correlation_of(np.linalg.inv(part))

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.correlation._parameters import FRAME, parameters_of
+from fit.correlation._parameters import FRAME, parameters_of, without_motions
 from fit.frame import solve_frame
 from fit.normal import normal_equations
 from fit.solve import solve
@@ -17,6 +17,7 @@ from vsh.checks.arrays import covariance, float_array
 from vsh.errors import FrameError, ParameterError, TableError
 from vsh.field import Field
 from vsh.modes import Modes
+from vsh.parts import Parts, as_parts
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import triad
 from vsh.types import ArrayLike, Figure, FloatArray, Table
@@ -218,7 +219,7 @@ def correlation_matrices(
 
     Parameters
     ----------
-    fields : Field, positions with errors, or a list or dict of them
+    fields : Field, Parts, positions with errors, or a list or dict of them
         The catalogues.
     parameters : "spin+acceleration", Modes, or a degree
         Of which parameters: the components of spin and acceleration, or all coefficients.
@@ -244,17 +245,12 @@ def correlation_matrices(
     """
     if isinstance(fields, dict):
         labels, fields = list(fields), list(fields.values())
-    fields = [
-        Field.without_motions(field, sigma) for field in (fields if isinstance(fields, (list, tuple)) else [fields])
-    ]
+    fields = [without_motions(field, sigma) for field in (fields if isinstance(fields, (list, tuple)) else [fields])]
     if not fields:
         raise ParameterError("there are no catalogues to take correlations of")
     labels = tuple(labels or (f"catalogue {i + 1}" for i in range(len(fields))))
     if len(labels) != len(fields):
         raise ParameterError(f"{len(labels)} labels for {len(fields)} catalogues")
-    frames = {field.frame for field in fields}
-    if len(frames) > 1:
-        raise FrameError(f"the catalogues are in {' and '.join(sorted(frames))}: take all to one frame")
     if solver not in ("harmonics", "frame"):
         raise ParameterError(f'solver is "harmonics" or "frame", not {solver!r}')
     wanted = parameters_of(parameters)
@@ -264,28 +260,39 @@ def correlation_matrices(
         each: list[Any] = list(offsets) if isinstance(offsets, (list, tuple)) else [offsets] * len(fields)
         if len(each) != len(fields):
             raise ParameterError(f"{len(each)} fields of offsets for {len(fields)} catalogues")
-    matrices, names = [], wanted.names
+    matrices, names, dipoles, frames = [], wanted.names, [], []
     for i, field in enumerate(fields):
         if solver == "frame" or offsets is not None:
             found = solve_frame(field, None if offsets is None else each[i])
             matrices.append(found.correlation)
             names = found.names
+            frames.append(found.frame)
         else:
-            matrices.append(correlation_of(wanted.covariance(solve(normal_equations(field, wanted.modes)).covariance)))
-    return CorrelationMatrices(names, matrices, labels, [dipole(field) for field in fields], frames.pop())
+            solution = solve(normal_equations(field, wanted.modes))
+            matrices.append(correlation_of(wanted.covariance(solution.covariance)))
+            frames.append(solution.frame)
+        dipoles.append(dipole(field))
+        if frames[i] != frames[0]:
+            raise FrameError(f"the catalogues are in {frames[0]} and {frames[i]}: take all to one frame")
+    return CorrelationMatrices(names, matrices, labels, dipoles, frames[0])
 
 
-def dipole(field: Field) -> FloatArray:
+def dipole(field: Field | Parts) -> FloatArray:
     """Mean direction of the sources by weight, (3,): zero on a uniform sky.
 
     Parameters
     ----------
-    field : Field
+    field : Field or Parts
         The sources.
 
     Returns
     -------
     array
     """
+    vector, weight = as_parts(field).sum(_directions, roles=(), words="dipole")
+    return vector / weight
+
+
+def _directions(field):
     weight = field.information
-    return triad(field.lon, field.lat)[2] @ weight / weight.sum()
+    return triad(field.lon, field.lat)[2] @ weight, weight.sum()

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 
+from vsh.checks.arguments import positive
 from vsh.checks.frozen import Frozen
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import ModesError, ParameterError
+from vsh.field import Field
 from vsh.modes import KINDS, Modes, as_modes
-from vsh.types import FloatArray
+from vsh.parts import Parts
+from vsh.types import ArrayLike, FloatArray
 
 #: What stands for the six components of spin and acceleration.
 FRAME: Literal["spin+acceleration"] = "spin+acceleration"
@@ -149,3 +153,23 @@ def symbol(name: str) -> str:
         if name.startswith(plain):
             return f"${symbol}_{name[len(plain) :]}$"
     return name
+
+
+def without_motions(sources: Any, sigma: ArrayLike | None = None) -> Field | Parts:
+    """Sources whose positions and errors are enough, as a Field or as Parts.
+
+    Parameters
+    ----------
+    sources : Field, Parts, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
+        The sources.
+    sigma : float or (2, n) array, optional
+        Errors in place of the sources' own; one number for parts. [µas/yr]
+
+    Raises
+    ------
+    FieldError
+        If the sources have no positions, or no errors and none are given.
+    """
+    if not isinstance(sources, Parts):
+        return Field.without_motions(sources, sigma)
+    return sources if sigma is None else sources.map(partial(Field.without_motions, sigma=positive("sigma", sigma)))

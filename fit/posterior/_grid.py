@@ -17,6 +17,7 @@ from vsh import tables
 from vsh.checks import arguments
 from vsh.errors import ParameterError
 from vsh.field import Field
+from vsh.parts import Parts
 from vsh.types import Cosmology, Figure, FloatArray, Table
 from vsh.vector import Vector
 
@@ -125,9 +126,9 @@ class GridPosterior(Result):
         return float(np.sqrt((x - x @ p) ** 2 @ p))
 
 
-@arguments.accepts(field=arguments.a(Field), n_points=arguments.whole)
+@arguments.accepts(field=arguments.a(Field, Parts), n_points=arguments.whole)
 def grid(
-    field: Field,
+    field: Field | Parts,
     velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None = None,
     hubble_prior: str | tuple[float, float] | Prior | None = None,
     *,
@@ -141,7 +142,7 @@ def grid(
 
     Parameters
     ----------
-    field : Field
+    field : Field or Parts
         With redshifts, none missing or below 1e-4.
     velocity_prior, hubble_prior : as in `Priors`, optional
         "planck" and "flat" unless given; the velocity's prior must be Gaussian or flat.
@@ -168,13 +169,14 @@ def grid(
     known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
     if known.outliers is not None:
         raise ParameterError("a grid has no outliers: sample the posterior")
-    given, spin = checked_priors(known, field.frame), known.spin
+    rows = parallax_equations(field, cosmology)
+    given, spin = checked_priors(known, rows.frame), known.spin
     free = tuple(given.free)
     if len(free) > 2:
         raise ParameterError(f"a grid of {', '.join(free)} is too large: fix all but two, or sample")
     if not given.velocity.gaussian:
         raise ParameterError("on a grid the prior on the velocity must be Gaussian or flat")
-    model = parallax_model(parallax_equations(field, cosmology), given, spin, threads)
+    model = parallax_model(rows, given, spin, threads)
     limits = [given.limits(name) for name in free]
     for _ in range(3):  # the last two on what the one before left over
         axes = [_midpoints(*pair, n_points) for pair in limits]
@@ -187,7 +189,7 @@ def grid(
     centre = weight @ mean
     away = mean - centre
     spread = np.einsum("n,nij->ij", weight, covariance) + np.einsum("n,ni,nj->ij", weight, away, away)
-    return GridPosterior(free, tuple(axes), p, Vector(centre, spread, field.frame, "km/s"))
+    return GridPosterior(free, tuple(axes), p, Vector(centre, spread, rows.frame, "km/s"))
 
 
 def _midpoints(low, high, count):

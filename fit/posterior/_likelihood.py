@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from fit.secular_parallax import OMEGA, A, ParallaxEquations, ParallaxSums, U, check_determined
+from fit.secular_parallax import OMEGA, A, ParallaxEquations, ParallaxParts, ParallaxSums, U, check_determined
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.types import FloatArray
 from vsh.vector import Vector
@@ -144,7 +144,7 @@ class CompressedLikelihood:
 
 
 def compress_likelihood(
-    rows: ParallaxEquations,
+    rows: ParallaxEquations | ParallaxParts,
     spread: tuple[float, float] = (0.0, 0.0),
     excess_noise: tuple[float, float] = (0.0, 0.0),
     spin: Literal["free"] | Vector | None = None,
@@ -156,7 +156,7 @@ def compress_likelihood(
 
     Parameters
     ----------
-    rows : ParallaxEquations
+    rows : ParallaxEquations or ParallaxParts
         Its equations.
     spread, excess_noise : pairs of float
         Limits of s [km/s] and x [µas/yr]
@@ -175,10 +175,10 @@ def compress_likelihood(
     ConvergenceError
         If the table does not settle.
     """
-    scale = max(np.sqrt(rows.variance.min()) / rows.rate.max(), 1e-6 * max(spread[1], 1e-30))
+    scale = max(np.sqrt(rows.smallest_variance) / rows.largest_rate, 1e-6 * max(spread[1], 1e-30))
     axes = [
         Axis(*spread, scale, 1 if spread[0] == spread[1] else 12),
-        Axis(*excess_noise, float(np.sqrt(rows.variance.min())), 1 if excess_noise[0] == excess_noise[1] else 12),
+        Axis(*excess_noise, float(np.sqrt(rows.smallest_variance)), 1 if excess_noise[0] == excess_noise[1] else 12),
     ]
     _check(rows, spread[1], excess_noise[1], spin, threads)
     for i in (0, 1):  # each axis along the sharp edge of the other
@@ -262,7 +262,7 @@ def _check(rows, spread, excess_noise, spin, threads):
     keep = slice(0, 9 if spin is not None else 6)
     matrix = rows.sums(spread, excess_noise, threads=threads).matrix[keep, keep]
     names = ["v_x", "v_y", "v_z", "a_x", "a_y", "a_z", "omega_x", "omega_y", "omega_z"][keep]
-    check_determined(matrix, names, len(rows.motion) // 2)
+    check_determined(matrix, names, rows.n_data // 2)
 
 
 def _error(table, rows, spin, threads, points=24):

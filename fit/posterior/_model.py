@@ -18,7 +18,7 @@ import numpy as np
 
 from fit.posterior._likelihood import CompressedLikelihood, compress_likelihood
 from fit.posterior._priors import ModelPriors
-from fit.secular_parallax import ParallaxEquations
+from fit.secular_parallax import ParallaxEquations, ParallaxParts
 from vsh.errors import ParameterError
 from vsh.types import FloatArray
 from vsh.vector import Vector
@@ -211,7 +211,7 @@ class ParallaxModel:
 
 
 def parallax_model(
-    rows: ParallaxEquations,
+    rows: ParallaxEquations | ParallaxParts,
     given: ModelPriors,
     spin: Literal["free"] | Vector | None = None,
     threads: int | None = None,
@@ -220,7 +220,7 @@ def parallax_model(
 
     Parameters
     ----------
-    rows : ParallaxEquations
+    rows : ParallaxEquations or ParallaxParts
         Of a catalogue.
     given : ModelPriors
         What is known before.

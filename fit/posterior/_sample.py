@@ -12,18 +12,21 @@ from fit.posterior._model import parallax_model
 from fit.posterior._posterior import Posterior
 from fit.posterior._priors import NoiseOptions, Priors, as_priors, checked_priors
 from fit.sampling import Prior, Run, as_prior, check_writable, fingerprint
-from fit.secular_parallax import parallax_equations
+from fit.secular_parallax import ParallaxEquations, parallax_equations
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.errors import ParameterError
 from vsh.field import Field
+from vsh.parts import Parts
 from vsh.types import Cosmology, FloatArray, PathName, Rng
 from vsh.vector import Vector
 
 
-@arguments.accepts(field=arguments.a(Field), n_samples=arguments.whole, rng=arguments.seed, n_walkers=arguments.whole)
+@arguments.accepts(
+    field=arguments.a(Field, Parts), n_samples=arguments.whole, rng=arguments.seed, n_walkers=arguments.whole
+)
 def sample(
-    field: Field,
+    field: Field | Parts,
     velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None = None,
     hubble_prior: str | tuple[float, float] | Prior | None = None,
     *,
@@ -42,7 +45,7 @@ def sample(
 
     Parameters
     ----------
-    field : Field
+    field : Field or Parts
         With redshifts, none missing or below 1e-4.
     velocity_prior, hubble_prior : as in `Priors`, optional
         "planck" and "flat" unless given.
@@ -87,15 +90,17 @@ def sample(
     ten of them from mode to mode (ter Braak 2006).
     """
     known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
+    rows = parallax_equations(field, cosmology)
     given, spin, outliers, outlier_width = (
-        checked_priors(known, field.frame),
+        checked_priors(known, rows.frame),
         known.spin,
         known.outliers,
         known.outlier_width,
     )
-    rows = parallax_equations(field, cosmology)
     model: Any = parallax_model(rows, given, spin, threads)
     if outliers is not None:
+        if not isinstance(rows, ParallaxEquations):
+            raise ParameterError("outliers are told apart source by source, in memory: give a Field, not parts")
         width = 10 * float(np.median(np.sqrt(rows.variance))) if outlier_width is None else float(outlier_width)
         model = MixtureModel(model, rows, as_prior(outliers, "outliers"), width, spin, threads)
     n_walkers = n_walkers or (128 if outliers is None else 64)
@@ -110,10 +115,18 @@ def sample(
     if checkpoint is not None:
         check_writable(checkpoint)
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
-        identity = fingerprint(field, given.describe() | {
+        identity = fingerprint(_data(field, rows), f"{rows.n_data // 2} sources, {rows.frame}", given.describe() | {
             "cosmology": repr(cosmology), "spin": spin_said, "outliers": repr(outliers),
             "outlier width": str(outlier_width), "walkers": str(n_walkers), "seed": str(seed),
         })  # fmt: skip
         run.resume_from(checkpoint, identity)
     chain, log_probability = run.run()
-    return Posterior(chain, log_probability, model, field.frame, field.notes, seed)
+    return Posterior(chain, log_probability, model, rows.frame, rows.notes, seed)
+
+
+def _data(field, rows):
+    """The arrays that tell one catalogue from another: of the field, or the sums of its parts."""
+    if isinstance(field, Field):
+        return [getattr(field, name) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")]
+    sums = rows.sums()
+    return [sums.matrix, sums.rhs, sums.chi2_null, sums.logdet]

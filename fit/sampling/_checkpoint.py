@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, cast
@@ -11,20 +12,21 @@ from typing import Any, cast
 import numpy as np
 
 from vsh.errors import CheckpointError
-from vsh.field import Field
 from vsh.system.files import atomic_write
-from vsh.types import FloatArray, PathName
+from vsh.types import ArrayLike, FloatArray, PathName
 
 _STATE = ("key", "position", "has_gauss", "gauss")
 
 
-def fingerprint(field: Field, model: dict[str, str]) -> dict[str, str]:
+def fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) -> dict[str, str]:
     """What a chain belongs to: a hash of the data, and the model in words.
 
     Parameters
     ----------
-    field : Field
-        The sources.
+    arrays : iterable of arrays
+        The data.
+    about : str
+        What they are.
     model : dict of str to str
         What else determines the chain.
 
@@ -33,9 +35,9 @@ def fingerprint(field: Field, model: dict[str, str]) -> dict[str, str]:
     dict of str to str
     """
     digest = sha256()
-    for name in ("lon", "lat", "motion", "sigma", "rho", "redshift"):
-        digest.update(np.ascontiguousarray(getattr(field, name)).tobytes())
-    return {"data": f"{len(field)} sources, {field.frame}, {digest.hexdigest()[:16]}"} | model
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return {"data": f"{about}, {digest.hexdigest()[:16]}"} | model
 
 
 def save(

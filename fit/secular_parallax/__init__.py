@@ -7,10 +7,10 @@ from fit.secular_parallax._equations import (
     ParallaxSums,
     U,
     check_determined,
-    parallax_equations,
 )
 from fit.secular_parallax._estimate import hubble_constant, observer_velocity
 from fit.secular_parallax._forecast import predict
+from fit.secular_parallax._parts import ParallaxParts, parallax_equations
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "A",
     "HubbleSolution",
     "ParallaxEquations",
+    "ParallaxParts",
     "ParallaxSolution",
     "ParallaxSums",
     "U",

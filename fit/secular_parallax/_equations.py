@@ -12,11 +12,11 @@ a variance that is the same in all directions (peculiar velocities, excess noise
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from vsh.cosmology import PLANCK_2013, hubble_value, transverse_distance
+from vsh.cosmology import hubble_value, transverse_distance
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.sky.sphere import triad
@@ -43,7 +43,7 @@ class ParallaxSums:
         Σ log V.
     n_data : int
 
-    Each array with a leading axis where the sums were made for several spreads at once.
+    They add. Each array has a leading axis where the sums were made for several spreads at once.
     """
 
     matrix: FloatArray
@@ -51,6 +51,9 @@ class ParallaxSums:
     chi2_null: FloatArray
     logdet: FloatArray
     n_data: int
+
+    def __add__(self, other: ParallaxSums) -> ParallaxSums:
+        return ParallaxSums(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +83,21 @@ class ParallaxEquations:
     hubble: float
     frame: str
     notes: tuple[str, ...]
+
+    @property
+    def n_data(self) -> int:
+        """How many equations: two a source."""
+        return len(self.motion)
+
+    @property
+    def smallest_variance(self) -> float:
+        """Of all equations. [(µas/yr)²]"""
+        return float(self.variance.min())
+
+    @property
+    def largest_rate(self) -> float:
+        """Of all equations. [µas/yr per km/s]"""
+        return float(self.rate.max())
 
     def sums(
         self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, threads: int | None = None
@@ -120,26 +138,16 @@ class ParallaxEquations:
         return ParallaxSums(gram[..., :9, :9], gram[..., :9, 9], gram[..., 9, 9], logdet, len(self.motion))
 
 
-def parallax_equations(field: Field, cosmology: Cosmology | None = None) -> ParallaxEquations:
+def equations_of(field: Field, cosmology: Cosmology) -> ParallaxEquations:
     """The equations of a field.
 
     Parameters
     ----------
     field : Field
         With redshifts.
-    cosmology : astropy cosmology, optional
-        Flat, Ω_m = 0.315, H0 = 67.3 unless given.
-
-    Returns
-    -------
-    ParallaxEquations
-
-    Raises
-    ------
-    FieldError
-        If a redshift is missing, not positive or below the flow.
+    cosmology : astropy cosmology
+        The shape of the distance.
     """
-    cosmology = PLANCK_2013 if cosmology is None else cosmology
     rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, cosmology))
     p, q, _ = triad(field.lon, field.lat)
     (s1, s2), rho = field.sigma**2, field.rho

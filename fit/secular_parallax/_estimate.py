@@ -10,12 +10,14 @@ from typing import Literal
 
 import numpy as np
 
-from fit.secular_parallax._equations import OMEGA, A, U, check_determined, parallax_equations
+from fit.secular_parallax._equations import OMEGA, A, U, check_determined
+from fit.secular_parallax._parts import parallax_equations
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from vsh.checks import arguments
 from vsh.cosmology import velocity_along
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.field import Field
+from vsh.parts import Parts
 from vsh.types import ArrayLike, Cosmology
 from vsh.vector import Vector
 
@@ -23,13 +25,13 @@ _PRODUCT = "the proper motions constrain only the product of our velocity and th
 
 
 @arguments.accepts(
-    field=arguments.a(Field),
+    field=arguments.a(Field, Parts),
     hubble=arguments.positive,
     excess_noise=arguments.not_negative,
     peculiar_dispersion=arguments.not_negative,
 )
 def observer_velocity(
-    field: Field,
+    field: Field | Parts,
     hubble: float | None = None,
     *,
     cosmology: Cosmology | None = None,
@@ -41,8 +43,8 @@ def observer_velocity(
 
     Parameters
     ----------
-    field : Field
-        With redshifts, none missing or below 1e-4 (`vsh.cosmology.with_redshift`).
+    field : Field or Parts
+        With redshifts, none missing or below 1e-4 (`vsh.cosmology.with_redshift`, also as a step of parts).
     hubble : float
         H0. [km/s/Mpc]
     cosmology : astropy cosmology, optional
@@ -84,13 +86,13 @@ def observer_velocity(
 
 
 @arguments.accepts(
-    field=arguments.a(Field),
+    field=arguments.a(Field, Parts),
     hubble=arguments.positive,
     excess_noise=arguments.not_negative,
     peculiar_dispersion=arguments.not_negative,
 )
 def hubble_constant(
-    field: Field,
+    field: Field | Parts,
     velocity: str | Vector | ArrayLike | None = None,
     *,
     cosmology: Cosmology | None = None,
@@ -126,8 +128,8 @@ def hubble_constant(
             f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.secular_parallax.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
-    velocity = velocity_along(velocity, field.frame)
     rows = parallax_equations(field, cosmology)
+    velocity = velocity_along(velocity, rows.frame)
     ratio = 1.0 if hubble is None else hubble / rows.hubble
     sums = rows.sums(peculiar_dispersion * ratio, excess_noise)
     names = ("H0", "a_x", "a_y", "a_z")

@@ -32,6 +32,8 @@ class CountedNote(str):
     parts: dict[str, Any]
     counts: dict[str, int]
     total: int
+    #: Whether parts without anything to count have such a note, too.
+    complete = True
 
     def __new__(cls, parts):
         counts, total, names = {}, 0, []
@@ -40,7 +42,9 @@ class CountedNote(str):
             names += named
             for reason, count in reasons.items():
                 counts[reason] = counts.get(reason, 0) + count
-        note = super().__new__(cls, cls.words(counts, total, names))
+        # A part without anything to count is not among those counted, so of several the total is not known.
+        known = total if cls.complete or len(parts) == 1 else 0
+        note = super().__new__(cls, cls.words(counts, known, names))
         note.parts, note.counts, note.total = parts, counts, total
         return note
 
@@ -56,7 +60,7 @@ class CountedNote(str):
         counts : dict of str to int
             Rows by reason.
         total : int
-            All rows.
+            All rows; 0 if that is not known.
         names : list of str
             Of the first.
         """
@@ -104,6 +108,8 @@ class DroppedRows(CountedNote):
 class WithoutRedshift(CountedNote):
     """A note that says how many sources have no redshift that can be used."""
 
+    complete = False
+
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
         """What the note says.
@@ -116,7 +122,7 @@ class WithoutRedshift(CountedNote):
         lost = sum(counts.values())
         listed = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
         named = f" ({', '.join(names[:5])}{', …' if lost > 5 else ''})" if names else ""
-        return f"left out {lost} of {total} sources without a usable redshift: {listed}{named}"
+        return f"left out {lost}{f' of {total}' if total else ''} sources without a usable redshift: {listed}{named}"
 
 
 class MoreNotes(str):

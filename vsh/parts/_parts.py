@@ -50,8 +50,10 @@ class Parts:
     def __iter__(self) -> Iterator[Field]:
         """The fields one after the other, a block of sources at a time, in this process."""
         for piece in self.pieces:
-            for field in self.read(self.engine.fetched(piece), OPTIONAL):
-                yield _through(self.steps, field)
+            for block in self.read(self.engine.fetched(piece), OPTIONAL):
+                field, _ = _left(self.steps, block)
+                if field is not None:
+                    yield field
 
     def map(self, step: Callable[[Field], Field]) -> Parts:
         """The same parts with a further step, done where the parts are when they are read.
@@ -103,7 +105,8 @@ class Parts:
         ----------
         function : function
             From a Field, some of the sources, to anything that adds: arrays, normal equations, moments; dicts and
-            tuples of them; None for nothing.
+            tuples of them; None for nothing. Notes on parts without a usable source go to the `add_note` of the sum,
+            or to its list "notes".
         roles : iterable of str
             Those of name, magnitude, redshift that the function looks at. (Steps see all.)
         words : str
@@ -143,7 +146,11 @@ class Parts:
             )
             error.notes = tuple(notes)
             raise error
-        return total.add_note(*notes) if notes and hasattr(total, "add_note") else total
+        if notes and hasattr(total, "add_note"):
+            return total.add_note(*notes)
+        if notes and isinstance(total, dict) and isinstance(total.get("notes"), list):
+            total["notes"].append(tuple(notes))
+        return total
 
     @property
     def in_memory(self) -> Field | None:
@@ -196,6 +203,15 @@ def _through(steps, field):
     return field
 
 
+def _left(steps, block):
+    """What the steps leave of a block, None for nothing; and notes on what had no sources."""
+    try:
+        field = _through(steps, block)
+    except NothingLeftError as error:  # there may be more in other blocks
+        return None, _Notes(error.notes)
+    return (field, _Notes()) if len(field) else (None, _Notes(field.notes))
+
+
 class _Notes(list):
     """Notes of parts without a source; they add."""
 
@@ -232,12 +248,13 @@ class Work:
         total, notes, sources = None, _Notes(), 0
         with limited(self.threads):
             try:
-                for field in self.read(piece, self.roles):
-                    field = _through(self.steps, field)
-                    if len(field):
+                for block in self.read(piece, self.roles):
+                    field, lost = _left(self.steps, block)
+                    notes += lost
+                    if field is not None:
                         total, sources = added(total, self.function(field)), sources + len(field)
             except NothingLeftError as error:  # of the whole part: a reader hands on what is lost of some of it
                 if error.notes and getattr(self.read, "on_bad", "drop") == "raise":
                     raise
-                notes = _Notes(error.notes)
+                notes += _Notes(error.notes)
         return total, notes, sources
