@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
@@ -11,6 +12,8 @@ from vsh.errors import ParameterError, TableError
 from vsh.parts._add import BRANCHES, total_of
 from vsh.parts._engines import Engine, label_of
 
+#: How long a scheduler may take to answer. [s]
+PATIENCE = 20
 _KEY = "vsh-part-"
 
 
@@ -59,19 +62,11 @@ class Dask(Engine):
         """
         if not pieces:
             return None
-        dask = _dask()
-        run = uuid4().hex[:12]
-        leaf = dask.delayed(work, pure=False)
-        level = [leaf(piece, dask_key_name=f"{_KEY}{i}-{run}") for i, piece in enumerate(pieces)]
-        leaves = level
-        while len(level) > 1:
-            groups = [level[i : i + BRANCHES] for i in range(0, len(level), BRANCHES)]
-            level = [dask.delayed(total_of, pure=False)(group) if len(group) > 1 else group[0] for group in groups]
         client, own = self._client()
         if client is None:
-            return self._local(level[0], done)
+            return self._local(_grown(_leaves(work, pieces)), done)
         try:
-            return _on_cluster(client, leaves, level[0], pieces, done)
+            return _on_cluster(client, work, pieces, done)
         finally:
             if own:
                 client.close()
@@ -122,20 +117,60 @@ class Dask(Engine):
             client is not None and self.address in (client.scheduler.address, client.scheduler_file)
         ):
             return client, False
-        where = {"address": self.address} if "://" in self.address else {"scheduler_file": self.address}
+        file = "://" not in self.address
+        if file and not Path(self.address).is_file():  # for which Dask would wait for ever
+            raise TableError(f"{self.address} is neither an address such as tcp://host:8786 nor a scheduler file")
+        where = {"scheduler_file" if file else "address": self.address}
         try:
-            return distributed.Client(**where, timeout=20, set_as_default=False), True
+            return distributed.Client(**where, timeout=PATIENCE, set_as_default=False), True
         except (OSError, ValueError, TimeoutError) as error:
             raise TableError(
                 f"the scheduler {self.address} cannot be reached: {error or type(error).__name__}"
             ) from error
 
 
-def _on_cluster(client, leaves, root, pieces, done):
-    from distributed import as_completed
+def _leaves(work, pieces):
+    """The sums of the parts, delayed; under new names, so that nothing that failed is remembered."""
+    leaf, run = _dask().delayed(work, pure=False), uuid4().hex[:12]
+    return [leaf(piece, dask_key_name=f"{_KEY}{i}-{run}") for i, piece in enumerate(pieces)]
+
+
+def _grown(level):
+    """The tree over them, delayed."""
+    add = _dask().delayed(total_of, pure=False)
+    while len(level) > 1:
+        groups = [level[i : i + BRANCHES] for i in range(0, len(level), BRANCHES)]
+        level = [add(group) if len(group) > 1 else group[0] for group in groups]
+    return level[0]
+
+
+def _on_cluster(client, work, pieces, done):
     from distributed.scheduler import KilledWorker
 
-    *futures, total = client.compute([*leaves, root])
+    leaves = _leaves(work, pieces)
+    try:
+        return _gathered(client, leaves, done)
+    except KilledWorker as error:
+        key = str(error.task)
+    # Parts that waited at the same worker are blamed too. Alone, the guilty one does it again, and it alone.
+    numbers = range(len(pieces))
+    blamed = [i for i in numbers if key in (leaves[i].key, getattr(pieces[i], "key", None))]
+    for number in [*blamed, *(i for i in numbers if i not in blamed)]:
+        try:
+            client.compute(_leaves(work, [pieces[number]])[0]).result()
+        except KilledWorker as error:
+            name = f"part {number + 1} of {len(pieces)}, {label_of(pieces[number])}"
+            raise TableError(f"{name}, ended every worker that computed it ({error})") from error
+    try:
+        return _gathered(client, _leaves(work, pieces), lambda: None)
+    except KilledWorker as error:
+        raise TableError(f"workers ended while they computed {error.task} ({error})") from error
+
+
+def _gathered(client, leaves, done):
+    from distributed import as_completed
+
+    *futures, total = client.compute([*leaves, _grown(leaves)])
     # Each is let go when it is done: the tree keeps what it still needs.
     finished = as_completed(futures, loop=client.loop)
     del futures
@@ -146,17 +181,8 @@ def _on_cluster(client, leaves, root, pieces, done):
             done()
             del future
         return total.result()
-    except KilledWorker as error:
-        raise TableError(f"{_guilty(str(error.task), pieces)} ended every worker that computed it ({error})") from error
     finally:
         total.cancel()
-
-
-def _guilty(key, pieces):
-    for number, piece in enumerate(pieces):
-        if key.startswith(f"{_KEY}{number}-") or key == getattr(piece, "key", None):
-            return f"part {number + 1} of {len(pieces)}, {label_of(piece)},"
-    return f"the task {key}"
 
 
 def _dask():
