@@ -18,13 +18,14 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular, svdvals
+from scipy.linalg.lapack import dgeqrf
 
 from fit.named import NamedSolution
 from vsh.checks.notes import merge_notes
 from vsh.errors import DegeneracyError, FieldError, FrameError
 from vsh.field import Field
 from vsh.parts import Parts, added, as_parts
-from vsh.sky.sphere import triad
+from vsh.sky.sphere import sin_cos, triad
 from vsh.system.parallel import map_blocks
 from vsh.types import FloatArray
 from vsh.vector import Vector
@@ -35,7 +36,8 @@ __all__ = [
 ]
 
 _AXES = "xyz"
-_ROWS = 100_000
+#: Sources in a block: what fits into a processor's own memory.
+_ROWS = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +137,10 @@ def solve_frame(motions: Field | Parts, offsets: Field | Parts | None = None) ->
         partial(_triangle, column=len(names) - 6, size=len(names)), roles=(), words="frame solver"
     )
     if offsets is not None:
-        found = (
-            as_parts(offsets).sum(partial(_triangle, column=0, size=len(names)), roles=(), words="frame solver") + found
-        )
+        other = as_parts(offsets).sum(partial(_triangle, column=0, size=len(names)), roles=(), words="frame solver")
+        if other.frame != found.frame:
+            raise FrameError(f"motions are in {found.frame}, offsets in {other.frame}: take both to one frame")
+        found = other + found
     return _back_substitute(found.matrix, names, found.n_data, found.frame, found.notes)
 
 
@@ -153,7 +156,7 @@ class _Triangle:
     def __add__(self, other):
         if other.frame != self.frame:
             raise FrameError(f"sources are in {self.frame} and {other.frame}: take all to one frame")
-        matrix = np.linalg.qr(np.concatenate([self.matrix, other.matrix]), mode="r")
+        matrix = qr(np.asfortranarray(np.concatenate([self.matrix, other.matrix])))
         return _Triangle(matrix, self.n_data + other.n_data, self.frame, merge_notes(self.notes, other.notes))
 
     def add_note(self, *notes):
@@ -165,30 +168,41 @@ def _triangle(field, column, size):
     motions = column + 6 == size
 
     def block(part):
-        rows = _equations(field[part], acceleration=motions)
-        wide = np.zeros((len(rows), size + 1))
-        wide[:, column : column + rows.shape[1] - 1] = rows[:, :-1]
-        wide[:, -1] = rows[:, -1]
-        return _Triangle(np.linalg.qr(wide, mode="r"), len(rows), field.frame, field.notes)
+        some = field[part]
+        rows = np.zeros((size + 1, 2, len(some)))
+        _fill(some, rows[column:], motions)
+        return _Triangle(qr(rows.reshape(size + 1, -1).T), 2 * len(some), field.frame, field.notes)
 
     return reduce(added, map_blocks(block, len(field), _ROWS))
 
 
-def _equations(field, acceleration):
-    """Rows [coefficients | right-hand side] of both components, decorrelated, of unit weight."""
-    sin_a, cos_a, sin_d, cos_d = np.sin(field.lon), np.cos(field.lon), np.sin(field.lat), np.cos(field.lat)
-    p = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)], axis=1)
-    q = np.stack([-sin_d * cos_a, -sin_d * sin_a, cos_d], axis=1)
-    y = field.motion[:, :, None]
-    east, north = [q, y[0]], [-p, y[1]]
+def qr(rows: FloatArray) -> FloatArray:
+    """The upper triangle R of rows = Q R, by Householder's reflections (LAPACK).
+
+    Parameters
+    ----------
+    rows : (m, p) array
+        In Fortran's order, and overwritten.
+    """
+    found, _, _, _ = dgeqrf(rows, overwrite_a=True)
+    return np.triu(found[: rows.shape[1]])
+
+
+def _fill(field, rows, acceleration):
+    """Fill columns of [coefficients | right-hand side], (k + 1, 2, n), decorrelated, of unit weight."""
+    (sin_a, cos_a), (sin_d, cos_d) = sin_cos(field.lon), sin_cos(field.lat)
+    p = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)])
+    q = np.stack([-sin_d * cos_a, -sin_d * sin_a, cos_d])
+    east, north = rows[:, 0], rows[:, 1]
+    east[:3], north[:3] = q, -p
     if acceleration:
-        east.insert(1, p)
-        north.insert(1, q)
-    east, north = np.concatenate(east, axis=1), np.concatenate(north, axis=1)
+        east[3:6], north[3:6] = p, q
+    east[-1], north[-1] = field.motion
     # The part of the northern error that is independent of the eastern one, and its size.
-    (s1, s2), rho = field.sigma[:, :, None], field.rho[:, None]
-    north = (north - rho * s2 / s1 * east) / (s2 * np.sqrt(1 - rho**2))
-    return np.concatenate([east / s1, north])
+    (s1, s2), rho = field.sigma, field.rho
+    north -= rho * s2 / s1 * east
+    north /= s2 * np.sqrt(1 - rho**2)
+    east /= s1
 
 
 def _back_substitute(triangle, names, n_data, frame, notes):

@@ -43,7 +43,8 @@ def _run(options, words):
     from vsh import catalogue, tables
 
     source = tables.open_table(str(path))
-    whole = catalogue.read_field(source, **parsing.reading(options))
+    # Names tell of sources that stand there twice, and are in the report; no fit looks at the rest.
+    whole = catalogue.read_field(source, **parsing.reading(options), roles=("name",))
     field = whole.to_frame(options.frame)
     solution, kept = _fit(field, vsh.Modes(options.lmax), options)
     name = "the simulated catalogue of the demo" if options.demo else str(path)

@@ -27,6 +27,7 @@ def read_field(
     *,
     on_bad: OnBad = "raise",
     frame: str | None = None,
+    roles: Iterable[str] = OPTIONAL,
 ) -> Field:
     """Read a field from a table.
 
@@ -47,6 +48,8 @@ def read_field(
     frame : {"icrs", "galactic", "ecliptic"}, optional
         Of positions and motions; ICRS unless given. Columns called l, b, glon, … in place of ra and
         dec ask for it.
+    roles : iterable of str
+        Those of name, magnitude, redshift that are wanted: what is not read takes no time.
 
     Returns
     -------
@@ -67,7 +70,7 @@ def read_field(
     >>> field.notes[0]
     'no unit in the table, so taken in deg: ra, dec'
     """
-    make = _maker(source, columns, units, on_bad, frame)
+    make = _maker(source, columns, units, on_bad, frame, roles)
     return make(make.source.columns(make.names))
 
 
@@ -90,7 +93,7 @@ def iter_fields(
     rows : int
         The largest number of sources in a field.
     roles : iterable of str
-        Those of name, magnitude, redshift that are wanted: what is not read takes no time.
+        As there.
 
     Returns
     -------

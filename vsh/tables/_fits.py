@@ -9,12 +9,15 @@ import tempfile
 import warnings
 import zlib
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from vsh.errors import TableError, first_line
+from vsh.system.parallel import cores
 from vsh.tables._source import TableSource
 from vsh.types import PathName
 
@@ -66,15 +69,21 @@ def open_fits(path: PathName, label: str) -> TableSource:
                     if hdus[chosen].data is None:
                         raise TableError(f"{label} is damaged: its table holds no data")
                     part = hdus[chosen].data[start : start + rows]
-                    block = {name: _column(part, hdus[chosen].columns[name]) for name in wanted}
+                    # Views of the file's bytes, one after the other; turned into numbers side by side.
+                    views = [np.asarray(part[name]) for name in wanted]
+                    held = [hdus[chosen].columns[name] for name in wanted]
+                    with ThreadPoolExecutor(cores()) as pool:
+                        block = dict(zip(wanted, pool.map(partial(_column, part), views, held), strict=True))
+                    del part, views
                 yield block
 
     notes: tuple[str, ...] = ()
     if len(tables) > 1:
         notes = (f"{label} holds {len(tables)} tables; the first was read (extension {chosen})",)
-    return TableSource(
-        label, tuple(names), read, {c.name: c.unit for c in found if c.unit and c.unit.strip()}, meta, notes
-    )
+    # Rows in one block are at most as many as the file holds, whose size has been looked at.
+    units_of = {c.name: c.unit for c in found if c.unit and c.unit.strip()}
+    rows = max(1, units[chosen]["NAXIS2"])  # the file holds as many: `check_layout` has looked
+    return TableSource(label, tuple(names), read, units_of, meta, notes, whole=rows)
 
 
 def plain_file(path: PathName, label: str) -> Any:
@@ -230,9 +239,8 @@ def _open(path):
     return fits.open(path, memmap=True, checksum=True)
 
 
-def _column(part, column):
+def _column(part, values, column):
     """Values in native byte order, and the mask of what is null."""
-    values = np.asarray(part[column.name])
     values = np.array(values, dtype=values.dtype.newbyteorder("=") if values.dtype.kind in "iufc" else None)
     if values.dtype.kind in "SU":
         values = np.char.rstrip(values)

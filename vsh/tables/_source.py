@@ -33,6 +33,8 @@ class TableSource:
     meta : dict
     notes : tuple of str
         What a user should know of how the table was read.
+    whole : int
+        Rows in a block where all are read at once: fewer where a block takes more memory than its numbers do.
     """
 
     label: str
@@ -41,6 +43,7 @@ class TableSource:
     units: dict = field(default_factory=dict)
     meta: dict = field(default_factory=dict)
     notes: tuple = ()
+    whole: int = ROWS
 
     def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
         """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None).
@@ -70,7 +73,7 @@ class TableSource:
         -------
         dict[str, object]
         """
-        parts = list(self.blocks(names))
+        parts = list(self.blocks(names, self.whole))
         if len(parts) == 1:
             return parts[0]
         return {name: _joined([part[name] for part in parts]) for name in parts[0]}

@@ -24,7 +24,9 @@ ROLES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "pmra_pmdec_
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory):
     path = tmp_path_factory.mktemp("hats") / "sky"
-    lsdb.from_dataframe(TABLE, catalog_name="sky", lowest_order=1, highest_order=3, partition_rows=400).write_catalog(path)
+    lsdb.from_dataframe(TABLE, catalog_name="sky", lowest_order=1, highest_order=3, partition_rows=400).write_catalog(
+        path
+    )
     return path
 
 
@@ -52,6 +54,6 @@ def test_a_cone_and_a_join(catalog):
     assert fit.normal_equations(parts(cone), 2).n_data == 2 * len(near)
     known = lsdb.from_dataframe(TABLE[["source_id", "ra", "dec"]][::3].assign(redshift=1.0), catalog_name="known")
     joined = opened.crossmatch(known, radius_arcsec=0.1, suffixes=("", "_known"))
-    assert parts(joined, columns={"redshift": "redshift_known"} if "redshift_known" in joined.columns else None).counted() == len(
-        TABLE[::3]
-    )
+    assert parts(
+        joined, columns={"redshift": "redshift_known"} if "redshift_known" in joined.columns else None
+    ).counted() == len(TABLE[::3])
