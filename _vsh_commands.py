@@ -41,3 +41,8 @@ def correlate():
 def study():
     """`vsh-study`."""
     _run("study.command")
+
+
+def archive():
+    """`vsh-archive`."""
+    _run("vsh.commands.archive")

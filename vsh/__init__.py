@@ -10,6 +10,7 @@ import lazy_loader
 from vsh import conventions
 from vsh.coefficients import Coefficients
 from vsh.errors import (
+    ArchiveError,
     CheckpointError,
     ConvergenceError,
     CovarianceError,
@@ -28,10 +29,11 @@ from vsh.modes import Mode, Modes
 from vsh.vector import Vector
 
 if TYPE_CHECKING:
-    from vsh import catalogue, cosmology, rotate, sky, tables, transform
+    from vsh import archive, catalogue, cosmology, rotate, sky, tables, transform
 
 __version__ = "0.1.0"
 __all__ = [
+    "ArchiveError",
     "CheckpointError",
     "Coefficients",
     "ConvergenceError",
@@ -49,6 +51,7 @@ __all__ = [
     "Vector",
     "VshError",
     "VshWarning",
+    "archive",
     "catalogue",
     "conventions",
     "cosmology",
@@ -59,7 +62,9 @@ __all__ = [
 ]
 
 # Imported when first asked for: astropy, healpy, ducc0 and matplotlib come with them.
-__getattr__, _, _ = lazy_loader.attach(__name__, ["catalogue", "cosmology", "rotate", "sky", "tables", "transform"])
+__getattr__, _, _ = lazy_loader.attach(
+    __name__, ["archive", "catalogue", "cosmology", "rotate", "sky", "tables", "transform"]
+)
 
 
 def __dir__() -> list[str]:

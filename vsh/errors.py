@@ -40,6 +40,10 @@ class TableError(VshError, ValueError):
     """A table cannot be read, or lacks what a field needs."""
 
 
+class ArchiveError(VshError, ValueError):
+    """An archive is away, refuses a query, or does not send the whole answer."""
+
+
 class ParameterError(VshError, ValueError):
     """A number that no such parameter can have: a Hubble constant of zero, say."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -15,7 +15,7 @@ from vsh.checks.notes import merge_notes
 from vsh.checks.validation import check_shapes, checked_columns, invalid_rows, select_usable
 from vsh.errors import FieldError, FrameError
 from vsh.sky.frames import check_frame, rotation_matrix, turned
-from vsh.types import ArrayLike, FloatArray, OnBad
+from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
 
 _NUMBERS = ("lat", "motion", "sigma", "rho", "redshift", "magnitude")
 
@@ -87,6 +87,7 @@ class Field(Frozen):
         on_bad: OnBad = "raise",
         notes: Iterable[str] = (),
         first_row: int = 0,
+        unusable: Mapping[str, BoolArray] | None = None,
     ) -> Field:
         """A field from columns as catalogues have them.
 
@@ -108,6 +109,8 @@ class Field(Frozen):
             To begin its notes with.
         first_row : int
             Number of the first row in messages, where the columns are part of a table.
+        unusable : dict of str to mask, optional
+            Further rows that cannot be used, by reason.
 
         Raises
         ------
@@ -123,7 +126,7 @@ class Field(Frozen):
         """
         given = {"ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec, "pmra_error": pmra_error, "pmdec_error": pmdec_error,
                  "pmra_pmdec_corr": pmra_pmdec_corr, "redshift": redshift, "magnitude": magnitude}  # fmt: skip
-        columns, said = usable_columns(given, name, on_bad, first_row)
+        columns, said = usable_columns(given, name, on_bad, first_row, unusable)
         return cls(**columns, frame=frame, notes=(*notes, *said))
 
     @classmethod
@@ -167,16 +170,12 @@ class Field(Frozen):
         return self._with(**picked)
 
     def minus(self, model: ArrayLike) -> Field:
-        """What is left when a model's motions, (2, n) [µas/yr], are taken away.
+        """What is left when a model's motions are taken away.
 
         Parameters
         ----------
         model : (2, n) array
-            Motions to take away. [µas/yr]
-
-        Returns
-        -------
-        Field
+            Motions. [µas/yr]
         """
         return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 

@@ -21,7 +21,8 @@ class Columns:
     """Where a table keeps what a field needs: a new survey is a new value of this.
 
     The first six must be there. The others may be left out with None; of several names in
-    a tuple the first that the table has is taken, and none need be there.
+    a tuple the first that the table has is taken, and none need be there. Where there is a `solution`, sources
+    whose astrometry is not that of a single source with a parallax (31 or 95, `vsh.archive.DR4`) cannot be used.
 
     Examples
     --------
@@ -39,6 +40,7 @@ class Columns:
     name: str | tuple | None = ("source_id", "name", "designation")
     magnitude: str | tuple | None = ("phot_g_mean_mag",)
     redshift: str | tuple | None = ("redshift", "z", "redshift_qsoc")
+    solution: str | tuple | None = ("astrometric_params", "astrometric_params_solved")
 
 
 #: Gaia's archive names.

@@ -9,11 +9,12 @@ from warnings import warn
 import numpy as np
 
 from vsh import tables
+from vsh.archive import DR4
 from vsh.catalogue._columns import REQUIRED, UNITS, Columns, as_columns, doubt_positions, frame_of, locate
 from vsh.catalogue._units import differing_units, factors, identifiers, plain
 from vsh.checks.arguments import whole
 from vsh.checks.notes import DroppedRows, merge_notes, printable
-from vsh.errors import NothingLeftError, VshWarning
+from vsh.errors import NothingLeftError, TableError, VshWarning
 from vsh.field import Field
 from vsh.parts import OPTIONAL
 from vsh.types import OnBad, PathName
@@ -154,7 +155,9 @@ class _maker:
         found, said = {}, list(self.said)
         for role, name in self.where.items():
             values, mask = block[name]
-            if role == "name":
+            if role == "solution":
+                found["unusable"] = _other_solutions(name, values, mask)
+            elif role == "name":
                 found[role], more = identifiers(printable(name), np.asarray(values), mask)
                 said += more
             else:
@@ -168,6 +171,16 @@ class _maker:
             if note.startswith("warning"):
                 warn(note, VshWarning, stacklevel=3)
         return field
+
+
+def _other_solutions(name, values, mask):
+    """Rows whose astrometric model is not one for quasars and galaxies, by its number."""
+    if values.dtype.kind not in "iuf":
+        raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers of astrometric models")
+    missing = np.zeros(len(values), bool) if mask is None else np.asarray(mask)
+    other = ~np.isin(values, list(DR4.accepted)) & ~missing
+    found = {f"{printable(name)} = {value:g}": values == value for value in np.unique(values[other])}
+    return found | ({f"{printable(name)} missing": missing} if missing.any() else {})
 
 
 def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from vsh.checks.validation import as_floats, check_shapes, invalid_rows, placeholders, select_usable
 from vsh.errors import FieldError
-from vsh.types import ArrayLike, FloatArray, OnBad
+from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
 from vsh.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.
@@ -18,7 +18,11 @@ _MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
 
 
 def usable_columns(
-    given: Mapping[str, Any], name: ArrayLike | None, on_bad: OnBad, first_row: int
+    given: Mapping[str, Any],
+    name: ArrayLike | None,
+    on_bad: OnBad,
+    first_row: int,
+    unusable: Mapping[str, BoolArray] | None = None,
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """The arrays of a field, without rows that cannot be used, and notes.
 
@@ -32,6 +36,8 @@ def usable_columns(
         What to do about rows that cannot be used.
     first_row : int
         Number of the first row in messages.
+    unusable : dict of str to mask, optional
+        Further rows that cannot be used, by reason: the first that is said of them.
 
     Returns
     -------
@@ -72,8 +78,9 @@ def usable_columns(
                 notes = (*notes, f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing")
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
     found = invalid_rows(
-        lon, lat, motion, sigma, rho, missing, placeholders({c: columns[c] for c in _MOTIONS}), turns=1
-    )
+        lon, lat, motion, sigma, rho, dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items()
+        if c not in ("redshift", "magnitude")}, placeholders({c: columns[c] for c in _MOTIONS}), turns=1
+    )  # fmt: skip
     keep, said = select_usable(found, n, on_bad, first_row, (lon, lat))
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     kept |= {c: columns[c][keep] for c in ("redshift", "magnitude", "name") if c in columns}

@@ -90,7 +90,7 @@ def invalid_rows(
     motion: FloatArray,
     sigma: FloatArray,
     rho: FloatArray,
-    missing: Mapping[str, BoolArray] | None = None,
+    further: Mapping[str, BoolArray] | None = None,
     placeholders: BoolArray | None = None,
     turns: int = 2,
 ) -> dict[str, BoolArray]:
@@ -104,8 +104,8 @@ def invalid_rows(
         Motions and their errors. [µas/yr]
     rho : (n,) array
         Their correlation.
-    missing : dict of str to mask, optional
-        Where columns have no value, by name.
+    further : dict of str to mask, optional
+        Rows that cannot be used for other reasons, which come first.
     placeholders : mask, optional
         Where a number stands for none.
     turns : int
@@ -116,9 +116,7 @@ def invalid_rows(
     dict of str to mask
         By reason.
     """
-    reasons: dict[str, Any] = {
-        f"{c} missing": mask for c, mask in (missing or {}).items() if c not in ("redshift", "magnitude")
-    }
+    reasons: dict[str, Any] = dict(further or {})
     if placeholders is not None:
         reasons["a value such as -9999 that marks missing data"] = placeholders
     reasons = reasons | {

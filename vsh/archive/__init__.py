@@ -1,0 +1,25 @@
+"""Data from archives: releases as values, queries, and a client of the Table Access Protocol."""
+
+from vsh.archive._queries import (
+    GAIA_CRF3,
+    GAIA_DR3_GALAXIES,
+    GAIA_EDR3_QSO,
+    QUERIES,
+    of_table,
+)
+from vsh.archive._releases import DR3, DR4, RELEASES, DataRelease
+from vsh.archive._tap import ESA, query
+
+__all__ = [
+    "DR3",
+    "DR4",
+    "ESA",
+    "GAIA_CRF3",
+    "GAIA_DR3_GALAXIES",
+    "GAIA_EDR3_QSO",
+    "QUERIES",
+    "RELEASES",
+    "DataRelease",
+    "of_table",
+    "query",
+]
