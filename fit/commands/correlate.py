@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 import vsh
-from vsh.commands import outputs, parsing, running
+from vsh.commands import outputs, parsing, parts_options, running
+from vsh.errors import VshError
+from vsh.parts import Parts
 
 #: The six components of spin and acceleration, as `fit.correlation.FRAME`, which loads too much for --help.
 FRAME = "spin+acceleration"
@@ -39,12 +41,13 @@ def _run(options):
         outputs.check_folder(options.output, "vsh-correlate", options.overwrite)
     # Not before: --help should not wait for astropy.
     from fit import correlation
-    from vsh.catalogue import read_sources
 
     paths = [path for path in (options.catalogue, options.catalogue2) if path]
-    fields = [
-        read_sources(path, sigma=options.sigma, **parsing.reading(options)).to_frame(options.frame) for path in paths
-    ]
+    if parts_options.in_parts(options) and options.influence:
+        raise VshError(
+            "--influence looks at every source: it needs the catalogue whole, without --workers and --scheduler"
+        )
+    fields = [_sources(path, options) for path in paths]
     labels = _labels(paths)
     what = FRAME if options.parameters == FRAME else options.lmax
     found = correlation.correlation_matrices(fields, what, labels=labels)
@@ -63,15 +66,37 @@ def _run(options):
         if options.leakage:
             leaks.append((label, correlation.leakage(field, options.lmax, options.leakage)))
             lines.append(_leak(leaks[-1][1], label, options))
-    notes = [f"  - {label}: {note}" for field, label in zip(fields, labels, strict=True) for note in field.notes]
+    notes = [f"  - {label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
     text = "\n".join(lines + (["Notes", *notes, ""] if notes else []))
     running.say(text)
     if options.output:
-        meta = running.provenance(paths, options, {"vsh-astrometry": vsh.__version__}, sources=[len(f) for f in fields])
+        meta = running.provenance(
+            paths, options, {"vsh-astrometry": vsh.__version__}, sources=[_count(f) for f in fields]
+        )
         with outputs.results_folder(options.output, "vsh-correlate", meta, options.overwrite) as folder:
             _write(folder, text, found, influences, leaks, meta)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
+
+
+def _notes(field):
+    return next(iter(field)).notes if isinstance(field, Parts) else field.notes
+
+
+def _count(field):
+    return field.counted() if isinstance(field, Parts) else len(field)
+
+
+def _sources(path, options):
+    """Positions and errors, whole or in parts."""
+    from fit.correlation import without_motions
+    from vsh.catalogue import parts, read_sources
+
+    if parts_options.in_parts(options):
+        return without_motions(
+            parts(path, **parts_options.reading_parts(options)).to_frame(options.frame), options.sigma
+        )
+    return read_sources(path, sigma=options.sigma, **parsing.reading(options)).to_frame(options.frame)
 
 
 def _labels(paths):
@@ -81,9 +106,9 @@ def _labels(paths):
 
 def _sky(correlation, field, label, options):
     rows = correlation.lmax_table(field, max(5, options.lmax))
-    lines = [f"{label}: {len(field)} sources", f"{'degree':>8}{'condition':>12}{'largest correlation':>22}"]
-    lines += [f"{lmax:8d}{condition:12.4g}{largest:22.3f}" for lmax, condition, largest in rows]
     found = correlation.predict(field, options.lmax)
+    lines = [f"{label}: {found.n_data // 2} sources", f"{'degree':>8}{'condition':>12}{'largest correlation':>22}"]
+    lines += [f"{lmax:8d}{condition:12.4g}{largest:22.3f}" for lmax, condition, largest in rows]
     lines.append(
         f"{label}: errors of a fit of degree {options.lmax}: spin {_three(found.spin.sigma)}, acceleration "
         f"{_three(found.acceleration.sigma)} µas/yr; {100 * found.efficiency:.0f} % of the information of a uniform sky of the same weight"
@@ -195,6 +220,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--sigma", type=parsing.positive, help="one error for all sources, µas/yr")
     parsing.add_threads(parser)
+    parts_options.add_workers(parser)
     parsing.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-correlate {vsh.__version__}")
     return parser

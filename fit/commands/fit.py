@@ -12,7 +12,8 @@ from pathlib import Path
 import fit
 import vsh
 from vsh.checks.notes import dropped
-from vsh.commands import outputs, parsing, running
+from vsh.commands import outputs, parsing, parts_options, running
+from vsh.parts import Parts
 
 DEMO = "demo.fits"
 
@@ -43,10 +44,12 @@ def _run(options, words):
     from vsh import catalogue, tables
 
     source = tables.open_table(str(path))
-    # Names tell of sources that stand there twice, and are in the report; no fit looks at the rest.
-    whole = catalogue.read_field(source, **parsing.reading(options), roles=("name",))
+    if parts_options.in_parts(options):
+        whole = catalogue.parts(str(path), **parts_options.reading_parts(options))
+    else:  # names tell of sources that stand there twice, and are in the report; no fit looks at the rest
+        whole = catalogue.read_field(source, **parsing.reading(options), roles=("name",))
     field = whole.to_frame(options.frame)
-    solution, kept = _fit(field, vsh.Modes(options.lmax), options)
+    solution, kept, clipped = _fit(field, vsh.Modes(options.lmax), options)
     name = "the simulated catalogue of the demo" if options.demo else str(path)
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
     text = fit.report(solution, check=check, truth=truth, source=name)
@@ -56,10 +59,8 @@ def _run(options, words):
     import matplotlib
 
     matplotlib.use("agg")  # files, no windows
-    refused = dropped(whole.notes)
-    counts = {
-        "rows": len(whole) + refused, "rows_used": len(kept), "rows_refused": refused, "rows_clipped": len(field) - len(kept),
-    }  # fmt: skip
+    refused, used = dropped(solution.notes), solution.n_data // 2
+    counts = {"rows": used + clipped + refused, "rows_used": used, "rows_refused": refused, "rows_clipped": clipped}
     meta = running.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
     if options.output:
         with outputs.results_folder(options.output, "vsh-fit", meta, options.overwrite) as folder:
@@ -81,11 +82,13 @@ def _run(options, words):
 
 
 def _fit(field, modes, options):
-    """The solution that was asked for, and the sources that went into it."""
-    solution, chosen = None, 1.0
+    """The solution that was asked for, the sources that went into it, and how many were clipped."""
+    solution, chosen, lost = None, 1.0, 0
     if options.clip is not None or options.clip_threshold is not None:
         clipped = fit.robust.clip(field, modes, options.clip, options.clip_threshold)
-        solution, field = clipped.solution, field[clipped.kept].add_note(clipped.solution.notes[-1])
+        solution, lost = clipped.solution, clipped.n_clipped
+        field = field.map(clipped.select) if isinstance(field, Parts) else field[clipped.kept]
+        field = field.add_note(solution.notes[-1])
         # Whoever estimates errors from sources that were kept because they fit finds them too small twice:
         # their scatter is, and so seems their influence.
         chosen = clipped.factor**4
@@ -103,10 +106,10 @@ def _fit(field, modes, options):
     elif options.jackknife:
         solution = fit.resample.jackknife(field, modes, options.jackknife).resampled_solution
     elif solution is None:
-        return fit.fit_field(field, modes), field
+        return fit.fit_field(field, modes), field, lost
     else:
-        return solution, field
-    return replace(solution, covariance=solution.covariance * chosen), field
+        return solution, field, lost
+    return replace(solution, covariance=solution.covariance * chosen), field, lost
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -149,6 +152,7 @@ def make_parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
     parsing.add_threads(parser)
+    parts_options.add_workers(parser)
     parsing.add_reading(parser)
     parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
     parser.add_argument("--version", action="version", version=f"vsh-fit {vsh.__version__}")

@@ -12,9 +12,10 @@ import numpy as np
 
 import vsh
 from vsh.checks.notes import dropped
-from vsh.commands import outputs, parsing, running
+from vsh.commands import outputs, parsing, parts_options, running
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ConvergenceError, VshError
+from vsh.parts import Parts
 from vsh.vector import Vector
 
 
@@ -50,14 +51,22 @@ def _run(options):
     from vsh.cosmology import with_redshift
 
     source = tables.open_table(options.catalogue)
-    whole = catalogue.read_field(source, **parsing.reading(options)).to_frame(options.frame)
-    if whole.redshift is None:
+    if parts_options.in_parts(options):
+        whole = catalogue.parts(options.catalogue, **parts_options.reading_parts(options))
+        known = whole.has("redshift")
+    else:
+        whole = catalogue.read_field(source, **parsing.reading(options))
+        known = whole.redshift is not None
+    whole = whole.to_frame(options.frame)
+    if not known:
         raise VshError(
             f"{options.catalogue} has no column of redshifts: name it, --columns redshift=NAME. "
             f"The table has {', '.join(source.names)}"
         )
-    refused = dropped(whole.notes)
-    counts = {"rows": len(whole) + refused, "rows_read": len(whole)}
+    counts = {}
+    if not isinstance(whole, Parts):
+        refused = dropped(whole.notes)
+        counts = {"rows": len(whole) + refused, "rows_read": len(whole)}
     if options.clip:
         whole = _clipped(whole, options.clip)
     cosmology = _cosmology(options)
@@ -71,7 +80,9 @@ def _run(options):
         "spin": "free" if options.free_spin else None,
     }
     if options.h0 or options.velocity or options.posterior:
-        field = with_redshift(whole) if options.on_bad == "drop" else whole
+        field = whole
+        if options.on_bad == "drop":
+            field = whole.map(with_redshift) if isinstance(whole, Parts) else with_redshift(whole)
     if options.h0:
         results["velocity"] = observer_velocity(field, options.h0, **common)
         texts.append(results["velocity"].report(source=options.catalogue, truth=truth))
@@ -122,14 +133,16 @@ def _clipped(field, kappa):
     from fit.robust import clip
 
     clipped = clip(field, vsh.Modes(1), kappa)
-    return field[clipped.kept].add_note(clipped.solution.notes[-1])
+    kept = field.map(clipped.select) if isinstance(field, Parts) else field[clipped.kept]
+    return kept.add_note(clipped.solution.notes[-1])
 
 
 def _p_values(field, bins):
     """By permuting redshifts, for up to so many sources."""
     from fit.redshift import permutation_test
 
-    wanted = bins.modes.lmax == 1 and len(bins) > 1 and len(field) <= 20_000
+    few = isinstance(field, vsh.Field) and len(field) <= 20_000
+    wanted = bins.modes.lmax == 1 and len(bins) > 1 and few
     known = PLANCK_2018 if np.isfinite(bins.mean_inverse_distance).all() else None
     return permutation_test(field, bins, velocity=known) if wanted else None
 
@@ -227,6 +240,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     posterior.add_argument("--seed", type=int, default=1, help="the same seed, the same chain (default: 1)")
     parsing.add_threads(parser)
+    parts_options.add_workers(parser)
     parsing.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-redshift {vsh.__version__}")
     return parser

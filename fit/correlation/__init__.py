@@ -10,7 +10,7 @@ from fit.correlation._forecast import Prediction, compare_cuts, predict
 from fit.correlation._influence import gain_of_sources, influence_map, most_influential
 from fit.correlation._leakage import Leakage, leakage, lmax_table, recommend_lmax
 from fit.correlation._matrices import CorrelationMatrices, correlation_matrices, dipole
-from fit.correlation._parameters import FRAME, named, parameters_of, symbol
+from fit.correlation._parameters import FRAME, named, parameters_of, symbol, without_motions
 
 if TYPE_CHECKING:
     from fit.correlation._plot import plot_influence
@@ -38,6 +38,7 @@ __all__ = [
     "predict",
     "recommend_lmax",
     "symbol",
+    "without_motions",
 ]
 
 # matplotlib is imported when a figure is first asked for.

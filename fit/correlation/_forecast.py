@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._parameters import FRAME_NAMES, named
+from fit.correlation._parameters import FRAME_NAMES, named, without_motions
 from fit.normal import normal_equations
 from fit.solution import Solution
 from fit.solve import solve
@@ -19,6 +19,7 @@ from vsh.checks.arrays import covariance
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import FieldError, ParameterError
 from vsh.modes import KINDS, Modes, as_modes
+from vsh.parts import as_parts
 from vsh.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of
 
@@ -70,7 +71,7 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
 
     Parameters
     ----------
-    sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
+    sources : Field, Parts, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
         Their positions and errors; motions are not used.
     modes : Modes, or the degree lmax
         What to fit.
@@ -89,7 +90,7 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
         If the sources cannot tell the modes apart.
     """
     modes = as_modes(modes)
-    field = Field.without_motions(sources, sigma)
+    field = without_motions(sources, sigma)
     normal = normal_equations(field, modes)
     solution = solve(normal)
     # N of the six vectors, from that of the degree-1 coefficients: c = F v.
@@ -98,9 +99,13 @@ def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = N
         to_coefficients[modes.slice_of(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
     return Prediction(
         Coefficients(modes, np.full(len(modes), np.nan)), solution.covariance, float("nan"), solution.n_data,
-        solution.frame, solution.notes, "the predicted weights", _weight=float(field.information.sum()),
+        solution.frame, solution.notes, "the predicted weights", _weight=as_parts(field).sum(_information, roles=(), words="weights"),
         _alone=to_coefficients.T @ normal.matrix @ to_coefficients,
     )  # fmt: skip
+
+
+def _information(field):
+    return float(field.information.sum())
 
 
 @arguments.accepts(cases=arguments.a(dict))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -11,7 +12,8 @@ from fit.harmonic import HarmonicSolution
 from fit.spectrum import spectrum
 from vsh.field import Field
 from vsh.modes import KINDS
-from vsh.sky.pixels import centres, mean_map
+from vsh.parts import Parts, as_parts
+from vsh.sky.pixels import centres, pixels_of
 from vsh.sky.plot import draw_map, sky_axes
 from vsh.types import Figure
 
@@ -137,14 +139,14 @@ def plot_moments(moments: Any) -> Figure:
     return axes.figure
 
 
-def plot_residuals(solution: HarmonicSolution, field: Field, *, nside: int | None = None) -> Figure:
+def plot_residuals(solution: HarmonicSolution, field: Field | Parts, *, nside: int | None = None) -> Figure:
     """Mean normalised residual χ²/2 in each HEALPix pixel: 1 where the errors are right.
 
     Parameters
     ----------
     solution : Solution
         What was found.
-    field : Field
+    field : Field or Parts
         In the solution's frame.
     nside : int, optional
         Of the pixels; at least ten sources in each on average unless given.
@@ -153,16 +155,22 @@ def plot_residuals(solution: HarmonicSolution, field: Field, *, nside: int | Non
     -------
     matplotlib figure
     """
-    nside = nside or 2 ** int(np.clip(np.log2(max(1, len(field) / 120)) / 2, 0, 6))
-    residual = solution.residuals(field)
-    ratio = mean_map(field.lon, field.lat, residual.chi2 / 2, nside)
-    with np.errstate(divide="ignore"):
-        decades = np.log10(ratio)
+    nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_data / 240)) / 2, 0, 6))
+    work = partial(_residual_sums, solution=solution, nside=nside)
+    chi2, sources = as_parts(field).sum(work, roles=(), words="residuals")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        decades = np.log10(chi2 / 2 / sources)
     reach = max(0.3, float(np.nanpercentile(np.abs(decades[np.isfinite(decades)]), 98)))
-    axes = sky_axes(field.frame)
+    axes = sky_axes(solution.frame)
     axes.set_facecolor("0.8")  # no sources is no value
     image = draw_map(axes, decades, cmap="RdBu_r", vmin=-reach, vmax=reach)
     bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
     bar.set_label("log₁₀ of the mean χ²/2 of a source (0: errors are right)", fontsize=12)
-    axes.set_title(f"residuals of {len(field)} sources, pixels of {58.6 / nside:.1f}°", pad=16)
+    axes.set_title(f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°", pad=16)
     return axes.figure
+
+
+def _residual_sums(field, solution, nside):
+    """χ² and sources by pixel."""
+    pixel = pixels_of(field.lon, field.lat, nside)
+    return np.array([np.bincount(pixel, each, 12 * nside**2) for each in (solution.residuals(field).chi2, None)])

@@ -36,6 +36,8 @@ class Clipped(AboutSolution):
     factor : float
         Factor on the standard errors that corrects for the selection by residuals; it is included in the
         solution's covariance.
+    n_clipped : int
+        How many sources were left out.
     """
 
     solution: Solution
@@ -43,6 +45,7 @@ class Clipped(AboutSolution):
     n_rounds: int
     limit: float
     factor: float = 1.0
+    n_clipped: int = 0
 
     def select(self, field: Field) -> Field:
         """Those of some sources that agree with the fit; a step for `Parts.map`.
@@ -122,7 +125,7 @@ def clip(
             rule = f"κ = {kappa:g} times the median" if threshold is None else "the given threshold"
             said = f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rule}; {rounds} rounds)"
             mask = distances(sky.in_memory) <= limit if sky.in_memory is not None else None
-            return _corrected(solution, mask, rounds, limit, q, said)
+            return _corrected(solution, mask, rounds, limit, q, said, n_sources - n_kept)
         if 2 * chosen["sources"] < len(modes):
             raise ConvergenceError(
                 f"the clip keeps {chosen['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
@@ -145,7 +148,7 @@ def clip(
     )
 
 
-def _corrected(solution, kept, rounds, limit, q, said):
+def _corrected(solution, kept, rounds, limit, q, said, n_clipped):
     """The clipped solution, its errors and χ² corrected for the choice by residuals up to X²/2 = q."""
     variance, share = truncation(q)
     if variance > 1.001:
@@ -156,7 +159,7 @@ def _corrected(solution, kept, rounds, limit, q, said):
         chi2=solution.chi2 / share,
         notes=(*solution.notes, said),
     )
-    return Clipped(solution, kept, rounds, limit, float(np.sqrt(variance)))
+    return Clipped(solution, kept, rounds, limit, float(np.sqrt(variance)), n_clipped)
 
 
 def _distances(field, solution):

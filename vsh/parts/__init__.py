@@ -5,6 +5,7 @@ from vsh.parts._dask import Dask, is_delayed
 from vsh.parts._engines import Engine, Here, Processes
 from vsh.parts._parts import OPTIONAL, Parts, as_parts
 from vsh.parts._quantiles import median, weighted_quantiles
+from vsh.parts._sample import sample_of
 
 __all__ = [
     "OPTIONAL",
@@ -18,5 +19,6 @@ __all__ = [
     "as_parts",
     "is_delayed",
     "median",
+    "sample_of",
     "weighted_quantiles",
 ]

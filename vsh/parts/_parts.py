@@ -6,13 +6,11 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vsh.checks import arguments
-from vsh.checks.notes import merge_notes
 from vsh.errors import FieldError, NothingLeftError, ParameterError
 from vsh.field import Field
-from vsh.parts._add import added
 from vsh.parts._engines import Engine, Here
-from vsh.system.parallel import limited
+from vsh.parts._work import LostNotes, Work, left_by
+from vsh.sky.frames import check_frame
 from vsh.system.progress import progress_bar
 
 HERE = Here()
@@ -51,7 +49,7 @@ class Parts:
         """The fields one after the other, a block of sources at a time, in this process."""
         for piece in self.pieces:
             for block in self.read(self.engine.fetched(piece), OPTIONAL):
-                field, _ = _left(self.steps, block)
+                field, _ = left_by(self.steps, block)
                 if field is not None:
                     yield field
 
@@ -89,7 +87,21 @@ class Parts:
         -------
         Parts
         """
-        return self.map(_InFrame(name))
+        return self.map(_InFrame(check_frame(name)))
+
+    def add_note(self, *notes: str) -> Parts:
+        """The same sources with more that the reader of a result should know.
+
+        Parameters
+        ----------
+        *notes
+            Lines to add.
+
+        Returns
+        -------
+        Parts
+        """
+        return self.map(_WithNotes(notes))
 
     def sum(
         self,
@@ -139,7 +151,7 @@ class Parts:
         with bar:
             found = self.engine.total(work, self.pieces, bar.update)
         total: Any
-        total, notes, sources = (None, _Notes(), 0) if found is None else found
+        total, notes, sources = (None, LostNotes(), 0) if found is None else found
         if not sources:
             error = NothingLeftError(
                 "no part holds a source that can be used: " + ("; ".join(notes) or "all are empty")
@@ -151,6 +163,16 @@ class Parts:
         if notes and isinstance(total, dict) and isinstance(total.get("notes"), list):
             total["notes"].append(tuple(notes))
         return total
+
+    def has(self, role: str) -> bool:
+        """Whether the first part has names, magnitudes or redshifts.
+
+        Parameters
+        ----------
+        role : str
+            Which of them.
+        """
+        return getattr(next(iter(self)), role) is not None
 
     @property
     def in_memory(self) -> Field | None:
@@ -197,28 +219,6 @@ def itself(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
     yield field
 
 
-def _through(steps, field):
-    for step in steps:
-        field = arguments.a(Field)("what a step returns", step(field))
-    return field
-
-
-def _left(steps, block):
-    """What the steps leave of a block, None for nothing; and notes on what had no sources."""
-    try:
-        field = _through(steps, block)
-    except NothingLeftError as error:  # there may be more in other blocks
-        return None, _Notes(error.notes)
-    return (field, _Notes()) if len(field) else (None, _Notes(field.notes))
-
-
-class _Notes(list):
-    """Notes of parts without a source; they add."""
-
-    def __add__(self, other):
-        return _Notes(merge_notes(self, other))
-
-
 @dataclass(frozen=True)
 class _InFrame:
     name: str
@@ -228,33 +228,8 @@ class _InFrame:
 
 
 @dataclass(frozen=True)
-class Work:
-    """The sum over one part: (sum, notes of what had no sources, number of sources)."""
+class _WithNotes:
+    notes: tuple[str, ...]
 
-    read: Callable[[Any, tuple[str, ...]], Iterator[Field]]
-    steps: tuple[Callable[[Field], Field], ...]
-    function: Callable[[Field], Any]
-    roles: tuple[str, ...]
-    threads: int | None
-
-    def __call__(self, piece: Any) -> Any:
-        """The sum.
-
-        Parameters
-        ----------
-        piece : object
-            What the part is read from.
-        """
-        total, notes, sources = None, _Notes(), 0
-        with limited(self.threads):
-            try:
-                for block in self.read(piece, self.roles):
-                    field, lost = _left(self.steps, block)
-                    notes += lost
-                    if field is not None:
-                        total, sources = added(total, self.function(field)), sources + len(field)
-            except NothingLeftError as error:  # of the whole part: a reader hands on what is lost of some of it
-                if error.notes and getattr(self.read, "on_bad", "drop") == "raise":
-                    raise
-                notes += _Notes(error.notes)
-        return total, notes, sources
+    def __call__(self, field):
+        return field.add_note(*self.notes)

@@ -1,5 +1,6 @@
 """`vsh-fit` from the outside."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,9 @@ from gaia_table import table
 import fit
 import vsh
 from fit.commands.fit import main
+from fit.solution import Solution
+from vsh import Field
+from vsh.catalogue import write_field
 
 
 def test_demo_finds_its_truth(tmp_path, capsys):
@@ -152,3 +156,24 @@ def test_clipped_is_not_refused(tmp_path):
     meta = Table.read(tmp_path / "solution.ecsv").meta
     assert (meta["rows_refused"], meta["rows_used"] + meta["rows_clipped"]) == (0, 30)
     assert meta["rows_clipped"] >= 1
+
+
+def test_a_catalogue_in_parts(tmp_path, capsys):
+    """The same report, tables and counts with --workers as with the catalogue read whole; figures are drawn, too."""
+    rng = np.random.default_rng(8)
+    home = tmp_path / "sky"
+    home.mkdir()
+    for i in range(3):
+        lon, lat = rng.uniform(0, 6, 300), rng.uniform(-1.2, 1.2, 300)
+        write_field(Field(lon, lat, rng.normal(size=(2, 300)) * 2, np.ones((2, 300))), home / f"{i}.fits")
+    for name, options in (("whole", []), ("parts", ["--workers", "2"])):
+        assert main([str(home), "--lmax", "2", "--clip", "2.5", "--output", str(tmp_path / name), *options]) == 0
+    one, two = (Solution.read(tmp_path / name / "solution.ecsv") for name in ("whole", "parts"))
+    np.testing.assert_allclose(one.values, two.values, atol=1e-10 * one.sigma.max())
+    provenance = [json.loads((tmp_path / name / "provenance.json").read_text()) for name in ("whole", "parts")]
+    for key in ("rows", "rows_used", "rows_clipped"):
+        assert provenance[0][key] == provenance[1][key]
+    assert provenance[0]["rows"] == 900 > provenance[0]["rows_used"]
+    assert (tmp_path / "parts" / "residuals.png").stat().st_size > 10_000
+    assert main([str(home), "--workers", "2", "--scheduler", "nowhere.json"]) == 1
+    assert "nowhere.json is neither an address" in capsys.readouterr().err

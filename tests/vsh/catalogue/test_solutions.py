@@ -35,7 +35,9 @@ def test_all_values_of_the_draft_are_counted():
 
 
 def test_solutions_of_parts_add_up():
-    several = parts([table("astrometric_params", [31, 31, 103]), table("astrometric_params", [95, 103, 104])], on_bad="drop")
+    several = parts(
+        [table("astrometric_params", [31, 31, 103]), table("astrometric_params", [95, 103, 104])], on_bad="drop"
+    )
     assert several.counted() == 3
     (note,) = {note for field in several for note in field.notes if note.startswith("left out")} - {
         "left out 1 of 3 rows: astrometric_params = 103: 1"
