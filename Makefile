@@ -8,7 +8,7 @@ MUTANTS ?= 8000
 PIP := -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper docs test test-slow test-lsdb test-oldest test-newest mutate fuzz style bench lock clean
+.PHONY: help demo paper docs test test-slow test-oracles test-oldest test-newest mutate fuzz style bench lock clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -28,9 +28,10 @@ test: $(VENV)/installed-test  ## set up, and pass the tests
 test-slow: $(VENV)/installed-test  ## the tests that take long
 	$(BIN)/pytest -m slow
 
-test-lsdb: .venv-lsdb/bin/python  ## the tests with LSDB, which pins its sister packages and so has a place of its own
-	.venv-lsdb/bin/python $(PIP) --editable '.[test]' lsdb
-	.venv-lsdb/bin/pytest -n auto tests/vsh/parts
+test-oracles: .venv-oracles/bin/python  ## the tests with LSDB and ESA's gaiasupdate, which pin so much that they have a place of their own
+	.venv-oracles/bin/python $(PIP) --editable '.[test]' lsdb
+	.venv-oracles/bin/python $(PIP) --no-deps gaiasupdate
+	.venv-oracles/bin/pytest -n auto tests/vsh/parts tests/vsh/epochs
 
 test-oldest: .venv-oldest/installed-test  ## the tests with the lowest versions that setup.cfg allows (Python 3.11)
 	.venv-oldest/bin/pytest -m "not slow" -n auto
@@ -80,7 +81,7 @@ lock: $(VENV)/bin/python  ## resolve anew what is installed: requirements/newest
 	  --custom-compile-command 'make lock' --output-file requirements/oldest.txt setup.cfg
 
 clean:  ## take away what was made here
-	rm -rf $(VENV) .venv-oldest .venv-newest .venv-lsdb demo paper docs/_build build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-oldest .venv-newest .venv-oracles demo paper docs/_build build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 %/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

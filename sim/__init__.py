@@ -26,7 +26,8 @@ from sim.signal import (
 from sim.variability import Variability
 
 if TYPE_CHECKING:
-    from sim import effects, plot, skies
+    from sim import effects, gaia, plot, skies
+    from sim.gaia import crf3, epochs
 
 __all__ = [
     "Mission",
@@ -37,9 +38,12 @@ __all__ = [
     "acceleration",
     "anisotropic_expansion",
     "astrometry",
+    "crf3",
     "effects",
+    "epochs",
     "expected_covariances",
     "from_coefficients",
+    "gaia",
     "gaia_errors",
     "galaxies",
     "gravitational_waves",
@@ -63,7 +67,7 @@ __all__ = [
 ]
 
 # Imported when first asked for: astropy, healpy and matplotlib come with them.
-__getattr__, _, _ = lazy_loader.attach(__name__, ["effects", "plot", "skies"])
+__getattr__, _, _ = lazy_loader.attach(__name__, ["effects", "gaia", "plot", "skies"], {"gaia": ["crf3", "epochs"]})
 
 
 def __dir__() -> list[str]:

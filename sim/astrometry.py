@@ -20,6 +20,7 @@ from sim.scanning import NominalScanningLaw, Transits
 from sim.variability import Variability, markov_chain
 from vsh.checks.arguments import generator
 from vsh.checks.frozen import Frozen
+from vsh.epochs import design_row
 from vsh.errors import ParameterError
 from vsh.types import ArrayLike, BoolArray, FloatArray, Release, Rng
 
@@ -90,13 +91,11 @@ def solve(
     rng = generator(rng)
     error = np.asarray(error, float)
     n, source = len(error), transits.source
-    sin, cos = np.sin(transits.angle), np.cos(transits.angle)
-    since = transits.time - years / 2
-    design = np.stack([sin, cos, transits.parallax_factor, since * sin, since * cos])
+    design = design_row(transits.angle, transits.parallax_factor, transits.time - years / 2)
     noise = error[source] * rng.standard_normal(len(source))
     if variability is not None and variability.sigma > 0:
         east, north = (markov_chain(transits.time, variability.sigma, variability.tau, rng, source) for _ in range(2))
-        noise += east * sin + north * cos
+        noise += east * design[0] + north * design[1]
     if attitude is not None:
         noise += attitude[np.minimum((transits.time / KNOT).astype(int), len(attitude) - 1)]
 
@@ -149,8 +148,7 @@ def expected_solution_covariances(
     inverse = formal / error[:, None, None] ** 2
     true = formal + attitude**2 * inverse
     if variability is not None and variability.sigma > 0:
-        sin, cos, since = np.sin(transits.angle), np.cos(transits.angle), transits.time - years / 2
-        design = np.stack([sin, cos, transits.parallax_factor, since * sin, since * cos])
+        design = design_row(transits.angle, transits.parallax_factor, transits.time - years / 2)
         true = true + _spread(inverse, design, transits, variability, len(error))
     return formal, true
 

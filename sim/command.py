@@ -18,6 +18,12 @@ from vsh.commands import outputs, parsing, running
 ACCELERATION = "-0.235965,-3.755779,-2.080491"
 
 
+_NOT_OF_CRF3 = (
+    "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "variability", "attitude", "excess_noise",
+    "years", "dead_time", "release", "no_transits",
+)  # fmt: skip
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `vsh-sim`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
 
@@ -32,6 +38,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("--sky and --selection exclude each other")
     if options.velocity is not None and options.kind != "galaxies":
         parser.error("--velocity is for galaxies: quasars are too far to show it")
+    if options.kind == "crf3":
+        foreign = [
+            f"--{name.replace('_', '-')}" for name in _NOT_OF_CRF3 if getattr(options, name) != parser.get_default(name)
+        ]
+        if foreign:
+            parser.error(f"crf3 is as it is: {', '.join(foreign)} cannot be chosen")
+    elif options.number is None:
+        options.number = 10_000
     if options.variability and options.no_transits:
         parser.error("--variability needs transits, which --no-transits leaves out")
     return running.guarded("vsh-sim", lambda: _run(options), options.threads)
@@ -42,6 +56,9 @@ def _run(options):
 
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     outputs.check_file(options.output, options.overwrite)
+    if options.kind == "crf3":
+        _crf3(options)
+        return
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky, chosen, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
     population = _population(options, sky, chosen)
@@ -70,21 +87,38 @@ def _run(options):
         if options.kind == "vlbi"
         else {"SPIN": options.spin, "ACC": options.acceleration}
     )
-    meta = {
-        f"{name}_{axis}": float(value)
-        for name, vector in true.items()
-        for axis, value in zip("XYZ", vector, strict=True)
-    }
+    meta = _truth(true, options)
     if options.kind == "galaxies":
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = options.h0
-    meta |= {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_plain(options))}
     catalogue.write_field(field, options.output, meta)
     for note in field.notes:
         running.say(note)
     if tables.format_of(options.output) == "ascii.csv":
         running.say("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
     running.say(f"written to {options.output}: {len(field)} sources")
+
+
+def _crf3(options):
+    """A catalogue in the archive's own columns."""
+    from vsh import tables
+
+    signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
+    counts = {} if options.number is None else {"n_five": options.number}
+    table = sim.crf3(options.seed, signal, **counts)
+    tables.write_table(table, options.output, _truth({"SPIN": options.spin, "ACC": options.acceleration}, options))
+    five = int(np.sum(table["astrometric_params_solved"] == 31))
+    running.say(f"written to {options.output}: {five} sources with five parameters, {len(table) - five} with six")
+
+
+def _truth(vectors, options):
+    """What the table's metadata say it was made with."""
+    meta = {
+        f"{name}_{axis}": float(value)
+        for name, vector in vectors.items()
+        for axis, value in zip("XYZ", vector, strict=True)
+    }
+    return meta | {"PROGRAM": f"vsh-sim {vsh.__version__}", "OPTIONS": json.dumps(_plain(options))}
 
 
 def _population(options, rng, chosen):
@@ -123,9 +157,15 @@ def make_parser() -> argparse.ArgumentParser:
         epilog="Example: vsh-sim quasars --number 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
     )
     parser.add_argument(
-        "kind", choices=["quasars", "galaxies", "vlbi"], help="vlbi: offsets from radio positions, as motions"
+        "kind", choices=["quasars", "galaxies", "vlbi", "crf3"],
+        help="vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns"
+    )  # fmt: skip
+    parser.add_argument(
+        "--number",
+        type=parsing.count(1),
+        metavar="N",
+        help="how many (default: 10000; crf3: 1215942 with five parameters, and those with six in proportion)",
     )
-    parser.add_argument("--number", type=parsing.count(1), default=10_000, help="how many (default: 10000)")
     parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
     parsing.add_overwrite(parser)
     parser.add_argument("--sky", choices=["uniform", "plane-avoiding", "gums", "igql"], help="default: uniform")

@@ -1,6 +1,6 @@
 """Catalogues: from tables to fields and back, whole or in parts; ICRF's positions, two catalogues matched."""
 
-from vsh.catalogue._columns import GAIA, Columns
+from vsh.catalogue._columns import GAIA, Columns, missing_column
 from vsh.catalogue._icrf import read_icrf
 from vsh.catalogue._match import match
 from vsh.catalogue._parts import parts
@@ -13,6 +13,7 @@ __all__ = [
     "Columns",
     "iter_fields",
     "match",
+    "missing_column",
     "parts",
     "read_field",
     "read_icrf",

@@ -25,8 +25,8 @@ __all__ = [
 
 
 @arguments.accepts(lon=arrays.dimension(1), lat=arrays.dimension(1), nside=arguments.whole)
-def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int) -> IntArray:
-    """The HEALPix pixel (ring order) of each position, (n,).
+def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = False) -> IntArray:
+    """The HEALPix pixel of each position, (n,), in ring order unless told otherwise.
 
     Parameters
     ----------
@@ -34,6 +34,8 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int) -> IntArray:
         Positions [rad]
     nside : int
         A power of two.
+    nested : bool
+        Pixels in nested order.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int) -> IntArray:
         raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
     if not (np.isfinite(lon).all() and (np.abs(lat) <= np.pi / 2 * (1 + 1e-14)).all()):
         raise FieldError("positions are not finite, or beyond a pole")
-    return healpy.ang2pix(nside, np.clip(np.pi / 2 - lat, 0, np.pi), lon)
+    return healpy.ang2pix(nside, np.clip(np.pi / 2 - lat, 0, np.pi), lon, nest=nested)
 
 
 def check_nside(nside: int) -> int:

@@ -1,4 +1,4 @@
-"""LSDB's catalogues in parts, also after a cone and a join. LSDB pins its sisters: `make test-lsdb` has a place of its own."""
+"""LSDB's catalogues in parts, also after a cone and a join. LSDB pins its sisters: `make test-oracles` has a place of its own."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from fit import Moments
 from vsh import Field
 from vsh.catalogue import parts
 
-lsdb = pytest.importorskip("lsdb", reason="LSDB is not installed: make test-lsdb")
+lsdb = pytest.importorskip("lsdb", reason="LSDB is not installed: make test-oracles")
 import pandas  # noqa: E402
 
 RNG = np.random.default_rng(3)

@@ -1,0 +1,25 @@
+"""Epoch astrometry: from the positions along scan of every transit to five parameters and fields."""
+
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+from vsh.epochs._solve import FiveParameters, design_row, downweight, solve_epochs
+
+if TYPE_CHECKING:
+    from vsh.epochs._read import read_epochs
+
+__all__ = [
+    "FiveParameters",
+    "design_row",
+    "downweight",
+    "read_epochs",
+    "solve_epochs",
+]
+
+# Imported when first asked for: astropy comes with it.
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_read": ["read_epochs"]})
+
+
+def __dir__() -> list[str]:
+    return __all__

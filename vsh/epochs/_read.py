@@ -1,0 +1,135 @@
+"""Files of epoch astrometry, in the columns of the draft of Gaia DR4's data model, as fields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from vsh import tables
+from vsh.archive import DR4
+from vsh.catalogue import missing_column
+from vsh.checks.notes import DroppedRows
+from vsh.checks.validation import select_usable
+from vsh.epochs._solve import design_row, solve_epochs
+from vsh.errors import NothingLeftError, TableError
+from vsh.field import Field
+from vsh.types import FloatArray, OnBad
+from vsh.units import DEGREE, MAS
+
+#: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
+_COLUMNS = ("source_id", "obs_time_tcb", "centroid_pos_al", "centroid_pos_error_al", "scan_pos_angle", "parallax_factor_al", "ra0", "dec0")  # fmt: skip
+_OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al")
+_YEAR = 365.25 * 86400e9  # [ns]
+
+
+def read_epochs(
+    source: Any,
+    *,
+    epoch: float = DR4.epoch,
+    robust: bool = True,
+    on_bad: OnBad = "raise",
+    columns: Mapping[str, str] | None = None,
+) -> Field:
+    """Solve for five parameters of every source of a table of epoch astrometry.
+
+    Parameters
+    ----------
+    source : path or table
+        A row a transit with arrays of its CCDs (FITS), or a row an observation (any format): source_id,
+        obs_time_tcb [ns since J2010.0], centroid_pos_al and its error [mas], scan_pos_angle [deg],
+        parallax_factor_al, ra0 and dec0 [deg]; obs_time_bary_corr [ns] and used_by_agis_al where they are.
+    epoch : float
+        Of the positions; motions hardly depend on it. [Julian year, TCB]
+    robust : bool
+        Downweight outliers and estimate an excess noise of each source, as AGIS does.
+    on_bad : {"raise", "drop"}
+        What to do about sources without a solution.
+    columns : dict of str to str, optional
+        Other names of these columns.
+
+    Returns
+    -------
+    Field
+        Motions with their formal errors; its notes count observations that were not used.
+
+    Raises
+    ------
+    TableError
+        If a column is missing or holds no numbers.
+    FieldError
+        If a source has too few observations, or all in one direction.
+
+    Notes
+    -----
+    The colour of a source is taken as known: DR4's own solutions have a pseudocolour besides.
+    """
+    opened = tables.open_table(source)
+    names = {name: (columns or {}).get(name, name) for name in (*_COLUMNS, *_OPTIONAL)}
+    for name in _COLUMNS:
+        if names[name] not in opened.names:
+            raise TableError(f"{opened.label}: {missing_column(names[name], opened)}")
+    wanted = {name: column for name, column in names.items() if column in opened.names}
+    found = opened.columns(tuple(wanted.values()))
+    flat, notes = _observations({name: found[column] for name, column in wanted.items()}, opened.label)
+    identifiers, first, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
+    order = np.argsort(number, kind="stable")
+    time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
+    design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
+    solution = solve_epochs(
+        number[order],
+        design[:, order],
+        flat["centroid_pos_al"][order],
+        flat["centroid_pos_error_al"][order],
+        robust=robust,
+    )
+    lost = {"fewer than six observations": solution.observations <= 5}
+    lost["scans in too few directions"] = ~solution.solved & ~lost["fewer than six observations"]
+    lon, lat = flat["ra0"][first] * DEGREE, flat["dec0"][first] * DEGREE
+    keep, said = select_usable(
+        {reason: mask for reason, mask in lost.items() if mask.any()}, len(lon), on_bad, 0, (lon, lat)
+    )
+    covariance = solution.covariance[keep][:, 3:, 3:]
+    sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+    share = 100 * solution.outliers.sum() / max(1, solution.observations.sum())
+    if robust:
+        notes = (*notes, f"epochs: {share:.2g} % of {solution.observations.sum()} observations have a weight below 0.2")
+    return Field(
+        lon[keep], lat[keep], MAS * solution.values[keep][:, 3:].T, MAS * sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1]),
+        name=identifiers[keep], notes=(*opened.notes, *notes, *said),
+    )  # fmt: skip
+
+
+def _observations(found: Mapping[str, Any], label: str) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+    """Columns with a value for each observation that can be used, and a note that counts the others."""
+    shape = max((np.shape(values) for values, _ in found.values()), key=len)
+    flat, bad = {}, np.zeros(shape, bool)
+    for name, (values, mask) in found.items():
+        values = np.asarray(values)
+        if values.dtype.kind not in "iufb":
+            raise TableError(f"{label}: column {name!r} holds {values.dtype.name}, not numbers")
+        # What a transit has once, all its CCDs have.
+        spread = np.broadcast_to(values.reshape(values.shape + (1,) * (len(shape) - values.ndim)), shape)
+        if mask is not None:
+            bad |= np.broadcast_to(np.reshape(mask, values.shape + (1,) * (len(shape) - values.ndim)), shape)
+        flat[name] = spread.ravel()
+    bad = bad.ravel()
+    unused = ~flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
+    for values in flat.values():
+        if values.dtype.kind == "f":
+            bad |= ~np.isfinite(values)
+    bad |= ~(flat["centroid_pos_error_al"] > 0)
+    counts = {
+        "not used by AGIS": int(unused.sum()),
+        "without a position, an error or a time": int((bad & ~unused).sum()),
+    }
+    keep = ~(bad | unused)
+    note = DroppedRows.of_table({reason: count for reason, count in counts.items() if count}, keep.size, keep)
+    if not keep.any():
+        error = NothingLeftError(f"{label}: no observation can be used: {note}")
+        error.notes = (note,)
+        raise error
+    return {name: values[keep] for name, values in flat.items()}, (f"observations: {note}",) if any(
+        counts.values()
+    ) else ()
