@@ -8,7 +8,7 @@ MUTANTS ?= 8000
 PIP := -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper docs test test-slow test-oracles test-oldest test-newest mutate fuzz style bench lock clean
+.PHONY: help demo paper gaia docs test test-slow test-oracles test-oldest test-newest mutate fuzz style bench lock clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -61,6 +61,10 @@ mutate: $(VENV)/installed-test  ## break the code in the known places, one at a 
 fuzz: $(VENV)/installed-test  ## give damaged files to every reader (MUTANTS=8000)
 	$(BIN)/python tests/fuzz.py $(MUTANTS)
 
+gaia: $(VENV)/installed  ## Gaia's acceleration of the Solar System: gaia/report.md (FILE=crf3.fits; a simulated catalogue unless given)
+	test -n "$(FILE)" || test -f build/crf3.fits || { mkdir -p build && $(BIN)/vsh-sim crf3 --output build/crf3.fits; }
+	$(BIN)/vsh-study --gaia $(or $(FILE),build/crf3.fits) --output gaia --overwrite
+
 docs: $(VENV)/installed-docs  ## the documentation, with a gallery of examples run now: docs/_build/html
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
 	$(BIN)/python docs/check_links.py docs/_build/html
@@ -81,7 +85,7 @@ lock: $(VENV)/bin/python  ## resolve anew what is installed: requirements/newest
 	  --custom-compile-command 'make lock' --output-file requirements/oldest.txt setup.cfg
 
 clean:  ## take away what was made here
-	rm -rf $(VENV) .venv-oldest .venv-newest .venv-oracles demo paper docs/_build build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-oldest .venv-newest .venv-oracles demo paper gaia docs/_build build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 %/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

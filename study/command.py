@@ -9,7 +9,8 @@ from importlib.resources import files
 from pathlib import Path
 
 import vsh
-from vsh.commands import parsing, running
+from vsh.checks.notes import dropped
+from vsh.commands import outputs, parsing, running
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,9 +23,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = make_parser()
     options = parsing.parse(parser, arguments)
-    if bool(options.configuration) == options.paper:
-        parser.error("name a configuration, or say --paper")
-    return running.guarded("vsh-study", lambda: _run(options))
+    if bool(options.configuration) + options.paper + bool(options.gaia) != 1:
+        parser.error("name a configuration, or say --paper, or --gaia FILE")
+    return running.guarded("vsh-study", lambda: _gaia(options) if options.gaia else _run(options), options.threads)
+
+
+def _gaia(options):
+    outputs.check_folder(options.output, "vsh-study", options.overwrite)
+    # Not before: --help should not wait for astropy.
+    from study.gaia import read_gaia, run_gaia, write_gaia
+    from vsh.catalogue import truth_of
+
+    sources, truth = read_gaia(options.gaia), truth_of(options.gaia)
+    study = run_gaia(sources, max_lmax=options.lmax, n_replicates=options.n_bootstrap, rng=options.seed)
+    counts = {"rows_used": len(sources.field), "rows_refused": dropped(sources.field.notes)}
+    meta = running.provenance(options.gaia, options, {"vsh-astrometry": vsh.__version__}, **counts)
+    with outputs.results_folder(options.output, "vsh-study", meta, options.overwrite) as folder:
+        text = write_gaia(study, folder, truth=truth, provenance=meta)
+        listed = [x.name for x in folder.iterdir()]
+    running.say(text)
+    running.say(running.written(options.output, listed))
 
 
 def _run(options):
@@ -63,13 +81,29 @@ def make_parser() -> argparse.ArgumentParser:
         prog="vsh-study",
         description="Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
         "An interrupted study resumes where it stopped.",
-        epilog="Example: vsh-study study.toml --output results; vsh-study --paper --output paper --n-realisations 5",
+        epilog="Example: vsh-study study.toml --output results; vsh-study --paper --output paper --n-realisations 5; "
+        "vsh-study --gaia crf3.fits --output gaia",
     )
     parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")
     parser.add_argument("--paper", action="store_true", help="the four cases of Bachchan, Hobbs & Lindegren (2016)")
+    parser.add_argument(
+        "--gaia", metavar="FILE", help="the acceleration paper of Gaia Collaboration, Klioner et al. (2021), from a file of "
+        "vsh-archive gaia-crf3 or vsh-sim crf3",
+    )  # fmt: skip
     parser.add_argument("--output", required=True, metavar="DIR", help="a new folder, or that of the same study")
     parser.add_argument("--n-realisations", type=parsing.count(1), metavar="N", help="in place of the configuration's")
     parser.add_argument("--workers", type=parsing.count(1), metavar="N", help="processes; one a core unless given")
+    parser.add_argument("--lmax", type=parsing.count(3), default=10, help="--gaia: the highest degree (default: 10)")
+    parser.add_argument(
+        "--n-bootstrap",
+        type=parsing.count(10),
+        default=500,
+        metavar="N",
+        help="--gaia: draws of each fit (default: 500)",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="--gaia: of the bootstrap (default: 1)")
+    parsing.add_threads(parser)
+    parsing.add_overwrite(parser)
     parser.add_argument("--version", action="version", version=f"vsh-study {vsh.__version__}")
     return parser
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from string import Template
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 from fit.harmonic import HarmonicSolution
 from fit.output._report import AGREE, warnings_of
 from fit.output._rows import amplitude, components, direction, is_scaled, power_rows, vector_rows, vectors_of
-from vsh.types import Figure
+from vsh.types import Figure, Table
 
 _PAGE = Template("""<!doctype html>
 <html lang="en">
@@ -93,6 +93,9 @@ def html_report(
     source: str = "",
     provenance: dict[str, Any] | None = None,
     command: Sequence[str] | None = None,
+    title: str = "Vector spherical harmonics of proper motions",
+    sections: Mapping[str, Table] | None = None,
+    captions: Mapping[str, str] | None = None,
 ) -> str:
     """A self-contained page about a solution.
 
@@ -112,6 +115,12 @@ def html_report(
         Files, counts, versions.
     command : list of str, optional
         That repeats the run.
+    title : str
+        Of the page.
+    sections : dict of str to astropy Table, optional
+        Further tables by their headings.
+    captions : dict of str to str, optional
+        Of further figures, by name.
 
     Returns
     -------
@@ -119,15 +128,14 @@ def html_report(
         HTML that asks for nothing from any network.
     """
     parts = [_cards(solution), _warnings(solution), _vectors(solution, truth or {}), _check(check), _powers(solution)]
-    parts += ["<h2>Figures</h2>", *(_figure(name, figure) for name, figure in figures.items())]
+    parts += [f"<h2>{escape(heading)}</h2>" + _section(table) for heading, table in (sections or {}).items()]
+    parts += ["<h2>Figures</h2>", *(_figure(name, figure, captions or {}) for name, figure in figures.items())]
     parts += [_coefficients(solution), _notes(solution), _provenance(provenance or {}, command)]
     lead = (
         f"{escape(source)} — {solution.n_data // 2} sources, degree 1 to {solution.modes.lmax} ({len(solution.modes)} coefficients), "
         f"{escape(solution.frame)} axes"
     )
-    return _PAGE.substitute(
-        title="Vector spherical harmonics of proper motions", lead=lead, body="\n".join(filter(None, parts))
-    )
+    return _PAGE.substitute(title=escape(title), lead=lead, body="\n".join(filter(None, parts)))
 
 
 def _cards(solution):
@@ -244,9 +252,15 @@ def _table(heads, rows, sortable=False, left=False):
     return f'<div class="wide"><table{kind}>{head}<tbody>{body}</tbody></table></div>'
 
 
-def _figure(name, figure):
+def _section(table):
+    rows = [[escape(f"{cell:.4g}" if isinstance(cell, float) else str(cell)) for cell in row] for row in zip(
+        *(table[name].tolist() for name in table.colnames), strict=True)]  # fmt: skip
+    return _table([escape(name.replace("_", " ")) for name in table.colnames], rows, sortable=True)
+
+
+def _figure(name, figure, captions):
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=130)
     picture = base64.b64encode(buffer.getvalue()).decode()
-    caption = _CAPTIONS.get(name, name)
+    caption = {**_CAPTIONS, **captions}.get(name, name)
     return f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{picture}"><figcaption>{escape(caption)}</figcaption></figure>'

@@ -1,0 +1,122 @@
+"""The study as a folder: report, tables, figures, one page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from fit.output import html_report
+from study.gaia._figures import CAPTIONS, draw
+from study.gaia._run import GaiaStudy
+from study.gaia._tables import correlation_table, power_table, published_table, row_table
+from vsh import tables
+from vsh.sky.plot import save_figures
+from vsh.types import Table
+
+_HEADINGS = {
+    "published": "Beside the paper",
+    "degrees": "By the highest degree of the fit",
+    "subsets": "By subsets of the sources",
+    "powers": "Powers and p-values",
+    "correlations": "Correlations of spin and acceleration",
+}
+
+
+def write_gaia(
+    study: GaiaStudy,
+    folder: Path,
+    *,
+    truth: Mapping[str, Any] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> str:
+    """Write everything; returns the report.
+
+    Parameters
+    ----------
+    study : GaiaStudy
+        What was found.
+    folder : Path
+        Where to, an empty folder.
+    truth : dict, optional
+        Of a simulated catalogue.
+    provenance : dict, optional
+        Plain values.
+    """
+    import matplotlib
+    import matplotlib.pyplot as plt
+
+    matplotlib.use("agg")  # files, no windows
+    made = {
+        "published": published_table(study),
+        "degrees": row_table(study.degrees, truth),
+        "subsets": row_table(study.subsets, truth),
+        "powers": power_table(study),
+        "correlations": correlation_table(study),
+    }
+    for name, table in made.items():
+        tables.write_table(table, folder / f"{name}.ecsv")
+    figures = draw(study, truth)
+    save_figures(figures, folder)
+    text = _report(study, made, truth)
+    (folder / "report.md").write_text(text, encoding="utf-8")
+    main: Any = study.main
+    page = html_report(
+        main.resampled, figures, check=study.check, truth=None if truth is None else dict(truth), source=study.sources.label,
+        provenance=dict(provenance or {}), title="The acceleration of the Solar System from Gaia's quasars",
+        sections={_HEADINGS[name]: table for name, table in made.items()}, captions=CAPTIONS,
+    )  # fmt: skip
+    (folder / "gaia.html").write_text(page, encoding="utf-8")
+    for figure in figures.values():
+        plt.close(figure)
+    return text
+
+
+def _report(study, made, truth):
+    main, g = study.main, study.main.resampled.acceleration
+    lines = [
+        "# The acceleration of the Solar System from Gaia's quasars",
+        "",
+        f"{study.sources.label}: {main.n_sources} five-parameter and {int(study.sources.six.sum())} six-parameter sources. "
+        f"Fits of degree 3 to five-parameter sources, clipped at κ = 3 ({main.n_clipped} left out), errors from "
+        f"{main.resampled.errors_from}, unless a table says otherwise. After Gaia Collaboration, Klioner et al. (2021, A&A 649, A9).",
+        "",
+        f"**g = ({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(g.value, g.sigma, strict=True))}) µas/yr**: "
+        f"{g.amplitude:.2f} ± {g.amplitude_error:.2f} µas/yr toward α = {g.direction[0]:.1f}° ± {g.direction_error[0]:.1f}°, "
+        f"δ = {g.direction[1]:+.1f}° ± {g.direction_error[1]:.1f}°.",
+    ]
+    if truth:
+        listed = ", ".join(f"{v:+.3f}" for v in truth["acceleration"].value)
+        lines += ["", f"A simulated catalogue; the truth is g = ({listed}) µas/yr. The last column of the tables is χ² of spin and g "
+                  "against it, 6 ± 3.5 where the errors are right."]  # fmt: skip
+    for name, table in made.items():
+        lines += ["", f"## {_HEADINGS[name]}", "", *_markdown(_shown(name, table))]
+    failed = [row for row in (*study.degrees, *study.subsets) if row.solution is None]
+    if failed:
+        lines += ["", "## Without a result", "", *(f"* {row.name}: {row.said}" for row in failed)]
+    notes = study.sources.field.notes
+    lines += ["", "## Notes", "", *(f"* {note}" for note in notes)] if notes else []
+    return "\n".join(lines) + "\n"
+
+
+def _shown(name, table):
+    """What a page is wide enough for; the files have all."""
+    if name not in ("degrees", "subsets"):
+        return table
+    kept = [column for column in table.colnames if not (column.startswith("spin") or column.endswith("_formal"))]
+    return table[kept]
+
+
+def _markdown(table: Table) -> list[str]:
+    def cell(value: Any) -> str:
+        if isinstance(value, float):
+            return "" if value != value else f"{value:.0f}" if abs(value) >= 1e3 else f"{value:.3g}"
+        return str(value).replace("|", "\\|")
+
+    lines = [
+        "| " + " | ".join(name.replace("_", " ") for name in table.colnames) + " |",
+        "|" + "---|" * len(table.colnames),
+    ]
+    for row in zip(*(table[name].tolist() for name in table.colnames), strict=True):
+        lines.append("| " + " | ".join(map(cell, row)) + " |")
+    return lines

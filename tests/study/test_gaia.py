@@ -1,0 +1,137 @@
+"""The Gaia acceleration paper from one file, on a simulated CRF3 whose truth is known."""
+
+import numpy as np
+import pytest
+from astropy.table import Table
+
+import sim
+from sim.command import main as simulate
+from study.command import main
+from study.gaia import read_gaia, run_gaia, subsets
+from vsh.catalogue import read_field, truth_of
+from vsh.errors import TableError
+
+TRUTH = sim.spin((30.0, -20.0, 10.0)) + sim.acceleration((-10.0, 40.0, 5.0))
+
+
+@pytest.fixture(scope="module")
+def table():
+    return sim.crf3(1, TRUTH, n_five=12_000)
+
+
+def test_the_table_is_like_the_archives(table):
+    assert len(table) == 12_000 + round(12_000 * 398_231 / 1_215_942)
+    assert len(np.unique(table["source_id"])) == len(table)
+    five = table["astrometric_params_solved"] == 31
+    assert set(table["astrometric_params_solved"]) == {31, 95}
+    # Klioner et al. (2022), table 1; medians of 12 000 are known to 0.02.
+    assert np.median(table["phot_g_mean_mag"][five]) == pytest.approx(19.92, abs=0.05)
+    assert np.median(table["phot_g_mean_mag"][~five]) == pytest.approx(20.46, abs=0.05)
+    assert np.isnan(table["nu_eff_used_in_astrometry"][~five]).all()
+    assert np.isfinite(table["pseudocolour"][~five]).all()
+    assert np.median(table["parallax"]) == pytest.approx(-0.017, abs=0.02)
+    # The identifier holds the place: HEALPix level 12, nested.
+    from vsh.sky.pixels import pixels_of
+
+    pixel = pixels_of(np.radians(table["ra"]), np.radians(table["dec"]), 4096, nested=True)
+    np.testing.assert_array_equal(table["source_id"] // 2**35, pixel)
+
+
+def test_its_errors_are_right(table):
+    """Pulls of parallax and both motions, their correlations, and the share of sources with wrong errors."""
+    field = read_field(table)
+    away = field.minus(TRUTH(field.lon, field.lat))
+    assert np.median(away.chi2) == pytest.approx(2 * np.log(2), rel=0.03)
+    assert (away.chi2 > 25).mean() == pytest.approx(0.002 * np.exp(-25 / 18), abs=0.0005)
+    pull = (table["parallax"] + 0.017) / table["parallax_error"]
+    assert np.std(pull[np.abs(pull) < 4]) == pytest.approx(1, abs=0.03)
+    along = away.motion[0] / away.sigma[0]
+    both = np.abs(pull) + np.abs(along) < 6
+    seen, quoted = np.mean((pull * along)[both]), np.mean(table["parallax_pmra_corr"][both])
+    assert seen == pytest.approx(quoted, abs=0.03)
+    assert np.abs(table["pmra_pmdec_corr"]).max() < 1
+    assert np.std(table["pmra_pmdec_corr"]) > 0.1
+
+
+def test_the_same_seed_gives_the_same_table(table):
+    again = sim.crf3(1, TRUTH, n_five=12_000)
+    np.testing.assert_array_equal(again["pmra"], table["pmra"])
+
+
+@pytest.fixture(scope="module")
+def study(table):
+    return run_gaia(read_gaia(table), max_lmax=4, n_replicates=60, progress=False)
+
+
+def test_the_truth_is_within_the_errors_of_every_table(study):
+    true = np.array([30.0, -20.0, 10.0, -10.0, 40.0, 5.0])
+    rows = [*study.degrees, *study.subsets]
+    assert len(rows) > 20
+    chi2 = []
+    for row in rows:
+        found = row.resampled
+        value = np.concatenate([found.spin.value, found.acceleration.value])
+        for k in (0, 3):
+            vector = found.spin if k == 0 else found.acceleration
+            away = value[k : k + 3] - true[k : k + 3]
+            chi2.append(away @ np.linalg.solve(vector.covariance, away))
+    assert np.max(chi2) < 20  # of three numbers: one in 6000
+    assert 1.5 < np.median(chi2) < 4  # rows share sources
+    assert study.main.name == "degree 3"
+    assert study.check.largest < 1e-9
+    names = [row.name for row in study.subsets]
+    assert {"five parameters", "six parameters", "all", "blue third", "without the Galactic plane"} <= set(names)
+
+
+def test_both_kinds_of_errors_are_there(study):
+    main = study.main
+    assert "bootstrap" in main.resampled.errors_from
+    assert main.solution.errors_from == "the catalogue"
+    ratio = main.resampled.sigma / main.solution.sigma
+    assert 0.8 < np.median(ratio) < 1.3
+
+
+def test_subsets_need_sources(table):
+    few = read_gaia(table[:400])
+    chosen = subsets(few)
+    assert "six parameters" not in chosen
+    assert all(mask.sum() >= 100 for mask in chosen.values())
+    halves = sum(chosen[name].sum() for name in ("north celestial half", "south celestial half"))
+    assert halves == 400
+
+
+def test_the_command_from_simulation_to_page(tmp_path, capsys):
+    path = tmp_path / "crf3.fits"
+    assert simulate(["crf3", "--number", "6000", "--spin", "1,2,3", "--output", str(path)]) == 0
+    assert "6000 sources with five parameters, 1965 with six" in capsys.readouterr().out
+    np.testing.assert_array_equal(truth_of(path)["spin"].value, [1, 2, 3])
+    home = tmp_path / "gaia"
+    options = ["--gaia", str(path), "--output", str(home), "--lmax", "3", "--n-bootstrap", "10"]
+    assert main(options) == 0
+    text = (home / "report.md").read_text(encoding="utf-8")
+    assert "| five-parameter sources | 1215942 |  | 6000 |  |" in text
+    assert "A simulated catalogue; the truth is g = (-0.236, -3.756, -2.080)" in text
+    page = (home / "gaia.html").read_text(encoding="utf-8")
+    assert page.count("<img ") == 7
+    assert "The acceleration of the Solar System" in page
+    assert 'src="http' not in page
+    degrees = Table.read(home / "degrees.ecsv")
+    assert degrees["lmax"].tolist() == [1, 2, 3]
+    assert {"g_x", "g_x_formal", "g_x_error", "chi2_truth_of_6"} <= set(degrees.colnames)
+    assert main(options) == 1
+    assert "say --overwrite" in capsys.readouterr().err
+
+
+def test_what_is_wrong_is_said(tmp_path, capsys, table):
+    lacking = table.copy()
+    lacking.remove_column("pmra_error")
+    with pytest.raises(TableError, match="no column 'pmra_error'.*nearest: pmdec_error"):
+        read_gaia(lacking)
+    assert main(["--gaia", str(tmp_path / "no.fits"), "--output", str(tmp_path / "out")]) == 1
+    assert "no such file" in capsys.readouterr().err
+    for wrong in ([], ["--paper", "--gaia", "x.fits"]):
+        with pytest.raises(SystemExit):
+            main([*wrong, "--output", "x"])
+    with pytest.raises(SystemExit):
+        simulate(["crf3", "--sky", "igql", "--output", "x.fits"])
+    assert "crf3 is as it is: --sky cannot be chosen" in capsys.readouterr().err
