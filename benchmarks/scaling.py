@@ -1,6 +1,6 @@
 """Time per source from 10⁵ to 10⁷ sources, and a Parquet folder of 10⁷ in little memory.
 
-python benchmarks/scaling.py [FOLDER]
+python benchmarks/scaling.py [FOLDER [WORKERS]]
 """
 
 import resource
@@ -39,25 +39,35 @@ def write_folder(folder, files=20, rows=500_000):
         columns = {"source_id": np.arange(rows) + i * rows, "ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
         columns |= {"pmra": field.motion[0] / 1000, "pmdec": field.motion[1] / 1000}
         columns |= {"pmra_error": field.sigma[0] / 1000, "pmdec_error": field.sigma[1] / 1000}
-        tables.write(folder / f"part{i:02d}.parquet", columns | {"pmra_pmdec_corr": field.rho})
+        tables.write(folder / f"part{i:03d}.parquet", columns | {"pmra_pmdec_corr": field.rho})
 
 
-def stream(folder, lmax=10):
-    """Fit the folder in one pass; say how long and how much memory."""
-    from vsh.catalogue import iter_fields
+def stream(folder, lmax=10, workers=None):
+    """Fit the folder in one pass; say how long, how much memory, and what 10⁹ sources would take of each."""
+    from vsh.catalogue import parts
 
-    start = time.perf_counter()
-    solution = fit.solve(fit.normal_equations(iter_fields(folder, rows=500_000), Modes(lmax)))
-    seconds = time.perf_counter() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    print(f"Parquet folder: {solution.n_data // 2} sources, degree {lmax}, {seconds:.1f} s, peak memory {peak:.2f} GiB")
+    start, before = time.perf_counter(), time.process_time()
+    sky = parts(folder, workers=workers)
+    solution = fit.solve(fit.normal_equations(sky, Modes(lmax)))
+    seconds, cpu = time.perf_counter() - start, time.process_time() - before
+    n = solution.n_data // 2
+    usage = [resource.getrusage(who).ru_maxrss / 2**20 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    size = sum(path.stat().st_size for path in Path(folder).rglob("*.parquet"))
+    print(f"{n} sources in {len(sky)} files, degree {lmax}, {sky!r}: {seconds:.1f} s ({seconds / n * 1e9:.0f} ns a source), "
+          f"peak memory {usage[0]:.2f} GiB here, {usage[1]:.2f} GiB in the largest worker")  # fmt: skip
+    if workers is None:
+        moments = (3 * (2 * lmax + 1) * (4 * lmax + 1) + 2 * (lmax + 1) * (2 * lmax + 1)) * 16
+        print(f"{cpu / n * 1e9:.0f} ns of CPU a source: 10⁹ sources in {cpu / n * 1e9 / 60:.1f} core-minutes, from "
+              f"{7 * 8} GB of seven columns, with {moments * 2000 / 1e9:.2g} GB of moments of 2000 parts over the network "
+              f"(these files: {size / 1e9:.2g} GB)")  # fmt: skip
 
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        stream(Path(sys.argv[1]))
+        stream(Path(sys.argv[1]), workers=int(sys.argv[2]) if len(sys.argv) > 2 else None)
     else:
         per_source()
         with tempfile.TemporaryDirectory() as folder:
             write_folder(Path(folder))
-            subprocess.run([sys.executable, __file__, folder], check=True)
+            for workers in ([], ["2"]):
+                subprocess.run([sys.executable, __file__, folder, *workers], check=True)

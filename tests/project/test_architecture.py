@@ -27,7 +27,8 @@ HEAVY = {
     "corner": ["fit/*/_plot.py"],
     "arviz": ["fit/posterior/_posterior.py"],
     "matplotlib": [
-        "*/_plot.py", "*/plot.py", "fit/output/_figures.py", "fit/output/_files.py", "*/commands/*.py", "study/figures.py",
+        "*/_plot.py", "*/plot.py", "fit/output/_figures.py", "fit/output/_files.py", "*/commands/*.py", "study/figures.py", "study/gaia/_figures.py",
+        "study/gaia/_write.py",
     ],
     "pyarrow": ["vsh/tables/_arrow.py"],
     "dask": ["vsh/parts/_dask.py"],

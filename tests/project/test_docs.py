@@ -16,7 +16,7 @@ PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md",
 PAGES = [path for path in PAGES if "_build" not in path.parts and "gallery" not in path.parts]
 COMMANDS = {
     "vsh-fit": "fit.commands.fit", "vsh-sim": "sim.command", "vsh-redshift": "fit.commands.redshift",
-    "vsh-correlate": "fit.commands.correlate", "vsh-study": "study.command",
+    "vsh-correlate": "fit.commands.correlate", "vsh-study": "study.command", "vsh-archive": "vsh.commands.archive",
 }  # fmt: skip
 #: Faces whose names are used inside the project only.
 INTERNAL = {"fit.sums", "fit.sampling", "fit.commands", "vsh.checks", "vsh.system", "vsh.commands"}

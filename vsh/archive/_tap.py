@@ -195,15 +195,9 @@ def _rows(part, max_rows):
     if start.lstrip()[:5] in (b"<?xml", b"<VOTA"):  # TAP's way to say that something is wrong
         raise ArchiveError(f"the server sent no FITS table: {_message(start) or 'a VOTable'}")
     try:
-        with tables.fits_checked(part, part.name) as name:
-            from astropy.io import fits
-
-            with fits.open(name) as units:
-                rows = next(int(unit.header["NAXIS2"]) for unit in units if unit.header.get("XTENSION") == "BINTABLE")
-    except (TableError, StopIteration) as error:
-        raise ArchiveError(
-            f"the server sent no whole FITS table ({error or 'no table in it'}); the same call fetches it again"
-        ) from error
+        rows = tables.fits_rows(part, part.name)
+    except TableError as error:
+        raise ArchiveError(f"the server sent no whole FITS table ({error}); the same call fetches it again") from error
     limit = max_rows if max_rows is not None and rows >= max_rows else next((n for n in _LIMITS if rows == n), None)
     if limit:
         raise ArchiveError(

@@ -294,3 +294,24 @@ def fits_checked(path: PathName, label: str) -> Iterator[str]:
     except OSError as error:
         raise TableError(f"{label} cannot be read: {error.strerror or error}") from error
     yield plain.name
+
+
+def fits_rows(path: PathName, label: str) -> int:
+    """How many rows the first table of a FITS file has, once the file is known to be whole.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, not packed.
+    label : str
+        What messages call it.
+
+    Raises
+    ------
+    TableError
+        If it is damaged, or holds no table.
+    """
+    for header in check_layout(path, label):
+        if header.get("XTENSION") in ("BINTABLE", "TABLE"):
+            return int(header["NAXIS2"])
+    raise TableError(f"{label} holds no table")

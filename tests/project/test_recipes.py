@@ -1,0 +1,100 @@
+"""The recipes of the documentation, run as they stand."""
+
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from tap_server import serving
+
+from vsh import Field
+from vsh.catalogue import write_field
+
+PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md")]
+RECIPES = {
+    found.group(1): found.group(0)
+    for page in PAGES
+    for found in re.finditer(r"# recipe: (\w+)\n.*?(?=\n```)", page.read_text(encoding="utf-8"), re.DOTALL)
+}
+NEEDS = {"dask": "dask.dataframe", "cluster": "distributed", "lsdb": "lsdb"}
+
+
+def field(seed):
+    rng = np.random.default_rng(seed)
+    n = 400
+    return Field(
+        rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n)), rng.normal(size=(2, n)) * 100, np.full((2, n), 100.0),
+        magnitude=rng.uniform(15, 21, n), name=np.arange(n) + n * seed,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    home = tmp_path_factory.mktemp("recipes")
+    (home / "folder").mkdir()
+    for i in range(3):
+        write_field(field(i), home / "folder" / f"{i}.parquet")
+    write_field(field(9), home / "whole.fits")
+    return home
+
+
+def test_no_recipe_is_forgotten():
+    assert set(RECIPES) == {"folder", "choose", "dask", "cluster", "lsdb", "archive", "epochs"}
+
+
+@pytest.mark.parametrize("name", sorted(RECIPES))
+def test_recipe(name, home):
+    if name in NEEDS:
+        pytest.importorskip(NEEDS[name])
+    text = RECIPES[name]
+    if name == "lsdb":
+        import lsdb
+        import pandas
+
+        frame = pandas.concat(pandas.read_parquet(path) for path in sorted((home / "folder").iterdir()))
+        lsdb.from_dataframe(frame, catalog_name="sky", lowest_order=0).write_catalog(home / "hats", overwrite=True)
+    if name == "archive":
+        with serving((home / "whole.fits").read_bytes()) as (url, _):
+            run(text.replace('"crf3.fits")', f'"crf3.fits", "{url}")'), home)
+    else:
+        run(text, home)
+
+
+def run(text, home):
+    (home / "recipe.py").write_text(text, encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "recipe.py"],
+        cwd=home,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_the_job_for_one_node_runs(home, tmp_path):
+    """SLURM's lines are comments to bash."""
+    page = PAGES[0].read_text(encoding="utf-8")
+    one, several = re.findall(r"```bash\n(.*?)```", page, re.DOTALL)
+    for script in (one, several):
+        assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
+    binary = tmp_path / "bin" / "vsh-fit"
+    binary.parent.mkdir()
+    binary.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m fit.commands.fit "$@"\n')
+    binary.chmod(0o755)
+    environment = os.environ | {
+        "PATH": f"{binary.parent}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "CATALOGUE": str(home / "folder"),
+        "RESULTS": str(tmp_path / "results"),
+    }  # fmt: skip
+    script = one.replace("--lmax 10", "--lmax 2")
+    done = subprocess.run(
+        ["bash"], input=script, text=True, env=environment, capture_output=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert (tmp_path / "results" / "report.txt").exists()
