@@ -76,6 +76,7 @@ style: $(VENV)/installed-test  ## put the code in its form
 bench: $(VENV)/installed-test  ## time this project beside others
 	$(BIN)/python benchmarks/fits.py
 	$(BIN)/python benchmarks/scaling.py
+	$(BIN)/python benchmarks/command.py
 
 lock: $(VENV)/bin/python  ## resolve anew what is installed: requirements/newest.txt and oldest.txt
 	$(BIN)/python $(PIP) uv

@@ -47,6 +47,7 @@ def results():
         "bootstrap": fit.resample.bootstrap(field, 1, 12, 1, progress=False),
         "eigenmodes": eigenmodes(field, 1),
         "keeping": downweight(random_field(2000, 1), 0.3),
+        "moments": fit.Moments.of(field, 2),
         "without a matrix": fit.solve_matrix_free(field, 3),
         "grid": grid(galaxies, PLANCK_2018, n_points=12),
         "samples": sample(galaxies, PLANCK_2018, n_samples=20_000, rng=1, n_walkers=20, progress=False).kept(),
@@ -56,7 +57,7 @@ def results():
 NAMES = (
     *("solution", "clipped", "prediction", "frame", "velocity", "velocity and spin", "hubble", "bins", "common"),
     *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
-    *("velocity to come", "hubble to come", "eigenmodes", "keeping", "without a matrix", "grid", "samples"),
+    *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),
 )
 
 

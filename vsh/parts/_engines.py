@@ -6,9 +6,9 @@ import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
+from weakref import finalize
 
 from vsh.errors import ParameterError, TableError
 from vsh.parts._add import Tree
@@ -72,17 +72,18 @@ class Here(Engine):
         return tree.total()
 
 
-@dataclass(frozen=True)
 class Processes(Engine):
-    """In a pool of processes, each with one thread, a part at a time.
+    """In a pool of processes, each with one thread, a part at a time. They stay as long as the engine does.
 
-    Attributes
+    Parameters
     ----------
     workers : int
         How many.
     """
 
-    workers: int
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self._running: ProcessPoolExecutor | None = None
 
     def __str__(self) -> str:
         return f"by {self.workers} processes"
@@ -118,13 +119,15 @@ class Processes(Engine):
         """The results in the order of the pieces, however often a process is killed."""
         ready = {}
         waiting, suspects = list(range(len(pieces))), []
-        following = 0
+        following, single = 0, []
         while waiting or suspects:
             # After a process was killed, the parts that were under way go one by one: the guilty one is known then.
             if suspects:
-                ready[suspects[0]] = self._alone(work, pieces, suspects[0])
+                ready[suspects[0]] = self._alone(work, pieces, suspects[0], single)
                 done()
                 del suspects[0]
+                if not suspects and single:
+                    single.pop().shutdown()
             else:
                 for number, result in self._together(work, pieces, waiting, suspects):
                     ready[number] = result
@@ -139,37 +142,44 @@ class Processes(Engine):
     def _together(self, work, pieces, waiting, suspects):
         """Numbers and results as they come; what a broken pool leaves undone goes to `suspects`."""
         running = {}
-        with self._pool(self.workers) as pool:
-            try:
-                while waiting or running:
-                    while waiting and len(running) < 2 * self.workers:
-                        running[pool.submit(work, pieces[waiting[0]])] = waiting[0]
-                        del waiting[0]
-                    for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        result = future.result()
-                        yield running.pop(future), result
-            except BrokenProcessPool:
-                suspects += sorted(running.values())
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        if self._running is None:
+            self._running = _pool(self.workers)
+            finalize(self, self._running.shutdown, wait=False, cancel_futures=True)
+        try:
+            while waiting or running:
+                while waiting and len(running) < 2 * self.workers:
+                    running[self._running.submit(work, pieces[waiting[0]])] = waiting[0]
+                    del waiting[0]
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    result = future.result()
+                    yield running.pop(future), result
+        except BrokenProcessPool:
+            suspects += sorted(running.values())
+            self._running = None
+        except BaseException:
+            for future in running:
+                future.cancel()
+            raise
 
-    def _alone(self, work, pieces, number):
+    def _alone(self, work, pieces, number, single):
+        """The result of one part by itself; `single` holds the process that is used again until a part ends it."""
         for _ in range(ATTEMPTS):
-            with self._pool(1) as pool:
-                try:
-                    return pool.submit(work, pieces[number]).result()
-                except BrokenProcessPool:
-                    continue
+            if not single:
+                single.append(_pool(1))
+            try:
+                return single[0].submit(work, pieces[number]).result()
+            except BrokenProcessPool:
+                single.pop()
         raise TableError(
             f"part {number + 1} of {len(pieces)}, {label_of(pieces[number])}, ended the process that read it {ATTEMPTS + 1} "
             "times: is there memory enough for it? Take fewer workers, or smaller parts. (A script that starts workers needs "
             'its work under `if __name__ == "__main__":`.)'
         )
 
-    def _pool(self, workers):
-        # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
-        return ProcessPoolExecutor(workers, get_context("spawn"), end_with_parent)
+
+def _pool(workers):
+    # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
+    return ProcessPoolExecutor(workers, get_context("spawn"), end_with_parent)
 
 
 def label_of(piece: Any) -> str:
