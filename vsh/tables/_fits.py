@@ -50,6 +50,7 @@ def open_fits(path: PathName, label: str) -> TableSource:
     with _guarded(label), _open(plain.name) as hdus:
         found = list(hdus[chosen].columns)
         meta = _meta(hdus[chosen].header)
+    described = {column.name: column for column in found}
     names = [column.name for column in found]
     if not names or not all(names):
         raise TableError(f"{label} is damaged: {'its table has no columns' if not names else 'a column has no name'}")
@@ -69,10 +70,12 @@ def open_fits(path: PathName, label: str) -> TableSource:
                     part = hdus[chosen].data[start : start + rows]
                     # Views of the file's bytes, one after the other; turned into numbers side by side.
                     views = [np.asarray(part[name]) for name in wanted]
-                    held = [hdus[chosen].columns[name] for name in wanted]
+                    held = [described[name] for name in wanted]
                     with ThreadPoolExecutor(cores()) as pool:
                         block = dict(zip(wanted, pool.map(partial(_column, part), views, held), strict=True))
                     del part, views
+                    for column in hdus[chosen].columns:  # or astropy copies them all when the file is closed
+                        column.array = None
                 yield block
 
     notes: tuple[str, ...] = ()
