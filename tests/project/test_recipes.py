@@ -48,7 +48,7 @@ def test_no_recipe_is_forgotten():
 @pytest.mark.parametrize("name", sorted(RECIPES))
 def test_recipe(name, home):
     if name in NEEDS:
-        pytest.importorskip(NEEDS[name])
+        pytest.importorskip(NEEDS[name], exc_type=ImportError)
     text = RECIPES[name]
     if name == "lsdb":
         import lsdb
