@@ -75,8 +75,8 @@ BREAKS = [
     ),
     (
         "fit/sums/_sandwich.py",
-        "factors / (1 - own) ** power",
-        "factors",
+        "u / (1 - own) ** power",
+        "u",
         "test_calibration.py::test_the_sandwich_by_its_definition",
     ),
     (
@@ -97,7 +97,7 @@ BREAKS = [
         "if False and not",
         "test_calibration.py::test_the_prior_on_h0_comes_back_or_is_refused",
     ),
-    ("fit/sampling/_checkpoint.py", '"rho", "redshift")', '"rho")', "test_checkpoint.py"),
+    ("fit/posterior/_sample.py", '"rho", "redshift")', '"rho")', "test_checkpoint.py"),
     (
         "fit/posterior/_posterior.py",
         "np.ceil(5 * self._slowest())",
@@ -121,6 +121,38 @@ BREAKS = [
     ("sim/scanning/_law.py", "factor = 1.01 * distance", "factor = 1.10 * distance", "test_scanning.py"),
     ("sim/variability.py", "sigma * np.sqrt(1 - keep**2)", "sigma * (1 - keep)", "test_astrometry.py"),
     ("study/run.py", "    _check_folder(folder)\n", "", "test_study.py"),
+    (
+        "fit/normal/_moments.py",
+        "motions=self.motions[:, : lmax + 1, -cut:cut]",
+        "motions=self.motions[:, : lmax + 1, : 2 * lmax + 1]",
+        "test_parts.py",
+    ),
+    (
+        "fit/resample/_bootstrap.py",
+        "np.arange(2**16) + 0.5) / 2**16)",
+        "np.arange(2**16) + 0.5) / 2**17)",
+        "test_parts.py",
+    ),
+    (
+        "fit/robust/_likelihoods.py",
+        "x2 = chi2 / (1 - own)\n        return",
+        "x2 = chi2\n        return",
+        "test_reweight.py test_calibration.py",
+    ),
+    ("vsh/parts/_engines.py", "suspects += sorted(running.values())", "pass", "test_catalogue_parts.py"),
+    ("vsh/parts/_work.py", "notes = notes + lost", "pass", "test_parts.py test_catalogue_parts.py"),
+    (
+        "vsh/parts/_quantiles.py",
+        "below = reached[bin_] - counts[bin_]",
+        "below = reached[bin_]",
+        "test_catalogue_parts.py",
+    ),
+    ("vsh/archive/_tap.py", "if size and file.tell() != size:", "if False:", "test_archive.py"),
+    ("vsh/archive/_tap.py", "if max_rows is not None and rows >= max_rows", "if False", "test_archive.py"),
+    ("vsh/catalogue/_read.py", "list(DR4.accepted)", "[31, 95, 3]", "test_solutions.py"),
+    ("vsh/epochs/_solve.py", "3 - 10 / (3 * np.e)", "3 - 9 / (3 * np.e)", "test_epochs.py"),
+    ("sim/gaia/_crf3.py", "correlation[pixel, 0, 1]", "correlation[pixel, 0, 2]", "test_gaia.py"),
+    ("study/gaia/_sources.py", "five & (g > 18) & (g <= 19)", "five & (g > 18) & (g <= 20)", "test_gaia.py"),
 ]
 
 

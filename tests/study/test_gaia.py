@@ -100,6 +100,16 @@ def test_subsets_need_sources(table):
     assert halves == 400
 
 
+def test_magnitudes_and_colours_share_out_the_sources(table):
+    sources = read_gaia(table)
+    chosen = subsets(sources)
+    five = (~sources.six).sum()
+    for names in (("G ≤ 18", "18 < G ≤ 19", "19 < G ≤ 20", "G > 20"), ("red third", "middle third", "blue third")):
+        assert sum(chosen[name].sum() for name in names) == five
+        assert not np.any(np.sum([chosen[name] for name in names], axis=0) > 1)
+    assert np.abs(np.sin(sources.field[chosen["|b| ≥ 30°"]].to_frame("galactic").lat)).min() >= 0.5 - 1e-12
+
+
 def test_the_command_from_simulation_to_page(tmp_path, capsys):
     path = tmp_path / "crf3.fits"
     assert simulate(["crf3", "--number", "6000", "--spin", "1,2,3", "--output", str(path)]) == 0
