@@ -89,13 +89,11 @@ def _count(field):
 
 def _sources(path, options):
     """Positions and errors, whole or in parts."""
-    from fit.correlation import without_motions
     from vsh.catalogue import parts, read_sources
 
     if parts_options.in_parts(options):
-        return without_motions(
-            parts(path, **parts_options.reading_parts(options)).to_frame(options.frame), options.sigma
-        )
+        options_of_parts = parts_options.reading_parts(options)
+        return parts(path, motions=False, sigma=options.sigma, **options_of_parts).to_frame(options.frame)
     return read_sources(path, sigma=options.sigma, **parsing.reading(options)).to_frame(options.frame)
 
 

@@ -9,12 +9,13 @@ from typing import Any
 
 from vsh.catalogue._columns import REQUIRED, Columns, as_columns
 from vsh.catalogue._read import iter_fields
+from vsh.catalogue._sources import without_motions
 from vsh.checks.arguments import whole
 from vsh.errors import ParameterError, TableError
 from vsh.field import Field
 from vsh.parts import Dask, Engine, Here, Parts, Processes, is_delayed
 from vsh.system.parallel import ahead
-from vsh.tables import files_of
+from vsh.tables import files_of, open_table
 from vsh.types import OnBad
 
 #: Sources in a block of a part: some 200 MB while it is read and checked.
@@ -29,6 +30,8 @@ def parts(
     on_bad: OnBad = "raise",
     frame: str | None = None,
     rows: int = ROWS,
+    motions: bool = True,
+    sigma: float | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> Parts:
@@ -44,6 +47,10 @@ def parts(
         As for `read_field`. Name, magnitude and redshift are read where a step or a sum wants them.
     rows : int
         The largest number of sources in memory at a time, for each process.
+    motions : bool
+        Whether there must be motions and errors: false for skies of which only positions, or errors, matter.
+    sigma : float, optional
+        Without motions: one error for all, in place of the table's. [µas/yr]
     workers : int, optional
         So many processes on this machine; one, with a thread a core, unless given.
     scheduler : str, optional
@@ -71,8 +78,8 @@ def parts(
     4
     """
     columns = as_columns(columns)
-    read = Reader(columns, units, on_bad, frame, whole("rows", rows))
-    pieces = _pieces(source, columns)
+    read = Reader(columns, units, on_bad, frame, whole("rows", rows), motions, sigma)
+    pieces = _pieces(source, columns, motions)
     return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
 
 
@@ -86,6 +93,10 @@ class Reader:
         As for `read_field`.
     rows : int
         The largest number of sources in a block.
+    motions : bool
+        Whether there must be motions and errors.
+    sigma : float or None
+        One error for all, without motions.
     """
 
     columns: Columns
@@ -93,6 +104,8 @@ class Reader:
     on_bad: OnBad
     frame: str | None
     rows: int
+    motions: bool = True
+    sigma: float | None = None
 
     def __call__(self, piece: Any, roles: tuple[str, ...]) -> Iterator[Field]:
         """The fields of a piece.
@@ -107,17 +120,15 @@ class Reader:
         if isinstance(piece, Field):
             yield piece
             return
-        yield from ahead(
-            iter_fields(
-                piece,
-                self.rows,
-                columns=self.columns,
-                units=self.units,
-                on_bad=self.on_bad,
-                frame=self.frame,
-                roles=roles,
-            )
+        columns = self.columns
+        said: tuple[str, ...] = ()
+        if not self.motions:
+            piece, columns, said = without_motions(open_table(piece), columns, self.sigma)
+        fields = iter_fields(
+            piece, self.rows, columns=columns, units=self.units, on_bad=self.on_bad, frame=self.frame, roles=roles
         )
+        for field in ahead(fields):
+            yield field.add_note(*said) if said else field
 
 
 def _engine(pieces, workers, scheduler) -> Engine:
@@ -130,16 +141,18 @@ def _engine(pieces, workers, scheduler) -> Engine:
     return Here()
 
 
-def _pieces(source, columns):
+def _pieces(source, columns, motions):
     """What the parts are read from, a tuple."""
     if isinstance(source, (str, os.PathLike)):
         return tuple(files_of(source))
     if isinstance(source, Parts):
         raise ParameterError("this is a catalogue in parts already")
     if hasattr(type(source), "to_delayed"):
-        return tuple(_narrowed(source, columns).to_delayed())
+        return tuple(_narrowed(source, columns, motions).to_delayed())
     if isinstance(source, list | tuple) and source:
-        return tuple(piece for each in source for piece in (_pieces(each, columns) if _has_parts(each) else (each,)))
+        return tuple(
+            piece for each in source for piece in (_pieces(each, columns, motions) if _has_parts(each) else (each,))
+        )
     if hasattr(type(source), "__next__") and not hasattr(type(source), "__arrow_c_stream__"):
         raise ParameterError(
             "what can be read only once is no catalogue in parts: give a list, or fit.normal_equations the stream"
@@ -151,7 +164,7 @@ def _has_parts(thing):
     return isinstance(thing, (str, os.PathLike)) or hasattr(type(thing), "to_delayed")
 
 
-def _narrowed(collection, columns):
+def _narrowed(collection, columns, motions):
     """The columns that a field can use, so that nothing else is read."""
     names = list(map(str, getattr(collection, "columns", ())))
     if not names:
@@ -161,7 +174,7 @@ def _narrowed(collection, columns):
         given = getattr(columns, role)
         candidates = (given,) if isinstance(given, str) else given or ()
         present = [name for name in candidates if name in names]
-        if role in REQUIRED and not present:
+        if role in (REQUIRED if motions else REQUIRED[:2]) and not present:
             raise TableError(
                 f"the {type(collection).__name__} has no column {given!r} for {role}: it has {', '.join(names)}"
             )

@@ -47,28 +47,39 @@ def read_sources(
     TableError, FieldError
         As `vsh.catalogue.read_field` does.
     """
-    opened = tables.open_table(source)
-    wanted = as_columns(columns)
+    opened, chosen, said = without_motions(tables.open_table(source), as_columns(columns), sigma)
+    return read_field(opened, chosen, units, on_bad=on_bad, frame=frame).add_note(*said)
+
+
+def without_motions(
+    opened: tables.TableSource, wanted: Columns, sigma: float | None = None
+) -> tuple[tables.TableSource, Columns, tuple[str, ...]]:
+    """A table with zeros for the motions that it lacks, and errors where it has none: table, its columns, and notes.
+
+    Parameters
+    ----------
+    opened : TableSource
+        The table.
+    wanted : Columns
+        Where it keeps what.
+    sigma : float, optional
+        One error for all, in place of the table's. [µas/yr]
+    """
     absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(wanted, role) not in opened.names}
-    for role in ("ra", "dec"):
-        if getattr(wanted, role) not in opened.names:
-            return read_field(opened, wanted, units, on_bad=on_bad, frame=frame)  # which says what is missing
-    for pair in (_MOTIONS, _ERRORS):  # one of two is a mistake, not a table without them
-        if len(absent & set(pair)) == 1 and not (pair is _ERRORS and sigma is not None):
-            return read_field(opened, wanted, units, on_bad=on_bad, frame=frame)
-    replaced = {role: 0.0 for role in _MOTIONS if role in absent}
-    if sigma is not None or absent & set(_ERRORS):
+    replaced = {
+        role: 0.0 for role in _MOTIONS if absent >= set(_MOTIONS)
+    }  # one of two is a mistake, not a table without them
+    if sigma is not None or absent >= set(_ERRORS):
         replaced |= dict.fromkeys(_ERRORS, 1000.0 if sigma is None else positive("sigma", sigma))
     if not replaced:
-        return read_field(opened, wanted, units, on_bad=on_bad, frame=frame)
+        return opened, wanted, ()
     names = {role: f"assumed {role}" for role in replaced}
     changed = {role: getattr(wanted, role) for role in Columns.__dataclass_fields__} | names
-    field = read_field(_with_constants(opened, {names[role]: replaced[role] for role in names}),
-                       Columns(**changed), units, on_bad=on_bad, frame=frame)  # fmt: skip
+    said: tuple[str, ...] = ()
     if set(_ERRORS) & set(replaced):
         what = "as asked" if sigma is not None else "no errors in the table: all sources weigh the same"
-        field = field.add_note(f"errors of {replaced['pmra_error']:g} µas/yr for every source ({what})")
-    return field
+        said = (f"errors of {replaced['pmra_error']:g} µas/yr for every source ({what})",)
+    return _with_constants(opened, {names[role]: replaced[role] for role in names}), Columns(**changed), said
 
 
 def _with_constants(source, constants):

@@ -271,3 +271,19 @@ def test_a_pool_needs_no_thread_of_ours(folder):
     thread.join()
     assert found[0].n_data == 2 * sum(map(len, FIELDS))
     assert str(Processes(2)) == "by 2 processes"
+
+
+def test_positions_are_enough(tmp_path):
+    """Correlations of a sky without motions, in parts and whole; with errors of one's own."""
+    from fit.correlation import correlation_matrices
+    from vsh.catalogue import read_sources
+
+    for i, field in enumerate(FIELDS[:2]):
+        tables.write(tmp_path / f"{i}.csv", {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)})
+    with pytest.raises(TableError, match="no column 'pmra'"):
+        parts(tmp_path).counted()
+    for sigma in (None, 50.0):
+        sky, whole = parts(tmp_path, motions=False, sigma=sigma), read_sources(tmp_path, sigma=sigma)
+        one, two = correlation_matrices(sky), correlation_matrices(whole)
+        np.testing.assert_allclose(one.matrix(), two.matrix(), atol=1e-12)
+        assert fit.normal_equations(sky, 1).notes == whole.notes
