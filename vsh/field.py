@@ -176,6 +176,10 @@ class Field(Frozen):
         ----------
         model : (2, n) array
             Motions. [µas/yr]
+
+        Returns
+        -------
+        Field
         """
         return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 
@@ -207,11 +211,6 @@ class Field(Frozen):
         ----------
         frame : str
             The frame that is needed.
-
-        Raises
-        ------
-        FrameError
-            If it is in another.
         """
         if self.frame != frame:
             raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')

@@ -165,6 +165,10 @@ def without_motions(sources: Any, sigma: ArrayLike | None = None) -> Field | Par
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own; one number for parts. [µas/yr]
 
+    Returns
+    -------
+    Field | Parts
+
     Raises
     ------
     FieldError

@@ -75,6 +75,10 @@ class ParallaxParts:
         ----------
         spread, excess_noise, threads
             As there.
+
+        Returns
+        -------
+        ParallaxSums
         """
         work = partial(_sums_of, cosmology=self.cosmology, spread=spread, excess_noise=excess_noise, threads=threads)
         return self.sky.sum(work, roles=("redshift",), words="secular parallax")

@@ -52,6 +52,10 @@ def encoded(value: Any) -> Any:
     ----------
     value : object
         An array, a number, text, a frozen dataclass of ours, or a dict, list or tuple of such.
+
+    Returns
+    -------
+    object
     """
     if isinstance(value, np.ndarray):
         array = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"))
@@ -87,6 +91,10 @@ def decoded(plain: Any) -> Any:
     ----------
     plain : object
         From a file.
+
+    Returns
+    -------
+    object
 
     Raises
     ------

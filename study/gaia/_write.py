@@ -42,6 +42,10 @@ def write_gaia(
         Of a simulated catalogue.
     provenance : dict, optional
         Plain values.
+
+    Returns
+    -------
+    str
     """
     import matplotlib
     import matplotlib.pyplot as plt

@@ -156,6 +156,10 @@ def missing_column(name: str | None, source: TableSource) -> str:
         That was asked for.
     source : TableSource
         The table.
+
+    Returns
+    -------
+    str
     """
     near = [each for each in source.names if each.lower() == str(name).lower()]
     near = near or get_close_matches(str(name), source.names, n=3, cutoff=0.6)

@@ -67,6 +67,10 @@ def design_row(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray)
         f_ϖ, along scan.
     time : (k,) array
         Since the reference epoch. [yr]
+
+    Returns
+    -------
+    array
     """
     sin, cos = np.sin(angle), np.cos(angle)
     return np.stack([sin, cos, parallax_factor, time * sin, time * cos])
@@ -79,6 +83,10 @@ def downweight(z: FloatArray) -> FloatArray:
     ----------
     z : array
         Residuals over their errors.
+
+    Returns
+    -------
+    array
 
     Examples
     --------

@@ -17,6 +17,10 @@ def added(first: Any, second: Any) -> Any:
     first, second : objects that add
         Of the same kind, or None.
 
+    Returns
+    -------
+    object
+
     Examples
     --------
     >>> added({"a": 1}, {"a": 2, "b": 3}), added((1, None), (2, 3))
@@ -80,7 +84,12 @@ class Tree:
             level += 1
 
     def total(self) -> Any:
-        """The sum of all leaves; None if nothing was added."""
+        """The sum of all leaves; None if nothing was added.
+
+        Returns
+        -------
+        object
+        """
         carried: list[Any] = []
         for level in self.levels:
             nodes = level + carried

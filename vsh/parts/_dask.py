@@ -24,6 +24,10 @@ def is_delayed(thing: Any) -> bool:
     ----------
     thing : object
         Any.
+
+    Returns
+    -------
+    bool
     """
     kind = type(thing)  # a delayed object itself has any attribute that is asked for
     return hasattr(kind, "__dask_graph__") and not hasattr(kind, "to_delayed")
@@ -55,6 +59,10 @@ class Dask(Engine):
         work, pieces, done
             As for `Engine.total`.
 
+        Returns
+        -------
+        object
+
         Raises
         ------
         TableError
@@ -78,6 +86,10 @@ class Dask(Engine):
         ----------
         piece : object
             What a part is read from.
+
+        Returns
+        -------
+        object
         """
         if not is_delayed(piece):
             return piece

@@ -45,6 +45,10 @@ class Engine:
         ----------
         piece : object
             What a part is read from.
+
+        Returns
+        -------
+        object
         """
         return piece
 
@@ -52,7 +56,8 @@ class Engine:
 class Here(Engine):
     """In this process, one part after the other, with as many threads as there are cores."""
 
-    threads = None
+    def __init__(self) -> None:
+        self.threads = None
 
     def __str__(self) -> str:
         return "here"
@@ -64,6 +69,10 @@ class Here(Engine):
         ----------
         work, pieces, done
             As for `Engine.total`.
+
+        Returns
+        -------
+        object
         """
         tree = Tree()
         for piece in pieces:
@@ -95,6 +104,10 @@ class Processes(Engine):
         ----------
         work, pieces, done
             As for `Engine.total`.
+
+        Returns
+        -------
+        object
 
         Raises
         ------

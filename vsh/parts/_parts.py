@@ -171,6 +171,10 @@ class Parts:
         ----------
         role : str
             Which of them.
+
+        Returns
+        -------
+        bool
         """
         return getattr(next(iter(self)), role) is not None
 
@@ -181,7 +185,12 @@ class Parts:
         return first if isinstance(first, Field) and not others and not self.steps else None
 
     def counted(self) -> int:
-        """How many sources there are; reads all of them."""
+        """How many sources there are; reads all of them.
+
+        Returns
+        -------
+        int
+        """
         return self.sum(len, roles=(), words="counting")
 
 
@@ -192,6 +201,10 @@ def as_parts(field: Any) -> Parts:
     ----------
     field : Parts, Field, or list or tuple of Fields
         The sources.
+
+    Returns
+    -------
+    Parts
 
     Raises
     ------

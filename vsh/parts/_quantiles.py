@@ -27,6 +27,10 @@ def median(sky: Parts, numbers: Callable[[Field], FloatArray], words: str = "med
         From a Field to a number a source, (n,).
     words : str
         Beside the progress bar.
+
+    Returns
+    -------
+    float
     """
     if sky.in_memory is not None:
         return float(np.median(numbers(sky.in_memory)))

@@ -127,6 +127,10 @@ def fits_rows(path: PathName, label: str) -> int:
     label : str
         What messages call it.
 
+    Returns
+    -------
+    int
+
     Raises
     ------
     TableError

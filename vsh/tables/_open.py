@@ -126,6 +126,10 @@ def files_of(path: PathName) -> list[Path]:
     path : str or Path
         A file, a folder of files, or a catalogue in HATS format.
 
+    Returns
+    -------
+    list[Path]
+
     Raises
     ------
     TableError
