@@ -80,7 +80,7 @@ def clip(
     Parameters
     ----------
     field : Field or Parts
-        The sources. Parts are gone through three times a round.
+        The sources. Parts are gone through four times a round, twice with a threshold.
     modes : Modes, or the degree lmax
         What to fit.
     kappa : float

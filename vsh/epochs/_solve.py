@@ -18,7 +18,7 @@ from vsh.checks.frozen import Frozen
 from vsh.types import BoolArray, FloatArray, IntArray
 
 #: The cubic between two and three σ that joins 1 to e^{−z/3} with its slope (eq. 66 there).
-_SQUARE, _CUBE = 3 - 10 / (3 * np.e), 2 - 7 / (3 * np.e)
+_SQUARE, _CUBE = 3 - 10 / 3 * np.exp(-1.0), 2 - 7 / 3 * np.exp(-1.0)
 #: Observations with less weight do not count among the degrees of freedom.
 _OUTLIER = 0.2
 #: Rounds of weights and excess noise, and steps of the excess noise alone at the end; to which of itself it settles.
