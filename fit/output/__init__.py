@@ -10,6 +10,7 @@ from fit.output._notebook import html_of, latex_of
 from fit.output._report import WIDTH, report, report_check
 from fit.output._rows import (
     amplitude,
+    cell,
     components,
     direction,
     note_lines,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "WIDTH",
     "amplitude",
+    "cell",
     "components",
     "direction",
     "draw_figures",

@@ -12,7 +12,7 @@ from typing import Any
 
 from fit.harmonic import HarmonicSolution
 from fit.output._report import AGREE, warnings_of
-from fit.output._rows import amplitude, components, direction, is_scaled, power_rows, vector_rows, vectors_of
+from fit.output._rows import amplitude, cell, components, direction, is_scaled, power_rows, vector_rows, vectors_of
 from vsh.types import Figure, Table
 
 _PAGE = Template("""<!doctype html>
@@ -253,7 +253,7 @@ def _table(heads, rows, sortable=False, left=False):
 
 
 def _section(table):
-    rows = [[escape(f"{cell:.4g}" if isinstance(cell, float) else str(cell)) for cell in row] for row in zip(
+    rows = [[escape(cell(each)) for each in row] for row in zip(
         *(table[name].tolist() for name in table.colnames), strict=True)]  # fmt: skip
     return _table([escape(name.replace("_", " ")) for name in table.colnames], rows, sortable=True)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -231,3 +231,25 @@ def is_scaled(solution: HarmonicSolution) -> bool:
         What was found.
     """
     return solution.scaled is not solution
+
+
+def cell(value: Any) -> str:
+    """A number of a table for reading: four digits, none behind the point from a thousand on, nothing for nan.
+
+    Parameters
+    ----------
+    value : object
+        Of a table's cell.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> [cell(x) for x in (0.123456, 1215942.0, float("nan"), "T1", 7)]
+    ['0.1235', '1215942', '', 'T1', '7']
+    """
+    if not isinstance(value, float):
+        return str(value)
+    return "" if value != value else f"{value:.0f}" if abs(value) >= 1e3 else f"{value:.4g}"

@@ -13,16 +13,16 @@ from fit.redshift._solution import BinnedSolution
 from fit.solution import Solution
 from fit.solve import solve
 from vsh import Coefficients, Field
-from vsh.checks import arguments, arrays, nouns
+from vsh.checks import arguments, arrays
 from vsh.checks.notes import merge_notes
 from vsh.cosmology import FLOW_LIMIT, usable, with_redshift
 from vsh.errors import DegeneracyError, NothingLeftError, ParameterError
 from vsh.modes import Modes, as_modes
-from vsh.parts import Parts, added, as_parts, weighted_quantiles
+from vsh.parts import Parts, added, as_parts, fields_or_parts, weighted_quantiles
 from vsh.types import ArrayLike, FloatArray
 
 
-@arguments.accepts(field=nouns.fields_or_parts)
+@arguments.accepts(field=fields_or_parts)
 def binned(
     field: Field | Parts | Iterable[Field],
     modes: Modes | int,

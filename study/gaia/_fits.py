@@ -69,5 +69,6 @@ def fit_sources(name: str, field: Field, lmax: int, n_replicates: int, rng: Rng)
     except VshError as error:
         return DegreeOrSubset(name, len(field), 0, None, None, str(error))
     # What was kept because it fits scatters too little, and counts too much: twice the correction of the clip.
-    found = replace(found, covariance=found.covariance * clipped.factor**4)
+    covariance, quality = found.covariance * clipped.factor**4, clipped.solution
+    found = replace(found, covariance=covariance, chi2=quality.chi2, notes=quality.notes)
     return DegreeOrSubset(name, len(field), int(np.sum(~np.asarray(clipped.kept))), clipped.solution, found)

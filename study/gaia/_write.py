@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from fit.output import html_report
+from fit.output import cell, html_report
 from study.gaia._figures import CAPTIONS, draw
 from study.gaia._run import GaiaStudy
 from study.gaia._tables import correlation_table, power_table, published_table, row_table
@@ -112,15 +112,10 @@ def _shown(name, table):
 
 
 def _markdown(table: Table) -> list[str]:
-    def cell(value: Any) -> str:
-        if isinstance(value, float):
-            return "" if value != value else f"{value:.0f}" if abs(value) >= 1e3 else f"{value:.3g}"
-        return str(value).replace("|", "\\|")
-
     lines = [
         "| " + " | ".join(name.replace("_", " ") for name in table.colnames) + " |",
         "|" + "---|" * len(table.colnames),
     ]
     for row in zip(*(table[name].tolist() for name in table.colnames), strict=True):
-        lines.append("| " + " | ".join(map(cell, row)) + " |")
+        lines.append("| " + " | ".join(cell(each).replace("|", "\\|") for each in row) + " |")
     return lines

@@ -7,7 +7,6 @@ from typing import Any
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
-from vsh.parts import Parts
 
 
 def modes(name: str, value: Any) -> Modes:
@@ -45,21 +44,3 @@ def fields(name: str, value: Any) -> Any:
     if hasattr(value, "__next__"):
         return value
     raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")
-
-
-def fields_or_parts(name: str, value: Any) -> Any:
-    """A Field, Parts, or a list, tuple or stream of Fields.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-
-    Raises
-    ------
-    ParameterError
-        If it is none of these.
-    """
-    return value if isinstance(value, Parts) else fields(name, value)

@@ -1,6 +1,7 @@
 """Sources in parts: files, partitions on a cluster, blocks of a stream, and sums over them."""
 
 from vsh.parts._add import Tree, added
+from vsh.parts._checks import fields_or_parts
 from vsh.parts._dask import Dask, is_delayed
 from vsh.parts._engines import Engine, Here, Processes
 from vsh.parts._parts import OPTIONAL, Parts, as_parts
@@ -17,6 +18,7 @@ __all__ = [
     "Tree",
     "added",
     "as_parts",
+    "fields_or_parts",
     "is_delayed",
     "median",
     "sample_of",

@@ -1,0 +1,30 @@
+"""The check of arguments that are sources: fields, or parts of a catalogue."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vsh.checks.nouns import fields
+from vsh.parts._parts import Parts
+
+
+def fields_or_parts(name: str, value: Any) -> Any:
+    """A Field, Parts, or a list, tuple or stream of Fields.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    ParameterError
+        If it is none of these.
+    """
+    return value if isinstance(value, Parts) else fields(name, value)
