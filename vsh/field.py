@@ -17,8 +17,6 @@ from vsh.errors import FieldError, FrameError
 from vsh.sky.frames import check_frame, rotation_matrix, turned
 from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
 
-_NUMBERS = ("lat", "motion", "sigma", "rho", "redshift", "magnitude")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Field(Frozen):
@@ -48,8 +46,7 @@ class Field(Frozen):
     Raises
     ------
     FieldError
-        If shapes disagree or any source cannot be used: something missing or not finite,
-        σ ≤ 0, ρ² ≥ 1 - 1e-6, |lat| > 90°.
+        If shapes disagree or a source cannot be used: something not finite, σ ≤ 0, ρ² ≥ 1 - 1e-6, |lat| > 90°.
     """
 
     lon: FloatArray
@@ -65,7 +62,8 @@ class Field(Frozen):
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
-        for column, array in checked_columns(self, _NUMBERS, ("name",)).items():
+        numbers = ("lat", "motion", "sigma", "rho", "redshift", "magnitude")
+        for column, array in checked_columns(self, numbers, ("name",)).items():
             self._set(column, array)
         self._set("notes", tuple(self.notes))
 
@@ -106,7 +104,7 @@ class Field(Frozen):
         on_bad : {"raise", "drop"}
             What to do about sources that cannot be used.
         notes : iterable of str
-            To begin its notes with.
+            Its first notes.
         first_row : int
             Number of the first row in messages, where the columns are part of a table.
         unusable : dict of str to mask, optional
@@ -115,8 +113,7 @@ class Field(Frozen):
         Raises
         ------
         FieldError
-            If a column is no array of n numbers, or, with "raise", if any source cannot
-            be used; the message counts them by reason and names the first.
+            If a column is no array of n numbers, or, with "raise", if any source cannot be used.
 
         Examples
         --------
@@ -211,6 +208,11 @@ class Field(Frozen):
         ----------
         frame : str
             The frame that is needed.
+
+        Raises
+        ------
+        FrameError
+            If it is in another.
         """
         if self.frame != frame:
             raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')

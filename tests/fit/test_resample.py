@@ -31,7 +31,8 @@ METHODS = {
 
 
 SLOW = [
-    pytest.param(name, marks=pytest.mark.slow if name in ("bootstrap", "block bootstrap") else ()) for name in METHODS
+    pytest.param(name, marks=pytest.mark.slow if name in ("bootstrap", "block bootstrap", "jackknife") else ())
+    for name in METHODS
 ]
 
 

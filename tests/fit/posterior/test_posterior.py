@@ -71,6 +71,7 @@ def test_against_the_closed_form_and_the_grid(seed):
     )
 
 
+@pytest.mark.slow
 def test_the_ridge_with_flat_priors():
     """Flat in v, flat in H0 between limits: p(H0) ∝ H0⁻³ whatever the data, and u is as by least squares."""
     field = galaxies(sigma=3.0)
