@@ -7,6 +7,7 @@ from conftest import real_catalogue
 import fit
 import sim
 from fit.robust import _reweight
+from fit.robust._likelihoods import Permissive, Share, StudentT
 from vsh import Field, Modes
 from vsh.catalogue import read_field
 
@@ -141,3 +142,19 @@ def test_vlba_accelerations_point_to_the_galactic_centre():
         a = method(field, Modes(1)).solution.acceleration.to_frame("galactic")
         assert np.degrees(np.arccos(a.value[0] / a.amplitude)) < 10
         assert abs(a.amplitude - 1.69) < np.hypot(0.27, a.amplitude_error)
+
+
+@pytest.mark.parametrize("weight", [StudentT(3.0, False), Permissive()])
+def test_shares_and_weights_agree_with_each_other(weight):
+    """u is that of X²/(1 − share), and the share that of u: together, whatever the size of the share."""
+    rng = np.random.default_rng(2)
+    n = 40
+    field = Field(rng.uniform(0, 6, n), rng.uniform(-1, 1, n), rng.normal(size=(2, n)) * 2, rng.uniform(0.5, 2, (2, n)))
+    solution = fit.fit_field(field, 1)
+    share = Share(solution, weight, 3.0 / field.information.sum() * 3)
+    x2, u, slope, residual = share(field)
+    chi2 = field.inner(residual, residual)
+    own = 1 - chi2 / x2
+    np.testing.assert_allclose(own, np.minimum(share.leverage * field.information * u, 0.9), atol=1e-9)
+    assert own.max() > 0.2
+    np.testing.assert_allclose(weight(chi2 / (1 - own)), [u, slope], rtol=1e-9)

@@ -251,6 +251,20 @@ def odd(field):
     return np.abs(field.motion[0]) * 10.0 ** (field.name % 40 - 20)
 
 
+def alike(field):
+    """Numbers that all lie in one or two bins of the histogram."""
+    return 1.5 + 1e-4 * field.lat
+
+
+def test_quantiles_of_numbers_that_are_nearly_the_same():
+    several, joined = as_parts(FIELDS), np.concatenate([alike(field) for field in FIELDS])
+    assert median(several, alike) == np.median(joined)
+    shares = np.array([0.05, 0.5, 0.95])
+    found = weighted_quantiles(several, alike, lambda field: np.ones(len(field)), shares)
+    order = np.sort(joined)
+    np.testing.assert_array_equal(found, order[np.ceil(shares * len(order)).astype(int) - 1])
+
+
 def test_quantiles_are_exact():
     several, joined = as_parts(FIELDS), np.concatenate([odd(field) for field in FIELDS])
     assert median(several, odd) == np.median(joined)
