@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -169,7 +170,7 @@ class Processes(Engine):
         except BrokenProcessPool:
             suspects += sorted(running.values())
             self._running = None
-        except BaseException:
+        except BaseException:  # an interrupt, or a part that cannot be read: what waits is not begun
             for future in running:
                 future.cancel()
             raise
@@ -192,7 +193,13 @@ class Processes(Engine):
 
 def _pool(workers):
     # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
-    return ProcessPoolExecutor(workers, get_context("spawn"), end_with_parent)
+    return ProcessPoolExecutor(workers, get_context("spawn"), _begin)
+
+
+def _begin():
+    """A worker leaves an interrupt to the process that started it, and ends with that."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
 
 
 def label_of(piece: Any) -> str:
