@@ -12,6 +12,7 @@ from fit.normal import NormalEquations, normal_equations
 from fit.solution import Solution
 from vsh import Coefficients, Field
 from vsh.checks import arguments
+from vsh.checks.notes import spoken
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import Modes, as_modes
 
@@ -64,7 +65,7 @@ def solve(
     factor, scale = _factor(normal, max_condition)
     covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
     values = scale * cho_solve(factor, scale * normal.rhs)
-    chi2, notes = float(normal.chi2_null - values @ normal.rhs), normal.notes
+    chi2, notes = float(normal.chi2_null - values @ normal.rhs), spoken(normal.notes)
     if chi2 < 1e-11 * normal.chi2_null and normal.n_data > len(normal.modes):
         # The difference of two numbers that are equal to eleven digits.
         chi2, notes = max(chi2, 0.0), (*notes, _LOST)

@@ -13,7 +13,7 @@ from fit.storage import Result, count, exact, number, words
 from fit.sums import Rings, fourier_sums
 from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
-from vsh.errors import FrameError, ModesError, TableError
+from vsh.errors import FrameError, ModesError, NothingLeftError, TableError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
 from vsh.parts import Parts
@@ -23,7 +23,7 @@ from vsh.types import ComplexArray, Figure, FloatArray
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Moments(Result):
-    """All that fits to any degree up to `lmax` need of the sources. They add.
+    """All that fits to any degree up to `lmax` need of the sources; they add.
 
     The inverse covariances enter normal equations in products of two harmonics, which are trigonometric polynomials in
     α and δ: so of the sources no more is needed than the Fourier moments of their weights to twice the degree, and of
@@ -78,8 +78,7 @@ class Moments(Result):
         lmax = as_modes(self.lmax).lmax
         shapes = {"weights": (3, 2 * lmax + 1, 4 * lmax + 1), "motions": (2, lmax + 1, 2 * lmax + 1)}
         for name, shape in shapes.items():
-            found = np.asarray(getattr(self, name), complex)
-            if found.shape != shape:
+            if (found := np.asarray(getattr(self, name), complex)).shape != shape:
                 raise ModesError(f"the moments of {name} of degree {lmax} have the shape {shape}, not {found.shape}")
             object.__setattr__(self, name, found)
         check_frame(self.frame)
@@ -110,22 +109,23 @@ class Moments(Result):
         lmax = as_modes(lmax).lmax
         if isinstance(field, Parts):
             return field.sum(partial(cls.of, lmax=lmax), roles=(), words="moments")
-        arguments.a(Field, Parts)("field", field)
+        if not len(arguments.a(Field, Parts)("field", field)):
+            raise NothingLeftError("the field is empty: there are no sources to use")
         return cls(lmax, *fourier_sums(field, lmax, threads), 2 * len(field), field.frame, field.notes)
 
     def __repr__(self) -> str:
         return f"<Moments: {self.n_data} numbers, to degree {self.lmax}, {self.frame}>"
 
     def __add__(self, other: Moments) -> Moments:
-        """The moments of both, to the lower of two degrees."""
+        """Of both, to the lower of two degrees."""
         return self._combine(other, +1)
 
     def __sub__(self, other: Moments) -> Moments:
-        """Take sources away that went in before: a block of the sky, say."""
+        """Take sources away that went in before."""
         return self._combine(other, -1)
 
     def __radd__(self, other: Any) -> Moments:
-        return self if other == 0 else NotImplemented  # the start of sum()
+        return self if other == 0 else NotImplemented
 
     def to_degree(self, lmax: Modes | int) -> Moments:
         """Those of a lower degree, which are among them.
@@ -223,7 +223,7 @@ class Moments(Result):
         -------
         str
         """
-        weight = (self.weights[:2, 0].sum(0))[2 * self.lmax].real / self.n_data
+        weight = self.weights[:2, 0].sum(0)[2 * self.lmax].real / self.n_data
         lines = [
             f"Moments of {self.n_data // 2} sources to degree {self.lmax} ({self.frame} axes): "
             f"{(self.weights.nbytes + self.motions.nbytes) / 1e3:.4g} kB",

@@ -14,7 +14,7 @@ from fit.solution import Solution
 from fit.solve import solve
 from vsh import Coefficients, Field
 from vsh.checks import arguments, arrays
-from vsh.checks.notes import merge_notes
+from vsh.checks.notes import merge_notes, spoken
 from vsh.cosmology import FLOW_LIMIT, usable, with_redshift
 from vsh.errors import DegeneracyError, NothingLeftError, ParameterError
 from vsh.modes import Modes, as_modes
@@ -81,7 +81,7 @@ def binned(
         found = field.sum(work, roles=("redshift",), words="bins of redshift")
     else:
         found = reduce(added, map(work, [field] if isinstance(field, Field) else field), {})
-    notes = list(merge_notes(*found.get("notes", ())))
+    notes = list(spoken(merge_notes(*found.get("notes", ()))))
     if found.get("outside"):
         notes.append(f"left out {found['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
     for b in range(bins):

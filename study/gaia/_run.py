@@ -8,7 +8,7 @@ from typing import Any
 from fit import CrossCheck, cross_check
 from study.gaia._fits import DegreeOrSubset, fit_sources
 from study.gaia._published import LMAX
-from study.gaia._sources import Sources, subsets
+from study.gaia._sources import FEWEST, Sources, subsets
 from vsh.checks.arguments import generator
 from vsh.errors import DegeneracyError
 from vsh.system.progress import progress_bar
@@ -70,8 +70,11 @@ def run_gaia(
     """
     five = sources.field[~sources.six]
     chosen = subsets(sources)
+    if not len(five):
+        raise DegeneracyError(f"{sources.label} holds no five-parameter solutions, which the study is about")
     work: list[Any] = [(f"degree {lmax}", five, lmax) for lmax in range(1, max_lmax + 1)]
-    work += [(name, sources.field[mask], 1 if "half" in name else LMAX) for name, mask in chosen.items()]
+    enough = {name: mask for name, mask in chosen.items() if mask.sum() >= FEWEST}
+    work += [(name, sources.field[mask], 1 if "half" in name else LMAX) for name, mask in enough.items()]
     # A stream for each row, so that one more does not shift the others.
     streams = generator(rng).spawn(len(work))
     rows = []
@@ -79,6 +82,8 @@ def run_gaia(
     for (name, field, lmax), stream in bar:
         rows.append(fit_sources(name, field, lmax, n_replicates, stream))
     degrees, others = rows[:max_lmax], rows[max_lmax:]
+    others += [DegreeOrSubset(name, int(mask.sum()), 0, None, None, f"{mask.sum()} sources, fewer than {FEWEST}")
+               for name, mask in chosen.items() if name not in enough]  # fmt: skip
     study = GaiaStudy(sources, degrees, others, cross_check(five))
     if study.main.solution is None:
         raise DegeneracyError(f"the fit of degree {LMAX} to the five-parameter sources: {study.main.said}")

@@ -17,6 +17,8 @@ from vsh.types import BoolArray, FloatArray
 
 _NEEDED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
 _FURTHER = ("pmra_pmdec_corr", "phot_g_mean_mag", "nu_eff_used_in_astrometry", "used_for_reference_frame_spin")
+#: Fewer sources say nothing.
+FEWEST = 100
 #: Inside |sin b| = 0.1 stars hide among the quasars.
 PLANE = 0.1
 
@@ -78,6 +80,10 @@ def read_gaia(path: Any) -> Sources:
     units = {name: unit for name, unit in opened.units.items() if name in _NEEDED}
     field = read_field(table | {"row": rows}, Columns(name="row", redshift=None), units, on_bad="drop")
     kept = np.asarray(field.name)
+    lacking = [f"no column {name}: no subsets by it" for name in _FURTHER[1:] if name not in opened.names]
+    if solution is None:
+        lacking.append(f"warning: no column {DR3.solution}: all sources are taken for five-parameter solutions")
+    field = field.add_note(*lacking)
     field = Field(
         field.lon, field.lat, field.motion, field.sigma, field.rho, magnitude=field.magnitude, notes=field.notes
     )
@@ -100,7 +106,7 @@ def subsets(sources: Sources) -> dict[str, BoolArray]:
     Returns
     -------
     dict of str to mask
-        Those without sources enough to say anything, 100, are not among them.
+        Some may hold none.
     """
     field, five = sources.field, ~sources.six
     chosen = {"five parameters": five, "six parameters": sources.six, "all": five | sources.six}
@@ -116,7 +122,7 @@ def subsets(sources: Sources) -> dict[str, BoolArray]:
     chosen |= {name: five & mask for name, mask in _places(field).items()}
     if sources.for_spin is not None:
         chosen["used for the frame's spin"] = five & sources.for_spin
-    return {name: mask for name, mask in chosen.items() if mask.sum() >= 100}
+    return chosen
 
 
 def _places(field):

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fit.output import cell, html_report
 from study.gaia._figures import CAPTIONS, draw
 from study.gaia._run import GaiaStudy
@@ -91,10 +93,16 @@ def _report(study, made, truth):
     ]
     if truth:
         listed = ", ".join(f"{v:+.3f}" for v in truth["acceleration"].value)
+        draws = main.resampled.covariance_dof
+        expected = 6 * draws / (draws - 4)  # of three numbers with a covariance from so many draws, twice
         lines += ["", f"A simulated catalogue; the truth is g = ({listed}) µas/yr. The last column of the tables is χ² of spin and g "
-                  "against it, 6 ± 3.5 where the errors are right."]  # fmt: skip
+                  f"against it, {expected:.1f} ± {np.sqrt(12) * expected / 6:.1f} where the errors are right."]  # fmt: skip
     for name, table in made.items():
         lines += ["", f"## {_HEADINGS[name]}", "", *_markdown(_shown(name, table))]
+    lines += [
+        "",
+        "Thirds of colour are by the effective wavenumber, nu_eff_used_in_astrometry; halves of the sky are fitted to degree 1.",
+    ]
     failed = [row for row in (*study.degrees, *study.subsets) if row.solution is None]
     if failed:
         lines += ["", "## Without a result", "", *(f"* {row.name}: {row.said}" for row in failed)]

@@ -86,6 +86,8 @@ def test_moments_say_what_they_cannot():
         Moments(2, np.zeros((3, 5, 9)), np.zeros((2, 3, 4)), 0.0, 0)
     with pytest.raises(ParameterError, match="must be Field or Parts"):
         Moments.of("sky.fits", 2)
+    with pytest.raises(NothingLeftError, match="the field is empty"):
+        Moments.of(FIELD[:0], 2)
 
 
 def test_moments_are_small():

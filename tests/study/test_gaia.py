@@ -9,7 +9,7 @@ from sim.command import main as simulate
 from study.command import main
 from study.gaia import read_gaia, run_gaia, subsets
 from vsh.catalogue import read_field, truth_of
-from vsh.errors import TableError
+from vsh.errors import DegeneracyError, TableError
 
 TRUTH = sim.spin((30.0, -20.0, 10.0)) + sim.acceleration((-10.0, 40.0, 5.0))
 
@@ -94,8 +94,10 @@ def test_both_kinds_of_errors_are_there(study):
 def test_subsets_need_sources(table):
     few = read_gaia(table[:400])
     chosen = subsets(few)
-    assert "six parameters" not in chosen
-    assert all(mask.sum() >= 100 for mask in chosen.values())
+    assert chosen["six parameters"].sum() == 0
+    found = run_gaia(few, max_lmax=3, n_replicates=10, progress=False)
+    said = {row.name: row.said for row in found.subsets if row.solution is None}
+    assert said["six parameters"] == "0 sources, fewer than 100"
     halves = sum(chosen[name].sum() for name in ("north celestial half", "south celestial half"))
     assert halves == 400
 
@@ -139,6 +141,14 @@ def test_what_is_wrong_is_said(tmp_path, capsys, table):
         read_gaia(lacking)
     assert main(["--gaia", str(tmp_path / "no.fits"), "--output", str(tmp_path / "out")]) == 1
     assert "no such file" in capsys.readouterr().err
+    six = table[table["astrometric_params_solved"] == 95]
+    with pytest.raises(DegeneracyError, match="holds no five-parameter solutions"):
+        run_gaia(read_gaia(six))
+    blind = table[:3000].copy()
+    blind.remove_columns(["astrometric_params_solved", "phot_g_mean_mag"])
+    notes = read_gaia(blind).field.notes
+    assert any(note.startswith("warning: no column astrometric_params_solved") for note in notes)
+    assert "no column phot_g_mean_mag: no subsets by it" in notes
     for wrong in ([], ["--paper", "--gaia", "x.fits"]):
         with pytest.raises(SystemExit):
             main([*wrong, "--output", "x"])

@@ -85,7 +85,13 @@ def of_table(table: str, columns: Iterable[str] = (), *, release: DataRelease = 
     FROM user_me.galaxies AS t
     JOIN gaiadr3.gaia_source AS g ON g.source_id = t.source_id
     """
-    columns = tuple(columns)
+    columns = (columns,) if isinstance(columns, str) else tuple(columns)
+    if not isinstance(release, DataRelease):
+        raise ArchiveError(f"a release is a value such as vsh.archive.DR4, not {release!r}")
+    ours = {name if name != DR3.solution else release.solution for name in _COLUMNS}
+    twice = sorted({name for name in columns if name in ours or columns.count(name) > 1})
+    if twice:
+        raise ArchiveError(f"columns that gaia_source gives already, or that are named twice: {', '.join(twice)}")
     for name in (table, *columns):
         if not isinstance(name, str) or not _NAME.fullmatch(name):
             raise ArchiveError(

@@ -95,6 +95,7 @@ def query(
     if path.exists() and not overwrite:
         if known and known.get("query") != adql:
             raise ArchiveError(f"{printable(path)} is the answer to another query: take another name, or overwrite it")
+        _rows_of(path)
         return path
     job = known.get("job") if all(known.get(key) == value for key, value in asked.items()) else None
     job = _still_there(job) or _submitted(adql, url, None if max_rows is None else whole("max_rows", max_rows))
@@ -110,6 +111,16 @@ def query(
     os.replace(part, path)
     _write(note, asked | {"rows": rows, "fetched": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())})
     return path
+
+
+def _rows_of(path):
+    """The rows of a file that is there, once it is known to be whole."""
+    try:
+        return tables.fits_rows(path, path.name)
+    except TableError as error:
+        raise ArchiveError(
+            f"{printable(path)} is there, but no whole FITS table ({error}): overwrite it, or take another name"
+        ) from error
 
 
 def _checked(adql):

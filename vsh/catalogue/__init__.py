@@ -7,6 +7,7 @@ from vsh.catalogue._parts import parts
 from vsh.catalogue._read import iter_fields, read_field, write_field
 from vsh.catalogue._sources import read_sources
 from vsh.catalogue._truth import truth_of
+from vsh.catalogue._units import unit_factor
 
 __all__ = [
     "GAIA",
@@ -19,5 +20,6 @@ __all__ = [
     "read_icrf",
     "read_sources",
     "truth_of",
+    "unit_factor",
     "write_field",
 ]

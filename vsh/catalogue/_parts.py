@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from vsh.catalogue._columns import REQUIRED, Columns, as_columns
@@ -78,8 +79,16 @@ def parts(
     4
     """
     columns = as_columns(columns)
+    if workers is not None and scheduler is not None:
+        raise ParameterError("workers are processes of this machine, a scheduler has its own: give one of the two")
     read = Reader(columns, units, on_bad, frame, whole("rows", rows), motions, sigma)
     pieces = _pieces(source, columns, motions)
+    files = [piece for piece in pieces if isinstance(piece, Path)]
+    if len(set(files)) < len(files):
+        raise ParameterError(f"{len(files) - len(set(files))} of the parts are files that stand there twice")
+    if len(files) > 1:
+        first = open_table(files[0])
+        read = replace(read, like=(first.label, _layout(first, columns)))
     return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
 
 
@@ -97,6 +106,8 @@ class Reader:
         Whether there must be motions and errors.
     sigma : float or None
         One error for all, without motions.
+    like : (str, dict) or None
+        The first of several files and the columns it has with their units: the others must have the same.
     """
 
     columns: Columns
@@ -106,6 +117,7 @@ class Reader:
     rows: int
     motions: bool = True
     sigma: float | None = None
+    like: tuple[str, Any] | None = None
 
     def __call__(self, piece: Any, roles: tuple[str, ...]) -> Iterator[Field]:
         """The fields of a piece.
@@ -121,6 +133,9 @@ class Reader:
             yield piece
             return
         columns = self.columns
+        if self.like is not None and isinstance(piece, Path):
+            piece = open_table(piece)
+            _check_alike(piece, columns, *self.like)
         said: tuple[str, ...] = ()
         if not self.motions:
             piece, columns, said = without_motions(open_table(piece), columns, self.sigma)
@@ -129,6 +144,33 @@ class Reader:
         )
         for field in ahead(fields):
             yield field.add_note(*said) if said else field
+
+
+def _layout(opened, columns):
+    """Which of the columns a table has, and in which units."""
+    names = [
+        name for role in Columns.__dataclass_fields__ for name in _candidates(columns, role) if name in opened.names
+    ]
+    return {name: str(opened.units.get(name) or "no unit") for name in names}
+
+
+def _check_alike(opened, columns, label, wanted):
+    mine = _layout(opened, columns)
+    for name in {**wanted, **mine}:
+        if (name in mine) != (name in wanted):
+            there, not_there = (label, opened.label) if name in wanted else (opened.label, label)
+            raise TableError(
+                f"{not_there} has no column {name}, which {there} has: parts of one catalogue have the same columns"
+            )
+        if mine[name] != wanted[name]:
+            raise TableError(
+                f"{opened.label} has {name} in {mine[name]}, {label} in {wanted[name]}: read them apart and add the sums"
+            )
+
+
+def _candidates(columns, role):
+    given = getattr(columns, role)
+    return (given,) if isinstance(given, str) else given or ()
 
 
 def _engine(pieces, workers, scheduler) -> Engine:
@@ -153,11 +195,36 @@ def _pieces(source, columns, motions):
         return tuple(
             piece for each in source for piece in (_pieces(each, columns, motions) if _has_parts(each) else (each,))
         )
+    if isinstance(source, list | tuple):
+        raise ParameterError("the list of parts is empty")
     if hasattr(type(source), "__next__") and not hasattr(type(source), "__arrow_c_stream__"):
         raise ParameterError(
             "what can be read only once is no catalogue in parts: give a list, or fit.normal_equations the stream"
         )
+    if hasattr(type(source), "__next__"):
+        return (OneStream(source),)
     return (source,)
+
+
+class OneStream:
+    """A stream that can be read once, and says so when it is asked again.
+
+    Parameters
+    ----------
+    stream : object
+        With `__arrow_c_stream__`.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        self.stream: Any = stream
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        if self.stream is None:
+            raise TableError(
+                "it can be read only once, and this needs several passes: give a table, files, or a list of them"
+            )
+        stream, self.stream = self.stream, None
+        return stream.__arrow_c_stream__(requested_schema)
 
 
 def _has_parts(thing):
@@ -172,8 +239,7 @@ def _narrowed(collection, columns, motions):
     wanted = []
     for role in Columns.__dataclass_fields__:
         given = getattr(columns, role)
-        candidates = (given,) if isinstance(given, str) else given or ()
-        present = [name for name in candidates if name in names]
+        present = [name for name in _candidates(columns, role) if name in names]
         if role in (REQUIRED if motions else REQUIRED[:2]) and not present:
             raise TableError(
                 f"the {type(collection).__name__} has no column {given!r} for {role}: it has {', '.join(names)}"

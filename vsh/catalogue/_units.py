@@ -97,6 +97,30 @@ def parse_unit(unit: Any) -> Any:
     return u.Unit(unit)
 
 
+def unit_factor(name: str, unit: Any, wanted: str) -> float:
+    """By which a column in a unit is multiplied to be in another; 1 where it has none.
+
+    Parameters
+    ----------
+    name : str
+        Of the column.
+    unit : str or unit, or None
+        As the table says it.
+    wanted : str
+        The other.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    TableError
+        If the unit is unknown, or of another kind.
+    """
+    return 1.0 if unit is None or not str(unit).strip() else _factor(name, unit, u.Unit(wanted), False)
+
+
 def _factor(name, unit, wanted, given):
     said = printable(unit)
     try:

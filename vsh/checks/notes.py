@@ -173,6 +173,23 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
     return (*lines, *(kind(parts) for kind, parts in counted.items()), *([MoreNotes(hidden)] if hidden else []))
 
 
+def spoken(notes: Iterable[str]) -> tuple[str, ...]:
+    """The notes of a result: without those that count nothing, which are there for the sum of several parts.
+
+    Parameters
+    ----------
+    notes : iterable of str
+        Of all its data.
+
+    Returns
+    -------
+    tuple of str
+    """
+    return tuple(
+        note for note in notes if not (isinstance(note, CountedNote) and len(note.parts) > 1 and not note.counts)
+    )
+
+
 def dropped(notes: Iterable[str]) -> int:
     """How many rows the notes say were left out.
 

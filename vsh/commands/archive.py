@@ -42,7 +42,11 @@ def _run(options):
         max_rows=options.max_rows,
         overwrite=options.overwrite,
     )
-    running.say(f"{path} was there already: nothing was asked" if there else f"written to {path}")
+    known = Path(f"{path}.json").exists()
+    was = f"{path} was there already: nothing was asked" + (
+        "" if known else "; whether it answers this query is not known"
+    )
+    running.say(was if there else f"written to {path}")
 
 
 def _text(path):

@@ -9,7 +9,7 @@ import numpy as np
 
 from vsh import tables
 from vsh.archive import DR4
-from vsh.catalogue import missing_column
+from vsh.catalogue import missing_column, unit_factor
 from vsh.checks.notes import DroppedRows
 from vsh.checks.validation import select_usable
 from vsh.epochs._solve import design_row, solve_epochs
@@ -20,7 +20,10 @@ from vsh.units import DEGREE, MAS
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
 _COLUMNS = ("source_id", "obs_time_tcb", "centroid_pos_al", "centroid_pos_error_al", "scan_pos_angle", "parallax_factor_al", "ra0", "dec0")  # fmt: skip
-_OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al")
+_OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id")
+#: What columns without a unit are in, and others are turned to.
+_UNITS = {"obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
+          "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg"}  # fmt: skip
 _YEAR = 365.25 * 86400e9  # [ns]
 
 
@@ -71,8 +74,16 @@ def read_epochs(
         if names[name] not in opened.names:
             raise TableError(f"{opened.label}: {missing_column(names[name], opened)}")
     wanted = {name: column for name, column in names.items() if column in opened.names}
+    factors = {
+        name: unit_factor(column, opened.units.get(column), _UNITS[name])
+        for name, column in wanted.items()
+        if name in _UNITS
+    }
     found = opened.columns(tuple(wanted.values()))
-    flat, notes = _observations({name: found[column] for name, column in wanted.items()}, opened.label)
+    columns_by_role = {name: found[column] for name, column in wanted.items()}
+    flat, notes = _observations(columns_by_role, factors, opened.label)
+    if "obs_time_bary_corr" not in wanted:
+        notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
     identifiers, first, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
     order = np.argsort(number, kind="stable")
     time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
@@ -101,19 +112,27 @@ def read_epochs(
     )  # fmt: skip
 
 
-def _observations(found: Mapping[str, Any], label: str) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+def _observations(
+    found: Mapping[str, Any], factors: Mapping[str, float], label: str
+) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """Columns with a value for each observation that can be used, and a note that counts the others."""
+    repeated = _repeated(found)
     shape = max((np.shape(values) for values, _ in found.values()), key=len)
     flat, bad = {}, np.zeros(shape, bool)
     for name, (values, mask) in found.items():
         values = np.asarray(values)
         if values.dtype.kind not in "iufb":
-            raise TableError(f"{label}: column {name!r} holds {values.dtype.name}, not numbers")
+            raise TableError(
+                f"{label}: column {name!r} holds {values.dtype.name}, not numbers (arrays of a transit's CCDs are read from FITS "
+                "and VOTable; elsewhere a row is one observation)"
+            )
         # What a transit has once, all its CCDs have.
         spread = np.broadcast_to(values.reshape(values.shape + (1,) * (len(shape) - values.ndim)), shape)
         if mask is not None:
             bad |= np.broadcast_to(np.reshape(mask, values.shape + (1,) * (len(shape) - values.ndim)), shape)
-        flat[name] = spread.ravel()
+        if name != "transit_id":
+            factor = factors.get(name, 1.0)
+            flat[name] = spread.ravel() if factor == 1.0 else spread.ravel() * factor
     bad = bad.ravel()
     unused = ~flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
     for values in flat.values():
@@ -130,6 +149,14 @@ def _observations(found: Mapping[str, Any], label: str) -> tuple[dict[str, Float
         error = NothingLeftError(f"{label}: no observation can be used: {note}")
         error.notes = (note,)
         raise error
-    return {name: values[keep] for name, values in flat.items()}, (f"observations: {note}",) if any(
-        counts.values()
-    ) else ()
+    said = (f"observations: {note}".replace(" rows", " observations"),) if any(counts.values()) else ()
+    return {name: values[keep] for name, values in flat.items()}, (*said, *repeated)
+
+
+def _repeated(found):
+    """A note on transits that stand in the table twice, where rows are transits."""
+    if "transit_id" not in found or np.ndim(found["centroid_pos_al"][0]) < 2:
+        return ()
+    pairs = np.stack([np.asarray(found[name][0], np.int64) for name in ("source_id", "transit_id")])
+    twice = pairs.shape[1] - np.unique(pairs, axis=1).shape[1]
+    return (f"warning: {twice} transits stand in the table twice and count as two",) if twice else ()

@@ -95,3 +95,17 @@ class Tree:
             nodes = level + carried
             carried = [total_of(nodes)] if nodes else []
         return carried[0] if carried else None
+
+
+def label_of(piece: Any) -> str:
+    """What a message calls a part.
+
+    Parameters
+    ----------
+    piece : object
+        What it is read from.
+    """
+    if hasattr(piece, "__fspath__") or isinstance(piece, str):
+        return str(piece)
+    key = getattr(piece, "key", None)
+    return str(key) if key is not None else f"a {type(piece).__name__}"

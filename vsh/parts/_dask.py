@@ -9,8 +9,8 @@ from typing import Any
 from uuid import uuid4
 
 from vsh.errors import ParameterError, TableError
-from vsh.parts._add import BRANCHES, total_of
-from vsh.parts._engines import Engine, label_of
+from vsh.parts._add import BRANCHES, label_of, total_of
+from vsh.parts._engines import Engine
 
 #: How long a scheduler may take to answer. [s]
 PATIENCE = 20

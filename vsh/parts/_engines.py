@@ -7,12 +7,13 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any
 from weakref import finalize
 
 from vsh.errors import ParameterError, TableError
-from vsh.parts._add import Tree
+from vsh.parts._add import Tree, label_of
 from vsh.system.parallel import end_with_parent
 
 #: A part alone in its process may end it so often before the part is blamed: the machine may have run out of memory.
@@ -94,6 +95,7 @@ class Processes(Engine):
     def __init__(self, workers: int) -> None:
         self.workers = workers
         self._running: ProcessPoolExecutor | None = None
+        self._worked = False
 
     def __str__(self) -> str:
         return f"by {self.workers} processes"
@@ -162,10 +164,12 @@ class Processes(Engine):
         try:
             while waiting or running:
                 while waiting and len(running) < 2 * self.workers:
-                    running[self._running.submit(work, pieces[waiting[0]])] = waiting[0]
+                    with _uninterrupted():
+                        running[self._running.submit(work, pieces[waiting[0]])] = waiting[0]
                     del waiting[0]
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     result = future.result()
+                    self._worked = True
                     yield running.pop(future), result
         except BrokenProcessPool:
             suspects += sorted(running.values())
@@ -181,14 +185,17 @@ class Processes(Engine):
             if not single:
                 single.append(_pool(1))
             try:
-                return single[0].submit(work, pieces[number]).result()
+                with _uninterrupted():
+                    future = single[0].submit(work, pieces[number])
+                return future.result()
             except BrokenProcessPool:
                 single.pop()
-        raise TableError(
-            f"part {number + 1} of {len(pieces)}, {label_of(pieces[number])}, ended the process that read it {ATTEMPTS + 1} "
-            "times: is there memory enough for it? Take fewer workers, or smaller parts. (A script that starts workers needs "
-            'its work under `if __name__ == "__main__":`.)'
-        )
+        name = f"part {number + 1} of {len(pieces)}, {label_of(pieces[number])}, ended the process that read it"
+        script = 'A script that starts workers needs its work under `if __name__ == "__main__":`'
+        memory = "is there memory enough for it? Take fewer workers, or smaller parts"
+        if number == 0 and not self._worked:
+            raise TableError(f"the processes end before they read anything. {script}. If it is there: {name}: {memory}")
+        raise TableError(f"{name} {ATTEMPTS + 1} times: {memory}. ({script}.)")
 
 
 def _pool(workers):
@@ -196,21 +203,20 @@ def _pool(workers):
     return ProcessPoolExecutor(workers, get_context("spawn"), _begin)
 
 
+@contextmanager
+def _uninterrupted():
+    """Processes that start within it never see an interrupt; this one sees it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin():
     """A worker leaves an interrupt to the process that started it, and ends with that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
-
-
-def label_of(piece: Any) -> str:
-    """What a message calls a part.
-
-    Parameters
-    ----------
-    piece : object
-        What it is read from.
-    """
-    if hasattr(piece, "__fspath__") or isinstance(piece, str):
-        return str(piece)
-    key = getattr(piece, "key", None)
-    return str(key) if key is not None else f"a {type(piece).__name__}"

@@ -8,9 +8,9 @@ from typing import Any
 
 from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
-from vsh.errors import NothingLeftError
+from vsh.errors import FieldError, NothingLeftError, VshError
 from vsh.field import Field
-from vsh.parts._add import added
+from vsh.parts._add import added, label_of
 from vsh.system.parallel import limited
 
 
@@ -44,6 +44,19 @@ class LostNotes(list):
         return LostNotes(merge_notes(self, other))
 
 
+def _named(piece, error):
+    """What an error says, with the file that it is about."""
+    name = label_of(piece)
+    return str(error) if name in str(error) or isinstance(piece, Field) else f"{name}: {error}"
+
+
+def _left_out(piece, error):
+    """The error of a part all of whose rows are bad, with what can be done."""
+    found = NothingLeftError(f'{_named(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
+    found.notes = error.notes
+    return found
+
+
 @dataclass(frozen=True)
 class Work:
     """The sum over one part: (sum, notes of what had no sources, number of sources)."""
@@ -72,6 +85,13 @@ class Work:
                         total, sources = added(total, self.function(field)), sources + len(field)
             except NothingLeftError as error:  # of the whole part: a reader hands on what is lost of some of it
                 if error.notes and getattr(self.read, "on_bad", "drop") == "raise":
-                    raise
+                    raise _left_out(piece, error) from error
                 notes = notes + LostNotes(error.notes)
+            except FieldError as error:
+                raise FieldError(_named(piece, error)) from error
+            except VshError:
+                raise
+            except Exception as error:  # of a step or of what is summed
+                error.add_note(f"in the part {label_of(piece)}")
+                raise
         return total, notes, sources

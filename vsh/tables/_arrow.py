@@ -77,6 +77,8 @@ def _again(arrow, thing, label):
             return arrow.RecordBatchReader.from_stream(thing)
         batch = arrow.record_batch(thing)
         return arrow.RecordBatchReader.from_batches(batch.schema, [batch])
+    except TableError:
+        raise
     except (arrow.ArrowException, ValueError, TypeError) as error:
         raise TableError(f"{label} is no table, or its stream was read before: {first_line(error)}") from error
 

@@ -125,7 +125,8 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     """
     path = Path(path)
     check_writable(path)
-    table.meta.update(meta or {})
+    table.meta.update(_plain(meta or {}))
+    table.meta.update(_plain(dict(table.meta)))
     kind = format_of(path)
     with atomic_write(path) as new, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # units that a format spells in its own way
@@ -133,6 +134,15 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
             _write_votable(table, new)
         else:
             table.write(new, format=kind, overwrite=True)
+
+
+def _plain(value: Any) -> Any:
+    """Metadata as YAML knows them: notes that count are text to it."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return str(value) if isinstance(value, str) else value
 
 
 def _write_votable(table, path):

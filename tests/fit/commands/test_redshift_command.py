@@ -8,7 +8,8 @@ from conftest import ROOT, real_catalogue
 
 import sim
 from fit.commands.redshift import main
-from vsh import catalogue
+from vsh import Field, catalogue
+from vsh.catalogue import write_field
 from vsh.cosmology import BACHCHAN_2016, PLANCK_2018
 
 
@@ -184,3 +185,18 @@ def test_the_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsy
     text = capsys.readouterr().out
     assert f"{PLANCK_2018.to_frame('icrs').value[0] / 2:+.1f}" in text
     assert "(simulated with H0 = 70)" in text
+
+
+@pytest.mark.parametrize("options", [[], ["--workers", "2"]])
+def test_bins_with_notes_that_count_are_written(tmp_path, options):
+    """YAML knows text, not classes made from it."""
+    rng = np.random.default_rng(2)
+    z = np.where(rng.random(900) < 0.3, np.nan, rng.uniform(0.1, 2, 900))
+    field = Field(
+        rng.uniform(0, 6, 900), rng.uniform(-1.2, 1.2, 900), rng.normal(size=(2, 900)), np.ones((2, 900)), redshift=z
+    )
+    write_field(field, tmp_path / "sky.fits")
+    given = [str(tmp_path / "sky.fits"), "--bins", "0.1,0.5,1,2", "--on-bad", "drop", "--output", str(tmp_path / "out")]
+    assert main([*given, *options]) == 0
+    written = "".join(path.read_text(encoding="utf-8") for path in (tmp_path / "out").glob("*.ecsv"))
+    assert "sources without a usable redshift" in written

@@ -169,6 +169,22 @@ def test_queries():
     assert "g.astrometric_params," in of_table("user_me.stars", release=DR4)
     with pytest.raises(ArchiveError, match="no name of a table"):
         of_table("stars; DROP TABLE x")
+    assert of_table("user_me.x", "redshift") == of_table("user_me.x", ["redshift"])
+    for wrong, said in [(["ra"], "gives already, or that are named twice: ra"), (["z", "z"], "named twice: z")]:
+        with pytest.raises(ArchiveError, match=said):
+            of_table("user_me.x", wrong)
+    with pytest.raises(ArchiveError, match="a release is a value"):
+        of_table("user_me.x", release="DR4")
+
+
+def test_a_file_that_is_there_but_no_answer(tap, tmp_path, capsys):
+    url, service = tap
+    (tmp_path / "sky.fits").write_bytes(service.table[:3000])
+    with pytest.raises(ArchiveError, match="is there, but no whole FITS table"):
+        ask(url, tmp_path / "sky.fits")
+    (tmp_path / "sky.fits").write_bytes(service.table)
+    assert main(["gaia-crf3", "--output", str(tmp_path / "sky.fits"), "--url", url]) == 0
+    assert "whether it answers this query is not known" in capsys.readouterr().out
     assert (DR3.epoch, DR3.months, DR4.epoch, DR4.months) == (2016.0, 34, 2017.5, 66)
     assert archive.RELEASES["DR4"].parallax_bias == "tentative_parallax_bias"
 

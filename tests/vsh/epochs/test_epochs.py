@@ -160,3 +160,26 @@ def test_a_solution_says_what_it_is():
     assert found.solved.tolist() == [True, False]
     assert found.observations.tolist() == [40, 4]
     assert np.isnan(found.values[1]).all()
+
+
+def test_units_are_turned(transits):
+    """A column in another unit gives the same motions; one of another kind is refused."""
+    plain = read_epochs(transits, robust=False)
+    changed = transits.copy()
+    changed["centroid_pos_al"] = changed["centroid_pos_al"].to("uas")
+    changed["centroid_pos_error_al"] = changed["centroid_pos_error_al"].to("uas")
+    changed["scan_pos_angle"] = changed["scan_pos_angle"].to("rad")
+    changed["obs_time_bary_corr"] = changed["obs_time_bary_corr"].to("s")
+    found = read_epochs(changed, robust=False)
+    np.testing.assert_allclose(found.motion, plain.motion, rtol=1e-6, atol=1e-6 * plain.sigma.min())
+    changed["scan_pos_angle"].unit = "mag"
+    with pytest.raises(TableError, match="column 'scan_pos_angle' is in 'mag'"):
+        read_epochs(changed)
+
+
+def test_what_is_doubtful_is_noted(transits):
+    twice = Table({name: np.concatenate([np.asarray(transits[name])] * 2) for name in transits.colnames})
+    assert f"warning: {len(transits)} transits stand in the table twice and count as two" in read_epochs(twice).notes
+    bare = transits.copy()
+    bare.remove_column("obs_time_bary_corr")
+    assert any("no column obs_time_bary_corr" in note for note in read_epochs(bare).notes)

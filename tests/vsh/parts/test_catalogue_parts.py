@@ -206,10 +206,58 @@ def test_rows_that_cannot_be_used(tmp_path):
 
 
 def test_empty_parts_are_nothing(tmp_path):
-    empty = {name: np.zeros(0) for name in ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")}
-    tables.write(tmp_path / "0.parquet", empty)
     write_field(FIELDS[0], tmp_path / "1.parquet")
+    tables.read(tmp_path / "1.parquet")[:0].write(tmp_path / "0.parquet")
     assert parts(tmp_path).sum(len) == 300
+
+
+def test_files_that_differ_are_refused(tmp_path):
+    """As when they are read whole: a column or a unit that one of them lacks is not filled in silently."""
+    write_field(FIELDS[0], tmp_path / "a.fits")
+    plain = tables.read(tmp_path / "a.fits")
+    for change, said in [
+        (
+            lambda table: table.remove_column("pmra_pmdec_corr"),
+            r"b\.fits has no column pmra_pmdec_corr, which .*a\.fits has",
+        ),
+        (lambda table: setattr(table["pmra"], "unit", "uas/yr"), r"b\.fits has pmra in uas yr-1|b\.fits has pmra in "),
+    ]:
+        other = plain.copy()
+        change(other)
+        other.write(tmp_path / "b.fits", overwrite=True)
+        for workers in (None, 2):
+            with pytest.raises(TableError, match=said):
+                fit.normal_equations(parts(tmp_path, workers=workers), 1)
+    with pytest.raises(ParameterError, match="1 of the parts are files that stand there twice"):
+        parts([tmp_path / "a.fits", tmp_path / "a.fits"])
+
+
+def test_errors_name_the_part(folder, tmp_path):
+    bad = tables.read(folder / "part03.parquet")
+    bad["pmra"][5] = np.nan
+    paths = sorted(folder.iterdir())
+    bad.write(tmp_path / "bad.parquet")
+    with pytest.raises(FieldError, match=r"bad\.parquet: 1 of \d+ rows cannot be used.*row 5"):
+        parts([*paths[:3], tmp_path / "bad.parquet"]).counted()
+    with pytest.raises(ZeroDivisionError) as caught:
+        parts(folder).sum(lambda field: 1 / 0)
+    assert "part00.parquet" in caught.value.__notes__[0]
+
+
+def test_a_stream_that_was_read_says_so():
+    import pyarrow
+
+    stream = parts(pyarrow.table({name: np.arange(1.0, 9.0) for name in
+                   ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")}).to_reader())  # fmt: skip
+    assert stream.counted() == 8
+    with pytest.raises(TableError, match="can be read only once, and this needs several passes"):
+        stream.counted()
+
+
+def test_nothing_left_out_is_nothing_said(folder):
+    for sky in (parts(folder, on_bad="drop"), parts(folder)):
+        notes = fit.solve(fit.normal_equations(sky, 1)).notes
+        assert not any(note.startswith("left out") for note in notes)
 
 
 def test_what_is_no_catalogue_in_parts(folder):
@@ -226,8 +274,11 @@ def test_what_is_no_catalogue_in_parts(folder):
         parts(folder).map(len).sum(len)
     with pytest.raises(ParameterError, match="cannot be sent to other processes"):
         parts(folder, workers=2).sum(lambda field: len(field))
-    with pytest.raises(ParameterError, match="workers"):
-        parts(folder, workers=0)
+    for wrong, said in [({"workers": 0}, "workers"), ({"workers": 2, "scheduler": "x"}, "one of the two")]:
+        with pytest.raises(ParameterError, match=said):
+            parts(folder, **wrong)
+    with pytest.raises(ParameterError, match="list of parts is empty"):
+        parts([])
 
 
 def test_a_hats_folder_is_read_without_its_thumbnail(tmp_path):
