@@ -162,6 +162,7 @@ def kill_many(tmp_path, groups):
     return sum(kills for kills, _ in results)
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment(tmp_path):
     assert kill_many(tmp_path, [(1.5, 2.0), (0.5, 1.8)]) >= 2
 
