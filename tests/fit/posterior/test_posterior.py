@@ -136,6 +136,7 @@ def test_the_table_is_the_likelihood(seed):
     assert (np.abs(difference - difference[np.argmax(expected)]) / depth).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_outliers_are_told_apart():
     field = galaxies(400, sigma=2.0)
     rng = np.random.default_rng(1)
