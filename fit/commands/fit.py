@@ -13,7 +13,6 @@ import fit
 import vsh
 from vsh.checks.notes import dropped
 from vsh.commands import outputs, parsing, parts_options, running
-from vsh.parts import Parts
 
 DEMO = "demo.fits"
 
@@ -87,11 +86,7 @@ def _fit(field, modes, options):
     if options.clip is not None or options.clip_threshold is not None:
         clipped = fit.robust.clip(field, modes, options.clip, options.clip_threshold)
         solution, lost = clipped.solution, clipped.n_clipped
-        field = field.map(clipped.select) if isinstance(field, Parts) else field[clipped.kept]
-        field = field.add_note(solution.notes[-1])
-        # Whoever estimates errors from sources that were kept because they fit finds them too small twice:
-        # their scatter is, and so seems their influence.
-        chosen = clipped.factor**4
+        field, chosen = clipped.sources(field), clipped.scatter_factor
     if options.excess_noise:
         solution = fit.robust.excess_noise(field, modes, scale=options.excess_noise == "scale").solution
     elif options.robust:

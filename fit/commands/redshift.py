@@ -132,9 +132,7 @@ def _clipped(field, kappa):
     """The sources that agree with a fit of degree 1."""
     from fit.robust import clip
 
-    clipped = clip(field, vsh.Modes(1), kappa)
-    kept = field.map(clipped.select) if isinstance(field, Parts) else field[clipped.kept]
-    return kept.add_note(clipped.solution.notes[-1])
+    return clip(field, vsh.Modes(1), kappa).sources(field)
 
 
 def _p_values(field, bins):

@@ -145,14 +145,14 @@ def equal_information(field: Field | Parts, n_bins: int) -> FloatArray:
         If there are no redshifts.
     """
     sky = as_parts(field)
-    sources, low, high = sky.sum(_reach, roles=("redshift",), words="redshifts")
+    sources, lowest, highest = sky.sum(_reach, roles=("redshift",), words="redshifts")
     if sources < n_bins:
         raise DegeneracyError(f"{sources} sources do not fill {n_bins} bins")
     inner = weighted_quantiles(
         sky, partial(_usable_column, column="redshift"), partial(_usable_column, column="information"),
         np.arange(1, n_bins) / n_bins, roles=("redshift",), words="bins of redshift",
     )  # fmt: skip
-    edges = np.r_[low.value, inner, np.nextafter(high.value, np.inf)]
+    edges = np.r_[min(lowest), inner, np.nextafter(max(highest), np.inf)]
     if not (np.diff(edges) > 0).all():
         raise DegeneracyError(
             f"{n_bins} bins cannot hold equal information: a few sources weigh more than a bin; take fewer n_bins"
@@ -168,19 +168,9 @@ def _usable_column(field, column):
 
 
 def _reach(field):
-    """How many sources have a redshift, the least and the largest."""
+    """How many sources have a redshift, and lists of the least and the largest, one of each part."""
     z = _usable_column(field, "redshift")
-    return len(z), _Extreme(z.min() if z.size else np.inf, min), _Extreme(z.max() if z.size else -np.inf, max)
-
-
-class _Extreme:
-    """The least or the largest of what is added."""
-
-    def __init__(self, value, of):
-        self.value, self.of = value, of
-
-    def __add__(self, other):
-        return _Extreme(self.of(self.value, other.value), self.of)
+    return len(z), [z.min()] if z.size else [], [z.max()] if z.size else []
 
 
 def _moments(field):

@@ -59,7 +59,30 @@ class Clipped(AboutSolution):
         -------
         Field
         """
-        return field[_distances(field, self.solution) <= self.limit]
+        return _select(field, partial(_distances, solution=self.solution), self.limit)
+
+    def sources(self, field: Field | Parts) -> Field | Parts:
+        """The sources that were kept, of the field or the parts that were clipped; a note says how many were not.
+
+        Parameters
+        ----------
+        field : Field or Parts
+            All of them.
+
+        Returns
+        -------
+        Field or Parts
+        """
+        chosen = field.map(self.select) if isinstance(field, Parts) else field[self.kept]
+        return chosen.add_note(self.solution.notes[-1])
+
+    @property
+    def scatter_factor(self) -> float:
+        """By which a covariance is multiplied that was estimated from the scatter of the kept sources.
+
+        They were kept because they fit: their scatter is too small, and so seems their influence.
+        """
+        return self.factor**4
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), threshold=arguments.positive, max_rounds=arguments.whole)
@@ -117,8 +140,10 @@ def clip(
     for rounds in range(1, max_rounds + 1):
         solution = solve(normal)
         distances = partial(_distances, solution=solution)
+        if sky.in_memory is not None:  # once a round, for the median and the choice alike
+            distances = partial(_known, values=distances(sky.in_memory))
         limit = float(kappa * median(sky, distances, f"clip, round {rounds}") if threshold is None else threshold)
-        chosen = sky.sum(partial(_within, solution=solution, limit=limit), roles=(), words=f"clip, round {rounds}")
+        chosen = sky.sum(partial(_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}")
         if chosen["mark"] == kept or (kept is None and chosen["sources"] == n_sources):
             q = given**2 * (np.log(2) if threshold is None else 0.5)
             # For Gaussian errors the median of X² is 2 ln 2 times what is right, whatever their scale.
@@ -133,15 +158,15 @@ def clip(
             )
         kept, n_kept = chosen["mark"], chosen["sources"]
         if kept in seen or rounds == max_rounds:
-            swing = sky.sum(partial(_differing, one=(solution, limit), two=before), roles=(), words="clip")
+            swing = sky.sum(partial(_differing, one=(distances, limit), two=before), roles=(), words="clip")
         if kept in seen:
             raise ConvergenceError(
                 f"the clipping oscillates after {rounds} rounds: {swing} sources are alternately clipped and kept at "
                 f"X ≈ {limit:.3g}. Take another kappa, or the absolute threshold={limit * 1.02:.3g} (--clip-threshold)"
             )
         seen.add(kept)
-        before = solution, limit
-        select = partial(_select, solution=solution, limit=limit)
+        before = distances, limit
+        select = partial(_select, distances=distances, limit=limit)
         normal = normal_equations(sky.map(select) if sky.in_memory is None else select(sky.in_memory), modes)
     raise ConvergenceError(
         f"the clip has not settled after {max_rounds} rounds: {swing} sources more or less in the last"
@@ -167,19 +192,24 @@ def _distances(field, solution):
     return np.sqrt(solution.residuals(field).chi2)
 
 
-def _select(field, solution, limit):
-    return field[_distances(field, solution) <= limit]
+def _known(field, values):
+    """X of the field in memory, which was computed before."""
+    return values
+
+
+def _select(field, distances, limit):
+    return field[distances(field) <= limit]
 
 
 def _differing(field, one, two):
     """How many sources one fit keeps and the other does not."""
-    kept, before = (_distances(field, solution) <= limit for solution, limit in (one, two or one))
+    kept, before = (distances(field) <= limit for distances, limit in (one, two or one))
     return int((kept != before).sum())
 
 
-def _within(field, solution, limit):
+def _within(field, distances, limit):
     """How many sources are kept, and a sum of hashes that tells one choice from another."""
-    kept = _distances(field, solution) <= limit
+    kept = distances(field) <= limit
     places = np.stack([field.lon[kept], field.lat[kept]]).view(np.uint64)
     # The finaliser of SplitMix64 (Steele et al. 2014) mixes the bits of each source's place; sums are modulo 2⁶⁴.
     mixed = places[0] ^ (places[1] * np.uint64(0x9E3779B97F4A7C15))

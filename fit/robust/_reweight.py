@@ -185,7 +185,7 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     inflation = float(np.sqrt(np.mean(np.diag(covariance) / np.diag(plain.covariance))))
     facts = sky.sum(partial(_facts, share=share), roles=("name",), words=f"{name}, weights")
     effective = facts["u"] ** 2 / facts["u²"]
-    most = max(u for u, _ in facts["most"])
+    most = max(facts["most"])
     said = (
         f"{name}: {rounds} rounds, weight of {effective:.1f} equal sources of {facts['sources']}; errors are "
         f"{inflation:.2f} times those of the catalogue; most downweighted: "
@@ -231,7 +231,7 @@ def _facts(field, share):
         "chi2": float(field.inner(residual, residual).sum()),
         "sources": len(field),
         "least": _Least([(float(u[i]), str(labels[i])) for i in least]),
-        "most": [(float(u.max()), "")],
+        "most": [float(u.max())],
     }
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from fit import Solution
 from fit.resample import bootstrap
 from fit.robust import clip
@@ -64,11 +62,9 @@ def fit_sources(name: str, field: Field, lmax: int, n_replicates: int, rng: Rng)
     """
     try:
         clipped = clip(field, lmax, KAPPA)
-        kept = field[clipped.kept]
-        found = bootstrap(kept, lmax, n_replicates, rng, progress=False).resampled_solution
+        found = bootstrap(clipped.sources(field), lmax, n_replicates, rng, progress=False).resampled_solution
     except VshError as error:
         return DegreeOrSubset(name, len(field), 0, None, None, str(error))
-    # What was kept because it fits scatters too little, and counts too much: twice the correction of the clip.
-    covariance, quality = found.covariance * clipped.factor**4, clipped.solution
+    covariance, quality = found.covariance * clipped.scatter_factor, clipped.solution
     found = replace(found, covariance=covariance, chi2=quality.chi2, notes=quality.notes)
-    return DegreeOrSubset(name, len(field), int(np.sum(~np.asarray(clipped.kept))), clipped.solution, found)
+    return DegreeOrSubset(name, len(field), clipped.n_clipped, quality, found)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vsh import Field, tables
-from vsh.archive import DR3
+from vsh.archive import DR3, DR4
 from vsh.catalogue import Columns, missing_column, read_field
 from vsh.errors import TableError
 from vsh.sky.frames import rotation_matrix
@@ -72,7 +72,7 @@ def read_gaia(path: Any) -> Sources:
     for name in _NEEDED:
         if name not in opened.names:
             raise TableError(f"{opened.label}: {missing_column(name, opened)}")
-    solution = next((name for name in ("astrometric_params", DR3.solution) if name in opened.names), None)
+    solution = next((name for name in (DR4.solution, DR3.solution) if name in opened.names), None)
     wanted = [*_NEEDED, *(name for name in _FURTHER if name in opened.names), *([solution] if solution else [])]
     found = opened.columns(wanted)
     table = {name: np.ma.MaskedArray(values, False if mask is None else mask) for name, (values, mask) in found.items()}
@@ -84,9 +84,6 @@ def read_gaia(path: Any) -> Sources:
     if solution is None:
         lacking.append(f"warning: no column {DR3.solution}: all sources are taken for five-parameter solutions")
     field = field.add_note(*lacking)
-    field = Field(
-        field.lon, field.lat, field.motion, field.sigma, field.rho, magnitude=field.magnitude, notes=field.notes
-    )
 
     def column(name, fill):
         return None if name not in table else np.ma.filled(table[name].astype(type(fill)), fill)[kept]

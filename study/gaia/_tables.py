@@ -86,12 +86,10 @@ def correlation_table(study: GaiaStudy) -> Table:
     study : GaiaStudy
         What was found.
     """
-    from fit.correlation import parameters_of
+    from fit.correlation import FRAME, named, parameters_of
 
-    chosen = parameters_of("spin+acceleration")
     found: Any = study.main.solution
-    lower = [found.modes.index(mode) for mode in chosen.modes]
-    matrix = correlation_of(chosen.covariance(found.covariance[np.ix_(lower, lower)]))
+    matrix = correlation_of(named(parameters_of(FRAME).names, found.modes).covariance(found.covariance))
     return tables.table_of({"of": _FRAME} | dict(zip(_FRAME, matrix.T, strict=True)))
 
 

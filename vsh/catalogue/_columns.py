@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from astropy import units as u
 
+from vsh.archive import DR3, DR4
 from vsh.checks.notes import printable
 from vsh.errors import FieldError, TableError
 from vsh.sky.frames import check_frame
@@ -40,7 +41,7 @@ class Columns:
     name: str | tuple | None = ("source_id", "name", "designation")
     magnitude: str | tuple | None = ("phot_g_mean_mag",)
     redshift: str | tuple | None = ("redshift", "z", "redshift_qsoc")
-    solution: str | tuple | None = ("astrometric_params", "astrometric_params_solved")
+    solution: str | tuple | None = (DR4.solution, DR3.solution)
 
 
 #: Gaia's archive names.

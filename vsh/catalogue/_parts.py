@@ -16,7 +16,7 @@ from vsh.errors import ParameterError, TableError
 from vsh.field import Field
 from vsh.parts import Dask, Engine, Here, Parts, Processes, is_delayed
 from vsh.system.parallel import ahead
-from vsh.tables import files_of, open_table
+from vsh.tables import check_alike, files_of, open_table
 from vsh.types import OnBad
 
 #: Sources in a block of a part: some 200 MB while it is read and checked.
@@ -135,7 +135,7 @@ class Reader:
         columns = self.columns
         if self.like is not None and isinstance(piece, Path):
             piece = open_table(piece)
-            _check_alike(piece, columns, *self.like)
+            _check_same_columns(piece, columns, *self.like)
         said: tuple[str, ...] = ()
         if not self.motions:
             piece, columns, said = without_motions(open_table(piece), columns, self.sigma)
@@ -151,21 +151,15 @@ def _layout(opened, columns):
     names = [
         name for role in Columns.__dataclass_fields__ for name in _candidates(columns, role) if name in opened.names
     ]
-    return {name: str(opened.units.get(name) or "no unit") for name in names}
+    return {name: str(opened.units.get(name)) for name in names}
 
 
-def _check_alike(opened, columns, label, wanted):
-    mine = _layout(opened, columns)
-    for name in {**wanted, **mine}:
-        if (name in mine) != (name in wanted):
-            there, not_there = (label, opened.label) if name in wanted else (opened.label, label)
-            raise TableError(
-                f"{not_there} has no column {name}, which {there} has: parts of one catalogue have the same columns"
-            )
-        if mine[name] != wanted[name]:
-            raise TableError(
-                f"{opened.label} has {name} in {mine[name]}, {label} in {wanted[name]}: read them apart and add the sums"
-            )
+def _check_same_columns(opened, columns, label, wanted):
+    """Raise TableError unless a file has the columns of the first, and no others that a field would use."""
+    check_alike(opened, label, wanted)
+    further = [name for name in _layout(opened, columns) if name not in wanted]
+    if further:
+        raise TableError(f"{label} has no column {', '.join(further)}, which {opened.label} has")
 
 
 def _candidates(columns, role):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -115,18 +115,36 @@ def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
 
     def read(names, rows):
         for source in sources:
-            missing = [name for name in names if name not in source.names]
-            if missing:
-                raise TableError(f"{source.label} has no column {', '.join(missing)}, which {first.label} has")
-            for name in names:
-                if str(source.units.get(name)) != str(first.units.get(name)):
-                    raise TableError(
-                        f"{source.label} has {name} in {source.units.get(name)}, {first.label} in {first.units.get(name)}"
-                    )
+            check_alike(source, first.label, {name: str(first.units.get(name)) for name in names})
             yield from source.read(names, rows)
 
     notes = tuple(dict.fromkeys(note for source in sources for note in source.notes))
     return TableSource(label, first.names, read, first.units, first.meta, notes)
+
+
+def check_alike(source: TableSource, label: str, units: Mapping[str, str]) -> None:
+    """Raise TableError unless a table has the columns of another, in its units.
+
+    Parameters
+    ----------
+    source : TableSource
+        The table.
+    label : str
+        Of the other.
+    units : dict of str to str
+        Columns of the other that matter, and their units.
+
+    Raises
+    ------
+    TableError
+        If it lacks one, or has it in another unit.
+    """
+    missing = [name for name in units if name not in source.names]
+    if missing:
+        raise TableError(f"{source.label} has no column {', '.join(missing)}, which {label} has")
+    for name, unit in units.items():
+        if str(source.units.get(name)) != unit:
+            raise TableError(f"{source.label} has {name} in {source.units.get(name)}, {label} in {unit}")
 
 
 def _with_mask(block, name):

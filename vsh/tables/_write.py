@@ -125,8 +125,7 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     """
     path = Path(path)
     check_writable(path)
-    table.meta.update(_plain(meta or {}))
-    table.meta.update(_plain(dict(table.meta)))
+    table.meta.update(_plain(dict(table.meta) | (meta or {})))
     kind = format_of(path)
     with atomic_write(path) as new, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # units that a format spells in its own way
