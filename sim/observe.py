@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 
 from sim.astrometry import solve
@@ -20,6 +23,10 @@ from vsh.system.parallel import map_blocks
 from vsh.types import ArrayLike, Release, Rng
 
 
+#: Errors of redshifts by name: at z = 0, and for each unit of z.
+REDSHIFT_ERRORS = {"spectroscopic": (1e-4, 0.0), "photometric": (0.015, 0.015)}
+
+
 @arguments.accepts(population=arguments.a(Population), rng=arguments.seed)
 def observe(
     population: Population,
@@ -33,6 +40,8 @@ def observe(
     sigma: ArrayLike | None = None,
     rho: ArrayLike = 0.0,
     release: Release = "DR3",
+    redshifts: Literal["true", "heliocentric", "cmb"] = "true",
+    redshift_error: ArrayLike | Literal["spectroscopic", "photometric"] = 0.0,
     threads: int | None = None,
     progress: bool = True,
 ) -> Field:
@@ -62,6 +71,12 @@ def observe(
         Correlation of the two components, without a mission.
     release : {"DR3", "DR4", "DR5", "paper"}
         Whose errors, where the mission does not say it.
+    redshifts : {"true", "heliocentric", "cmb"}
+        As they are; or as they are observed from the Sun or at rest in the microwave background, with what the
+        signal's velocities do to them.
+    redshift_error : float or (n,) array, or {"spectroscopic", "photometric"}
+        Errors of the redshifts, which are drawn last: 1e-4, or 0.015 (1 + z) as of 2MPZ (Bilicki et al. 2014, ApJS
+        210, 9), by name.
     threads : int, optional
         How many; one a core unless given.
     progress : bool
@@ -93,7 +108,8 @@ def observe(
         errors, covariance, keep, notes = _through_mission(
             population, rng, mission, variability, excess_noise, quote_variability, threads, progress, (3, 4)
         )
-        return _field(population[keep], as_signal(signal), errors, covariance, notes)
+        field = _field(population[keep], as_signal(signal), errors, covariance, notes)
+        return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
     if variability is not None:
         raise ParameterError("variability needs a mission, at whose transits the photocentre is displaced")
     if sigma is None:
@@ -107,7 +123,7 @@ def observe(
     unit = rng.standard_normal((2, n))
     noise = sigma * np.stack([unit[0], rho * unit[0] + np.sqrt(1 - rho**2) * unit[1]])
     motion = as_signal(signal)(population.lon, population.lat, population.redshift) + noise
-    return Field(
+    field = Field(
         population.lon,
         population.lat,
         motion,
@@ -117,6 +133,28 @@ def observe(
         magnitude=population.magnitude,
         frame=population.frame,
     )
+    return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
+
+
+def _with_redshifts(field, signal, frame, error, rng):
+    """The same field with redshifts as they are observed; `field` has the true ones."""
+    if field.redshift is None:
+        if frame != "true" or np.any(error != 0.0):
+            raise ParameterError("these sources have no redshifts that could be observed")
+        return field
+    redshift = signal.observed_redshift(field.lon, field.lat, field.redshift, frame)
+    if isinstance(error, str):
+        if error not in REDSHIFT_ERRORS:
+            raise ParameterError(f"errors of redshifts are called {', '.join(REDSHIFT_ERRORS)}, not {error!r}")
+        constant, slope = REDSHIFT_ERRORS[error]
+        error = constant + slope * field.redshift
+    error = arrays.float_array("redshift_error", error, (len(field),), broadcast=True)
+    if (error < 0).any():
+        raise ParameterError("redshift_error must be zero or more")
+    sure = None
+    if error.any():
+        redshift, sure = redshift + error * rng.standard_normal(len(field)), error
+    return replace(field, redshift=redshift, redshift_error=sure, redshift_frame=frame)
 
 
 def observe_offsets(

@@ -103,6 +103,44 @@ def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArra
     return out
 
 
+def scalar_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
+    """The scalar harmonics Y_lm in the same order and norm: ((lmax + 1)², n), degree 0 first.
+
+    A coefficient of one of a spheroidal mode is the gradient of these, over √(l(l+1)): Y_l0, then
+    2 Re Y_lm and −2 Im Y_lm for m = 1 … l.
+
+    Parameters
+    ----------
+    lon : (n,) array
+        Longitude. [rad]
+    lat : (n,) array
+        Latitude. [rad]
+    lmax : int
+        The highest degree.
+
+    Examples
+    --------
+    >>> scalar_harmonics(np.zeros(1), np.zeros(1), 1).ravel().round(4)  # 1/√4π; 0, −√(3/2π), 0
+    array([ 0.2821,  0.    , -0.691 , -0.    ])
+    """
+    lon, lat = np.asarray(lon, float), np.asarray(lat, float)
+    sin, cos = sin_cos(lat)
+    out = np.empty(((lmax + 1) ** 2, lon.size))
+    out[0] = 1 / np.sqrt(4 * np.pi)
+    if lmax == 0:
+        return out
+    turn_re, turn_im = multiples(lon, lmax)
+    zonal, zonal_below = sin, np.ones_like(sin)  # P_l and P_l-1, not normalised
+    for l, q, _ in _legendre_over_cos(sin, cos, lmax):
+        block = out[l * l : (l + 1) ** 2]
+        block[0] = np.sqrt((2 * l + 1) / (4 * np.pi)) * zonal
+        phase = 2 * (-1.0) ** np.arange(1, l + 1)[:, None]
+        np.multiply(phase * cos * q, turn_re[:l], out=block[1::2])
+        np.multiply(-phase * cos * q, turn_im[:l], out=block[2::2])
+        zonal, zonal_below = ((2 * l + 1) * sin * zonal - l * zonal_below) / (l + 1), zonal
+    return out
+
+
 def _legendre_over_cos(sin, cos, lmax):
     """P̄_lm(sin δ) / cos δ degree by degree: yields l, its (l, n) array for m = 1 … l, and that of l - 1."""
     below, q = np.empty((0, sin.size)), np.full((1, sin.size), np.sqrt(3 / (8 * np.pi)))

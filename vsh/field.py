@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 
 from vsh.checks.arrays import float_array, read_only
-from vsh.checks.columns import still_columns, usable_columns
-from vsh.checks.frozen import Frozen
+from vsh.checks.columns import MEASURED, check_measured, still_columns, usable_columns
 from vsh.checks.notes import merge_notes
 from vsh.checks.validation import check_shapes, checked_columns, invalid_rows, select_usable
+from vsh.checks.weighed import Weighed
 from vsh.errors import FieldError, FrameError
 from vsh.sky.frames import check_frame, rotation_matrix, turned
+from vsh.sky.redshift_frames import check_redshift_frame
 from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field(Frozen):
+class Field(Weighed):
     """Proper motions of n sources, with their errors.
 
     A field is checked once, here. Its arrays are read-only.
@@ -34,19 +35,24 @@ class Field(Frozen):
         Standard errors of the two components. [µas/yr]
     rho : (n,) array
         Correlation of the two components; zero unless given.
-    redshift, magnitude : (n,) arrays or None
+    redshift, magnitude, redshift_error : (n,) arrays or None
         nan where unknown.
+    distance, distance_error : (n,) arrays or None
+        Where something tells it better than the redshift; nan where nothing does. [Mpc, transverse comoving]
     name : (n,) array or None
         64-bit integers or text.
     frame : str
         "icrs", "galactic" or "ecliptic".
+    redshift_frame : str or None
+        "heliocentric", "cmb", "local-group"; "true" for redshifts of the expansion alone; None where nobody says it.
     notes : tuple of str
         What a reader of any result should know: units that were assumed, rows that were left out.
 
     Raises
     ------
     FieldError
-        If shapes disagree or a source cannot be used: something not finite, σ ≤ 0, ρ² ≥ 1 - 1e-6, |lat| > 90°.
+        If shapes disagree or a source cannot be used: something not finite, σ ≤ 0, ρ² ≥ 1 - 1e-6, |lat| > 90°; or
+        if a distance has no error.
     """
 
     lon: FloatArray
@@ -59,12 +65,18 @@ class Field(Frozen):
     name: np.ndarray | None = None
     frame: str = "icrs"
     notes: tuple[str, ...] = ()
+    redshift_error: FloatArray | None = None
+    distance: FloatArray | None = None
+    distance_error: FloatArray | None = None
+    redshift_frame: str | None = None
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
-        numbers = ("lat", "motion", "sigma", "rho", "redshift", "magnitude")
-        for column, array in checked_columns(self, numbers, ("name",)).items():
+        if self.redshift_frame is not None:
+            self._set("redshift_frame", check_redshift_frame(self.redshift_frame))
+        for column, array in checked_columns(self, ("lat", "motion", "sigma", "rho", *MEASURED), ("name",)).items():
             self._set(column, array)
+        check_measured(self)
         self._set("notes", tuple(self.notes))
 
     @classmethod
@@ -78,14 +90,14 @@ class Field(Frozen):
         pmdec_error: Any,
         pmra_pmdec_corr: ArrayLike | None = None,
         *,
-        redshift: ArrayLike | None = None,
-        magnitude: ArrayLike | None = None,
         name: ArrayLike | None = None,
         frame: str = "icrs",
+        redshift_frame: str | None = None,
         on_bad: OnBad = "raise",
         notes: Iterable[str] = (),
         first_row: int = 0,
         unusable: Mapping[str, BoolArray] | None = None,
+        **measured: ArrayLike | None,
     ) -> Field:
         """A field from columns as catalogues have them.
 
@@ -97,10 +109,10 @@ class Field(Frozen):
             µ_α* and µ_δ and their errors [mas/yr, or Quantities of any angle per time]
         pmra_pmdec_corr : (n,) array, optional
             Their correlation; zero unless given.
-        redshift, magnitude, name : (n,) arrays, optional
+        name : (n,) array, optional
             One for each source.
-        frame : str
-            Of the positions and motions alike.
+        frame, redshift_frame : str
+            Of the positions and motions alike; of the redshifts.
         on_bad : {"raise", "drop"}
             What to do about sources that cannot be used.
         notes : iterable of str
@@ -109,6 +121,8 @@ class Field(Frozen):
             Number of the first row in messages, where the columns are part of a table.
         unusable : dict of str to mask, optional
             Further rows that cannot be used, by reason.
+        **measured
+            redshift, magnitude, redshift_error, distance, distance_error, (n,) each.
 
         Raises
         ------
@@ -122,9 +136,11 @@ class Field(Frozen):
         array([100., 200.])
         """
         given = {"ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec, "pmra_error": pmra_error, "pmdec_error": pmdec_error,
-                 "pmra_pmdec_corr": pmra_pmdec_corr, "redshift": redshift, "magnitude": magnitude}  # fmt: skip
-        columns, said = usable_columns(given, name, on_bad, first_row, unusable)
-        return cls(**columns, frame=frame, notes=(*notes, *said))
+                 "pmra_pmdec_corr": pmra_pmdec_corr}  # fmt: skip
+        if not set(measured) <= set(MEASURED):
+            raise FieldError(f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are")
+        columns, said = usable_columns(given | measured, name, on_bad, first_row, unusable)
+        return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *said))
 
     @classmethod
     def without_motions(cls, sources: Any, sigma: ArrayLike | None = None) -> Field:
@@ -150,7 +166,7 @@ class Field(Frozen):
         return self.lon.size
 
     def __repr__(self) -> str:
-        known = [name for name in ("redshift", "magnitude", "name") if getattr(self, name) is not None]
+        known = [name for name in (*MEASURED, "name") if getattr(self, name) is not None]
         return f"<Field: {len(self)} sources, {self.frame}{', with ' if known else ''}{', '.join(known)}>"
 
     def __getitem__(self, keep: Any) -> Field:
@@ -230,45 +246,6 @@ class Field(Frozen):
         Field
         """
         return self._with(notes=merge_notes((*self.notes, *notes)))
-
-    @property
-    def weights(self) -> FloatArray:
-        """The inverse covariance [[a, c], [c, b]] of each source, (3, n): a, b, c. [(yr/µas)²]"""
-        a, b = 1 / self.sigma**2
-        c = -self.rho / (self.sigma[0] * self.sigma[1])
-        return np.stack([a, b, c]) / (1 - self.rho**2)
-
-    @property
-    def whitened(self) -> FloatArray:
-        """The motions decorrelated and in units of their errors, L⁻¹ µ with L Lᵀ = C, (2, n)."""
-        (s1, s2), rho, (east, north) = self.sigma, self.rho, self.motion
-        return np.stack([east / s1, (north / s2 - rho * east / s1) / np.sqrt(1 - rho**2)])
-
-    def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """xᵀ C⁻¹ y of each source, (n,), for two sets of motions (2, n).
-
-        Parameters
-        ----------
-        x, y : (2, n) arrays
-            Motions. [µas/yr]
-
-        Returns
-        -------
-        array
-        """
-        a, b, c = self.weights
-        return a * x[0] * y[0] + b * x[1] * y[1] + c * (x[0] * y[1] + x[1] * y[0])
-
-    @property
-    def chi2(self) -> FloatArray:
-        """µᵀ C⁻¹ µ of each source: the χ² of its motion against none, (n,)."""
-        return self.inner(self.motion, self.motion)
-
-    @property
-    def information(self) -> FloatArray:
-        """The trace of each source's inverse covariance, (n,): its weight in sums over both components. [(yr/µas)²]"""
-        a, b, _ = self.weights
-        return a + b
 
     def to_frame(self, name: str) -> Field:
         """The same sources in another frame; motions and covariances turn with the axes.

@@ -9,13 +9,18 @@ from fit.secular_parallax._equations import (
     check_determined,
 )
 from fit.secular_parallax._estimate import hubble_constant, observer_velocity
+from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._forecast import predict
-from fit.secular_parallax._parts import ParallaxParts, parallax_equations
+from fit.secular_parallax._known import with_acceleration, with_flow, without_flow
+from fit.secular_parallax._parts import ParallaxParts
+from fit.secular_parallax._setup import DistanceOptions, parallax_equations
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 
 __all__ = [
     "OMEGA",
     "A",
+    "DistanceOptions",
+    "Flow",
     "HubbleSolution",
     "ParallaxEquations",
     "ParallaxParts",
@@ -28,4 +33,7 @@ __all__ = [
     "observer_velocity",
     "parallax_equations",
     "predict",
+    "with_acceleration",
+    "with_flow",
+    "without_flow",
 ]

@@ -5,7 +5,8 @@ A source at transverse comoving distance d moves by
     µ = −u_⊥ k + ã_⊥ + ω × r,   k = 1/d,   u = v H0/H_ref,
 
 (Bachchan, Hobbs & Lindegren 2016, sect. 2.3 and 4), where distances are those for H_ref: the
-data see the product v H0 only. Each source is turned to the axes of its error ellipse, in which
+data see the product v H0 only. Where redshifts hold velocities and errors, k is the mean of 1/d (`fit.distances`), and
+its variance adds s² |v|²/3 to that of the motion. Each source is turned to the axes of its error ellipse, in which
 a variance that is the same in all directions (peculiar velocities, excess noise) is simply added.
 """
 
@@ -13,20 +14,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from vsh.cosmology import hubble_value, transverse_distance
+from fit.distances import Calibration, inverse_distances
+from fit.secular_parallax._flow_rows import FlowRows, flow_rows, shared_motion
+from vsh.cosmology import PLANCK_2018, hubble_value
 from vsh.errors import DegeneracyError
 from vsh.field import Field
+from vsh.flows import FlowModes, VelocityGrid
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
-from vsh.types import ArrayLike, Cosmology, FloatArray
-from vsh.units import AU_PER_YEAR
+from vsh.types import ArrayLike, FloatArray
 
-#: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr].
-NAMES = tuple(f"{vector}_{axis}" for vector in ("u", "a", "omega") for axis in "xyz")
-U, A, OMEGA = slice(0, 3), slice(3, 6), slice(6, 9)
+#: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr]; v of those with distances in Mpc [km/s].
+NAMES = tuple(f"{vector}_{axis}" for vector in ("u", "a", "omega", "v") for axis in "xyz")
+U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+#: Sources whose flow is computed at once.
+_BLOCK = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +41,9 @@ class ParallaxSums:
 
     Attributes
     ----------
-    matrix : (9, 9) array
-    rhs : (9,) array
+    matrix : (q, q) array
+        9 × 9; 12 where v has columns of its own; those of the modes of a flow follow.
+    rhs : (q,) array
     chi2_null : float
         Σ y²/V.
     logdet : float
@@ -62,32 +69,46 @@ class ParallaxEquations:
 
     Attributes
     ----------
-    design : (2n, 9) array
-        Of u, ã, ω.
+    design : (2n, 9 or 12) array
+        Of u, ã, ω, and v where distances in Mpc are kept apart.
     motion : (2n,) array
         [µas/yr]
     variance : (2n,) array
-        Of the catalogue [(µas/yr)²]
+        Of the catalogue, and of our own motion at distances that are not sure [(µas/yr)²]
     rate : (2n,) array
-        k, the motion that a velocity of 1 km/s gives [µas/yr per km/s]
+        k, the motion that a velocity of 1 km/s gives: root of the mean of its square [µas/yr per km/s]
+    left : (2n,) array
+        Variance of what the modes of a flow leave [(µas/yr)²]
     hubble : float
         H_ref [km/s/Mpc]
     frame : str
     notes : tuple of str
+    flow : FlowRows or None
+        Further columns, computed when they are summed.
+    n_own : int
+        Sources whose distance is in Mpc whatever H0 is.
     """
 
     design: FloatArray
     motion: FloatArray
     variance: FloatArray
     rate: FloatArray
+    left: FloatArray
     hubble: float
     frame: str
     notes: tuple[str, ...]
+    flow: FlowRows | None = None
+    n_own: int = 0
 
     @property
     def n_data(self) -> int:
         """How many equations: two a source."""
         return len(self.motion)
+
+    @property
+    def modes(self) -> FlowModes | None:
+        """Those of the flow."""
+        return None if self.flow is None else self.flow.modes
 
     @property
     def smallest_variance(self) -> float:
@@ -100,9 +121,9 @@ class ParallaxEquations:
         return float(self.rate.max())
 
     def sums(
-        self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, threads: int | None = None
+        self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, ratio: float = 1.0, threads: int | None = None
     ) -> ParallaxSums:
-        """Normal equations with variances V = σ² + (spread k)² + excess_noise².
+        """Normal equations with variances V = σ² + (spread k)² + excess_noise², and what a flow's modes leave.
 
         Parameters
         ----------
@@ -110,6 +131,8 @@ class ParallaxEquations:
             Of peculiar velocities, times H0/H_ref [km/s]
         excess_noise : float or (m,) array
             Noise beyond the catalogue's [µas/yr]
+        ratio : float
+            H0/H_ref, by which velocities of the flow are multiplied.
         threads : int, optional
             How many; one a core unless given.
 
@@ -120,54 +143,125 @@ class ParallaxEquations:
         """
         spread, excess_noise = np.broadcast_arrays(spread, excess_noise)
         added = np.stack([np.ravel(spread), np.ravel(excess_noise)]) ** 2
-        upper = np.triu_indices(10)
+        many, n = added.shape[1], self.n_data // 2
+        size = self.design.shape[1] + 1
 
         def block(part):
-            variance = self.rate[part, None] ** 2 * added[0] + (self.variance[part, None] + added[1])
-            rows = np.column_stack([self.design[part], self.motion[part]])
-            products = rows[:, upper[0]] * rows[:, upper[1]]  # weighted, for every spread at once, by one product
-            return (1 / variance).T @ products, np.log(variance).sum(0)
+            rows_of = np.r_[part, slice(n + part.start, n + part.stop)] if self.flow is not None else part
+            base = self.variance[rows_of, None] + self.left[rows_of, None] * ratio**2
+            variance = self.rate[rows_of, None] ** 2 * added[0] + (base + added[1])
+            rows = np.column_stack([self.design[rows_of], self.motion[rows_of]])
+            return _gram(rows if self.flow is None else np.hstack([rows, self.flow.rows(part)]), variance), np.log(
+                variance
+            ).sum(0)
 
-        size = max(64, 2**20 // max(55, added.shape[1]))
-        parts = list(map_blocks(block, len(self.motion), size, threads))
-        gram = np.zeros((added.shape[1], 10, 10))
-        gram[:, upper[0], upper[1]] = sum(part[0] for part in parts)
-        gram[:, upper[1], upper[0]] = gram[:, upper[0], upper[1]]
-        logdet = sum(part[1] for part in parts)
-        gram, logdet = gram.reshape(*spread.shape, 10, 10), logdet.reshape(spread.shape)
-        return ParallaxSums(gram[..., :9, :9], gram[..., :9, 9], gram[..., 9, 9], logdet, len(self.motion))
+        if self.flow is None:
+            parts = map_blocks(block, self.n_data, max(64, 2**20 // max(55, many)), threads)
+        else:
+            parts = map_blocks(block, n, _BLOCK, threads)
+        gram: Any = 0.0
+        logdet: Any = 0.0
+        for each, log in parts:
+            gram, logdet = gram + each, logdet + log
+        order = np.r_[: size - 1, size : gram.shape[-1], size - 1]  # the motion last
+        gram = gram[:, order[:, None], order].reshape(*spread.shape, len(order), len(order))
+        logdet = logdet.reshape(spread.shape)
+        return ParallaxSums(gram[..., :-1, :-1], gram[..., :-1, -1], gram[..., -1, -1], logdet, self.n_data)
 
 
-def equations_of(field: Field, cosmology: Cosmology) -> ParallaxEquations:
+def _gram(rows, variance):
+    """Σ rows rowsᵀ/V for every column of variances, (m, k, k)."""
+    k, many = rows.shape[1], variance.shape[1]
+    if k <= 16:
+        upper = np.triu_indices(k)
+        products = rows[:, upper[0]] * rows[:, upper[1]]  # weighted, for every spread at once, by one product
+        found = (1 / variance).T @ products
+        out = np.empty((many, k, k))
+        out[:, upper[0], upper[1]] = found
+        out[:, upper[1], upper[0]] = found
+        return out
+    out = np.empty((many, k, k))
+    for i, each in enumerate(variance.T):
+        scaled = rows / np.sqrt(each)[:, None]
+        out[i] = scaled.T @ scaled
+    return out
+
+
+def equations_of(
+    field: Field,
+    calibration: Calibration,
+    *,
+    ratio: float = 1.0,
+    apart: bool = False,
+    reconstruction: VelocityGrid | None = None,
+    threads: int | None = None,
+) -> ParallaxEquations:
     """The equations of a field.
 
     Parameters
     ----------
     field : Field
         With redshifts.
-    cosmology : astropy cosmology
-        The shape of the distance.
+    calibration : Calibration
+        From redshifts to distances; with the modes of a flow, they are further columns.
+    ratio : float
+        H0/H_ref, for distances that are in Mpc whatever H0 is.
+    apart : bool
+        Whether those have v as columns of their own, in place of u.
+    reconstruction : VelocityGrid, optional
+        A flow whose motions are taken away, so that the modes hold its error.
+    threads : int, optional
+        How many; one a core unless given.
     """
-    rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, cosmology))
+    k = inverse_distances(field, calibration, threads)
+    mean = np.where(k.own, k.mean / ratio, k.mean)
+    variance_of_k = np.where(k.own, k.variance / ratio**2, k.variance)
     p, q, _ = triad(field.lon, field.lat)
+    cos, sin, large, small = _axes(field, calibration, k)
+    own = np.where(k.own & apart, 1.0, 0.0)
+    ours_east, ours_north = (-mean * (1 - own) * each for each in (p, q))
+    columns = [[ours_east, p, q], [ours_north, q, -p]]
+    if apart:
+        columns[0].append(-mean * own * p)
+        columns[1].append(-mean * own * q)
+    east, north = map(np.concatenate, columns)
+    ours = PLANCK_2018.to_frame(field.frame).value
+    scatter = variance_of_k * (ours @ ours) / 3
+    y, flow, left, notes = field.motion, None, np.zeros(len(field)), field.notes
+    distance = k.distance * calibration.little_h
+    if reconstruction is not None:
+        given, note = shared_motion(reconstruction, field, distance, mean, k.slope, ours)
+        y, notes = y - given * ratio, (*notes, *note)
+    if calibration.flow is not None:
+        flow = flow_rows(calibration.flow, field, distance, mean, k.slope, ours, cos, sin)
+        left = calibration.flow.left(distance)[0] * (mean**2 + variance_of_k)
+    rate = np.sqrt(mean**2 + variance_of_k)
+    return ParallaxEquations(
+        np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T.copy(),
+        np.concatenate([cos * y[0] + sin * y[1], cos * y[1] - sin * y[0]]),
+        np.concatenate([large + scatter, small + scatter]),
+        np.concatenate([rate, rate]),
+        np.concatenate([left, left]),
+        hubble_value(calibration.cosmology),
+        field.frame,
+        (*notes, *calibration.notes),
+        flow,
+        int(k.own.sum()),
+    )
+
+
+def _axes(field, calibration, k):
+    """Direction and variances of the error ellipses; of a circle where only redshifts may weigh."""
+    if calibration.errors is not None:
+        mean = calibration.errors.at(k.redshift)
+        return np.ones(len(field)), np.zeros(len(field)), mean, mean
     (s1, s2), rho = field.sigma**2, field.rho
     covariance = rho * np.sqrt(s1 * s2)
     angle = np.arctan2(2 * covariance, s1 - s2) / 2
     mean, half = (s1 + s2) / 2, np.hypot((s1 - s2) / 2, covariance)
     large = mean + half
     small = s1 * s2 * (1 - rho**2) / large  # mean − half would cancel
-    cos, sin = np.cos(angle), np.sin(angle)
-    east, north = np.concatenate([-rate * p, p, q]), np.concatenate([-rate * q, q, -p])
-    y = field.motion
-    return ParallaxEquations(
-        np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T.copy(),
-        np.concatenate([cos * y[0] + sin * y[1], cos * y[1] - sin * y[0]]),
-        np.concatenate([large, small]),
-        np.concatenate([rate, rate]),
-        hubble_value(cosmology),
-        field.frame,
-        field.notes,
-    )
+    return np.cos(angle), np.sin(angle), large, small
 
 
 def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:

@@ -1,20 +1,30 @@
 """Our velocity for a known Hubble constant, or the Hubble constant for a known velocity.
 
-Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4. Velocities are
-ours with respect to the background and point toward the apex; galaxies move the other way.
+Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4, with redshifts as they are and flows that
+galaxies share. Velocities are ours with respect to the background and point toward the apex; galaxies move the other way.
 """
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import replace
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from fit.secular_parallax._equations import OMEGA, A, U, check_determined
-from fit.secular_parallax._parts import parallax_equations
+from fit.secular_parallax._equations import OMEGA, A, U, V, check_determined
+from fit.secular_parallax._flow import flow_of
+from fit.secular_parallax._known import with_acceleration, with_flow, with_local_group, without_flow
+from fit.secular_parallax._setup import (
+    DistanceOptions,
+    dispersion_of,
+    frame_note,
+    parallax_equations,
+    undeclared,
+    warn_of_frame,
+)
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from vsh.checks import arguments
-from vsh.cosmology import velocity_along
+from vsh.cosmology import LOCAL_GROUP, velocity_along
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
@@ -35,9 +45,11 @@ def observer_velocity(
     hubble: float | None = None,
     *,
     cosmology: Cosmology | None = None,
-    peculiar_dispersion: float = 750.0,
+    peculiar_dispersion: float | None = None,
     spin: Literal["free"] | Vector | None = None,
+    acceleration: Vector | None = None,
     excess_noise: float = 0.0,
+    **distances: Unpack[DistanceOptions],
 ) -> VelocitySolution:
     """Our velocity and the acceleration, θ = (v, ã), for a known Hubble constant.
 
@@ -49,14 +61,20 @@ def observer_velocity(
         H0. [km/s/Mpc]
     cosmology : astropy cosmology, optional
         The shape of the distance; its own H0 does not count. Flat, Ω_m = 0.315 unless given.
-    peculiar_dispersion : float
+    peculiar_dispersion : float, optional
         Dispersion of the peculiar velocities in each component, which adds (σ_pec/d)² to
-        every variance. [km/s]
+        every variance, and scatters redshifts that are not true ones: 750 unless given. With flows, what they do not
+        hold: 150. [km/s]
     spin : None, "free" or Vector
         None takes the frame not to spin; a Vector (of the quasars, say) is held fixed and its
         covariance propagated. [µas/yr]
+    acceleration : Vector, optional
+        Known from elsewhere, from quasars say, with its covariance; free unless given. [µas/yr]
     excess_noise : float
         Noise beyond the catalogue's, in each component. [µas/yr]
+    **distances
+        `fit.secular_parallax.DistanceOptions`: redshift_frame, flows, n_modes, reconstruction, reconstruction_error,
+        density, luminosity, magnitudes.
 
     Returns
     -------
@@ -67,22 +85,37 @@ def observer_velocity(
     DegeneracyError
         Without a Hubble constant, or if the sources cannot tell the parameters apart.
     ParameterError
-        If H0 is not positive.
+        If H0 is not positive, a frame or flow unknown, or a dispersion counts the flows twice.
     FieldError
-        If a redshift is missing, not positive or below the flow; the message counts them.
+        If a redshift is missing, not positive or below the flow, some magnitudes are missing, or redshifts tell no
+        distance; the message counts them.
+
+    Notes
+    -----
+    On simulated skies with dispersions of 300 and 750 km/s in motions and redshifts, heliocentric redshifts and errors of
+    0.003, pulls are 1.0 and the bias below 0.2 standard errors, with magnitudes and without. With flows of linear theory
+    errors hold only where `flows` is given: without, they are several times too small.
     """
     if hubble is None:
         raise DegeneracyError(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to fit.posterior.sample"
         )
-    rows = parallax_equations(field, cosmology)
-    ratio = hubble / rows.hubble
-    sums = rows.sums(peculiar_dispersion * ratio, excess_noise)
+    dispersion = dispersion_of(peculiar_dispersion, distances)
+    given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": peculiar_dispersion} | distances
+
+    def as_frame(frame):
+        other = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
+        return _in_words(observer_velocity(field, hubble, **given | other | {"redshift_frame": frame}).velocity)
+
+    reference = 67.3 if cosmology is None else float(cosmology.H0.value)
+    ratio = hubble / reference
+    rows = _noted(parallax_equations(field, ratio=ratio, **given), field, distances, as_frame)
+    sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
-    found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows)
-    return VelocitySolution(**found, peculiar_dispersion=peculiar_dispersion, assumed_hubble=hubble)
+    found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio)
+    return VelocitySolution(**found, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
 
 @arguments.accepts(
@@ -96,16 +129,19 @@ def hubble_constant(
     velocity: str | Vector | ArrayLike | None = None,
     *,
     cosmology: Cosmology | None = None,
-    peculiar_dispersion: float = 750.0,
+    peculiar_dispersion: float | None = None,
     spin: Literal["free"] | Vector | None = None,
+    acceleration: Vector | None = None,
     excess_noise: float = 0.0,
     hubble: float | None = None,
+    local_group: Vector | bool | None = None,
+    **distances: Unpack[DistanceOptions],
 ) -> HubbleSolution:
     """The Hubble constant and the acceleration, θ = (H0, ã), for a known velocity.
 
     Parameters
     ----------
-    field, cosmology, peculiar_dispersion, spin, excess_noise
+    field, cosmology, peculiar_dispersion, spin, acceleration, excess_noise, **distances
         As for `observer_velocity`.
     velocity : "planck", "paper", Vector or (3,) array
         Ours, toward the apex; an array is along the field's axes. The covariance of a Vector
@@ -113,6 +149,9 @@ def hubble_constant(
     hubble : float, optional
         The H0 for which the peculiar velocities are weighed; the cosmology's unless given. It
         shifts no expectation. [km/s/Mpc]
+    local_group : Vector, optional
+        The Local Group's velocity in the microwave background, which tells the flow where we are; True for that of
+        Kogut et al. (1993), 627 ± 22 km/s. With flows only. [km/s]
 
     Returns
     -------
@@ -128,50 +167,96 @@ def hubble_constant(
             f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.secular_parallax.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
-    rows = parallax_equations(field, cosmology)
+    dispersion = dispersion_of(peculiar_dispersion, distances)
+    given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": peculiar_dispersion} | distances
+
+    def as_frame(frame):
+        other = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "hubble": hubble}
+        found = hubble_constant(field, velocity, **given | other | {"redshift_frame": frame, "local_group": local_group})
+        return f"H0 = {found.hubble:.1f} ± {found.hubble_error:.1f} km/s/Mpc"
+
+    rows = _noted(parallax_equations(field, apart=True, **given), field, distances, as_frame)
     velocity = velocity_along(velocity, rows.frame)
+    group = _local_group(local_group, rows)
     ratio = 1.0 if hubble is None else hubble / rows.hubble
-    sums = rows.sums(peculiar_dispersion * ratio, excess_noise)
+    sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     names = ("H0", "a_x", "a_y", "a_z")
 
-    def given(v):
-        to_u = np.zeros((9, 4))
+    def at(v):
+        to_u = np.zeros((12, 4))
         to_u[U, 0] = v / rows.hubble
         to_u[A, 1:] = np.eye(3)
-        return _solve(sums, to_u, names, spin, rows)
+        near = None if group is None else (group, v, dispersion)
+        return _solve(sums, to_u, names, spin, rows, acceleration, ratio, near, v)
 
-    found = given(velocity.value)
+    found = at(velocity.value)
     if velocity.covariance.any():
         step = 1e-4 * velocity.amplitude
         slopes = np.stack(
-            [(given(velocity.value + s)["values"] - given(velocity.value - s)["values"]) / (2 * step)
+            [(at(velocity.value + s)["values"] - at(velocity.value - s)["values"]) / (2 * step)
              for s in step * np.eye(3)], axis=1,
         )  # fmt: skip
         found["covariance"] = found["covariance"] + slopes @ velocity.covariance @ slopes.T
-    return HubbleSolution(**found, peculiar_dispersion=peculiar_dispersion, assumed_velocity=velocity)
+    return HubbleSolution(**found, peculiar_dispersion=dispersion, assumed_velocity=velocity)
 
 
-def _solve(sums, to_u, names, spin, rows):
-    """Least squares for θ with (u, ã, ω) = to_u θ, and the spin fixed, free or none."""
-    matrix, rhs, chi2_null = sums.matrix, sums.rhs, sums.chi2_null
+def _in_words(velocity):
+    return f"|v| = {velocity.amplitude:.0f} ± {velocity.amplitude_error:.0f} km/s"
+
+
+def _noted(rows, field, distances, as_frame):
+    """The equations, with a warning where nobody says in which frame redshifts stand."""
+    if not undeclared(field, distances.get("redshift_frame")):
+        return rows
+    note = frame_note(field, as_frame)
+    warn_of_frame(note)
+    return replace(rows, notes=(note, *rows.notes))
+
+
+def _local_group(value, rows):
+    if value is None or value is False:
+        return None
+    if rows.modes is None:
+        raise ParameterError('the Local Group tells the flow where we are: give flows="linear" with local_group=')
+    if value is not True and not isinstance(value, Vector):
+        raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
+    return LOCAL_GROUP if value is True else value
+
+
+def _solve(sums, to_u, names, spin, rows, acceleration, ratio, near=None, velocity=None):
+    """Least squares for θ with (u, ã, ω[, v]) = to_u θ: the spin fixed, free or none, the flow marginalised."""
+    width = 9 if velocity is None else 12
+    sums = with_acceleration(sums, acceleration, rows.frame)
+    alone, amplitudes = _parted(sums, width), None
+    if rows.modes is not None:
+        sums = with_flow(sums, width, ratio)
+        if near is not None:
+            sums = with_local_group(sums, rows.modes, *near, ratio, rows.frame, width)
+        sums, amplitudes = without_flow(sums, width)
     if isinstance(spin, str) and spin == "free":
-        to_u = np.concatenate([to_u, np.eye(9)[:, OMEGA]], axis=1)
+        to_u = np.concatenate([to_u, np.eye(width)[:, OMEGA]], axis=1)
         names = (*names, "omega_x", "omega_y", "omega_z")
     elif spin is not None and not isinstance(spin, Vector):
         raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
+    fixed = np.zeros(width)
+    if velocity is not None:
+        fixed[V] = velocity
+    if isinstance(spin, Vector):
+        spin = spin.to_frame(rows.frame)
+        fixed[OMEGA] = spin.value
+    matrix = sums.matrix
+    chi2_null = sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ matrix @ fixed
+    rhs = to_u.T @ (sums.rhs - matrix @ fixed)
     normal = to_u.T @ matrix @ to_u
     check_determined(normal, names, sums.n_data // 2)
     inverse = np.linalg.inv(normal)
     covariance = (inverse + inverse.T) / 2
+    noise = np.linalg.inv(to_u.T @ alone @ to_u) if rows.modes is not None else covariance
     if isinstance(spin, Vector):
-        spin = spin.to_frame(rows.frame)
-        chi2_null = chi2_null - 2 * rhs[OMEGA] @ spin.value + spin.value @ matrix[OMEGA, OMEGA] @ spin.value
-        rhs = rhs - matrix[:, OMEGA] @ spin.value
         carry = covariance @ to_u.T @ matrix[:, OMEGA]
         covariance = covariance + carry @ spin.covariance @ carry.T
-    rhs = to_u.T @ rhs
     values = inverse @ rhs
-    return {
+    found = {
         "names": names,
         "values": values,
         "covariance": covariance,
@@ -179,4 +264,13 @@ def _solve(sums, to_u, names, spin, rows):
         "n_data": sums.n_data,
         "frame": rows.frame,
         "notes": rows.notes,
+        "noise_covariance": noise,
     }
+    if amplitudes is not None:
+        found["flow"] = flow_of(rows, amplitudes, to_u @ values + fixed, to_u, covariance, ratio)
+    return found
+
+
+def _parted(sums, width):
+    """The normal matrix were the flow known."""
+    return sums.matrix[:width, :width]

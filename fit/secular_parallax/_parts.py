@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
+from fit.distances import Calibration
 from fit.secular_parallax._equations import ParallaxEquations, ParallaxSums, equations_of
 from vsh.checks.notes import merge_notes
-from vsh.cosmology import PLANCK_2013, hubble_value
+from vsh.cosmology import hubble_value
 from vsh.errors import FrameError
 from vsh.field import Field
-from vsh.parts import Parts
-from vsh.types import ArrayLike, Cosmology
+from vsh.flows import FlowModes
+from vsh.parts import DISTANCES, Parts
+from vsh.types import ArrayLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +24,9 @@ class ParallaxParts:
     Attributes
     ----------
     sky : Parts
-    cosmology : astropy cosmology
+    calibration : Calibration
+    options : dict
+        Of `equations_of`.
     n_data : int
     smallest_variance : float
         Of all equations. [(µas/yr)²]
@@ -31,94 +36,100 @@ class ParallaxParts:
         H_ref [km/s/Mpc]
     frame : str
     notes : tuple of str
+    n_own : int
+        Sources whose distance is in Mpc whatever H0 is.
     """
 
     sky: Parts
-    cosmology: Cosmology
+    calibration: Calibration
+    options: dict[str, Any]
     n_data: int
     smallest_variance: float
     largest_rate: float
     hubble: float
     frame: str
     notes: tuple[str, ...]
+    n_own: int
+
+    @property
+    def modes(self) -> FlowModes | None:
+        """Those of the flow."""
+        return self.calibration.flow
 
     @classmethod
-    def of(cls, sky: Parts, cosmology: Cosmology) -> ParallaxParts:
+    def of(cls, sky: Parts, calibration: Calibration, options: dict[str, Any]) -> ParallaxParts:
         """The equations of a catalogue in parts.
 
         Parameters
         ----------
         sky : Parts
             With redshifts.
-        cosmology : astropy cosmology
-            The shape of the distance.
+        calibration : Calibration
+            From redshifts to distances.
+        options : dict
+            Of `equations_of`.
 
         Raises
         ------
         FrameError
             If parts stand in different frames.
         """
-        facts = sky.sum(partial(_facts_of, cosmology=cosmology), roles=("redshift",), words="redshifts")
+        work = partial(_facts_of, calibration=calibration, options=options)
+        facts = sky.sum(work, roles=DISTANCES, words="redshifts")
         if len(facts["frames"]) > 1:
             raise FrameError(f"parts are in {' and '.join(sorted(facts['frames']))}: take all to one frame")
         return cls(
-            sky, cosmology, facts["n_data"], min(facts["variance"]), max(facts["rate"]), hubble_value(cosmology),
-            next(iter(facts["frames"])), merge_notes(*facts["notes"]),
+            sky, calibration, options, facts["n_data"], min(facts["variance"]), max(facts["rate"]),
+            hubble_value(calibration.cosmology), next(iter(facts["frames"])), merge_notes(*facts["notes"]), facts["n_own"],
         )  # fmt: skip
 
     def sums(
-        self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, threads: int | None = None
+        self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, ratio: float = 1.0, threads: int | None = None
     ) -> ParallaxSums:
         """As `ParallaxEquations.sums`.
 
         Parameters
         ----------
-        spread, excess_noise, threads
+        spread, excess_noise, ratio, threads
             As there.
 
         Returns
         -------
         ParallaxSums
         """
-        work = partial(_sums_of, cosmology=self.cosmology, spread=spread, excess_noise=excess_noise, threads=threads)
-        return self.sky.sum(work, roles=("redshift",), words="secular parallax")
+        given = {"spread": spread, "excess_noise": excess_noise, "ratio": ratio, "threads": threads}
+        work = partial(_sums_of, calibration=self.calibration, options=self.options, given=given)
+        return self.sky.sum(work, roles=DISTANCES, words="secular parallax")
 
 
-def _facts_of(field, cosmology):
-    rows = equations_of(field, cosmology)
+def _facts_of(field, calibration, options):
+    rows = equations_of(field, calibration, **options)
     return {
         "n_data": rows.n_data,
         "variance": [rows.smallest_variance],
         "rate": [rows.largest_rate],
         "frames": {rows.frame: None},
         "notes": [rows.notes],
+        "n_own": rows.n_own,
     }
 
 
-def _sums_of(field, cosmology, spread, excess_noise, threads):
-    return equations_of(field, cosmology).sums(spread, excess_noise, threads=threads)
+def _sums_of(field, calibration, options, given):
+    return equations_of(field, calibration, **options).sums(**given)
 
 
-def parallax_equations(field: Field | Parts, cosmology: Cosmology | None = None) -> ParallaxEquations | ParallaxParts:
-    """The equations of a field.
+def equations(field: Field | Parts, calibration: Calibration, **options: Any) -> ParallaxEquations | ParallaxParts:
+    """The equations of a field or of parts.
 
     Parameters
     ----------
     field : Field or Parts
         With redshifts. Parts are gone through once for every set of sums that is asked for.
-    cosmology : astropy cosmology, optional
-        Flat, Ω_m = 0.315, H0 = 67.3 unless given.
-
-    Returns
-    -------
-    ParallaxEquations, or ParallaxParts of parts
-
-    Raises
-    ------
-    FieldError
-        If a redshift is missing, not positive or below the flow.
+    calibration : Calibration
+        From redshifts to distances.
+    **options
+        Of `equations_of`.
     """
-    cosmology = PLANCK_2013 if cosmology is None else cosmology
     if isinstance(field, Parts):
-        return ParallaxParts.of(field, cosmology)
-    return equations_of(field, cosmology)
+        return ParallaxParts.of(field, calibration, options)
+    return equations_of(field, calibration, **options)

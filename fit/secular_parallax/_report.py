@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtri
 
 from fit.output import WIDTH, amplitude, components, direction, note_lines, p_value, pulls
 from vsh.checks.notes import printable
@@ -30,19 +30,16 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
     str
     """
     velocity = hasattr(solution, "velocity")
-    lines = [
-        "Our velocity from the secular parallax of galaxies"
-        if velocity
-        else "The Hubble constant from the secular parallax of galaxies"
-    ]
-    lines += ["─" * WIDTH]
+    what = "Our velocity" if velocity else "The Hubble constant"
+    lines = [f"{what} from the secular parallax of galaxies: {_cosmic(solution)}", "─" * WIDTH]
     if source:
         lines.append(f"catalogue      {printable(source)}")
     quality = solution.quality
     lines += [
         f"sources        {solution.n_data // 2}",
         f"frame          {solution.frame}",
-        f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights",
+        f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights"
+        + (", beside the flow" if solution.flow is not None else ""),
     ]
     if np.isnan(solution.values).all():
         lines += ["", "errors that a fit would have"]
@@ -61,6 +58,14 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
     lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| {_equal(amplitude(a))} µas/yr")
     lines.append(f"{'':14}{direction(a.to_frame('galactic'))}")
     return "\n".join([*lines, *_correlations(solution), *note_lines(solution.notes)]) + "\n"
+
+
+def _cosmic(solution):
+    """What flows that galaxies share do to the error."""
+    if solution.flow is None:
+        return "errors without flows that galaxies share"
+    modes = solution.flow.modes
+    return f"{100 * solution.cosmic_share:.0f} % of the error's variance is cosmic ({len(modes)} modes of {modes.theory.name})"
 
 
 def _correlations(solution):
@@ -118,6 +123,15 @@ def _truth(solution, truth):
 def _hubble(solution, quality):
     v = solution.assumed_velocity.to_frame("galactic")
     pull = solution.hubble / solution.hubble_error
+    if pull < 3:  # the error is no longer a ±
+        low, high = ndtri(0.05), ndtri(0.95)
+        product = solution.assumed_velocity.amplitude * solution.hubble, solution.assumed_velocity.amplitude * solution.hubble_error
+        limits = [max(solution.hubble + each * solution.hubble_error, 0.0) for each in (low, high)]
+        return [
+            f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
+            f"{'v · H0':14}{product[0]:.0f}, standard error {product[1]:.0f} (km/s)²/Mpc: {pull:.1f} of them from zero",
+            f"{'H0':14}below {limits[1]:.1f} km/s/Mpc with 95 %, above {limits[0]:.1f} with 95 % (one-sided); least squares {solution.hubble:.1f}",
+        ]
     scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
     return [
         f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",

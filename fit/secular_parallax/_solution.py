@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.named import NamedSolution
+from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._report import text_of
 from vsh import Coefficients
 from vsh.cosmology import PLANCK_2018, transverse_distance
@@ -36,11 +37,26 @@ class ParallaxSolution(NamedSolution):
     frame : str
         Of the axes.
     peculiar_dispersion : float
-        The dispersion of peculiar velocities in each component that the weights allow for. [km/s]
+        The dispersion of peculiar velocities in each component that the weights allow for; beside the flow, where
+        there is one. [km/s]
+    flow : Flow or None
+        The velocities that galaxies share, as far as they were fitted.
+    noise_covariance : (p, p) array or None
+        The covariance were the flow known.
     notes : tuple of str
     """
 
     peculiar_dispersion: float = 750.0
+    flow: Flow | None = None
+    noise_covariance: FloatArray | None = None
+
+    @property
+    def cosmic_share(self) -> float | None:
+        """Which share of the variance of v, or of H0, is by flows that galaxies share; None where none were fitted."""
+        if self.flow is None or self.noise_covariance is None:
+            return None
+        size = 3 if self.names[0] == "v_x" else 1
+        return float(1 - np.trace(self.noise_covariance[:size, :size]) / np.trace(self.covariance[:size, :size]))
 
     def report(self, *, source: str | None = None, truth: dict[str, Any] | None = None) -> str:
         """The result as text.

@@ -11,7 +11,15 @@ from vsh import Coefficients
 from vsh.checks.arrays import float_array
 from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, ParameterError
+from vsh.sky.sphere import triad
 from vsh.types import ArrayLike, FloatArray
+from vsh.units import SPEED_OF_LIGHT
+
+
+class Observer:
+    """Base of signals by our own velocity, toward the apex. [km/s]"""
+
+    velocity: FloatArray
 
 
 @dataclass(frozen=True, repr=False)
@@ -34,6 +42,42 @@ class Signal:
     def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None = None) -> FloatArray:
         lon, lat = np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat))
         return sum(part(lon, lat, redshift) for part in self.parts)
+
+    def observed_redshift(
+        self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike, frame: str = "heliocentric"
+    ) -> FloatArray:
+        """Redshifts as they are measured, without errors: (1 + z)(1 + v_r/c), over (1 + v·r/c) for the Sun's, (n,).
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions. [rad]
+        redshift : (n,) array
+            Of the expansion alone.
+        frame : {"heliocentric", "cmb", "true"}
+            Seen from the Sun, whose velocity v is that of the signal's secular parallax; at rest in the microwave
+            background; or as they are.
+
+        Returns
+        -------
+        array
+
+        Raises
+        ------
+        ParameterError
+            If the frame is another.
+        """
+        lon, lat, redshift = (np.atleast_1d(float_array("lon", x, finite=False)) for x in (lon, lat, redshift))
+        if frame not in ("heliocentric", "cmb", "true"):
+            raise ParameterError(f"redshifts are observed as heliocentric, cmb or true ones, not {frame!r}")
+        if frame == "true":
+            return redshift
+        outward = sum(part.radial(lon, lat, redshift) for part in self.parts if hasattr(part, "radial"))
+        seen = (1 + redshift) * (1 + outward / SPEED_OF_LIGHT)
+        if frame == "heliocentric":
+            ours = sum(part.velocity @ triad(lon, lat)[2] for part in self.parts if isinstance(part, Observer))
+            seen = seen / (1 + ours / SPEED_OF_LIGHT)
+        return seen - 1
 
     def __repr__(self) -> str:
         return f"<Signal: {' + '.join(type(part).__name__ for part in self.parts)}>"

@@ -14,6 +14,7 @@ from vsh.archive import DR3, DR4
 from vsh.checks.notes import printable
 from vsh.errors import FieldError, TableError
 from vsh.sky.frames import check_frame
+from vsh.sky.redshift_frames import REDSHIFT_FRAME_NAMES, redshift_frame_in
 from vsh.tables import TableSource
 
 
@@ -41,12 +42,17 @@ class Columns:
     name: str | tuple | None = ("source_id", "name", "designation")
     magnitude: str | tuple | None = ("phot_g_mean_mag",)
     redshift: str | tuple | None = ("redshift", "z", "redshift_qsoc")
+    redshift_error: str | tuple | None = ("redshift_error", "z_error", "e_z")
+    distance: str | tuple | None = None
+    distance_error: str | tuple | None = None
     solution: str | tuple | None = (DR4.solution, DR3.solution)
 
 
 #: Gaia's archive names.
 GAIA = Columns()
 
+#: Where `write_field` keeps the frame of redshifts in a table's metadata.
+REDSHIFT_FRAME_KEY = "ZFRAME"
 REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
 UNITS = dict.fromkeys(("ra", "dec"), u.deg) | dict.fromkeys(REQUIRED[2:], u.mas / u.yr)
 #: Names that positions have in other frames than the equatorial one.
@@ -146,6 +152,28 @@ def frame_of(where: Mapping[str, str], frame: str | None) -> str | None:
                 f'(--catalogue-frame {known}), or frame="icrs"'
             )
     return "icrs"
+
+
+def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | None:
+    """The frame of a table's redshifts, where its metadata or the column's description tell it.
+
+    Parameters
+    ----------
+    where : dict of str to str
+        Columns by role.
+    source : TableSource
+        The table.
+
+    Returns
+    -------
+    str or None
+    """
+    if "redshift" not in where:
+        return None
+    said = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
+    if said in REDSHIFT_FRAME_NAMES:
+        return str(said)
+    return redshift_frame_in(source.descriptions.get(where["redshift"]))
 
 
 def missing_column(name: str | None, source: TableSource) -> str:

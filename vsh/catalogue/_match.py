@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial import cKDTree
 
+from vsh.checks.columns import MEASURED
 from vsh.errors import FieldError, FrameError, TableError
 from vsh.field import Field
 from vsh.sky.positions import Positions
@@ -68,7 +69,9 @@ def match(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: A
         far = int((np.hypot(*difference) > 1e6).sum())
         if far:
             notes.append(f"{far} of the pairs are more than 1 arcsec apart: are they the same sources?")
-    extras = {} if positions else {"redshift": _pick(a.redshift, i), "magnitude": _pick(a.magnitude, i)}
+    extras: dict[str, Any] = {}
+    if not positions:
+        extras = {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
     return Field(
         a.lon[i], a.lat[i], difference, sigma, covariance[2] / (sigma[0] * sigma[1]), name=_pick(a.name, i),
         frame=a.frame, notes=(*a.notes, *b.notes, *notes), **extras,

@@ -10,9 +10,20 @@ import numpy as np
 
 from vsh import tables
 from vsh.archive import DR4
-from vsh.catalogue._columns import REQUIRED, UNITS, Columns, as_columns, doubt_positions, frame_of, locate
+from vsh.catalogue._columns import (
+    REDSHIFT_FRAME_KEY,
+    REQUIRED,
+    UNITS,
+    Columns,
+    as_columns,
+    doubt_positions,
+    frame_of,
+    locate,
+    redshift_frame_of,
+)
 from vsh.catalogue._units import differing_units, factors, identifiers, plain
 from vsh.checks.arguments import whole
+from vsh.checks.columns import MEASURED
 from vsh.checks.notes import DroppedRows, merge_notes, printable
 from vsh.errors import NothingLeftError, TableError, VshWarning
 from vsh.field import Field
@@ -50,7 +61,7 @@ def read_field(
         Of positions and motions; ICRS unless given. Columns called l, b, glon, … in place of ra and
         dec ask for it.
     roles : iterable of str
-        Those of name, magnitude, redshift that are wanted: what is not read takes no time.
+        Those of name, redshift, magnitude, redshift_error, distance, distance_error that are wanted: what is not read takes no time.
 
     Returns
     -------
@@ -143,6 +154,7 @@ class _maker:
         where, self.said = locate(as_columns(columns), self.source)
         self.where = {role: name for role, name in where.items() if role not in OPTIONAL or role in roles}
         self.frame = frame_of(self.where, frame)
+        self.redshift_frame = redshift_frame_of(self.where, self.source)
         self.factors, assumed = factors(self.where, units, self.source)
         self.assumed = any("ra" in names for names in assumed.values())
         lines = [f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed.items()]
@@ -166,7 +178,9 @@ class _maker:
                     found[role] = found[role] * self.factors[role]
         doubt_positions(found, self.assumed)
         with np.errstate(invalid="ignore", over="ignore"):
-            field = Field.from_columns(**found, frame=self.frame, on_bad=self.on_bad, notes=said, first_row=first_row)
+            field = Field.from_columns(
+                **found, frame=self.frame, redshift_frame=self.redshift_frame, on_bad=self.on_bad, notes=said, first_row=first_row
+            )
         for note in said:
             if note.startswith("warning"):
                 warn(note, VshWarning, stacklevel=3)
@@ -199,6 +213,8 @@ def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None
     columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
     columns |= {"pmra": field.motion[0] / MAS, "pmdec": field.motion[1] / MAS}
     columns |= {"pmra_error": field.sigma[0] / MAS, "pmdec_error": field.sigma[1] / MAS, "pmra_pmdec_corr": field.rho}
-    optional = {"phot_g_mean_mag": field.magnitude, "redshift": field.redshift}
+    optional = {"phot_g_mean_mag" if role == "magnitude" else role: getattr(field, role) for role in MEASURED}
+    if field.redshift is not None and field.redshift_frame is not None:
+        meta = {REDSHIFT_FRAME_KEY: field.redshift_frame} | (meta or {})
     columns |= {name: values for name, values in optional.items() if values is not None}
     tables.write(path, columns, meta, {role: str(unit) for role, unit in UNITS.items()})

@@ -13,7 +13,10 @@ from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
 from vsh.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.
-_PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0)}
+_PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
+              "distance": (0.0, 1e6), "distance_error": (0.0, 1e6)}  # fmt: skip
+#: What of a source may be known besides its motion.
+MEASURED = ("redshift", "magnitude", "redshift_error", "distance", "distance_error")
 _MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
 
 
@@ -29,7 +32,7 @@ def usable_columns(
     Parameters
     ----------
     given : dict of str to array or None
-        ra, dec [deg]; pmra, pmdec, their errors [mas/yr]; pmra_pmdec_corr, redshift, magnitude.
+        ra, dec [deg]; pmra, pmdec, their errors [mas/yr]; pmra_pmdec_corr, and what of `MEASURED` is known.
     name : (n,) array or None
         Names of the sources.
     on_bad : {"raise", "drop"}
@@ -42,7 +45,7 @@ def usable_columns(
     Returns
     -------
     columns : dict of str to array
-        lon, lat [rad], motion, sigma [µas/yr], rho, and redshift, magnitude, name where given.
+        lon, lat [rad], motion, sigma [µas/yr], rho, and what of `MEASURED`, and the name, is given.
     notes : tuple of str
         What was taken as missing, and which rows were left out.
 
@@ -79,12 +82,43 @@ def usable_columns(
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
     found = invalid_rows(
         lon, lat, motion, sigma, rho, dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items()
-        if c not in ("redshift", "magnitude")}, placeholders({c: columns[c] for c in _MOTIONS}), turns=1
+        if c not in MEASURED}, placeholders({c: columns[c] for c in _MOTIONS}), turns=1
     )  # fmt: skip
     keep, said = select_usable(found, n, on_bad, first_row, (lon, lat))
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
-    kept |= {c: columns[c][keep] for c in ("redshift", "magnitude", "name") if c in columns}
+    kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
     return kept, (*notes, *said)
+
+
+def check_measured(noun: Any) -> None:
+    """Raise FieldError where redshifts or distances of a field have no errors that can be used.
+
+    Parameters
+    ----------
+    noun : Field
+        What is checked.
+
+    Raises
+    ------
+    FieldError
+        If an error is negative, a distance not above zero, or without an error.
+    """
+    for column, least in (("redshift_error", "zero or more"), ("distance", "above zero"), ("distance_error", "above zero")):
+        values = getattr(noun, column)
+        if values is None:
+            continue
+        with np.errstate(invalid="ignore"):
+            bad = (values < 0) | ((values == 0) & (least != "zero or more")) | np.isinf(values)
+        if bad.any():
+            raise FieldError(f"{bad.sum()} values of {column} (first: row {bad.argmax()}) are not {least}, nor missing")
+    if noun.distance is not None:
+        known = np.isfinite(noun.distance)
+        sure = np.zeros(known.shape, bool) if noun.distance_error is None else np.isfinite(noun.distance_error)
+        if (known & ~sure).any():
+            raise FieldError(
+                f"{(known & ~sure).sum()} of {known.sum()} distances have no errors (distance_error=, --columns distance_error=NAME): "
+                "how far they are to be trusted is what they are worth"
+            )
 
 
 def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 from vsh.cosmology._apex import BACHCHAN_2016, PLANCK_2018, VELOCITIES, velocity_along, velocity_from_apex
+from vsh.cosmology._frames import LOCAL_GROUP, REDSHIFT_FRAMES, to_cmb
 from vsh.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable, with_redshift
 
 if TYPE_CHECKING:
@@ -16,13 +17,16 @@ if TYPE_CHECKING:
 __all__ = [
     "BACHCHAN_2016",
     "FLOW_LIMIT",
+    "LOCAL_GROUP",
     "PLANCK_2013",
     "PLANCK_2018",
+    "REDSHIFT_FRAMES",
     "VELOCITIES",
     "count_unusable",
     "flat",
     "hubble_value",
     "redshift_of",
+    "to_cmb",
     "transverse_distance",
     "usable",
     "velocity_along",

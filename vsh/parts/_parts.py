@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from vsh.checks.columns import MEASURED
 from vsh.errors import FieldError, NothingLeftError, ParameterError
 from vsh.field import Field
 from vsh.parts._engines import Engine, Here
@@ -15,7 +16,9 @@ from vsh.system.progress import progress_bar
 
 HERE = Here()
 #: What of a source is not needed for its motion.
-OPTIONAL = ("name", "magnitude", "redshift")
+OPTIONAL = ("name", *MEASURED)
+#: What tells how far a source is.
+DISTANCES = MEASURED
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,7 +30,7 @@ class Parts:
     pieces : tuple
         What the parts are read from: paths, tables, Fields, delayed objects of Dask.
     read : function
-        (piece, roles) → iterator of Fields; `roles` are those of name, magnitude, redshift that are wanted.
+        (piece, roles) → iterator of Fields; `roles` are those of name, redshift, magnitude, … that are wanted.
     steps : tuple of functions
         Field → Field, applied to every block as it is read.
     engine : vsh.parts.Engine
@@ -120,7 +123,7 @@ class Parts:
             tuples of them; None for nothing. Notes on parts without a usable source go to the `add_note` of the sum,
             or to its list "notes".
         roles : iterable of str
-            Those of name, magnitude, redshift that the function looks at. (Steps see all.)
+            Those of name, redshift, magnitude, … that the function looks at. (Steps see all.)
         words : str
             Beside the progress bar.
         progress : bool
@@ -165,7 +168,7 @@ class Parts:
         return total
 
     def has(self, role: str) -> bool:
-        """Whether the first part has names, magnitudes or redshifts.
+        """Whether the first part has names, magnitudes, redshifts, …
 
         Parameters
         ----------

@@ -115,8 +115,8 @@ def _source(label, schema, batches):
         if held or empty:
             yield _block(held, names, label)
 
-    units, meta = _units(schema)
-    return TableSource(label, tuple(schema.names), read, units, meta)
+    units, meta, said = _header(schema)
+    return TableSource(label, tuple(schema.names), read, units, meta, descriptions=said)
 
 
 def _guarded(batches, label):
@@ -166,21 +166,24 @@ def _column(array, name, label):
         raise TableError(f"{label}: column {name!r} cannot be read: {first_line(error)}") from error
 
 
-def _units(schema):
-    """Units by column and metadata, as astropy or the fields themselves have them."""
-    units = {}
+def _header(schema):
+    """Units by column, metadata and descriptions, as astropy or the fields themselves have them."""
+    units, said = {}, {}
     for field in schema:
         for key in (b"unit", b"units"):
             if field.metadata and field.metadata.get(key):
                 units[field.name] = field.metadata[key].decode("utf-8", "replace")
+        if field.metadata and field.metadata.get(b"description"):
+            said[field.name] = field.metadata[b"description"].decode("utf-8", "replace")
     text = (schema.metadata or {}).get(b"table_meta_yaml")
     if not text:
-        return units, {}
+        return units, {}, said
     from astropy.table.meta import get_header_from_yaml
 
     try:
         header = get_header_from_yaml(re.split("\n", text.decode()))
         units |= {column["name"]: column["unit"] for column in header["datatype"] if "unit" in column}
-        return units, dict(header.get("meta") or {})
+        said |= {column["name"]: str(column["description"]) for column in header["datatype"] if column.get("description")}
+        return units, dict(header.get("meta") or {}), said
     except Exception as error:  # whatever a damaged header makes of YAML
         raise TableError(f"the metadata that astropy wrote are damaged: {first_line(error)}") from error

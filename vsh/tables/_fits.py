@@ -50,6 +50,7 @@ def open_fits(path: PathName, label: str) -> TableSource:
     with _guarded(label), _open(plain.name) as hdus:
         found = list(hdus[chosen].columns)
         meta = _meta(hdus[chosen].header)
+        said = {c.name: str(hdus[chosen].header[f"TCOMM{i}"]) for i, c in enumerate(found, 1) if f"TCOMM{i}" in hdus[chosen].header}
     described = {column.name: column for column in found}
     names = [column.name for column in found]
     if not names or not all(names):
@@ -84,7 +85,7 @@ def open_fits(path: PathName, label: str) -> TableSource:
     # Rows in one block are at most as many as the file holds, whose size has been looked at.
     units_of = {c.name: c.unit for c in found if c.unit and c.unit.strip()}
     rows = max(1, units[chosen]["NAXIS2"])  # the file holds as many: `check_layout` has looked
-    return TableSource(label, tuple(names), read, units_of, meta, notes, whole=rows)
+    return TableSource(label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=said)
 
 
 def plain_file(path: PathName, label: str) -> Any:

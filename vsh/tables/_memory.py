@@ -25,7 +25,8 @@ def open_astropy(table: Any) -> TableSource:
         for start in range(0, max(1, len(table)), rows):
             yield {name: _column(table[name][start : start + rows]) for name in wanted}
 
-    return TableSource("the table", names, read, units, dict(table.meta))
+    said = {name: table[name].description for name in names if getattr(table[name], "description", None)}
+    return TableSource("the table", names, read, units, dict(table.meta), descriptions=said)
 
 
 def open_frame(frame: Any) -> TableSource:

@@ -33,6 +33,8 @@ class TableSource:
     meta : dict
     notes : tuple of str
         What a user should know of how the table was read.
+    descriptions : dict of str to str
+        Of those columns that have one.
     whole : int
         Rows in a block where all are read at once: fewer where a block takes more memory than its numbers do.
     """
@@ -44,6 +46,7 @@ class TableSource:
     meta: dict = field(default_factory=dict)
     notes: tuple = ()
     whole: int = ROWS
+    descriptions: dict = field(default_factory=dict)
 
     def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
         """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None).
@@ -119,7 +122,7 @@ def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
             yield from source.read(names, rows)
 
     notes = tuple(dict.fromkeys(note for source in sources for note in source.notes))
-    return TableSource(label, first.names, read, first.units, first.meta, notes)
+    return TableSource(label, first.names, read, first.units, first.meta, notes, descriptions=first.descriptions)
 
 
 def check_alike(source: TableSource, label: str, units: Mapping[str, str]) -> None:

@@ -1,0 +1,17 @@
+"""What a redshift and a magnitude tell of a distance, when redshifts hold velocities and errors."""
+
+from fit.distances._calibration import Calibration, calibrate
+from fit.distances._density import SourceDensity
+from fit.distances._errors import ErrorsByRedshift
+from fit.distances._luminosity import LuminosityFunction
+from fit.distances._moments import InverseDistances, inverse_distances
+
+__all__ = [
+    "Calibration",
+    "ErrorsByRedshift",
+    "InverseDistances",
+    "LuminosityFunction",
+    "SourceDensity",
+    "calibrate",
+    "inverse_distances",
+]

@@ -1,0 +1,280 @@
+"""What turns redshifts of a catalogue into distances: frame, velocities, density, luminosities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, Literal
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from fit.distances._density import GivenDensity, SourceDensity, fit_density, redshift_counts
+from fit.distances._errors import ErrorsByRedshift, errors_by_redshift, variance_sums
+from fit.distances._luminosity import MODULI, LuminosityFunction, fit_luminosity, magnitude_counts
+from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, count_unusable, to_cmb, transverse_distance, usable
+from vsh.errors import FieldError, ParameterError
+from vsh.field import Field
+from vsh.flows import FlowModes
+from vsh.parts import DISTANCES, Parts, as_parts
+from vsh.sky.redshift_frames import TRUE, check_redshift_frame
+from vsh.types import Cosmology, FloatArray
+from vsh.units import SPEED_OF_LIGHT
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """How the distances of a catalogue follow from its redshifts.
+
+    Attributes
+    ----------
+    frame : str
+        Of the redshifts: "heliocentric", "cmb", "local-group"; "true" ones hold no velocities.
+    dispersion : float
+        Of radial velocities, beyond the flow. [km/s]
+    cosmology : astropy cosmology
+        The shape of the distance, and H_ref.
+    density : SourceDensity
+        Of sources in space: of all of them where there is a luminosity function, else of those in the catalogue.
+    luminosity : LuminosityFunction or None
+        None where magnitudes are not used.
+    errors : ErrorsByRedshift or None
+        The variances that stand in place of the sources' own, where magnitudes are not used.
+    flow : FlowModes or None
+        Modes of a flow that is fitted: what they leave moves redshifts.
+    notes : tuple of str
+    """
+
+    frame: str
+    dispersion: float
+    cosmology: Cosmology
+    density: SourceDensity
+    luminosity: LuminosityFunction | None = None
+    errors: ErrorsByRedshift | None = None
+    flow: FlowModes | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def exact(self) -> bool:
+        """Whether redshifts hold the expansion alone."""
+        return self.frame == TRUE
+
+    def redshift(self, field: Field) -> FloatArray:
+        """Redshifts at rest in the microwave background, (n,); nan where there is none.
+
+        Parameters
+        ----------
+        field : Field
+            The sources.
+
+        Raises
+        ------
+        FieldError
+            If one that was usable is not positive, or below the flow, when it is corrected.
+        """
+        assert field.redshift is not None
+        corrected = to_cmb(field.redshift, field.lon, field.lat, field.frame, self.frame)
+        lost = usable(field.redshift) & ~usable(corrected)
+        if lost.any():
+            raise FieldError(
+                f"{lost.sum()} of {len(field)} redshifts are {count_unusable(corrected[lost])} once they are taken from "
+                f"{self.frame} ones to the frame of the microwave background (first: row {lost.argmax()}, {field.redshift[lost][0]:.6f} → "
+                f"{corrected[lost][0]:.6f}): leave out sources below c z = 400 km/s or so"
+            )
+        return corrected
+
+    def log_distance(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """ln d [Mpc] at ln(1 + z), and the logarithm of the volume for each ln(1 + z), but for a factor.
+
+        Parameters
+        ----------
+        x : array
+            ln(1 + z)
+        """
+        log_x = np.log(x)
+        spline, slope = self._spline
+        log_d = spline(log_x) + log_x
+        return log_d, 3 * log_d + np.log1p(slope(log_x)) - log_x
+
+    @cached_property
+    def _spline(self):
+        """ln d − ln x as a function of ln x, x = ln(1 + z), with its slope."""
+        log_x = np.linspace(np.log(FLOW_LIMIT / 2), np.log(np.log(40.0)), 400)
+        known = np.log(_distance(np.expm1(np.exp(log_x)), self.cosmology)) - log_x
+        spline = make_interp_spline(log_x, known, k=5)
+        return spline, spline.derivative()
+
+    def spread(self, field: Field, redshift: FloatArray) -> FloatArray:
+        """The error of ln(1 + z) of each source, (n,): of its velocity and its measurement.
+
+        Parameters
+        ----------
+        field : Field
+            The sources.
+        redshift : (n,) array
+            At rest in the microwave background.
+        """
+        variance = np.full(len(field), 0.0 if self.exact else (self.dispersion / SPEED_OF_LIGHT) ** 2)
+        if self.flow is not None and not self.exact:
+            far = np.exp(self.log_distance(np.log1p(redshift))[0]) * self.little_h
+            variance += self.flow.left(far)[1] / SPEED_OF_LIGHT**2
+        if field.redshift_error is not None:
+            variance += (np.nan_to_num(field.redshift_error) / (1 + redshift)) ** 2
+        return np.sqrt(variance)
+
+    @property
+    def little_h(self) -> float:
+        """H_ref/100, by which Mpc become Mpc/h."""
+        return float(self.cosmology.H0.to_value("km / (s Mpc)")) / 100
+
+
+def _distance(redshift, cosmology):
+    """Beyond the usable limits as well."""
+    return transverse_distance(np.maximum(redshift, FLOW_LIMIT), cosmology) * np.where(
+        redshift < FLOW_LIMIT, redshift / FLOW_LIMIT, 1.0
+    )
+
+
+def calibrate(
+    field: Field | Parts,
+    redshift_frame: str | None = None,
+    dispersion: float = 750.0,
+    *,
+    cosmology: Cosmology | None = None,
+    density: Literal["volume", "fitted"] | Callable[[FloatArray], FloatArray] | None = None,
+    luminosity: Callable[[FloatArray], FloatArray] | None = None,
+    magnitudes: bool | None = None,
+    flow: FlowModes | None = None,
+) -> Calibration:
+    """How the distances of a catalogue follow from its redshifts.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        With redshifts, none missing or below 1e-4; gone through twice at most.
+    redshift_frame : str, optional
+        "heliocentric", "cmb", "local-group" or "true"; the field's own unless given.
+    dispersion : float
+        Of radial peculiar velocities, beyond the flow. [km/s]
+    cosmology : astropy cosmology, optional
+        Flat, Ω_m = 0.315, H0 = 67.3 unless given.
+    density : "volume", "fitted", or a function of distance [Mpc], optional
+        Sources per comoving volume, up to a factor: one everywhere, as the catalogue's redshifts have it, or given.
+        With magnitudes of all sources that there are, evenly in volume unless given; without, of those in the
+        catalogue, fitted.
+    luminosity : function of absolute magnitude, optional
+        log φ up to a constant; fitted to the catalogue, complete to its faintest magnitude, unless given.
+    magnitudes : bool, optional
+        Whether to use them; if all sources have one unless given.
+    flow : FlowModes, optional
+        Modes of a flow that is fitted: what they leave is added to the dispersion.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    ParameterError
+        If a frame or a density is none, or magnitudes are asked for and there are none.
+    FieldError
+        If the dispersion is larger than c z of most sources, some magnitudes are missing, or redshifts cannot be used.
+    """
+    cosmology = PLANCK_2013 if cosmology is None else cosmology
+    sky = as_parts(field)
+    frame = check_redshift_frame(redshift_frame or _frame_of(sky) or TRUE)
+    bare = Calibration(frame, dispersion, cosmology, SourceDensity(), flow=flow)
+    facts = sky.sum(partial(_facts, calibration=bare), roles=DISTANCES, words="redshifts")
+    least, most = min(facts["lowest"]), max(facts["highest"])
+    rms = float(np.sqrt(facts["spread2"] / facts["n"]))
+    if rms == 0:
+        return bare
+    _check_size(bare, facts, dispersion)
+    known, n = facts["magnitudes"], facts["n"]
+    if magnitudes is None and 0 < known < n:
+        raise FieldError(
+            f"{n - known} of {n} sources have no magnitude: leave those out (field[np.isfinite(field.magnitude)]), or use "
+            "no magnitudes (magnitudes=False, --no-magnitudes)"
+        )
+    if magnitudes and known < n:
+        raise ParameterError(f"magnitudes are asked for, and {n - known} of {n} sources have none")
+    use = known == n if magnitudes is None else bool(magnitudes)
+    notes = []
+    given = luminosity is not None
+    if use:
+        found = (
+            LuminosityFunction(luminosity, "luminosity function as given")
+            if luminosity is not None
+            else fit_luminosity(_far_enough(facts["bright"], rms, cosmology), max(facts["faintest"]))
+        )
+        bare = replace(bare, luminosity=found)
+    elif given:
+        raise ParameterError("a luminosity function needs magnitudes, which are not used")
+    else:
+        errors = errors_by_redshift(facts["variances"])
+        bare = replace(bare, errors=errors)
+        notes.append(
+            "no magnitudes: distances follow from redshifts alone, and weights from their mean errors by redshift; with "
+            "magnitudes they would be surer"
+        )
+    return replace(bare, density=_density(density, use, facts["counts"], rms, bare, (least, most)), notes=tuple(notes))
+
+
+def _density(density, use, counts, rms, calibration, limits):
+    if density is None:
+        density = "volume" if use else "fitted"
+    if callable(density):
+        return SourceDensity(GivenDensity(density), "as given")
+    if density == "volume":
+        return SourceDensity()
+    if density != "fitted":
+        raise ParameterError(f'a density is "volume", "fitted" or a function of distance, not {density!r}')
+    if use:
+        raise ParameterError('with magnitudes the density is "volume" or a function of distance: the catalogue holds not all')
+    return fit_density(counts, rms, calibration.log_distance, limits)
+
+
+def _frame_of(sky):
+    """The frame that the first part says."""
+    field = sky.in_memory
+    return (next(iter(sky)) if field is None else field).redshift_frame
+
+
+def _facts(field, calibration):
+    """What of some sources bears on the calibration of all."""
+    transverse_distance(field.redshift, calibration.cosmology)  # which says what is missing
+    z = calibration.redshift(field)
+    spread = calibration.spread(field, z)
+    modulus = 5 * np.log10(transverse_distance(z, calibration.cosmology) * (1 + z)) + 25
+    known = np.zeros(len(field), bool) if field.magnitude is None else np.isfinite(field.magnitude)
+    bright = field.magnitude[known] if known.any() else np.empty(0)
+    return {
+        "n": len(field),
+        "lowest": [z.min()],
+        "highest": [z.max()],
+        "spread2": np.sum(spread**2),
+        "lost": int(np.sum(spread > np.log1p(z))),
+        "magnitudes": int(known.sum()),
+        "faintest": [bright.max()] if known.any() else [],
+        "bright": magnitude_counts(bright, modulus[known]),
+        "counts": redshift_counts(z),
+        "variances": variance_sums(z, field.sigma),
+    }
+
+
+def _check_size(calibration, facts, dispersion):
+    if 2 * facts["lost"] > facts["n"]:
+        raise FieldError(
+            f"the errors and peculiar velocities of redshifts ({dispersion:g} km/s) are larger than c z of {facts['lost']} of "
+            f"{facts['n']} sources: their redshifts tell no distance. Take farther sources, or distances (distance=) that "
+            "something else tells"
+        )
+
+
+def _far_enough(counts, rms, cosmology):
+    """Counts of sources whose absolute magnitudes are not blurred by the errors of redshifts, where they are enough."""
+    z = 10 * rms
+    modulus = 5 * np.log10(transverse_distance(np.array([max(z, FLOW_LIMIT)]), cosmology)[0] * (1 + z)) + 25
+    far = counts * (MODULI >= modulus)
+    return far if far.sum() >= max(1000, 0.2 * counts.sum()) else counts

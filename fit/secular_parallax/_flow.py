@@ -1,0 +1,159 @@
+"""The flow that a fit found: velocities of galaxies anywhere within its reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fit.output import WIDTH, amplitude, components, direction
+from fit.storage import Result
+from vsh import tables
+from vsh.checks.arguments import positive
+from vsh.flows import FlowModes
+from vsh.types import Figure, FloatArray, Table
+from vsh.vector import Vector
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Flow(Result):
+    """Amplitudes of the modes of a flow, with their covariance.
+
+    Attributes
+    ----------
+    modes : vsh.flows.FlowModes
+    values : (p,) array
+        One on average before the motions were seen.
+    covariance : (p, p) array
+        That of the other parameters of the fit included.
+    frame : str
+        Of the axes.
+    """
+
+    modes: FlowModes
+    values: FloatArray
+    covariance: FloatArray
+    frame: str
+
+    def __repr__(self) -> str:
+        return f"<Flow: {self.modes!r}, {self.frame}>"
+
+    def at(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Velocities in the frame of the microwave background: tangential, (2, n), and radial, (n,). [km/s]
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions. [rad]
+        distance : (n,) array
+            [Mpc/h]
+
+        Returns
+        -------
+        tuple[array, array]
+        """
+        tangential, radial = self.modes.at(lon, lat, distance)
+        return tangential @ self.values, radial @ self.values
+
+    def bulk(self, radius: float) -> Vector:
+        """The mean velocity at a distance, over all directions, with its covariance. [km/s]
+
+        Parameters
+        ----------
+        radius : float
+            [Mpc/h]
+
+        Returns
+        -------
+        Vector
+        """
+        rows = _shell_mean(self.modes, positive("radius", radius))
+        return Vector(rows @ self.values, rows @ self.covariance @ rows.T, self.frame, "km/s")
+
+    def report(self) -> str:
+        """The bulk flow by distance as text.
+
+        Returns
+        -------
+        str
+        """
+        lines = [
+            f"The flow of galaxies, {self.modes.theory.name} as its prior, {len(self.modes)} modes", "─" * WIDTH,
+            f"{'Mpc/h':>8}  mean velocity of a shell, {self.frame} axes [km/s]",
+        ]  # fmt: skip
+        for radius in self._radii():
+            v = self.bulk(radius)
+            cells = "".join(f"{cell:>17}" for cell in components(v, 0))
+            lines.append(f"{radius:8.0f}{cells}  |V| {amplitude(v, 0)}  {direction(v.to_frame('galactic'))}")
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """Mean velocities of shells as an astropy Table, a row each.
+
+        Returns
+        -------
+        Table
+        """
+        radii = self._radii()
+        found = [self.bulk(radius) for radius in radii]
+        columns: dict[str, Any] = {"distance": radii}
+        for i, axis in enumerate("xyz"):
+            columns[f"v_{axis}"] = [v.value[i] for v in found]
+            columns[f"v_{axis}_error"] = [v.sigma[i] for v in found]
+        return tables.table_of(columns, {"frame": self.frame})
+
+    def plot(self) -> Figure:
+        """The radial velocities that were found on three shells, a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
+        from fit.secular_parallax._plot import plot_flow
+
+        return plot_flow(self)
+
+    def _radii(self):
+        last = self.modes.radii[-1]
+        return [radius for radius in (10.0, 20.0, 40.0, 80.0, 160.0, 320.0) if radius <= last] or [float(last)]
+
+
+def _shell_mean(modes, radius):
+    """What every mode adds to the mean velocity over a shell, (3, p): those of degree 1 alone add anything.
+
+    For V_r = f_r e·r and V_⊥ = f_t e_⊥ it is (f_r + 2 f_t)/3 e.
+    """
+    places, quarter, far = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2]), np.full(3, radius)
+    along = modes.at(places, quarter, far)[1]  # outwards on the axes x, y, z
+    across = modes.at(places[:2], quarter[:2], far[:2])[0]  # on x, east is y and north z; on y, east is −x
+    toward = np.stack([-across[0, 1], across[0, 0], across[1, 0]])
+    one = slice(modes.counts[0], modes.counts[0] + 3 * modes.counts[1])
+    rows = np.zeros_like(along)
+    rows[:, one] = (along[:, one] + 2 * toward[:, one]) / 3
+    return rows
+
+
+def flow_of(rows: Any, amplitudes: Any, theta: FloatArray, to_u: FloatArray, covariance: FloatArray, ratio: float) -> Flow:
+    """The flow of a fit, from its amplitudes given the other parameters.
+
+    Parameters
+    ----------
+    rows : ParallaxEquations or ParallaxParts
+        Whose frame and modes.
+    amplitudes : Amplitudes
+        Of `without_flow`.
+    theta : (q,) array
+        The other parameters as the equations have them.
+    to_u : (q, p) array
+        From the parameters of the fit to those.
+    covariance : (p, p) array
+        Of the fit.
+    ratio : float
+        H0/H_ref, in which the amplitudes of the equations are.
+    """
+    slope = amplitudes.slope @ to_u
+    values = (amplitudes.mean - amplitudes.slope @ theta) / ratio
+    total = (amplitudes.covariance + slope @ covariance @ slope.T) / ratio**2
+    return Flow(rows.modes, values, (total + total.T) / 2, rows.frame)
+

@@ -1,0 +1,147 @@
+"""What is known besides the motions: the amplitudes of a flow, the acceleration, the Local Group's velocity.
+
+Each adds to the normal equations where they are solved, never to their sums.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fit.secular_parallax._equations import A, ParallaxSums, U
+from vsh.errors import ParameterError
+from vsh.flows import FlowModes
+from vsh.types import FloatArray
+from vsh.vector import Vector
+
+
+def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: str) -> ParallaxSums:
+    """The same with the acceleration known from elsewhere, from quasars say.
+
+    Parameters
+    ----------
+    sums : ParallaxSums
+        Of a catalogue.
+    acceleration : Vector or None
+        With its covariance. [µas/yr]
+    frame : str
+        Of the axes.
+
+    Raises
+    ------
+    ParameterError
+        If it is no Vector, or has no errors.
+    """
+    if acceleration is None:
+        return sums
+    if not isinstance(acceleration, Vector):
+        raise ParameterError(f"the acceleration is a Vector with its covariance, not {type(acceleration).__name__}")
+    known = acceleration.to_frame(frame)
+    if not np.linalg.eigvalsh(known.covariance)[0] > 0:
+        raise ParameterError("an acceleration that is known needs errors in all three components")
+    weight = np.linalg.inv(known.covariance)
+    matrix, rhs = sums.matrix.copy(), sums.rhs.copy()
+    matrix[..., A, A] += weight
+    rhs[..., A] += weight @ known.value
+    return replace(sums, matrix=matrix, rhs=rhs, chi2_null=sums.chi2_null + known.value @ weight @ known.value)
+
+
+def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
+    """The same with amplitudes of the modes that are `scale` on average.
+
+    Parameters
+    ----------
+    sums : ParallaxSums
+        Whose columns beyond `width` are modes.
+    width : int
+        How many columns there are before.
+    scale : float or array
+        H0/H_ref, times the flow's amplitude where that is not one; one for each of the sums.
+    """
+    matrix = sums.matrix.copy()
+    modes = np.arange(width, matrix.shape[-1])
+    matrix[..., modes, modes] += 1 / np.asarray(scale)[..., None] ** 2
+    count = len(modes) * np.log(np.asarray(scale) ** 2)
+    return replace(sums, matrix=matrix, logdet=sums.logdet + count)
+
+
+def with_local_group(
+    sums: ParallaxSums, modes: FlowModes, velocity: Vector, ours: FloatArray, dispersion: float, ratio: float, frame: str, width: int
+) -> ParallaxSums:
+    """The same with the Local Group's velocity as what the flow is where we are.
+
+    The modes' amplitudes are in units of H0/H_ref, as all that the motions tell, and so the flow where we are is
+    V_LG H0/H_ref, with H0 unknown: H0/H_ref is taken as u·v/v². Had it been taken as known, H_ref would come back.
+
+    Parameters
+    ----------
+    sums : ParallaxSums
+        With the flow's prior.
+    modes : FlowModes
+        Of the flow.
+    velocity : Vector
+        Of the Local Group in the microwave background. [km/s]
+    ours : (3,) array
+        Our own. [km/s]
+    dispersion : float
+        Of motions that are no flow. [km/s]
+    ratio : float
+        H0/H_ref in the weights.
+    frame : str
+        Of the axes.
+    width : int
+        How many columns there are before the modes.
+    """
+    known = velocity.to_frame(frame)
+    covariance = known.covariance + (dispersion**2 + modes.left_at_origin()) * np.eye(3)
+    weight = np.linalg.inv(covariance) / ratio**2
+    rows = np.zeros((3, sums.matrix.shape[-1]))
+    rows[:, U] = -np.outer(known.value, ours) / (ours @ ours)
+    rows[:, width:] = modes.at_origin()
+    return replace(sums, matrix=sums.matrix + rows.T @ weight @ rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Amplitudes:
+    """What the motions tell of a flow's modes, given the other parameters θ: mean − slope θ, and a covariance.
+
+    Attributes
+    ----------
+    mean : (p,) array
+    slope : (p, q) array
+    covariance : (p, p) array
+    """
+
+    mean: FloatArray
+    slope: FloatArray
+    covariance: FloatArray
+
+
+def without_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitudes]:
+    """The modes marginalised: normal equations of what is left, and the modes given that.
+
+    Parameters
+    ----------
+    sums : ParallaxSums
+        With the flow's prior; perhaps several, along a leading axis.
+    width : int
+        How many columns there are before the modes.
+    """
+    own, modes = slice(0, width), slice(width, None)
+    matrix, rhs = sums.matrix, sums.rhs
+    inner = matrix[..., modes, modes]
+    root = np.linalg.cholesky(inner)
+    logdet = 2 * np.log(np.einsum("...ii->...i", root)).sum(-1)
+    solved = np.linalg.solve(inner, np.concatenate([matrix[..., modes, own], rhs[..., modes, None]], axis=-1))
+    slope, mean = solved[..., :-1], solved[..., -1]
+    across = matrix[..., own, modes]
+    left = ParallaxSums(
+        matrix[..., own, own] - across @ slope,
+        rhs[..., own] - np.einsum("...ij,...j->...i", across, mean),
+        sums.chi2_null - np.einsum("...i,...i->...", rhs[..., modes], mean),
+        sums.logdet + logdet,
+        sums.n_data,
+    )
+    covariance = np.linalg.inv(inner) if inner.ndim == 2 else np.empty(0)
+    return left, Amplitudes(mean, slope, covariance)

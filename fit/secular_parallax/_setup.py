@@ -1,0 +1,230 @@
+"""From what users say of redshifts and flows to the equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any, Literal, TypedDict
+from warnings import warn
+
+import numpy as np
+
+from fit.distances import calibrate
+from fit.secular_parallax._equations import ParallaxEquations
+from fit.secular_parallax._parts import ParallaxParts, equations
+from vsh.cosmology import PLANCK_2013, hubble_value, transverse_distance
+from vsh.errors import ParameterError, VshError, VshWarning
+from vsh.field import Field
+from vsh.flows import PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
+from vsh.parts import DISTANCES, Parts, as_parts
+from vsh.types import Cosmology, FloatArray
+
+#: Dispersions of peculiar velocities in each component: all of them, and beyond the flows of linear theory. [km/s]
+WHOLE_DISPERSION, LEFT_DISPERSION = 750.0, 150.0
+
+
+class DistanceOptions(TypedDict, total=False):
+    """How distances follow from redshifts, and what flows galaxies share: keywords of the estimators.
+
+    Attributes
+    ----------
+    redshift_frame : str, optional
+        "heliocentric", "cmb", "local-group"; "true" for redshifts of the expansion alone, as simulations have them. The
+        field's own unless given. Redshifts of which nobody says it are taken as true, with a warning.
+    flows : "linear", LinearTheory or None
+        Velocities that galaxies share are unknowns, with the power of linear theory as their prior; it stands for H_ref
+        and weighs only. Without, every galaxy moves by itself.
+    n_modes : int
+        Unknowns of the flow, 250 unless given.
+    reconstruction : VelocityGrid, optional
+        A flow that is known from the places of galaxies; the unknowns are then what it lacks.
+    reconstruction_error : float
+        How large that is, as a fraction of the flow of linear theory: 0.5 unless given.
+    density, luminosity, magnitudes
+        As for `fit.distances.calibrate`.
+    """
+
+    redshift_frame: str | None
+    flows: Literal["linear"] | LinearTheory | None
+    n_modes: int
+    reconstruction: VelocityGrid | None
+    reconstruction_error: float
+    density: Literal["volume", "fitted"] | Callable[[FloatArray], FloatArray] | None
+    luminosity: Callable[[FloatArray], FloatArray] | None
+    magnitudes: bool | None
+
+
+def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -> float:
+    """The dispersion of peculiar velocities: 750 km/s, or 150 beside the flows of linear theory. [km/s]
+
+    Parameters
+    ----------
+    peculiar_dispersion : float or None
+        As users say it.
+    options : DistanceOptions
+        Whether flows are fitted.
+
+    Raises
+    ------
+    ParameterError
+        If it holds the flows that are fitted as well.
+    """
+    flows = flow_theory(options)
+    if flows is None:
+        return WHOLE_DISPERSION if peculiar_dispersion is None else peculiar_dispersion
+    if peculiar_dispersion is None:
+        return LEFT_DISPERSION
+    if peculiar_dispersion > 1.3 * flows.sigma:
+        raise ParameterError(
+            f"with flows a dispersion of {peculiar_dispersion:g} km/s counts them twice: they are {flows.sigma:.0f} km/s in each "
+            "component by themselves, and peculiar_dispersion= is what galaxies have beside them (150 to 300; 150 unless given)"
+        )
+    return peculiar_dispersion
+
+
+def flow_theory(options: DistanceOptions) -> LinearTheory | None:
+    """The theory of the flows that are fitted.
+
+    Parameters
+    ----------
+    options : DistanceOptions
+        As users say it.
+
+    Raises
+    ------
+    ParameterError
+        If it is none.
+    """
+    flows = options.get("flows")
+    if isinstance(flows, str) and flows == "linear":
+        return PLANCK_2018
+    if flows is not None and not isinstance(flows, LinearTheory):
+        raise ParameterError(f'flows are "linear", a vsh.flows.LinearTheory or None, not {flows!r}')
+    if flows is None and options.get("reconstruction") is not None:
+        raise ParameterError('a reconstruction leaves a flow to be fitted, what it lacks: give flows="linear" as well')
+    return flows
+
+
+def parallax_equations(
+    field: Field | Parts,
+    cosmology: Cosmology | None = None,
+    *,
+    peculiar_dispersion: float | None = None,
+    ratio: float = 1.0,
+    apart: bool = False,
+    threads: int | None = None,
+    **options: Any,
+) -> ParallaxEquations | ParallaxParts:
+    """The equations of a field.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        With redshifts. Parts are gone through once for every set of sums that is asked for, and up to three times before.
+    cosmology : astropy cosmology, optional
+        Flat, Ω_m = 0.315, H0 = 67.3 unless given.
+    peculiar_dispersion : float, optional
+        By which redshifts scatter, where they are not true ones. [km/s]
+    ratio : float
+        H0/H_ref, for distances in Mpc.
+    apart : bool
+        Whether sources that have those have v as columns of their own.
+    threads : int, optional
+        How many; one a core unless given.
+    **options
+        `DistanceOptions`.
+
+    Returns
+    -------
+    ParallaxEquations, or ParallaxParts of parts
+
+    Raises
+    ------
+    FieldError
+        If a redshift is missing, not positive or below the flow.
+    """
+    unknown = set(options) - set(DistanceOptions.__annotations__)
+    if unknown:
+        raise TypeError(f"no argument is called {', '.join(sorted(unknown))}; there are {', '.join(DistanceOptions.__annotations__)}")
+    given = DistanceOptions(**options)  # type: ignore[typeddict-item]
+    cosmology = PLANCK_2013 if cosmology is None else cosmology
+    dispersion = dispersion_of(peculiar_dispersion, given)
+    calibration = calibrate(
+        field, given.get("redshift_frame"), dispersion, cosmology=cosmology, density=given.get("density"),
+        luminosity=given.get("luminosity"), magnitudes=given.get("magnitudes"), flow=_modes(field, cosmology, given),
+    )  # fmt: skip
+    grid = given.get("reconstruction")
+    if grid is not None and not isinstance(grid, VelocityGrid):
+        raise ParameterError(f"a reconstruction is a vsh.flows.VelocityGrid, not {type(grid).__name__}")
+    return equations(field, calibration, ratio=ratio, apart=apart, reconstruction=grid, threads=threads)
+
+
+def _modes(field, cosmology, options) -> FlowModes | None:
+    theory = flow_theory(options)
+    if theory is None:
+        return None
+    if options.get("reconstruction") is not None:
+        error = options.get("reconstruction_error", 0.5)
+        if not 0 < error <= 1:
+            raise ParameterError(f"a reconstruction errs by a fraction of the flow above 0, at most 1, not {error!r}")
+        theory = replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
+    low, high = as_parts(field).sum(partial(_reach, cosmology=cosmology), roles=DISTANCES, words="distances")
+    h = hubble_value(cosmology) / 100
+    # Distances given the redshift may lie beyond that of the redshift itself.
+    return flow_modes(0.5 * min(low) * h, 1.2 * max(high) * h, options.get("n_modes", 250), theory)
+
+
+def _reach(field, cosmology):
+    distance = transverse_distance(field.redshift, cosmology)
+    return [float(distance.min())], [float(distance.max())]
+
+
+def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
+    """Whether nobody says in which frame the redshifts stand.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        Of galaxies.
+    redshift_frame : str or None
+        As users say it.
+    """
+    if redshift_frame is not None:
+        return False
+    first = field if isinstance(field, Field) else next(iter(field))
+    return first.redshift is not None and first.redshift_frame is None
+
+
+def frame_note(field: Field | Parts, words: Callable[[str], str]) -> str:
+    """What is said, once, of redshifts whose frame nobody told, with what it would change.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        Of galaxies.
+    words : function
+        From the name of a frame to what would be found.
+    """
+    found = []
+    for frame in ("heliocentric", "cmb"):
+        try:
+            with np.errstate(all="ignore"):
+                found.append(f"as {frame} ones they give {words(frame)}")
+        except VshError as error:
+            found.append(f"as {frame} ones they cannot be used ({error})")
+    return (
+        "warning: nobody says in which frame the redshifts stand, so they are taken as true ones, without velocities or "
+        "errors in them. " + "; ".join(found) + ". Say which: redshift_frame= (--redshift-frame)"
+    )
+
+
+def warn_of_frame(note: str) -> None:
+    """Say a note as a warning.
+
+    Parameters
+    ----------
+    note : str
+        Of `frame_note`.
+    """
+    warn(note.removeprefix("warning: "), VshWarning, stacklevel=4)

@@ -1,0 +1,253 @@
+"""Velocities of the galaxies themselves: independent ones, correlated ones, and the flows of linear theory.
+
+A velocity is one vector: its tangential part moves a source on the sky, its radial part moves its redshift.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from sim.signal._signal import Signal
+from vsh.checks import arguments
+from vsh.checks.arguments import generator, not_negative, positive, whole
+from vsh.errors import ParameterError
+from vsh.flows import PLANCK_2018, LinearTheory, VelocityGrid, flow_modes
+from vsh.sky.sphere import triad
+from vsh.types import ArrayLike, Cosmology, FloatArray, Rng
+from vsh.units import AU_PER_YEAR
+
+#: Galaxies whose flows are drawn exactly: 3n × 3n numbers are as many as memory holds.
+_MOST_EXACT = 6000
+_BLOCK = 2048
+
+
+class Velocities:
+    """Base of signals that are velocities of the sources.
+
+    Attributes
+    ----------
+    cosmology : astropy cosmology or None
+    hubble : float or None
+        H0 in place of the cosmology's. [km/s/Mpc]
+    """
+
+    cosmology: object
+    hubble: float | None
+
+    def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tangential, (2, n), and radial, (n,), velocities of sources at distances [Mpc, for the cosmology's H0]. [km/s]
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions. [rad]
+        distance : (n,) array
+            For the cosmology's own H0. [Mpc]
+        """
+        raise NotImplementedError
+
+    def __call__(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
+        distance = distance_of(redshift, self.cosmology, self.hubble)
+        return self.velocity(lon, lat, distance)[0] / (AU_PER_YEAR * distance)
+
+    def radial(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
+        """Outward velocities, (n,). [km/s]
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions. [rad]
+        redshift : (n,) array
+            Of the expansion alone.
+        """
+        return self.velocity(lon, lat, distance_of(redshift, self.cosmology, self.hubble))[1]
+
+
+@dataclass(frozen=True)
+class Peculiar(Velocities):
+    """Random velocities [km/s], the same sky from the same seed."""
+
+    sigma: float
+    seed: int
+    length: float | None
+    cosmology: object
+    hubble: float | None
+    n_waves: int
+
+    def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        draw = np.random.default_rng(self.seed)
+        if self.length is None:
+            return self.sigma * draw.standard_normal((2, len(lon))), self.sigma * draw.standard_normal(len(lon))
+        p, q, r = triad(lon, lat)
+        numbers = draw.standard_normal((self.n_waves, 3)) / self.length
+        phases = draw.uniform(0, 2 * np.pi, self.n_waves)
+        amplitudes = draw.standard_normal((3, self.n_waves)) * self.sigma * np.sqrt(2 / self.n_waves)
+        velocity = np.empty((3, len(lon)))
+        for start in range(0, len(lon), 8192):
+            block = slice(start, start + 8192)
+            velocity[:, block] = amplitudes @ np.cos(numbers @ (r * distance)[:, block] + phases[:, None])
+        return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]), np.sum(velocity * r, 0)
+
+
+@dataclass(frozen=True)
+class LinearFlow(Velocities):
+    """The flow of linear theory, by modes and what they leave, or exactly."""
+
+    theory: LinearTheory
+    seed: int
+    cosmology: object
+    hubble: float | None
+    n_modes: int
+    exact: bool
+
+    def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        draw = np.random.default_rng(self.seed)
+        far = distance * _little_h(self.cosmology, self.hubble)
+        if self.exact:
+            if len(lon) > _MOST_EXACT:
+                raise ParameterError(f"{len(lon)} galaxies are too many to be drawn exactly: {_MOST_EXACT} at most; take exact=False")
+            root = _root(self.theory, lon.tobytes(), lat.tobytes(), far.tobytes())
+            velocity = (root @ draw.standard_normal(root.shape[0])).reshape(-1, 3).T
+            p, q, r = triad(lon, lat)
+            return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]), np.sum(velocity * r, 0)
+        # To the same limits whichever sources are asked for: the flow is one field.
+        modes = _modes(self.theory, 100.0 * 2 ** np.ceil(np.log2(max(far.max(), 50.0) / 100)), self.n_modes)
+        amplitude = draw.standard_normal(len(modes))
+        tangential, radial = np.empty((2, len(lon))), np.empty(len(lon))
+        for start in range(0, len(lon), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            across, along = modes.at(lon[part], lat[part], far[part])
+            tangential[:, part], radial[part] = across @ amplitude, along @ amplitude
+        left = [np.sqrt(each) for each in modes.left(far)]
+        tangential += left[0] * draw.standard_normal(tangential.shape)
+        return tangential, radial + left[1] * draw.standard_normal(radial.shape)
+
+
+@dataclass(frozen=True)
+class GridFlow(Velocities):
+    """Velocities from a grid."""
+
+    grid: VelocityGrid
+    frame: str
+    cosmology: object
+    hubble: float | None
+
+    def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        far = distance * _little_h(self.cosmology, self.hubble)
+        found, inside = self.grid.at(lon, lat, far, self.frame)
+        if not inside.all():
+            raise ParameterError(f"{(~inside).sum()} sources lie outside of the grid of velocities, {self.grid!r}")
+        p, q, r = triad(lon, lat)
+        return np.stack([np.sum(found * p, 0), np.sum(found * q, 0)]), np.sum(found * r, 0)
+
+
+@arguments.accepts(rng=arguments.seed, flow=arguments.a(str, LinearTheory, VelocityGrid))
+def peculiar(
+    sigma: float,
+    rng: Rng,
+    *,
+    length: float | None = None,
+    flow: str | LinearTheory | VelocityGrid | None = None,
+    exact: bool = False,
+    cosmology: Cosmology | None = None,
+    hubble: float | None = None,
+    n_waves: int = 256,
+    n_modes: int = 2000,
+    frame: str = "icrs",
+) -> Signal:
+    """Velocities of the galaxies: random ones, and the flows that they share.
+
+    They move sources, and their redshifts too where `sim.observe` is told so.
+
+    Parameters
+    ----------
+    sigma : float
+        Dispersion in each component of what is no flow; may be zero. [km/s]
+    rng : Generator or int
+        Drawn from once, here: the same signal gives the same sky again.
+    length : float, optional
+        Velocities r apart are correlated by exp(−r²/(2 length²));
+        independent unless given [Mpc]
+    flow : "linear", LinearTheory or VelocityGrid, optional
+        Add the flow of linear theory, with Planck's power spectrum or another; or a given one.
+    exact : bool
+        Draw the linear flow from the full covariance of all sources, for some thousand of them; else from `n_modes`
+        modes, and what they leave independently for each source: its covariance errs by half a per cent.
+    cosmology, hubble
+        As for `secular_parallax`.
+    n_waves : int
+        Plane waves that make up a correlated field.
+    n_modes : int
+        Modes that make up a linear flow.
+    frame : str
+        Of the positions, where velocities come from a grid.
+
+    Returns
+    -------
+    Signal
+
+    Raises
+    ------
+    ParameterError
+        If the flow is none of these.
+    """
+    length = None if length is None else positive("length", length)
+    hubble = None if hubble is None else positive("hubble", hubble)
+    seed = int(generator(rng).integers(2**63))
+    random = Peculiar(not_negative("sigma", sigma), seed, length, cosmology, hubble, whole("n_waves", n_waves))
+    if flow is None:
+        return Signal((random,))
+    shared: Velocities
+    if isinstance(flow, VelocityGrid):
+        shared = GridFlow(flow, frame, cosmology, hubble)
+    else:
+        if isinstance(flow, str):
+            if flow != "linear":
+                raise ParameterError(f'a flow is "linear", a LinearTheory or a VelocityGrid, not {flow!r}')
+            flow = PLANCK_2018
+        # A stream of its own: with a flow the random velocities are those without.
+        own = int(np.random.default_rng([seed, 1]).integers(2**63))
+        shared = LinearFlow(flow, own, cosmology, hubble, whole("n_modes", n_modes), bool(exact))
+    return Signal((random, shared) if random.sigma else (shared,))
+
+
+@lru_cache(maxsize=1)
+def _root(theory, lon, lat, far):
+    """A root of the covariance of velocities; many skies of the same galaxies share it."""
+    places = triad(np.frombuffer(lon), np.frombuffer(lat))[2] * np.frombuffer(far)
+    covariance = theory.covariance(places)
+    covariance[np.diag_indices_from(covariance)] += 1e-9 * theory.sigma**2
+    return np.linalg.cholesky(covariance)
+
+
+@lru_cache(maxsize=4)
+def _modes(theory, farthest, n_modes):
+    return flow_modes(0.0, farthest, n_modes, theory)
+
+
+def distance_of(redshift: ArrayLike, cosmology: Any, hubble: float | None) -> FloatArray:
+    """Transverse comoving distances [Mpc]; flat, Ω_m = 0.315, H0 = 67.3 unless given.
+
+    Parameters
+    ----------
+    redshift : (n,) array
+        Of the sources.
+    cosmology : astropy cosmology or None
+        The shape.
+    hubble : float or None
+        H0 in place of the cosmology's. [km/s/Mpc]
+    """
+    from vsh.cosmology import PLANCK_2013, transverse_distance  # astropy
+
+    return transverse_distance(redshift, PLANCK_2013 if cosmology is None else cosmology, hubble=hubble)
+
+
+def _little_h(cosmology, hubble):
+    """H0/100 of the distances: in Mpc/h they are the same whatever it is."""
+    from vsh.cosmology import PLANCK_2013, hubble_value
+
+    return (hubble or hubble_value(PLANCK_2013 if cosmology is None else cosmology)) / 100
