@@ -8,10 +8,9 @@ from typing import Unpack
 
 import numpy as np
 
-from fit.posterior._model import parallax_model
-from fit.posterior._priors import NoiseOptions, Priors, as_priors, checked_priors
+from fit.posterior._model import parallax_model, posterior_equations
+from fit.posterior._priors import NoiseOptions, Priors, as_priors, distances_of
 from fit.sampling import Prior
-from fit.secular_parallax import parallax_equations
 from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
@@ -155,7 +154,7 @@ def grid(
     threads : int, optional
         How many; one a core unless given.
     **noise
-        The other attributes of `Priors`, but outliers.
+        The other attributes of `Priors`, but outliers; and `fit.secular_parallax.DistanceOptions`.
 
     Returns
     -------
@@ -169,8 +168,8 @@ def grid(
     known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
     if known.outliers is not None:
         raise ParameterError("a grid has no outliers: sample the posterior")
-    rows = parallax_equations(field, cosmology)
-    given, spin = checked_priors(known, rows.frame), known.spin
+    rows, given = posterior_equations(field, known, cosmology, distances_of(dict(noise)))
+    spin = known.spin
     free = tuple(given.free)
     if len(free) > 2:
         raise ParameterError(f"a grid of {', '.join(free)} is too large: fix all but two, or sample")

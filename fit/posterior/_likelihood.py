@@ -1,11 +1,11 @@
 """The likelihood of the secular parallax, compressed: Gaussian in u = v H0/H_ref, smooth in all else.
 
-For given spread s = σ_pec H0/H_ref and excess noise x the data enter through the normal equations
-of (u, ã[, ω]) alone, from which ã and ω are marginalised exactly. What is left,
+For given spread s = σ_pec H0/H_ref, excess noise x and size q of the flow that galaxies share the data enter through
+the normal equations of (u, ã[, ω], flow) alone, from which all but u is marginalised exactly. What is left,
 
-    log L = c(s, x) − (u − û)ᵀ M (u − û)/2,
+    log L = c(s, x, q) − (u − û)ᵀ M (u − û)/2,
 
-is tabulated at Chebyshev nodes of asinh(s) and asinh(x) and interpolated; the nodes are doubled
+is tabulated at Chebyshev nodes of asinh(s), asinh(x) and asinh(q) and interpolated; the nodes are doubled
 until the table agrees with sums made between them. A sample then costs microseconds, however many the sources.
 """
 
@@ -15,9 +15,20 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
-from fit.secular_parallax import OMEGA, A, ParallaxEquations, ParallaxParts, ParallaxSums, U, check_determined
+from fit.posterior._axis import Axis
+from fit.secular_parallax import (
+    OMEGA,
+    A,
+    ParallaxEquations,
+    ParallaxParts,
+    ParallaxSums,
+    U,
+    check_determined,
+    with_acceleration,
+    with_flow,
+    without_flow,
+)
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.types import FloatArray
 from vsh.vector import Vector
@@ -27,78 +38,14 @@ _MOST_NODES = 129
 
 
 @dataclass(frozen=True, eq=False)
-class Axis:
-    """Chebyshev nodes in asinh(value/scale); a single one where low = high."""
-
-    low: float
-    high: float
-    scale: float
-    count: int
-
-    @property
-    def nodes(self) -> FloatArray:
-        """Chebyshev nodes between low and high, (k,)."""
-        if self.count == 1:
-            return np.array([self.low])
-        return self._value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
-
-    def basis(self, value: FloatArray) -> FloatArray:
-        """Chebyshev polynomials at values inside the limits, (n, count).
-
-        Parameters
-        ----------
-        value : (n,) array
-            On this axis.
-        """
-        if self.count == 1:
-            return np.ones((value.size, 1))
-        a, b = self._ends
-        return chebyshev.chebvander((2 * np.arcsinh(value / self.scale) - a - b) / (b - a), self.count - 1)
-
-    def to_coefficients(self, table: FloatArray, axis: int) -> FloatArray:
-        """From values at the nodes, along one axis of a table, to Chebyshev coefficients.
-
-        Parameters
-        ----------
-        table : array
-            Values at the nodes.
-        axis : int
-            Of the table.
-        """
-        vander = self.basis(self.nodes)
-        return np.moveaxis(np.tensordot(np.linalg.inv(vander), table, (1, axis)), 0, axis)
-
-    def finer(self) -> Axis:
-        """An axis with more nodes."""
-        return Axis(self.low, self.high, self.scale, 2 * self.count if self.count > 1 else 1)
-
-    def at(self, fraction: FloatArray) -> FloatArray:
-        """Values at fractions of the way from low to high.
-
-        Parameters
-        ----------
-        fraction : (n,) array
-            Of the way from low to high.
-        """
-        return self._value(2 * np.asarray(fraction) - 1) if self.count > 1 else np.full(len(fraction), self.low)
-
-    @property
-    def _ends(self):
-        return np.arcsinh(self.low / self.scale), np.arcsinh(self.high / self.scale)
-
-    def _value(self, t):
-        a, b = self._ends
-        return np.clip(self.scale * np.sinh((t * (b - a) + a + b) / 2), self.low, self.high)
-
-
-@dataclass(frozen=True, eq=False)
 class CompressedLikelihood:
     """The tabulated likelihood.
 
     Attributes
     ----------
-    spread, excess_noise : Axis
-    coefficients : (f, n_s, n_x) array
+    axes : tuple of Axis
+        Of s [km/s], x [µas/yr] and q.
+    coefficients : (f, n_s, n_x, n_q) array
         Chebyshev coefficients of c, û, M, and of ã's mean at
         u = 0, slope and covariance given u.
     hubble : float
@@ -106,28 +53,29 @@ class CompressedLikelihood:
     frame : str
     """
 
-    spread: Axis
-    excess_noise: Axis
+    axes: tuple[Axis, Axis, Axis]
     coefficients: FloatArray
     hubble: float
     frame: str
 
-    def __call__(self, spread: FloatArray, excess_noise: FloatArray) -> Any:
-        """c (n,), û (n, 3), M (n, 3, 3) at (n,) spreads and excess noises, inside the limits."""
-        c, peak, matrix = np.split(self._at(spread, excess_noise, slice(0, 10)), [1, 4], axis=1)
+    def __call__(self, spreads: FloatArray) -> Any:
+        """c (n,), û (n, 3), M (n, 3, 3) at spreads, excess noises and sizes of the flow, inside the limits.
+
+        Parameters
+        ----------
+        spreads : (3, n) array
+            s, x and q.
+        """
+        c, peak, matrix = np.split(self._at(spreads, slice(0, 10)), [1, 4], axis=1)
         return c[:, 0], peak, _symmetric(matrix)
 
-    def acceleration(
-        self, spread: FloatArray, excess_noise: FloatArray, u: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def acceleration(self, spreads: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest.
 
         Parameters
         ----------
-        spread : (n,) array
-            s. [km/s]
-        excess_noise : array
-            Noise beyond the catalogue's. [µas/yr]
+        spreads : (3, n) array
+            s [km/s], x [µas/yr] and q.
         u : (n, 3) array
             u. [km/s]
 
@@ -135,12 +83,53 @@ class CompressedLikelihood:
         -------
         tuple[array, array]
         """
-        mean, slope, covariance = np.split(self._at(spread, excess_noise, slice(10, 28)), [3, 12], axis=1)
+        mean, slope, covariance = np.split(self._at(spreads, slice(10, 28)), [3, 12], axis=1)
         return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _symmetric(covariance)
 
-    def _at(self, spread, excess_noise, which):
-        half = np.tensordot(self.excess_noise.basis(np.asarray(excess_noise)), self.coefficients[which], (1, 2))
-        return np.einsum("ns,nfs->nf", self.spread.basis(np.asarray(spread)), half)
+    def _at(self, spreads, which):
+        bases = [axis.basis(np.asarray(value)) for axis, value in zip(self.axes, spreads, strict=True)]
+        first = np.tensordot(bases[2], self.coefficients[which], (1, 3))  # (n, f, n_s, n_x)
+        second = np.einsum("nx,nfsx->nfs", bases[1], first)
+        return np.einsum("ns,nfs->nf", bases[0], second)
+
+
+@dataclass(frozen=True, eq=False)
+class Tabulated:
+    """What is tabulated: the functions of s, x and q.
+
+    Attributes
+    ----------
+    rows : ParallaxEquations or ParallaxParts
+    spin : None, "free" or Vector
+    acceleration : Vector or None
+    threads : int or None
+    """
+
+    rows: ParallaxEquations | ParallaxParts
+    spin: Literal["free"] | Vector | None
+    acceleration: Vector | None
+    threads: int | None
+
+    def at(self, s: FloatArray, x: FloatArray, q: FloatArray) -> FloatArray:
+        """The functions, (28, n), at n points: `marginalise` of the sums, flow and acceleration as they are known.
+
+        Parameters
+        ----------
+        s, x, q : (n,) arrays
+            [km/s], [µas/yr], and of the flow.
+        """
+        pairs, which = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
+        sums = with_acceleration(
+            self.rows.sums(*pairs, threads=self.threads), self.acceleration, self.rows.frame
+        )
+        if self.rows.modes is None:
+            return marginalise(sums, self.spin, self.rows.frame)[:, which.ravel()]
+        found = []
+        for pair, size in zip(which.ravel(), q, strict=True):
+            one = ParallaxSums(sums.matrix[pair], sums.rhs[pair], sums.chi2_null[pair], sums.logdet[pair], sums.n_data)
+            left, _ = without_flow(with_flow(one, 9, size), 9)
+            found.append(marginalise(left, self.spin, self.rows.frame))
+        return np.stack(found, axis=1)
 
 
 def compress_likelihood(
@@ -149,6 +138,8 @@ def compress_likelihood(
     excess_noise: tuple[float, float] = (0.0, 0.0),
     spin: Literal["free"] | Vector | None = None,
     *,
+    flow: tuple[float, float] = (1.0, 1.0),
+    acceleration: Vector | None = None,
     accuracy: float = 1e-5,
     threads: int | None = None,
 ) -> CompressedLikelihood:
@@ -158,11 +149,13 @@ def compress_likelihood(
     ----------
     rows : ParallaxEquations or ParallaxParts
         Its equations.
-    spread, excess_noise : pairs of float
-        Limits of s [km/s] and x [µas/yr]
+    spread, excess_noise, flow : pairs of float
+        Limits of s [km/s], x [µas/yr] and q
     spin : None, "free" or Vector
         As for `fit.secular_parallax.observer_velocity`, but that a Vector's
         covariance is a prior.
+    acceleration : Vector, optional
+        Known from elsewhere, with its covariance. [µas/yr]
     accuracy : float
         Of log L near its largest value; far below it, 1 % of the depth.
     threads : int, optional
@@ -176,21 +169,21 @@ def compress_likelihood(
         If the table does not settle.
     """
     scale = max(np.sqrt(rows.smallest_variance) / rows.largest_rate, 1e-6 * max(spread[1], 1e-30))
-    axes = [
-        Axis(*spread, scale, 1 if spread[0] == spread[1] else 12),
-        Axis(*excess_noise, float(np.sqrt(rows.smallest_variance)), 1 if excess_noise[0] == excess_noise[1] else 12),
-    ]
+    noise = float(np.sqrt(rows.smallest_variance))
+    limits = ((spread, scale), (excess_noise, noise), (flow, flow[1]))
+    axes = [Axis(*pair, size, 1 if pair[0] == pair[1] else 12) for pair, size in limits]
+    what = Tabulated(rows, spin, acceleration, threads)
     _check(rows, spread[1], excess_noise[1], spin, threads)
-    for i in (0, 1):  # each axis along the sharp edge of the other
+    for i in range(3):  # each axis along the sharp edge of the others
         edge = [Axis(axis.low, axis.low, axis.scale, 1) for axis in axes]
         while axes[i].count > 1:
             edge[i] = axes[i]
-            if _error(_table(rows, edge, spin, threads), rows, spin, threads) < accuracy:
+            if _error(_table(what, edge), what) < accuracy:
                 break
             axes[i] = _finer(axes[i])
     while True:
-        table = _table(rows, axes, spin, threads)
-        if max(axis.count for axis in axes) == 1 or _error(table, rows, spin, threads) < accuracy:
+        table = _table(what, axes)
+        if max(axis.count for axis in axes) == 1 or _error(table, what) < accuracy:
             return table
         axes = [_finer(axis) for axis in axes]
 
@@ -201,12 +194,12 @@ def _finer(axis):
     return axis.finer()
 
 
-def _table(rows, axes, spin, threads):
-    s, x = np.meshgrid(axes[0].nodes, axes[1].nodes, indexing="ij")
-    values = marginalise(rows.sums(s, x, threads=threads), spin, rows.frame)
+def _table(what, axes):
+    nodes = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
+    values = what.at(*(each.ravel() for each in nodes)).reshape(-1, *nodes[0].shape)
     for axis, each in enumerate(axes):
         values = each.to_coefficients(values, axis + 1)
-    return CompressedLikelihood(*axes, values, rows.hubble, rows.frame)
+    return CompressedLikelihood(tuple(axes), values, what.rows.hubble, what.rows.frame)
 
 
 def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
@@ -265,14 +258,15 @@ def _check(rows, spread, excess_noise, spin, threads):
     check_determined(matrix, names, rows.n_data // 2)
 
 
-def _error(table, rows, spin, threads, points=24):
+def _error(table, what, points=24):
     """The largest error of log L near its maximum, at points between the nodes, against the sums themselves."""
     t = (np.arange(points) + 0.5) / points
-    s = table.spread.at(t)
-    x = table.excess_noise.at((t * 0.6180339887 * points) % 1)  # all over the square, and the same every time
-    exact = marginalise(rows.sums(s, x, threads=threads), spin, rows.frame)
+    golden = 0.6180339887 * points
+    fractions = (t, (t * golden) % 1, (t * golden**2) % 1)  # all over the cube, and the same every time
+    spreads = np.stack([axis.at(each) for axis, each in zip(table.axes, fractions, strict=True)])
+    exact = what.at(*spreads)
     c0, peak0, m0 = exact[0], exact[1:4].T, _symmetric(exact[4:10].T)
-    c1, peak1, m1 = table(s, x)
+    c1, peak1, m1 = table(spreads)
     depth = 1 + 0.01 * (c0.max() - c0)
     shift = peak0 - peak1
     moved = np.sqrt(np.abs(np.einsum("ni,nij,nj->n", shift, m0, shift)))

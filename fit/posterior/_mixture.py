@@ -51,6 +51,8 @@ class MixtureModel:
     def __post_init__(self) -> None:
         if not (self.fraction.low >= 0 and self.fraction.high <= 1):
             raise ParameterError(f"a fraction lies between 0 and 1, not between the limits of {self.fraction}")
+        if self.rows.modes is not None or self.priors.acceleration is not None:
+            raise ParameterError("with outliers every source is for itself: neither flows nor a known acceleration can be taken")
         if self.spin not in (None, "free"):
             raise ParameterError("with outliers the spin is None or 'free': take a known one away from the field first")
 
@@ -79,7 +81,7 @@ class MixtureModel:
             total = self.priors.log(numbers) + self.fraction.log(fraction)
         good = np.isfinite(total) & (fraction > 0) & (fraction < 1)
         if good.any():
-            spread, excess_noise, ratio = self.base.spreads(numbers[good])
+            (spread, excess_noise, _), ratio = self.base.spreads(numbers[good])
             parameters = np.zeros((good.sum(), 9))
             parameters[:, :3], v = self.base.velocities(theta[good])
             parameters[:, A.start : A.start + linear.shape[1]] = linear[good]

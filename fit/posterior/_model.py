@@ -11,16 +11,26 @@ If it were fixed there, a poorly known number would determine H0 to a few per ce
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from fit.posterior._likelihood import CompressedLikelihood, compress_likelihood
-from fit.posterior._priors import ModelPriors
-from fit.secular_parallax import ParallaxEquations, ParallaxParts
+from fit.posterior._priors import ModelPriors, Priors, checked_priors
+from fit.secular_parallax import (
+    DistanceOptions,
+    ParallaxEquations,
+    ParallaxParts,
+    frame_note,
+    parallax_equations,
+    undeclared,
+    warn_of_frame,
+)
 from vsh.errors import ParameterError
-from vsh.types import FloatArray
+from vsh.field import Field
+from vsh.parts import Parts
+from vsh.types import Cosmology, FloatArray
 from vsh.vector import Vector
 
 
@@ -78,16 +88,16 @@ class ParallaxModel:
         """
         total = self.priors.log(theta[:, 3:])
         good = np.isfinite(total)
-        spread, excess_noise, ratio = self.spreads(theta[good, 3:])
+        spreads, ratio = self.spreads(theta[good, 3:])
         u, v = self.velocities(theta[good])
-        c, peak, matrix = self.likelihood(spread, excess_noise)
+        c, peak, matrix = self.likelihood(spreads)
         away = u - peak
         total[good] += c - np.einsum("ni,nij,nj->n", away, matrix, away) / 2
         total[good] += self.priors.velocity.log(v) + self.log_jacobian(ratio)
         return np.where(np.isnan(total), -np.inf, total)
 
-    def spreads(self, numbers: FloatArray) -> tuple[FloatArray, ...]:
-        """s and x of the likelihood, and H0/H_ref, from the free numbers (n, k).
+    def spreads(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """s, x and q of the likelihood, (3, n), and H0/H_ref, from the free numbers (n, k).
 
         Parameters
         ----------
@@ -102,9 +112,11 @@ class ParallaxModel:
             else np.full(ratio.shape, self.priors.peculiar_dispersion)
         )
         excess_noise = np.broadcast_to(columns.get("excess_noise", self.priors.excess_noise), ratio.shape)
-        inside = [np.clip(value, axis.low, axis.high) for value, axis in
-                  ((spread, self.likelihood.spread), (excess_noise, self.likelihood.excess_noise))]  # fmt: skip
-        return (*inside, ratio)
+        # Without a prior the flow's amplitude stands for H_ref and weighs only; with one it tells H0.
+        flow = columns["flow_amplitude"] * ratio if "flow_amplitude" in columns else np.ones(ratio.shape)
+        inside = [np.clip(value, axis.low, axis.high)
+                  for value, axis in zip((spread, excess_noise, flow), self.likelihood.axes, strict=True)]  # fmt: skip
+        return np.stack(inside), ratio
 
     def conditional(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Given the free numbers (n, k): log of the posterior with v marginalised, v's mean and covariance.
@@ -116,8 +128,8 @@ class ParallaxModel:
         numbers : (n, k) array
             The free numbers, H0 first.
         """
-        spread, excess_noise, ratio = self.spreads(numbers)
-        c, peak, matrix = self.likelihood(spread, excess_noise)
+        spreads, ratio = self.spreads(numbers)
+        c, peak, matrix = self.likelihood(spreads)
         prior = self.priors.velocity
         data = matrix * ratio[:, None, None] ** 2
         pull = np.einsum("nij,nj->ni", matrix, peak) * ratio[:, None] + prior.precision @ prior.mean
@@ -177,11 +189,11 @@ class ParallaxModel:
 
     def _draw(self, rng, numbers):
         """The first three coordinates given the rest, and the log-density they were drawn with."""
-        spread, excess_noise, ratio = self.spreads(numbers)
+        spreads, ratio = self.spreads(numbers)
         if self.priors.velocity.gaussian:
             _, mean, covariance = self.conditional(numbers)
         else:
-            _, mean, matrix = self.likelihood(spread, excess_noise)
+            _, mean, matrix = self.likelihood(spreads)
             mean, covariance = mean / ratio[:, None], np.linalg.inv(matrix) / ratio[:, None, None] ** 2
         if self.along == "u":
             mean, covariance = mean * ratio[:, None], covariance * ratio[:, None, None] ** 2
@@ -201,11 +213,11 @@ class ParallaxModel:
             The source of all randomness.
         """
         numbers = theta[:, 3:]
-        spread, excess_noise, _ = self.spreads(numbers)
+        spreads, _ = self.spreads(numbers)
         u, v = self.velocities(theta)
         samples = dict(zip(("v_x", "v_y", "v_z"), v.T)) | {"speed": np.linalg.norm(v, axis=1)}
         samples |= dict(zip(self.priors.free, numbers.T))
-        mean, covariance = self.likelihood.acceleration(spread, excess_noise, u)
+        mean, covariance = self.likelihood.acceleration(spreads, u)
         a = mean + np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.standard_normal(mean.shape))
         return samples | dict(zip(("a_x", "a_y", "a_z"), a.T))
 
@@ -229,17 +241,60 @@ def parallax_model(
     threads : int, optional
         How many; one a core unless given.
     """
-    spread = given.limits("peculiar_dispersion")
+    spread, flow = given.limits("peculiar_dispersion"), (1.0, 1.0)
+    slow, fast = (each / rows.hubble for each in given.limits("H0"))
     if "peculiar_dispersion" in given.free:
-        (low, high), (slow, fast) = spread, given.limits("H0")
-        spread = low * slow / rows.hubble, high * fast / rows.hubble
-    table = compress_likelihood(rows, spread, given.limits("excess_noise"), spin, threads=threads)
+        spread = spread[0] * slow, spread[1] * fast
+    if "flow_amplitude" in given.free:
+        if rows.modes is None:
+            raise ParameterError('an amplitude of the flow needs a flow: flows="linear"')
+        low, high = given.limits("flow_amplitude")
+        flow = max(low, 1e-3) * slow, high * fast
+    table = compress_likelihood(
+        rows, spread, given.limits("excess_noise"), spin, flow=flow, acceleration=given.acceleration, threads=threads
+    )
     return ParallaxModel(table, given, "v" if _is_known(given.velocity, table) else "u")
+
+
+def posterior_equations(
+    field: Field | Parts, priors: Priors, cosmology: Cosmology | None, distances: DistanceOptions
+) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
+    """The equations of a catalogue, and the priors along its axes.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        With redshifts.
+    priors : Priors
+        As users say it.
+    cosmology : astropy cosmology or None
+        The shape of the distance.
+    distances : DistanceOptions
+        How distances follow from redshifts.
+
+    Raises
+    ------
+    ParameterError
+        If sources have distances in Mpc.
+    """
+    first = field if isinstance(field, Field) else next(iter(field))
+    given = checked_priors(priors, first.frame, distances)
+    rows = parallax_equations(field, cosmology, peculiar_dispersion=given.typical_dispersion, **distances)
+    if rows.n_own:
+        raise ParameterError(
+            f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes redshifts "
+            "alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
+        )
+    if undeclared(field, distances.get("redshift_frame")):
+        note = frame_note(field, None)
+        warn_of_frame(note)
+        rows = replace(rows, notes=(note, *rows.notes))
+    return rows, given
 
 
 def _is_known(velocity, table):
     """Whether the prior on the velocity says more than the data, where they say most."""
     if not (velocity.gaussian and velocity.proper):
         return False
-    _, _, matrix = table(np.array([table.spread.low]), np.array([table.excess_noise.low]))
+    _, _, matrix = table(np.array([[axis.low] for axis in table.axes]))
     return np.trace(np.linalg.inv(velocity.precision)) < np.trace(np.linalg.inv(matrix[0]))

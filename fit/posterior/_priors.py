@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal
 
 import numpy as np
 
 from fit.posterior._velocity_prior import VelocityPrior, velocity_prior
 from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube
+from fit.secular_parallax import DistanceOptions, dispersion_of
 from vsh.errors import ParameterError
 from vsh.types import FloatArray
 from vsh.vector import Vector
@@ -21,14 +22,30 @@ HUBBLE_LIMITS = 1.0, 1000.0
 _HUBBLE_PRIORS: dict[str, Prior] = {"planck": PLANCK_HUBBLE, "flat": Flat(0.0)}
 
 
-class NoiseOptions(TypedDict, total=False):
-    """What `Priors` holds besides the velocity and H0: keywords of `sample` and `grid`."""
+class NoiseOptions(DistanceOptions, total=False):
+    """What `Priors` holds besides the velocity and H0, and how distances follow: keywords of `sample` and `grid`."""
 
     peculiar_dispersion: float | Prior
+    flow_amplitude: Prior | tuple[float, float]
+    acceleration: Vector | None
     excess_noise: float | Prior
     spin: Literal["free"] | Vector | None
     outliers: Prior | tuple[float, float] | None
     outlier_width: float | None
+
+
+_DISTANCES = frozenset(DistanceOptions.__annotations__)
+
+
+def distances_of(options: dict[str, Any]) -> DistanceOptions:
+    """Those of the keywords that say how distances follow from redshifts.
+
+    Parameters
+    ----------
+    options : dict
+        Of `sample` or `grid`.
+    """
+    return DistanceOptions(**{name: value for name, value in options.items() if name in _DISTANCES})  # type: ignore[typeddict-item]
 
 
 @dataclass(frozen=True)
@@ -43,10 +60,17 @@ class Priors:
         comes back. A function takes velocities (n, 3) along the field's axes and returns log-densities (n,).
     hubble : "planck", "flat", (mean, σ), Flat, Normal or Density
         [km/s/Mpc] "flat" has no upper limit; the chain stays below 1000.
-    peculiar_dispersion : float or prior
-        Dispersion of peculiar velocities in each component. [km/s] Fixed, it enters the weights
+    peculiar_dispersion : float or prior, optional
+        Dispersion of peculiar velocities in each component, beside the flow where one is fitted: 750 unless given, 150
+        with flows. [km/s] Fixed, it enters the weights
         alone, for the cosmology's H0; with a prior, the scatter of the galaxies bears on the product of
-        dispersion and H0, and so, as far as the dispersion is known, on H0.
+        dispersion and H0, and so, as far as the dispersion is known, on H0. Redshifts scatter by it, or by the prior's
+        mean.
+    flow_amplitude : prior, optional
+        On the size of the flow, one for the theory's own fσ8. The flow that is seen then bears on H0; without, its
+        amplitudes stand for the cosmology's H0 and weigh only.
+    acceleration : Vector, optional
+        Known from elsewhere, from quasars say; free unless given. [µas/yr]
     excess_noise : float or prior
         Noise beyond the catalogue's in each component, fixed or free. [µas/yr]
     spin : None, "free" or Vector
@@ -59,9 +83,11 @@ class Priors:
 
     velocity: str | Vector | Callable[[FloatArray], FloatArray] = "planck"
     hubble: str | tuple[float, float] | Prior = "flat"
-    peculiar_dispersion: float | Prior = 750.0
+    peculiar_dispersion: float | Prior | None = None
     excess_noise: float | Prior = 0.0
     spin: Literal["free"] | Vector | None = None
+    flow_amplitude: Prior | tuple[float, float] | None = None
+    acceleration: Vector | None = None
     outliers: Prior | tuple[float, float] | None = None
     outlier_width: float | None = None
 
@@ -91,7 +117,7 @@ def as_priors(
         If both ways were used at once.
     """
     single = {"velocity": velocity_prior, "hubble": hubble_prior} | options
-    single = {name: value for name, value in single.items() if value is not None}
+    single = {name: value for name, value in single.items() if value is not None and name not in _DISTANCES}
     if priors is None:
         unknown = set(single) - set(Priors.__dataclass_fields__)
         if unknown:
@@ -100,6 +126,10 @@ def as_priors(
     if single or not isinstance(priors, Priors):
         raise ParameterError("give either priors=Priors(…), or priors one by one")
     return priors
+
+
+#: What may be fixed or free besides the velocity and H0.
+_NUMBERS = ("peculiar_dispersion", "excess_noise", "flow_amplitude")
 
 
 @dataclass(frozen=True)
@@ -114,12 +144,18 @@ class ModelPriors:
         Of H0. [km/s/Mpc]
     peculiar_dispersion, excess_noise : float or prior
         Fixed (the dispersion then for H_ref), or free.
+    flow_amplitude : float or prior
+        One, for H_ref; or free.
+    acceleration : Vector or None
+        Known from elsewhere. [µas/yr]
     """
 
     velocity: VelocityPrior
     hubble: Prior
     peculiar_dispersion: float | Prior
     excess_noise: float | Prior
+    flow_amplitude: float | Prior = 1.0
+    acceleration: Vector | None = None
 
     @property
     def free(self) -> dict[str, Prior]:
@@ -166,18 +202,27 @@ class ModelPriors:
         return total
 
     def _named(self):
-        return {"H0": self.hubble, "peculiar_dispersion": self.peculiar_dispersion, "excess_noise": self.excess_noise}
+        return {"H0": self.hubble} | {name: getattr(self, name) for name in _NUMBERS}
+
+    @property
+    def typical_dispersion(self) -> float:
+        """The dispersion of peculiar velocities, or the mean of its prior. [km/s]"""
+        prior = self.peculiar_dispersion
+        if isinstance(prior, float):
+            return prior
+        low, high = self.limits("peculiar_dispersion")
+        return prior.mean if isinstance(prior, Normal) else (low + high) / 2
 
     def describe(self) -> dict[str, str]:
         """Every digit of them, for the fingerprint of a chain."""
         return {"velocity": self.velocity.name} | {
-            name: repr(getattr(self, name)) for name in ("hubble", "peculiar_dispersion", "excess_noise")
+            name: repr(getattr(self, name)) for name in ("hubble", *_NUMBERS, "acceleration")
         }
 
     def in_words(self) -> dict[str, str]:
         """For reports."""
         return {"velocity": self.velocity.words or self.velocity.name} | {
-            name: _in_words(getattr(self, name)) for name in ("hubble", "peculiar_dispersion", "excess_noise")
+            name: _in_words(getattr(self, name)) for name in ("hubble", *_NUMBERS)
         }
 
 
@@ -190,7 +235,7 @@ def _in_words(prior):
     return f"{prior:g}" if isinstance(prior, float) else repr(prior)
 
 
-def checked_priors(priors: Priors, frame: str) -> ModelPriors:
+def checked_priors(priors: Priors, frame: str, distances: DistanceOptions | None = None) -> ModelPriors:
     """Priors as users give them, checked: ModelPriors.
 
     Parameters
@@ -199,6 +244,8 @@ def checked_priors(priors: Priors, frame: str) -> ModelPriors:
         As users say it.
     frame : str
         Of the axes of the data.
+    distances : DistanceOptions, optional
+        Whether flows are fitted.
 
     Raises
     ------
@@ -219,11 +266,18 @@ def checked_priors(priors: Priors, frame: str) -> ModelPriors:
             'would dominate it. Take velocity_prior="flat-product" (flat in v · H0: the prior on H0 comes '
             "back), or give H0 a lower limit, Normal(mean, sigma, low=…) or Flat(low, high)"
         )
+    dispersion = priors.peculiar_dispersion
+    if dispersion is None or isinstance(dispersion, (int, float, np.number)):
+        fixed = None if dispersion is None else _number_or_prior(dispersion, "peculiar_dispersion")
+        dispersion = dispersion_of(fixed, distances or {})
+    amplitude = priors.flow_amplitude
     return ModelPriors(
         velocity,
         hubble,
-        _number_or_prior(priors.peculiar_dispersion, "peculiar_dispersion"),
+        _number_or_prior(dispersion, "peculiar_dispersion"),
         _number_or_prior(priors.excess_noise, "excess_noise"),
+        1.0 if amplitude is None else as_prior(amplitude, "flow_amplitude"),
+        priors.acceleration,
     )
 
 

@@ -8,11 +8,11 @@ from typing import Any, Unpack
 import numpy as np
 
 from fit.posterior._mixture import MixtureModel
-from fit.posterior._model import parallax_model
+from fit.posterior._model import parallax_model, posterior_equations
 from fit.posterior._posterior import Posterior
-from fit.posterior._priors import NoiseOptions, Priors, as_priors, checked_priors
+from fit.posterior._priors import NoiseOptions, Priors, as_priors, distances_of
 from fit.sampling import Prior, Run, as_prior, check_writable, fingerprint
-from fit.secular_parallax import ParallaxEquations, parallax_equations
+from fit.secular_parallax import ParallaxEquations
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.errors import ParameterError
@@ -69,7 +69,8 @@ def sample(
     save_every : float
         Seconds between checkpoints, at least.
     **noise
-        The other attributes of `Priors`: peculiar_dispersion, excess_noise, spin, outliers, outlier_width.
+        The other attributes of `Priors`: peculiar_dispersion, flow_amplitude, acceleration, excess_noise, spin,
+        outliers, outlier_width; and `fit.secular_parallax.DistanceOptions`: redshift_frame, flows, …
 
     Returns
     -------
@@ -90,13 +91,9 @@ def sample(
     ten of them from mode to mode (ter Braak 2006).
     """
     known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
-    rows = parallax_equations(field, cosmology)
-    given, spin, outliers, outlier_width = (
-        checked_priors(known, rows.frame),
-        known.spin,
-        known.outliers,
-        known.outlier_width,
-    )
+    distances = distances_of(dict(noise))
+    rows, given = posterior_equations(field, known, cosmology, distances)
+    spin, outliers, outlier_width = known.spin, known.outliers, known.outlier_width
     model: Any = parallax_model(rows, given, spin, threads)
     if outliers is not None:
         if not isinstance(rows, ParallaxEquations):
@@ -117,7 +114,7 @@ def sample(
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
         identity = fingerprint(_data(field, rows), f"{rows.n_data // 2} sources, {rows.frame}", given.describe() | {
             "cosmology": repr(cosmology), "spin": spin_said, "outliers": repr(outliers),
-            "outlier width": str(outlier_width), "walkers": str(n_walkers), "seed": str(seed),
+            "outlier width": str(outlier_width), "distances": repr(distances), "walkers": str(n_walkers), "seed": str(seed),
         })  # fmt: skip
         run.resume_from(checkpoint, identity)
     chain, log_probability = run.run()
@@ -127,6 +124,7 @@ def sample(
 def _data(field, rows):
     """The arrays that tell one catalogue from another: of the field, or the sums of its parts."""
     if isinstance(field, Field):
-        return [getattr(field, name) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")]
+        known = [getattr(field, name) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")]
+        return [*known, *(getattr(rows, name) for name in ("motion", "variance", "rate", "left"))]
     sums = rows.sums()
     return [sums.matrix, sums.rhs, sums.chi2_null, sums.logdet]

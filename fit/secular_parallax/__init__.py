@@ -13,7 +13,14 @@ from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._forecast import predict
 from fit.secular_parallax._known import with_acceleration, with_flow, without_flow
 from fit.secular_parallax._parts import ParallaxParts
-from fit.secular_parallax._setup import DistanceOptions, parallax_equations
+from fit.secular_parallax._setup import (
+    DistanceOptions,
+    dispersion_of,
+    frame_note,
+    parallax_equations,
+    undeclared,
+    warn_of_frame,
+)
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 
 __all__ = [
@@ -29,10 +36,14 @@ __all__ = [
     "U",
     "VelocitySolution",
     "check_determined",
+    "dispersion_of",
+    "frame_note",
     "hubble_constant",
     "observer_velocity",
     "parallax_equations",
     "predict",
+    "undeclared",
+    "warn_of_frame",
     "with_acceleration",
     "with_flow",
     "without_flow",

@@ -39,6 +39,7 @@ def predict(
     tuple[VelocitySolution, HubbleSolution]
     """
     still = Field.without_motions(sources, sigma)
+    options = {"redshift_frame": still.redshift_frame or "true"} | options
     still = still.minus(still.motion)
     ours = observer_velocity(still, hubble, **options)
     constant = hubble_constant(still, velocity, hubble=hubble, **options)

@@ -146,7 +146,7 @@ def parallax_equations(
     """
     unknown = set(options) - set(DistanceOptions.__annotations__)
     if unknown:
-        raise TypeError(f"no argument is called {', '.join(sorted(unknown))}; there are {', '.join(DistanceOptions.__annotations__)}")
+        raise ParameterError(f"no argument is called {', '.join(sorted(unknown))}; there are {', '.join(DistanceOptions.__annotations__)}")
     given = DistanceOptions(**options)  # type: ignore[typeddict-item]
     cosmology = PLANCK_2013 if cosmology is None else cosmology
     dispersion = dispersion_of(peculiar_dispersion, given)
@@ -196,18 +196,18 @@ def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
     return first.redshift is not None and first.redshift_frame is None
 
 
-def frame_note(field: Field | Parts, words: Callable[[str], str]) -> str:
+def frame_note(field: Field | Parts, words: Callable[[str], str] | None) -> str:
     """What is said, once, of redshifts whose frame nobody told, with what it would change.
 
     Parameters
     ----------
     field : Field or Parts
         Of galaxies.
-    words : function
+    words : function or None
         From the name of a frame to what would be found.
     """
-    found = []
-    for frame in ("heliocentric", "cmb"):
+    found = ["what it would change fit.secular_parallax.observer_velocity tells"] if words is None else []
+    for frame in () if words is None else ("heliocentric", "cmb"):
         try:
             with np.errstate(all="ignore"):
                 found.append(f"as {frame} ones they give {words(frame)}")

@@ -163,7 +163,7 @@ def test_sources_without_redshift_are_counted_over_all_parts():
     z = FIELD.redshift.copy()
     z[:1200] = np.nan  # two parts have none at all
     z[1200] = -1.0
-    blind = Field(FIELD.lon, FIELD.lat, FIELD.motion, FIELD.sigma, FIELD.rho, redshift=z)
+    blind = Field(FIELD.lon, FIELD.lat, FIELD.motion, FIELD.sigma, FIELD.rho, redshift=z, redshift_frame="true")
     parts = as_parts([blind[:1], blind[1:1200], blind[1200:1900], blind[1900:]])
     found = binned(parts, 1, [0.0, 1.0, 3.0])
     assert "left out 1201 sources without a usable redshift: 1200 missing, 1 zero or negative" in found.notes

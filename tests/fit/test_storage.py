@@ -33,6 +33,8 @@ def results():
         "velocity": observer_velocity(galaxies, 67.3, spin=spin),
         "velocity and spin": observer_velocity(galaxies, 67.3, spin="free"),
         "hubble": hubble_constant(galaxies, PLANCK_2018),
+        "velocity and flow": observer_velocity(galaxies, 67.3, flows="linear", n_modes=30),
+        "flow": observer_velocity(galaxies, 67.3, flows="linear", n_modes=30).flow,
         "velocity to come": fit.secular_parallax.predict(galaxies)[0],
         "hubble to come": fit.secular_parallax.predict(galaxies)[1],
         "bins": binned(binning, 2, 2),
@@ -55,7 +57,7 @@ def results():
 
 
 NAMES = (
-    *("solution", "clipped", "prediction", "frame", "velocity", "velocity and spin", "hubble", "bins", "common"),
+    *("solution", "clipped", "prediction", "frame", "velocity", "velocity and spin", "hubble", "bins", "common", "velocity and flow", "flow"),
     *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
     *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),
 )

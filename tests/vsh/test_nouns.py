@@ -25,7 +25,7 @@ def dropped_field(seed=1, rows=300):
     bad = np.zeros(rows)
     bad[seed % rows] = np.nan
     return Field.from_columns(np.degrees(field.lon), np.degrees(field.lat), field.motion[0] / 1000 + bad, field.motion[1] / 1000,
-                              field.sigma[0] / 1000, field.sigma[1] / 1000, redshift=field.redshift, on_bad="drop")  # fmt: skip
+                              field.sigma[0] / 1000, field.sigma[1] / 1000, redshift=field.redshift, redshift_frame="true", on_bad="drop")  # fmt: skip
 
 
 FIELD = dropped_field()

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import nonuniform
@@ -49,7 +51,7 @@ def test_plans_side_by_side():
 def test_predicted_velocity_and_hubble():
     galaxies = sim.galaxies(500, rng=1)
     velocity, hubble = predict_parallax(galaxies, 70.0, sigma=5.0, peculiar_dispersion=300.0)
-    field = Field.without_motions(galaxies, 5.0)
+    field = replace(Field.without_motions(galaxies, 5.0), redshift_frame="true")
     np.testing.assert_allclose(velocity.sigma, observer_velocity(field, 70.0, peculiar_dispersion=300.0).sigma)
     assert hubble.hubble_error == pytest.approx(
         hubble_constant(field, "planck", peculiar_dispersion=300.0, hubble=70.0).hubble_error, rel=1e-3

@@ -186,7 +186,7 @@ def test_every_column_is_in_the_fingerprint(field, column, tmp_path):
     """A survivor of deliberate breaks: redshift out of the fingerprint."""
     columns = {name: np.array(getattr(field, name)) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")}
     columns[column] = columns[column] + 1e-9
-    sample(type(field)(**columns), **COMMON, checkpoint=tmp_path / "one.npz")
+    sample(type(field)(**columns, redshift_frame="true"), **COMMON, checkpoint=tmp_path / "one.npz")
     with pytest.raises(CheckpointError, match="data: there"):
         sample(field, **COMMON, checkpoint=tmp_path / "one.npz")
 
