@@ -1,10 +1,10 @@
 """What a redshift and a magnitude tell of a distance, when redshifts hold velocities and errors."""
 
-from fit.distances._calibration import Calibration, calibrate
+from fit.distances._calibration import Calibration, calibrate, calibrate_if_known
 from fit.distances._density import SourceDensity
 from fit.distances._errors import ErrorsByRedshift
 from fit.distances._luminosity import LuminosityFunction
-from fit.distances._moments import InverseDistances, inverse_distances
+from fit.distances._moments import InverseDistances, inverse_distances, mean_rates
 
 __all__ = [
     "Calibration",
@@ -13,5 +13,7 @@ __all__ = [
     "LuminosityFunction",
     "SourceDensity",
     "calibrate",
+    "calibrate_if_known",
     "inverse_distances",
+    "mean_rates",
 ]

@@ -13,8 +13,8 @@ from scipy.interpolate import make_interp_spline
 from fit.distances._density import GivenDensity, SourceDensity, fit_density, redshift_counts
 from fit.distances._errors import ErrorsByRedshift, errors_by_redshift, variance_sums
 from fit.distances._luminosity import MODULI, LuminosityFunction, fit_luminosity, magnitude_counts
-from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, count_unusable, to_cmb, transverse_distance, usable
-from vsh.errors import FieldError, ParameterError
+from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, count_unusable, to_cmb, transverse_distance, usable, with_redshift
+from vsh.errors import FieldError, NothingLeftError, ParameterError
 from vsh.field import Field
 from vsh.flows import FlowModes
 from vsh.parts import DISTANCES, Parts, as_parts
@@ -219,6 +219,38 @@ def calibrate(
             "magnitudes they would be surer"
         )
     return replace(bare, density=_density(density, use, facts["counts"], rms, bare, (least, most)), notes=tuple(notes))
+
+
+def calibrate_if_known(
+    field: Field | Parts, redshift_frame: str | None, dispersion: float | None
+) -> Calibration | None:
+    """A calibration where somebody says in which frame redshifts stand; None where nobody does, or they are true ones.
+
+    Magnitudes are used where all sources have one.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        With redshifts; those that cannot be used are left out.
+    redshift_frame : str or None
+        As for `calibrate`.
+    dispersion : float or None
+        As for `calibrate`; 750 unless given.
+    """
+    sky = as_parts(field)
+    frame = check_redshift_frame(redshift_frame or _frame_of(sky) or TRUE)
+    if frame == TRUE:
+        return None
+    usable_ones = sky.map(with_redshift)
+    try:
+        known, n = usable_ones.sum(_magnitudes, roles=DISTANCES, words="magnitudes")
+    except NothingLeftError:  # no source is beyond the flow
+        return None
+    return calibrate(usable_ones, frame, 750.0 if dispersion is None else dispersion, magnitudes=bool(known == n))
+
+
+def _magnitudes(field):
+    return np.array([0 if field.magnitude is None else np.isfinite(field.magnitude).sum(), len(field)])
 
 
 def _density(density, use, counts, rms, calibration, limits):

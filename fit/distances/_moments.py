@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fit.distances._calibration import Calibration
-from vsh.cosmology import FLOW_LIMIT, transverse_distance
+from vsh.cosmology import FLOW_LIMIT, transverse_distance, usable
 from vsh.field import Field
 from vsh.system.parallel import map_blocks
 from vsh.types import FloatArray
@@ -103,6 +103,26 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
         )
         slope[own] = 0.0
     return InverseDistances(mean, variance, slope, own, redshift)
+
+
+def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
+    """The motion that 1 km/s gives to each source, (n,), on average; nothing within the flow. [µas/yr per km/s]
+
+    Parameters
+    ----------
+    field : Field
+        With redshifts, none missing.
+    calibration : Calibration or None
+        Of its catalogue; redshifts are true ones without.
+    """
+    assert field.redshift is not None
+    far, rate = usable(field.redshift), np.zeros(len(field))
+    if far.any():
+        if calibration is None:
+            rate[far] = 1 / (AU_PER_YEAR * transverse_distance(field.redshift[far]))
+        else:
+            rate[far] = inverse_distances(field[far], calibration).mean
+    return rate
 
 
 def _by_redshift(calibration, x, spread, magnitude):

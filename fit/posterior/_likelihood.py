@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.posterior._axis import Axis
+from fit.sampling import Axis
 from fit.secular_parallax import (
     OMEGA,
     A,

@@ -118,7 +118,7 @@ class ParallaxModel:
                   for value, axis in zip((spread, excess_noise, flow), self.likelihood.axes, strict=True)]  # fmt: skip
         return np.stack(inside), ratio
 
-    def conditional(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def conditional(self, numbers: FloatArray, with_priors: bool = True) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Given the free numbers (n, k): log of the posterior with v marginalised, v's mean and covariance.
 
         For Gaussian (and flat) priors on the velocity, exactly.
@@ -127,6 +127,8 @@ class ParallaxModel:
         ----------
         numbers : (n, k) array
             The free numbers, H0 first.
+        with_priors : bool
+            Whether the log holds their priors, which are nothing beyond their limits.
         """
         spreads, ratio = self.spreads(numbers)
         c, peak, matrix = self.likelihood(spreads)
@@ -142,7 +144,7 @@ class ParallaxModel:
             log += np.linalg.slogdet(prior.precision)[1] / 2
         if prior.in_product:
             log += 3 * np.log(ratio)
-        return self.priors.log(numbers) + log, mean, covariance
+        return (self.priors.log(numbers) + log if with_priors else log), mean, covariance
 
     def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
         """Coordinates of walkers, spread over the posterior, (walkers, d).
@@ -289,6 +291,8 @@ def posterior_equations(
         note = frame_note(field, None)
         warn_of_frame(note)
         rows = replace(rows, notes=(note, *rows.notes))
+    if rows.modes is not None:
+        given = replace(given, flows=f"{len(rows.modes)} modes of {rows.modes.theory.name}")
     return rows, given
 
 

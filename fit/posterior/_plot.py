@@ -53,8 +53,22 @@ def plot_corner(posterior: Any, names: Sequence[str] | None = None) -> Figure:
         color="#0b5394", plot_datapoints=False, smooth=1.0, bins=30, max_n_ticks=4,
     )  # fmt: skip
     figure.subplots_adjust(left=0.1, bottom=0.1)  # else corner cuts the labels off
+    _draw_prior(figure, posterior, names)
     figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right", fontsize=13)
     return figure
+
+
+def _draw_prior(figure, posterior, names):
+    """The prior on H0 over the histogram of its samples."""
+    model = getattr(posterior, "model", None)
+    if model is None or "H0" not in names:
+        return
+    place = list(names).index("H0")
+    axes = np.array(figure.axes).reshape(len(names), len(names))[place, place]
+    x = np.linspace(*axes.get_xlim(), 200)
+    density = np.exp(model.priors.hubble.log(x))
+    if density.max() > 0:
+        axes.plot(x, density / density.max() * 0.9 * axes.get_ylim()[1], color="#c55a11", linestyle="--", linewidth=1)
 
 
 def plot_trace(posterior: Any, n_shown: int = 40) -> Figure:

@@ -148,6 +148,8 @@ class ModelPriors:
         One, for H_ref; or free.
     acceleration : Vector or None
         Known from elsewhere. [µas/yr]
+    flows : str
+        In words.
     """
 
     velocity: VelocityPrior
@@ -156,6 +158,7 @@ class ModelPriors:
     excess_noise: float | Prior
     flow_amplitude: float | Prior = 1.0
     acceleration: Vector | None = None
+    flows: str = "none that galaxies share"
 
     @property
     def free(self) -> dict[str, Prior]:
@@ -221,7 +224,7 @@ class ModelPriors:
 
     def in_words(self) -> dict[str, str]:
         """For reports."""
-        return {"velocity": self.velocity.words or self.velocity.name} | {
+        return {"velocity": self.velocity.words or self.velocity.name, "flows": self.flows} | {
             name: _in_words(getattr(self, name)) for name in ("hubble", *_NUMBERS)
         }
 

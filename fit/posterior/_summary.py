@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fit.posterior._sensitivity import sensitivity_lines
 from fit.storage import Result, words
 from vsh import tables
 from vsh.checks.arrays import float_array
@@ -194,7 +195,9 @@ def text_of(posterior: Any) -> str:
         f"chain          {steps} steps of {walkers} walkers = {steps / slowest:.0f} autocorrelation times",
         f"               {len(posterior.samples['H0'])} samples kept after burn-in and thinning",
     ]
-    return "\n".join([*lines, *table_lines(posterior), *_at_limits(posterior)])
+    samples = posterior.samples
+    lines += [*table_lines(posterior), *_at_limits(posterior), *_product(samples), *sensitivity_lines(posterior.model, samples)]
+    return "\n".join(lines)
 
 
 def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
@@ -213,12 +216,15 @@ def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
         if dispersion.replace(".", "").isdigit()
         else "free: the scatter bears on its product with H0"
     )
+    flow = priors.get("flow_amplitude", "1")
     return [
         f"Posterior ({frame} axes, velocity toward the apex)",
         f"priors         velocity: {priors['velocity']}",
         f"               H0: {priors['hubble']} km/s/Mpc",
         f"               peculiar velocities: dispersion {dispersion} km/s ({fixed})",
+        f"               flows: {priors.get('flows', 'none that galaxies share')}",
         f"               excess noise: {priors['excess_noise']} µas/yr",
+        *([] if flow == "1" else [f"               amplitude of the flow: {flow} (the flow bears on H0)"]),
     ]
 
 
@@ -237,6 +243,20 @@ def table_lines(found: SampleResult) -> list[str]:
             f"{row.high95:9.4g}  {UNITS[name]}"
         )
     return lines
+
+
+def _product(samples, wide=1 / 3):
+    """v · H0, and one-sided limits of H0, where its error is too large for a ±."""
+    hubble = samples["H0"]
+    low, middle, high = np.percentile(hubble, [5, 50, 95])
+    if np.std(hubble) < wide * middle:
+        return []
+    product = np.percentile(samples["speed"] * hubble, [50, 15.865525, 84.134475])
+    return [
+        "H0 is known to no better than a third: what the motions tell is",
+        f"v · H0            {product[0]:10.4g}{product[1]:11.4g} …{product[2]:9.4g}  (km/s)²/Mpc",
+        f"H0                below {high:.4g} with 95 %, above {low:.4g} with 95 % (one-sided)  km/s/Mpc",
+    ]
 
 
 def _at_limits(posterior, near=0.02, share=1e-3):

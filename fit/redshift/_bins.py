@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from fit.distances import calibrate_if_known, mean_rates
 from fit.normal import NormalEquations, normal_equations
 from fit.redshift._solution import BinnedSolution
 from fit.solution import Solution
@@ -15,11 +16,12 @@ from fit.solve import solve
 from vsh import Coefficients, Field
 from vsh.checks import arguments, arrays
 from vsh.checks.notes import merge_notes, spoken
-from vsh.cosmology import FLOW_LIMIT, usable, with_redshift
+from vsh.cosmology import usable, with_redshift
 from vsh.errors import DegeneracyError, NothingLeftError, ParameterError
 from vsh.modes import Modes, as_modes
 from vsh.parts import Parts, added, as_parts, fields_or_parts, weighted_quantiles
 from vsh.types import ArrayLike, FloatArray
+from vsh.units import AU_PER_YEAR
 
 
 @arguments.accepts(field=fields_or_parts)
@@ -29,6 +31,8 @@ def binned(
     edges: ArrayLike | int,
     *,
     shared_higher_degrees: bool = False,
+    redshift_frame: str | None = None,
+    peculiar_dispersion: float | None = None,
     threads: int | None = None,
 ) -> BinnedSolution:
     """Fit the same modes in bins of redshift.
@@ -36,13 +40,19 @@ def binned(
     Parameters
     ----------
     field : Field, Parts or iterable of Fields
-        Parts are gone through once where the edges are given, three times otherwise. Sources without a usable redshift are left out; a note counts and names them.
+        Parts are gone through once where the edges are given, three times otherwise, and twice more where somebody says
+        in which frame redshifts stand (of a stream, they are taken as true ones). Sources without a usable redshift are left out; a note counts and names them.
     modes : Modes, or the degree lmax
         What to fit.
     edges : (B + 1,) array, or int
         Rising; or the number of bins, of equal information. A bin holds z_low ≤ z < z_high.
     shared_higher_degrees : bool
         Fit one set of coefficients above degree 1 to all bins.
+    redshift_frame : str, optional
+        "heliocentric", "cmb", "local-group", or "true" as redshifts are taken where nobody says it; the field's own
+        unless given. It bears on the mean of 1/d of each bin, not on which sources a bin holds.
+    peculiar_dispersion : float, optional
+        By which redshifts scatter, where they are not true ones: 750 unless given. [km/s]
     threads : int, optional
         How many; one a core unless given.
 
@@ -76,7 +86,9 @@ def binned(
         )
     bins = len(edges) - 1
     found: dict[Any, Any]
-    work = partial(_by_bin, edges=edges, modes=modes, threads=threads)
+    whole = isinstance(field, Field | Parts)
+    calibration = calibrate_if_known(field, redshift_frame, peculiar_dispersion) if whole else None
+    work = partial(_by_bin, edges=edges, modes=modes, calibration=calibration, threads=threads)
     if isinstance(field, Parts):
         found = field.sum(work, roles=("redshift",), words="bins of redshift")
     else:
@@ -107,7 +119,7 @@ def binned(
     )
 
 
-def _by_bin(field, edges, modes, threads):
+def _by_bin(field, edges, modes, calibration, threads):
     """Of some sources, by bin: normal equations and moments of the redshifts; and what was left out."""
     try:
         good = with_redshift(field, 0.0)
@@ -118,7 +130,7 @@ def _by_bin(field, edges, modes, threads):
     found = {"outside": int(((place < 0) | (place >= bins)).sum()), "notes": [good.notes]}
     for b in np.unique(place[(place >= 0) & (place < bins)]):
         inside = good[place == b]
-        found[int(b)] = normal_equations(inside, modes, threads=threads), _moments(inside)
+        found[int(b)] = normal_equations(inside, modes, threads=threads), _moments(inside, calibration)
     return found
 
 
@@ -173,16 +185,11 @@ def _reach(field):
     return len(z), [z.min()] if z.size else [], [z.max()] if z.size else []
 
 
-def _moments(field):
+def _moments(field, calibration):
     """Sources, Σw, Σwz, and beyond the flow Σw/d and Σw."""
     weight, z = field.information / 2, field.redshift
-    far = z >= FLOW_LIMIT
-    near = 0.0
-    if far.any():
-        from vsh.cosmology import transverse_distance
-
-        near = weight[far] @ (1 / transverse_distance(z[far]))
-    return np.array([len(field), weight.sum(), weight @ z, near, weight[far].sum()])
+    rate = mean_rates(field, calibration)
+    return np.array([len(field), weight.sum(), weight @ z, AU_PER_YEAR * (weight @ rate), weight[rate > 0].sum()])
 
 
 def _apart(normals, edges):

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from fit.distances import calibrate_if_known, mean_rates
 from fit.redshift._contrasts import equality_chi2, slope_chi2
 from fit.redshift._solution import BinnedSolution
 from vsh.basis import harmonics
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
-from vsh.cosmology import FLOW_LIMIT, velocity_along, with_redshift
+from vsh.cosmology import velocity_along, with_redshift
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import KINDS, Modes
 from vsh.sky.sphere import triad
 from vsh.types import Rng
-from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
 
 
@@ -23,7 +23,14 @@ from vsh.vector import Vector
     field=arguments.a(Field), binned=arguments.a(BinnedSolution), n_permutations=arguments.whole, rng=arguments.seed
 )
 def permutation_test(
-    field: Field, binned: BinnedSolution, *, n_permutations: int = 1000, rng: Rng = 1, velocity: Vector | None = None
+    field: Field,
+    binned: BinnedSolution,
+    *,
+    n_permutations: int = 1000,
+    rng: Rng = 1,
+    velocity: Vector | None = None,
+    redshift_frame: str | None = None,
+    peculiar_dispersion: float | None = None,
 ) -> dict[str, float]:
     """p-values by permutation: how often permuted redshifts give bins that differ at least as much.
 
@@ -45,6 +52,8 @@ def permutation_test(
     velocity : Vector, optional
         Ours [km/s]: tests "secular_parallax" as well, whether the bins contradict a constant
         acceleration with the secular parallax of that velocity.
+    redshift_frame, peculiar_dispersion
+        As for `fit.redshift.binned`: for the distances of the secular parallax.
 
     Returns
     -------
@@ -67,6 +76,7 @@ def permutation_test(
         raise ParameterError(f"permutations are for bins of degree 1, not {binned.modes.lmax}")
     rng = generator(rng)
     field = with_redshift(field, 0.0)
+    calibration = None if velocity is None else calibrate_if_known(field, redshift_frame, peculiar_dispersion)
     redshift = np.asarray(field.redshift)
     place = np.searchsorted(binned.edges, redshift, side="right") - 1
     inside = (place >= 0) & (place < len(binned))
@@ -74,7 +84,7 @@ def permutation_test(
     field = field.with_errors(field.sigma * np.sqrt(binned.scales)[place])
     motions = [field.motion]
     if velocity is not None:
-        motions.append(field.motion - _parallax(field, velocity))
+        motions.append(field.motion - _parallax(field, velocity, calibration))
     rows = np.concatenate([harmonics(field.lon, field.lat, Modes(1)), np.stack(motions)])
     a, b, c = field.weights
     weighted = np.stack([a * rows[:, 0] + c * rows[:, 1], c * rows[:, 0] + b * rows[:, 1]], axis=1)
@@ -119,14 +129,8 @@ def _solved(sums, sources, column):
     return values, inverse * scale[:, None, None]
 
 
-def _parallax(field, velocity):
+def _parallax(field, velocity, calibration):
     """The motions by our velocity, (2, n); none within the flow. [µas/yr]"""
-    from vsh.cosmology import transverse_distance
-
     velocity = velocity_along(velocity, field.frame).value
     p, q, _ = triad(field.lon, field.lat)
-    far = field.redshift >= FLOW_LIMIT
-    rate = np.zeros(len(field))
-    if far.any():
-        rate[far] = 1 / (AU_PER_YEAR * transverse_distance(field.redshift[far]))
-    return -np.stack([velocity @ p, velocity @ q]) * rate
+    return -np.stack([velocity @ p, velocity @ q]) * mean_rates(field, calibration)
