@@ -31,14 +31,20 @@ def main(places: int = 10, skies: int = 20, n_modes: int = 250) -> None:
         rng = np.random.default_rng([41, place])
         population = sim.galaxies(4800, rng, max_redshift=0.033)
         for _ in range(skies):
-            signal = sim.secular_parallax(OURS) + sim.acceleration(ACCELERATION) + sim.peculiar(150.0, rng, flow="linear", exact=True)
+            signal = (
+                sim.secular_parallax(OURS)
+                + sim.acceleration(ACCELERATION)
+                + sim.peculiar(150.0, rng, flow="linear", exact=True)
+            )
             seen = sim.observe(population, signal, rng, release="DR5", redshifts="heliocentric")
             z = to_cmb(seen.redshift, seen.lon, seen.lat, "icrs", "heliocentric")
             seen = seen[(z > 0.002) & (z < 0.03)]
             galaxies.append(len(seen))
             for name, options in ways.items():
                 v = observer_velocity(seen, 67.3, **options).velocity
-                found[name].append((v.value - OURS, v.sigma, (v.value - OURS) @ np.linalg.solve(v.covariance, v.value - OURS)))
+                found[name].append(
+                    (v.value - OURS, v.sigma, (v.value - OURS) @ np.linalg.solve(v.covariance, v.value - OURS))
+                )
         print(f"place {place + 1} of {places}", file=sys.stderr, flush=True)
     print(f"{places} places, {skies} skies at each, {min(galaxies)} to {max(galaxies)} galaxies, {n_modes} modes\n")
     print(f"{'':14}{'quoted':>9}{'true scatter':>14}{'mean χ²(3)':>17}{'68 %':>7}{'95 %':>7}{'mean v':>24}")

@@ -32,7 +32,13 @@ def sky(seed: int, dispersion: float, error: float, part: str, n: int = 20_000):
     population = sim.galaxies(int(4.5 * n) * (2 if part == "half" else 1), rng, min_redshift=2e-4, max_redshift=0.05)
     if part == "half":  # toward the apex, where frames matter most
         toward = OURS / np.linalg.norm(OURS)
-        r = np.stack([np.cos(population.lat) * np.cos(population.lon), np.cos(population.lat) * np.sin(population.lon), np.sin(population.lat)])
+        r = np.stack(
+            [
+                np.cos(population.lat) * np.cos(population.lon),
+                np.cos(population.lat) * np.sin(population.lon),
+                np.sin(population.lat),
+            ]
+        )
         population = population[toward @ r > 0]
     signal = sim.secular_parallax(OURS) + sim.acceleration(ACCELERATION) + sim.peculiar(dispersion, rng)
     seen = sim.observe(population, signal, rng, release="DR5", redshifts="heliocentric", redshift_error=error)
@@ -49,7 +55,9 @@ def estimates(task):
     naive = replace(seen, redshift_error=None)
     ways = {
         "true redshifts": lambda: observer_velocity(true, 67.3, peculiar_dispersion=dispersion),
-        "naive (as before)": lambda: observer_velocity(naive, 67.3, peculiar_dispersion=dispersion, redshift_frame="true"),
+        "naive (as before)": lambda: observer_velocity(
+            naive, 67.3, peculiar_dispersion=dispersion, redshift_frame="true"
+        ),
         "with magnitudes": lambda: observer_velocity(seen, 67.3, peculiar_dispersion=dispersion),
         "without": lambda: observer_velocity(seen, 67.3, peculiar_dispersion=dispersion, magnitudes=False),
     }
@@ -63,7 +71,9 @@ def main(skies: int = 150, processes: int = 2) -> None:
         for case in CASES:
             found = list(pool.map(estimates, [(seed, case) for seed in range(skies)], chunksize=4))
             print(f"\n{case[0]}, {case[3]} sky, {skies} skies")
-            print(f"{'':20}{'mean along the apex':>22}{'its error':>10}{'off truth [σ]':>14}{'off true-z [σ]':>15}{'pulls':>8}{'68 %':>7}")
+            print(
+                f"{'':20}{'mean along the apex':>22}{'its error':>10}{'off truth [σ]':>14}{'off true-z [σ]':>15}{'pulls':>8}{'68 %':>7}"
+            )
             unit = OURS / np.linalg.norm(OURS)
             truth = np.array([each["true redshifts"][0] for each in found]) @ unit
             for name in found[0]:

@@ -12,6 +12,7 @@ import numpy as np
 import sim
 import vsh
 from sim.expected import errors_by_place
+from sim.observe import REDSHIFT_ERRORS
 from vsh.commands import outputs, parsing, running
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
@@ -19,7 +20,7 @@ ACCELERATION = "-0.235965,-3.755779,-2.080491"
 
 
 _NOT_OF_CRF3 = (
-    "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "variability", "attitude", "excess_noise",
+    "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts", "redshift_error", "variability", "attitude", "excess_noise",
     "years", "dead_time", "release", "no_transits",
 )  # fmt: skip
 
@@ -38,6 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("--sky and --selection exclude each other")
     if options.velocity is not None and options.kind != "galaxies":
         parser.error("--velocity is for galaxies: quasars are too far to show it")
+    if options.flow and options.kind != "galaxies":
+        parser.error("--flow is for galaxies: quasars are too far to show it")
     if options.kind == "crf3":
         foreign = [
             f"--{name.replace('_', '-')}" for name in _NOT_OF_CRF3 if getattr(options, name) != parser.get_default(name)
@@ -67,20 +70,23 @@ def _run(options):
     if options.kind == "galaxies":
         if velocity.any():
             signal += sim.secular_parallax(velocity, hubble=options.h0)
-        if options.peculiar_dispersion:
-            signal += sim.peculiar(options.peculiar_dispersion, noise, hubble=options.h0)
+        if options.peculiar_dispersion or options.flow:
+            signal += sim.peculiar(options.peculiar_dispersion, noise, flow=options.flow, hubble=options.h0)
     law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
     variability = sim.Variability(options.variability, options.tau) if options.variability else None
     mission = sim.Mission(law, options.release, options.attitude)
     common = {"variability": variability, "threads": options.threads}
+    seen = {"redshifts": options.redshifts, "redshift_error": options.redshift_error}
     if options.kind == "vlbi":
         truth = sim.spin(options.orientation)
         field = sim.observe_offsets(population, truth, observed, mission, **common)
     elif options.no_transits:
         sigma, rho = errors_by_place(population.magnitude, population.lon, population.lat, mission)
-        field = sim.observe(population, signal, observed, sigma=sigma, rho=rho)
+        field = sim.observe(population, signal, observed, sigma=sigma, rho=rho, **seen)
     else:
-        field = sim.observe(population, signal, observed, mission=mission, excess_noise=options.excess_noise, **common)
+        field = sim.observe(
+            population, signal, observed, mission=mission, excess_noise=options.excess_noise, **common, **seen
+        )
     # Offsets [µas] have an orientation; spin and acceleration are of motions.
     true = (
         {"ORIENT": options.orientation}
@@ -197,6 +203,14 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="SIGMA",
         help="galaxies: dispersion, km/s",
     )
+    parser.add_argument("--flow", choices=["linear"], help="galaxies: add the flow of linear theory, which they share")
+    parser.add_argument(
+        "--redshifts", choices=["true", "heliocentric", "cmb"], default="true",
+        help="of the expansion alone, or as they are seen, with velocities in them (default: true)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--redshift-error", type=_redshift_error, default=0.0, metavar="SIGMA", help="or spectroscopic, photometric"
+    )
     parser.add_argument(
         "--variability", type=parsing.not_negative, default=0.0, metavar="SIGMA", help="of photocentres, µas"
     )
@@ -217,6 +231,10 @@ def make_parser() -> argparse.ArgumentParser:
     parsing.add_threads(parser)
     parser.add_argument("--version", action="version", version=f"vsh-sim {vsh.__version__}")
     return parser
+
+
+def _redshift_error(text):
+    return text if text in REDSHIFT_ERRORS else parsing.not_negative(text)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
 from vsh.types import ArrayLike, Release, Rng
 
-
 #: Errors of redshifts by name: at z = 0, and for each unit of z.
 REDSHIFT_ERRORS = {"spectroscopic": (1e-4, 0.0), "photometric": (0.015, 0.015)}
 

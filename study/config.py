@@ -43,6 +43,7 @@ _SOURCES = {
         "peculiar_dispersion": 0.0,
         "min_redshift": 0.001,
         "max_redshift": 0.03,
+        "redshifts": "true",
     },
 }
 
@@ -132,9 +133,15 @@ def _case(case):
         raise StudyError(f"case {name}: unknown {', '.join(sorted(unknown))}; there are {', '.join(_SOURCES)}")
     if "quasars" not in case:
         raise StudyError(f"case {name} has no quasars: [case.quasars] with number")
-    return {"name": name} | {
+    checked = {"name": name} | {
         kind: _section(f"case {name}, {kind}", case[kind], _SOURCES[kind]) for kind in _SOURCES if kind in case
     }
+    told = checked.get("galaxies", {}).get("redshifts", "true")
+    if told not in ("true", "both"):
+        raise StudyError(
+            f'case {name}, galaxies: redshifts are "true", or "both": as they are seen as well, not {told!r}'
+        )
+    return checked
 
 
 def _section(name, given, keys):

@@ -43,6 +43,8 @@ def prepared(
         Its name is a hash of all that determines it: cases with the same sources share a file.
     """
     wanted = {"kind": kind, "sources": case[kind], "mission": study.mission, "seed": study.settings["seed"]}
+    if kind == "galaxies":  # how they are seen is no matter of theirs
+        wanted["sources"] = {key: value for key, value in case[kind].items() if key != "redshifts"} | {"columns": 2}
     wanted |= {"frame": study.settings["frame"]} | ({"quasars": case["quasars"]} if kind == "vlbi" else {})
     key = hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()[:16]
     path = folder / f"{kind}-{key}.npz"
@@ -96,7 +98,7 @@ def _make(study, case, kind, progress):
         # L of the true covariance, L Lᵀ: noise is L times unit normals.
         "noise": np.stack([s1, scattered.rho * s2, s2 * np.sqrt(1 - scattered.rho**2)]),
     }  # fmt: skip
-    return arrays | ({"redshift": population.redshift} if kind == "galaxies" else {})
+    return arrays | ({"redshift": population.redshift, "magnitude": population.magnitude} if kind == "galaxies" else {})
 
 
 def _turned(population, covariance, frame):

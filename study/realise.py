@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
 from study.config import Study
 from vsh import Field, Modes, Vector
+from vsh.cosmology import transverse_distance, with_redshift
 
 _KINDS = ("quasars", "vlbi", "galaxies")
 
@@ -34,20 +36,20 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
     -------
     dict of str to dict
         "values" and "sigma", each by name of parameter. Names end in @l where they are from harmonics to
-        degree l; g_a_x … is the acceleration from the galaxies.
+        degree l, in @seen where redshifts are as the Sun sees them; g_a_x … is the acceleration from the galaxies.
     """
     truth, frame = study.truth, study.settings["frame"]
     streams = {
         kind: np.random.default_rng([study.settings["seed"], 7, index, number, k]) for k, kind in enumerate(_KINDS)
     }
-    fields = {}
+    fields, signals = {}, {}
     for kind, path in files.items():
         signal = {
             "quasars": lambda: sim.spin(truth["spin"]) + sim.acceleration(truth["acceleration"]),
             "vlbi": lambda: sim.spin(truth["orientation"]),
             "galaxies": lambda: _galaxy_signal(study, index, frame, streams["galaxies"]),
         }[kind]()
-        fields[kind] = _draw(path, signal, frame, streams[kind])
+        fields[kind], signals[kind] = _draw(path, signal, frame, streams[kind]), signal
     values: dict[str, float] = {}
     sigma: dict[str, float] = {}
 
@@ -70,6 +72,8 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
         if velocity.amplitude > 0:
             hubble = hubble_constant(fields["galaxies"], velocity, hubble=truth["hubble"], **options)
             values["H0"], sigma["H0"] = hubble.hubble, hubble.hubble_error
+        if study.cases[index]["galaxies"]["redshifts"] == "both":
+            _as_seen(study, index, fields["galaxies"], signals["galaxies"], options, values, sigma)
     return {
         each: {name: float(x) for name, x in table.items()} for each, table in (("values", values), ("sigma", sigma))
     }
@@ -117,8 +121,31 @@ def _draw(path, signal, frame, rng):
         arrays["sigma"],
         arrays["rho"],
         redshift=arrays.get("redshift"),
+        magnitude=arrays.get("magnitude"),
         frame=frame,
+        redshift_frame="true",
     )
+
+
+def _as_seen(study, index, galaxies, signal, options, values, sigma):
+    """The same galaxies with redshifts as the Sun sees them: names end in @seen."""
+    truth, sources = study.truth, study.cases[index]["galaxies"]
+    redshift = signal.observed_redshift(galaxies.lon, galaxies.lat, galaxies.redshift, "heliocentric")
+    seen = with_redshift(replace(galaxies, redshift=redshift, redshift_frame="heliocentric"), sources["min_redshift"])
+    limits = transverse_distance(np.array([sources["min_redshift"], sources["max_redshift"]]))
+    options = options | {"density": partial(_between, low=limits[0], high=limits[1])}
+    found = observer_velocity(seen, truth["hubble"], **options)
+    _put(values, sigma, "v", found.velocity, "@seen")
+    _put(values, sigma, "g_a", found.acceleration, "@seen")
+    velocity = true_velocity(study)
+    if velocity.amplitude > 0:
+        hubble = hubble_constant(seen, velocity, hubble=truth["hubble"], **options)
+        values["H0@seen"], sigma["H0@seen"] = hubble.hubble, hubble.hubble_error
+
+
+def _between(distance, low, high):
+    """Galaxies evenly in volume between two distances, as they are drawn."""
+    return (distance >= low) & (distance <= high)
 
 
 def _put(values, sigma, name, vector, suffix=""):

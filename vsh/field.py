@@ -138,7 +138,9 @@ class Field(Weighed):
         given = {"ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec, "pmra_error": pmra_error, "pmdec_error": pmdec_error,
                  "pmra_pmdec_corr": pmra_pmdec_corr}  # fmt: skip
         if not set(measured) <= set(MEASURED):
-            raise FieldError(f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are")
+            raise FieldError(
+                f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are"
+            )
         columns, said = usable_columns(given | measured, name, on_bad, first_row, unusable)
         return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *said))
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import vsh
+from fit.commands.redshift_options import make_parser
 from vsh.checks.notes import dropped
 from vsh.commands import outputs, parsing, parts_options, running
 from vsh.cosmology import PLANCK_2018
@@ -31,6 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parsing.parse(parser, arguments)
     if options.checkpoint and not options.posterior:
         parser.error("--checkpoint is for --posterior")
+    for name, needs in (("local_group", "flows"), ("reconstruction", "flows"), ("flow_amplitude", "flows"), ("flow_amplitude", "posterior"),
+                        ("local_group", "velocity")):  # fmt: skip
+        if getattr(options, name) and not getattr(options, needs):
+            parser.error(f"--{name.replace('_', '-')} needs --{needs}")
     if not (options.h0 or options.velocity or options.bins or options.posterior):
         parser.error("say what is wanted: --h0 H0, --velocity planck, --bins EDGES, --posterior")
     if (
@@ -73,22 +77,28 @@ def _run(options):
     results, texts, truth = {}, [], catalogue.truth_of(source)
     if options.bins:
         results["bins"] = _binned(whole, options)
-        texts.append(results["bins"].report(p_values=_p_values(whole, results["bins"])))
+        texts.append(results["bins"].report(p_values=_p_values(whole, results["bins"], options)))
     common = {
         "cosmology": cosmology,
         "peculiar_dispersion": options.peculiar_dispersion,
         "spin": "free" if options.free_spin else None,
-    }
+        "acceleration": options.acceleration,
+    } | _distances(options)
     if options.h0 or options.velocity or options.posterior:
         field = whole
         if options.on_bad == "drop":
-            field = whole.map(with_redshift) if isinstance(whole, Parts) else with_redshift(whole)
+            step = partial(with_redshift, redshift_frame=options.redshift_frame)
+            field = whole.map(step) if isinstance(whole, Parts) else step(whole)
+        _ask_for_frame(field, options, common)
     if options.h0:
         results["velocity"] = observer_velocity(field, options.h0, **common)
         texts.append(results["velocity"].report(source=options.catalogue, truth=truth))
     if options.velocity:
-        results["hubble"] = hubble_constant(field, options.velocity, **common)
+        results["hubble"] = hubble_constant(field, options.velocity, local_group=options.local_group, **common)
         texts.append(results["hubble"].report(source=options.catalogue, truth=truth))
+    flow = next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
+    if flow is not None:
+        texts.append(flow.report())
     for text in texts:
         running.say(text)
     unfinished = None
@@ -119,13 +129,58 @@ def _cosmology(options):
     return flat(options.omega_m)
 
 
+def _distances(options):
+    """How distances follow from redshifts, as the estimators take it."""
+    from vsh.flows import read_velocity_grid
+
+    grid = None if options.reconstruction is None else read_velocity_grid(options.reconstruction)
+    found = {"redshift_frame": options.redshift_frame, "magnitudes": False if options.no_magnitudes else None}
+    if options.flows:
+        found |= {"flows": "linear", "n_modes": options.n_modes}
+    if grid is not None:
+        found |= {"reconstruction": grid, "reconstruction_error": options.reconstruction_error}
+    return found
+
+
+def _ask_for_frame(field, options, common):
+    """Say what hangs on the frame of the redshifts where nobody told it, and stop.
+
+    Raises
+    ------
+    VshError
+        If nobody did.
+    """
+    from fit.secular_parallax import observer_velocity, undeclared
+
+    if not undeclared(field, options.redshift_frame):
+        return
+    hubble = options.h0 or 67.4
+    lines = []
+    for frame in ("heliocentric", "cmb", "true"):
+        try:
+            v = observer_velocity(field, hubble, **common | {"redshift_frame": frame}).velocity
+            lines.append(f"{frame}: |v| = {v.amplitude:.0f} ± {v.amplitude_error:.0f} km/s")
+        except VshError as error:
+            lines.append(f"{frame}: {error}")
+    raise VshError(
+        f"nobody says in which frame the redshifts of {options.catalogue} stand: say --redshift-frame heliocentric, cmb, "
+        "local-group, or true (of the expansion alone, as simulations have them). What it changes here, for "
+        f"H0 = {hubble:g}: " + "; ".join(lines)
+    )
+
+
 def _binned(field, options):
     from fit.redshift import binned
 
     edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
     return binned(
-        field, options.lmax, edges, shared_higher_degrees=options.shared_higher_degrees, threads=options.threads
-    )
+        field, options.lmax, edges, shared_higher_degrees=options.shared_higher_degrees, threads=options.threads,
+        **_frame(options),
+    )  # fmt: skip
+
+
+def _frame(options):
+    return {"redshift_frame": options.redshift_frame, "peculiar_dispersion": options.peculiar_dispersion}
 
 
 def _clipped(field, kappa):
@@ -135,14 +190,14 @@ def _clipped(field, kappa):
     return clip(field, vsh.Modes(1), kappa).sources(field)
 
 
-def _p_values(field, bins):
+def _p_values(field, bins, options):
     """By permuting redshifts, for up to so many sources."""
     from fit.redshift import permutation_test
 
     few = isinstance(field, vsh.Field) and len(field) <= 20_000
     wanted = bins.modes.lmax == 1 and len(bins) > 1 and few
     known = PLANCK_2018 if np.isfinite(bins.mean_inverse_distance).all() else None
-    return permutation_test(field, bins, velocity=known) if wanted else None
+    return permutation_test(field, bins, velocity=known, **_frame(options)) if wanted else None
 
 
 def _posterior(field, options, common):
@@ -151,6 +206,8 @@ def _posterior(field, options, common):
     hubble = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
     if options.h0_range:
         hubble = Flat(*options.h0_range)
+    if options.flow_amplitude:
+        common = common | {"flow_amplitude": Normal(*options.flow_amplitude, low=0.0)}
     if options.peculiar_dispersion_max:
         common = common | {"peculiar_dispersion": Flat(0.0, options.peculiar_dispersion_max)}
     prior = options.velocity or PLANCK_2018
@@ -178,93 +235,15 @@ def _write(results, text, folder, meta):
     for name in ("velocity", "hubble"):
         if name in results:
             tables.write_table(results[name].to_table(), folder / f"{name}.ecsv", meta)
+    flow = next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
+    if flow is not None:
+        tables.write_table(flow.to_table(), folder / "flow.ecsv", meta)
+        figures["flow"] = flow.plot
     if "posterior" in results:
         tables.write_table(results["posterior"].to_table(), folder / "posterior.ecsv", meta)
         results["posterior"].write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
         figures |= {"corner": results["posterior"].corner, "trace": results["posterior"].trace}
     save_figures({name: draw() for name, draw in figures.items()}, folder)
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The parser of its options."""
-    parser = argparse.ArgumentParser(
-        prog="vsh-redshift",
-        description="Our velocity for a known Hubble constant, the Hubble constant for a known velocity, the posterior of "
-        "both, and spin and acceleration in bins of redshift, from a catalogue of proper motions and redshifts.",
-        epilog="Example: vsh-redshift galaxies.fits --h0 67.4 --velocity planck --bins 0.001,0.01,0.03 --output results",
-    )
-    parser.add_argument("catalogue", help="FITS, VOTable, ECSV, CSV or Parquet file, or a folder of them")
-    parser.add_argument("--h0", type=parsing.positive, metavar="H0", help="km/s/Mpc: fit our velocity")
-    parser.add_argument(
-        "--velocity",
-        type=parsing.velocity,
-        metavar="planck|SPEED,L,B",
-        help="km/s, Galactic degrees of the apex: fit H0",
-    )
-    parser.add_argument(
-        "--bins", type=_edges, metavar="N|Z,Z,…", help="spin and acceleration in bins of redshift: edges, or how many"
-    )
-    parser.add_argument("--lmax", type=parsing.count(1), default=1, help="highest degree in the bins (default: 1)")
-    parser.add_argument("--shared-higher-degrees", action="store_true", help="degrees above 1 the same in all bins")
-    parser.add_argument(
-        "--peculiar-dispersion", type=parsing.not_negative, default=750.0, metavar="SIGMA",
-        help="dispersion of peculiar velocities in each component, km/s (default: 750)",
-    )  # fmt: skip
-    parser.add_argument("--omega-m", type=_fraction, metavar="X", help="flat cosmology (default: 0.315)")
-    parser.add_argument(
-        "--clip",
-        type=parsing.positive,
-        metavar="KAPPA",
-        help="first leave out sources beyond KAPPA medians of a degree-1 fit",
-    )
-    parser.add_argument("--free-spin", action="store_true", help="fit the spin of the frame as well")
-    posterior = parser.add_argument_group("posterior of our velocity and H0")
-    posterior.add_argument(
-        "--posterior",
-        action="store_true",
-        help="sample it; prior on the velocity: Planck's or --velocity; on H0: flat, or by --h0-error or --h0-range",
-    )
-    posterior.add_argument("--n-samples", type=parsing.count(1), default=400_000, metavar="N", help="default: 400000")
-    posterior.add_argument(
-        "--checkpoint", metavar="FILE", help="keep the chain here; an interrupted run resumes from it"
-    )
-    posterior.add_argument("--h0-error", type=parsing.positive, metavar="SIGMA", help="prior H0 ± SIGMA (or flat)")
-    posterior.add_argument("--h0-range", type=_range, metavar="LOW,HIGH", help="a prior flat between limits")
-    posterior.add_argument(
-        "--peculiar-dispersion-max",
-        type=parsing.positive,
-        metavar="MAX",
-        help="dispersion free, flat from 0 to MAX km/s",
-    )
-    posterior.add_argument("--seed", type=int, default=1, help="the same seed, the same chain (default: 1)")
-    parsing.add_threads(parser)
-    parts_options.add_workers(parser)
-    parsing.add_reading(parser)
-    parser.add_argument("--version", action="version", version=f"vsh-redshift {vsh.__version__}")
-    return parser
-
-
-def _edges(text):
-    edges = parsing.numbers(text)
-    if len(edges) == 1:
-        parsing.count(1)(text)
-    elif not all(a < b for a, b in pairwise(edges)):
-        raise argparse.ArgumentTypeError(f"edges must rise, not {text!r}")
-    return edges
-
-
-def _range(text):
-    limits = parsing.numbers(text)
-    if len(limits) != 2 or not 0 < limits[0] < limits[1]:
-        raise argparse.ArgumentTypeError(f"two rising numbers above zero are wanted, not {text!r}")
-    return limits
-
-
-def _fraction(text):
-    number = parsing.positive(text)
-    if number >= 2:
-        raise argparse.ArgumentTypeError(f"Ω_m between 0 and 2 is wanted, not {text!r}")
-    return number
 
 
 if __name__ == "__main__":

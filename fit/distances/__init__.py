@@ -1,6 +1,6 @@
 """What a redshift and a magnitude tell of a distance, when redshifts hold velocities and errors."""
 
-from fit.distances._calibration import Calibration, calibrate, calibrate_if_known
+from fit.distances._calibration import Calibration, bare_calibration, calibrate, calibrate_if_known
 from fit.distances._density import SourceDensity
 from fit.distances._errors import ErrorsByRedshift
 from fit.distances._luminosity import LuminosityFunction
@@ -12,6 +12,7 @@ __all__ = [
     "InverseDistances",
     "LuminosityFunction",
     "SourceDensity",
+    "bare_calibration",
     "calibrate",
     "calibrate_if_known",
     "inverse_distances",

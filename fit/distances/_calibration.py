@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -71,16 +71,19 @@ class Calibration:
         Raises
         ------
         FieldError
-            If one that was usable is not positive, or below the flow, when it is corrected.
+            If one is missing, not positive, or below the flow, when it is corrected.
         """
+        if field.redshift is None or self.frame in (TRUE, "cmb"):
+            transverse_distance(field.redshift, self.cosmology)  # which says what is missing
         assert field.redshift is not None
         corrected = to_cmb(field.redshift, field.lon, field.lat, field.frame, self.frame)
-        lost = usable(field.redshift) & ~usable(corrected)
+        lost = ~usable(corrected)
         if lost.any():
+            at = lost.argmax()
             raise FieldError(
-                f"{lost.sum()} of {len(field)} redshifts are {count_unusable(corrected[lost])} once they are taken from "
-                f"{self.frame} ones to the frame of the microwave background (first: row {lost.argmax()}, {field.redshift[lost][0]:.6f} → "
-                f"{corrected[lost][0]:.6f}): leave out sources below c z = 400 km/s or so"
+                f"{lost.sum()} of {len(field)} redshifts give no distance once they are taken from {self.frame} ones to the frame of "
+                f"the microwave background: {count_unusable(corrected)} (first: row {at}, {field.redshift[at]:.6f} → "
+                f"{corrected[at]:.6f}). Leave those sources out: vsh.cosmology.with_redshift(field), or --on-bad drop"
             )
         return corrected
 
@@ -183,8 +186,7 @@ def calibrate(
     """
     cosmology = PLANCK_2013 if cosmology is None else cosmology
     sky = as_parts(field)
-    frame = check_redshift_frame(redshift_frame or _frame_of(sky) or TRUE)
-    bare = Calibration(frame, dispersion, cosmology, SourceDensity(), flow=flow)
+    bare = replace(bare_calibration(field, redshift_frame, dispersion, cosmology), flow=flow)
     facts = sky.sum(partial(_facts, calibration=bare), roles=DISTANCES, words="redshifts")
     least, most = min(facts["lowest"]), max(facts["highest"])
     rms = float(np.sqrt(facts["spread2"] / facts["n"]))
@@ -221,6 +223,20 @@ def calibrate(
     return replace(bare, density=_density(density, use, facts["counts"], rms, bare, (least, most)), notes=tuple(notes))
 
 
+def bare_calibration(
+    field: Field | Parts, redshift_frame: str | None, dispersion: float, cosmology: Cosmology
+) -> Calibration:
+    """The frame of the redshifts alone.
+
+    Parameters
+    ----------
+    field, redshift_frame, dispersion, cosmology
+        As for `calibrate`.
+    """
+    frame = check_redshift_frame(redshift_frame or _frame_of(as_parts(field)) or TRUE)
+    return Calibration(frame, dispersion, cosmology, SourceDensity())
+
+
 def calibrate_if_known(
     field: Field | Parts, redshift_frame: str | None, dispersion: float | None
 ) -> Calibration | None:
@@ -241,7 +257,7 @@ def calibrate_if_known(
     frame = check_redshift_frame(redshift_frame or _frame_of(sky) or TRUE)
     if frame == TRUE:
         return None
-    usable_ones = sky.map(with_redshift)
+    usable_ones = sky.map(partial(with_redshift, redshift_frame=frame))
     try:
         known, n = usable_ones.sum(_magnitudes, roles=DISTANCES, words="magnitudes")
     except NothingLeftError:  # no source is beyond the flow
@@ -263,7 +279,9 @@ def _density(density, use, counts, rms, calibration, limits):
     if density != "fitted":
         raise ParameterError(f'a density is "volume", "fitted" or a function of distance, not {density!r}')
     if use:
-        raise ParameterError('with magnitudes the density is "volume" or a function of distance: the catalogue holds not all')
+        raise ParameterError(
+            'with magnitudes the density is "volume" or a function of distance: the catalogue holds not all'
+        )
     return fit_density(counts, rms, calibration.log_distance, limits)
 
 
@@ -275,7 +293,6 @@ def _frame_of(sky):
 
 def _facts(field, calibration):
     """What of some sources bears on the calibration of all."""
-    transverse_distance(field.redshift, calibration.cosmology)  # which says what is missing
     z = calibration.redshift(field)
     spread = calibration.spread(field, z)
     modulus = 5 * np.log10(transverse_distance(z, calibration.cosmology) * (1 + z)) + 25
@@ -308,5 +325,5 @@ def _far_enough(counts, rms, cosmology):
     """Counts of sources whose absolute magnitudes are not blurred by the errors of redshifts, where they are enough."""
     z = 10 * rms
     modulus = 5 * np.log10(transverse_distance(np.array([max(z, FLOW_LIMIT)]), cosmology)[0] * (1 + z)) + 25
-    far = counts * (MODULI >= modulus)
+    far = counts * (modulus <= MODULI)
     return far if far.sum() >= max(1000, 0.2 * counts.sum()) else counts

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fit.distances._calibration import Calibration
-from vsh.cosmology import FLOW_LIMIT, transverse_distance, usable
+from vsh.cosmology import FLOW_LIMIT, to_cmb, transverse_distance, usable
 from vsh.field import Field
 from vsh.system.parallel import map_blocks
 from vsh.types import FloatArray
@@ -76,10 +76,8 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     FieldError
         If redshifts cannot be used.
     """
-    mean = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, calibration.cosmology))
     redshift = calibration.redshift(field)
-    if calibration.frame not in ("cmb", "true"):
-        mean = 1 / (AU_PER_YEAR * transverse_distance(redshift, calibration.cosmology))
+    mean = 1 / (AU_PER_YEAR * transverse_distance(redshift, calibration.cosmology))
     variance, slope = np.zeros(len(field)), np.zeros(len(field))
     spread = calibration.spread(field, redshift)
     unsure = np.flatnonzero(spread > 0)
@@ -97,9 +95,14 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
         slope[:] = 0.0
     own = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)
     if own.any():
-        assert field.distance is not None and field.distance_error is not None
+        assert field.distance is not None
+        assert field.distance_error is not None
         mean[own], variance[own] = _by_distance(
-            calibration, field.distance[own], field.distance_error[own], redshift[own], None if magnitude is None else magnitude[own]
+            calibration,
+            field.distance[own],
+            field.distance_error[own],
+            redshift[own],
+            None if magnitude is None else magnitude[own],
         )
         slope[own] = 0.0
     return InverseDistances(mean, variance, slope, own, redshift)
@@ -116,10 +119,13 @@ def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
         Of its catalogue; redshifts are true ones without.
     """
     assert field.redshift is not None
-    far, rate = usable(field.redshift), np.zeros(len(field))
+    redshift = field.redshift
+    if calibration is not None:
+        redshift = to_cmb(redshift, field.lon, field.lat, field.frame, calibration.frame)
+    far, rate = usable(redshift), np.zeros(len(field))
     if far.any():
         if calibration is None:
-            rate[far] = 1 / (AU_PER_YEAR * transverse_distance(field.redshift[far]))
+            rate[far] = 1 / (AU_PER_YEAR * transverse_distance(redshift[far]))
         else:
             rate[far] = inverse_distances(field[far], calibration).mean
     return rate
@@ -127,7 +133,10 @@ def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
 
 def _by_redshift(calibration, x, spread, magnitude):
     """Mean, variance and slope of the rate, (3, n)."""
-    low, high = np.maximum(x - _REACH * spread, np.log1p(FLOW_LIMIT)), np.maximum(x, np.log1p(FLOW_LIMIT)) + _REACH * spread
+    low, high = (
+        np.maximum(x - _REACH * spread, np.log1p(FLOW_LIMIT)),
+        np.maximum(x, np.log1p(FLOW_LIMIT)) + _REACH * spread,
+    )
     half = (high - low) / 2
     nodes = (high + low) / 2 + half * _NODES[:, None]
     log_d, log_weight = calibration.log_distance(nodes)

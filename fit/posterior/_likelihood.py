@@ -119,9 +119,7 @@ class Tabulated:
             [km/s], [µas/yr], and of the flow.
         """
         pairs, which = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
-        sums = with_acceleration(
-            self.rows.sums(*pairs, threads=self.threads), self.acceleration, self.rows.frame
-        )
+        sums = with_acceleration(self.rows.sums(*pairs, threads=self.threads), self.acceleration, self.rows.frame)
         if self.rows.modes is None:
             return marginalise(sums, self.spin, self.rows.frame)[:, which.ravel()]
         found = []

@@ -52,7 +52,9 @@ class MixtureModel:
         if not (self.fraction.low >= 0 and self.fraction.high <= 1):
             raise ParameterError(f"a fraction lies between 0 and 1, not between the limits of {self.fraction}")
         if self.rows.modes is not None or self.priors.acceleration is not None:
-            raise ParameterError("with outliers every source is for itself: neither flows nor a known acceleration can be taken")
+            raise ParameterError(
+                "with outliers every source is for itself: neither flows nor a known acceleration can be taken"
+            )
         if self.spin not in (None, "free"):
             raise ParameterError("with outliers the spin is None or 'free': take a known one away from the field first")
 

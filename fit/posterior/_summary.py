@@ -196,7 +196,12 @@ def text_of(posterior: Any) -> str:
         f"               {len(posterior.samples['H0'])} samples kept after burn-in and thinning",
     ]
     samples = posterior.samples
-    lines += [*table_lines(posterior), *_at_limits(posterior), *_product(samples), *sensitivity_lines(posterior.model, samples)]
+    lines += [
+        *table_lines(posterior),
+        *_at_limits(posterior),
+        *_product(samples),
+        *sensitivity_lines(posterior.model, samples),
+    ]
     return "\n".join(lines)
 
 

@@ -86,8 +86,9 @@ def binned(
         )
     bins = len(edges) - 1
     found: dict[Any, Any]
-    whole = isinstance(field, Field | Parts)
-    calibration = calibrate_if_known(field, redshift_frame, peculiar_dispersion) if whole else None
+    calibration = None
+    if isinstance(field, Field | Parts):
+        calibration = calibrate_if_known(field, redshift_frame, peculiar_dispersion)
     work = partial(_by_bin, edges=edges, modes=modes, calibration=calibration, threads=threads)
     if isinstance(field, Parts):
         found = field.sum(work, roles=("redshift",), words="bins of redshift")

@@ -10,7 +10,7 @@ from fit.secular_parallax._equations import (
 )
 from fit.secular_parallax._estimate import hubble_constant, observer_velocity
 from fit.secular_parallax._flow import Flow
-from fit.secular_parallax._forecast import predict
+from fit.secular_parallax._forecast import Forecast, forecast, predict
 from fit.secular_parallax._known import with_acceleration, with_flow, without_flow
 from fit.secular_parallax._parts import ParallaxParts
 from fit.secular_parallax._setup import (
@@ -28,6 +28,7 @@ __all__ = [
     "A",
     "DistanceOptions",
     "Flow",
+    "Forecast",
     "HubbleSolution",
     "ParallaxEquations",
     "ParallaxParts",
@@ -37,6 +38,7 @@ __all__ = [
     "VelocitySolution",
     "check_determined",
     "dispersion_of",
+    "forecast",
     "frame_note",
     "hubble_constant",
     "observer_velocity",

@@ -11,9 +11,10 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from fit.secular_parallax._equations import OMEGA, A, U, V, check_determined
+from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, U, V, check_determined
 from fit.secular_parallax._flow import flow_of
 from fit.secular_parallax._known import with_acceleration, with_flow, with_local_group, without_flow
+from fit.secular_parallax._parts import ParallaxParts
 from fit.secular_parallax._setup import (
     DistanceOptions,
     dispersion_of,
@@ -24,13 +25,16 @@ from fit.secular_parallax._setup import (
 )
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from vsh.checks import arguments
-from vsh.cosmology import LOCAL_GROUP, velocity_along
+from vsh.cosmology import LOCAL_GROUP, PLANCK_2013, hubble_value, velocity_along
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
 from vsh.types import ArrayLike, Cosmology
 from vsh.vector import Vector
 
+#: By which the Local Group departs from the flow of the modes: with 250 of them they leave 106 km/s of linear flows,
+#: and the rest is for what is none. [km/s]
+LOCAL_SCATTER = 150.0
 _PRODUCT = "the proper motions constrain only the product of our velocity and the Hubble constant, v · H0"
 
 
@@ -107,14 +111,43 @@ def observer_velocity(
         other = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
         return _in_words(observer_velocity(field, hubble, **given | other | {"redshift_frame": frame}).velocity)
 
-    reference = 67.3 if cosmology is None else float(cosmology.H0.value)
-    ratio = hubble / reference
+    ratio = hubble / hubble_value(PLANCK_2013 if cosmology is None else cosmology)
     rows = _noted(parallax_equations(field, ratio=ratio, **given), field, distances, as_frame)
+    return velocity_from(rows, hubble, dispersion, spin, acceleration, excess_noise)
+
+
+def velocity_from(
+    rows: ParallaxEquations | ParallaxParts,
+    hubble: float,
+    dispersion: float,
+    spin: Literal["free"] | Vector | None = None,
+    acceleration: Vector | None = None,
+    excess_noise: float = 0.0,
+    local_group: Vector | bool | None = None,
+) -> VelocitySolution:
+    """Our velocity from equations; the arguments are those of `observer_velocity`, all of them in order.
+
+    Parameters
+    ----------
+    rows : ParallaxEquations or ParallaxParts
+        Of a catalogue, with distances for this H0.
+    hubble : float
+        H0. [km/s/Mpc]
+    dispersion : float
+        Of peculiar velocities. [km/s]
+    spin, acceleration, excess_noise
+        As for `observer_velocity`.
+    local_group : Vector or bool, optional
+        For forecasts alone: our own velocity is not independent of it.
+    """
+    ratio = hubble / rows.hubble
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
-    found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio)
+    group = _local_group(local_group, rows)
+    near = None if group is None else (group, None, LOCAL_SCATTER)
+    found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, near)
     return VelocitySolution(**found, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
 
@@ -172,7 +205,9 @@ def hubble_constant(
 
     def as_frame(frame):
         other = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "hubble": hubble}
-        found = hubble_constant(field, velocity, **given | other | {"redshift_frame": frame, "local_group": local_group})
+        found = hubble_constant(
+            field, velocity, **given | other | {"redshift_frame": frame, "local_group": local_group}
+        )
         return f"H0 = {found.hubble:.1f} ± {found.hubble_error:.1f} km/s/Mpc"
 
     rows = _noted(parallax_equations(field, apart=True, **given), field, distances, as_frame)
@@ -186,7 +221,7 @@ def hubble_constant(
         to_u = np.zeros((12, 4))
         to_u[U, 0] = v / rows.hubble
         to_u[A, 1:] = np.eye(3)
-        near = None if group is None else (group, v, dispersion)
+        near = None if group is None else (group, v, LOCAL_SCATTER)
         return _solve(sums, to_u, names, spin, rows, acceleration, ratio, near, v)
 
     found = at(velocity.value)
@@ -220,7 +255,7 @@ def _local_group(value, rows):
         raise ParameterError('the Local Group tells the flow where we are: give flows="linear" with local_group=')
     if value is not True and not isinstance(value, Vector):
         raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
-    return LOCAL_GROUP if value is True else value
+    return (LOCAL_GROUP if value is True else value).to_frame(rows.frame)
 
 
 def _solve(sums, to_u, names, spin, rows, acceleration, ratio, near=None, velocity=None):
@@ -231,7 +266,7 @@ def _solve(sums, to_u, names, spin, rows, acceleration, ratio, near=None, veloci
     if rows.modes is not None:
         sums = with_flow(sums, width, ratio)
         if near is not None:
-            sums = with_local_group(sums, rows.modes, *near, ratio, rows.frame, width)
+            sums = with_local_group(sums, rows.modes, *near, ratio, width)
         sums, amplitudes = without_flow(sums, width)
     if isinstance(spin, str) and spin == "free":
         to_u = np.concatenate([to_u, np.eye(width)[:, OMEGA]], axis=1)

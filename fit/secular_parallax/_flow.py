@@ -134,7 +134,9 @@ def _shell_mean(modes, radius):
     return rows
 
 
-def flow_of(rows: Any, amplitudes: Any, theta: FloatArray, to_u: FloatArray, covariance: FloatArray, ratio: float) -> Flow:
+def flow_of(
+    rows: Any, amplitudes: Any, theta: FloatArray, to_u: FloatArray, covariance: FloatArray, ratio: float
+) -> Flow:
     """The flow of a fit, from its amplitudes given the other parameters.
 
     Parameters
@@ -156,4 +158,3 @@ def flow_of(rows: Any, amplitudes: Any, theta: FloatArray, to_u: FloatArray, cov
     values = (amplitudes.mean - amplitudes.slope @ theta) / ratio
     total = (amplitudes.covariance + slope @ covariance @ slope.T) / ratio**2
     return Flow(rows.modes, values, (total + total.T) / 2, rows.frame)
-

@@ -104,5 +104,7 @@ def shared_motion(
     p, q, r = triad(field.lon, field.lat)
     across, along = np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]), np.sum(velocity * r, 0)
     outside = int((~inside).sum())
-    note = (f"{outside} sources lie outside of the reconstructed flow, which is taken as zero there",) if outside else ()
+    note = (
+        (f"{outside} sources lie outside of the reconstructed flow, which is taken as zero there",) if outside else ()
+    )
     return rate * across + _pull(field, slope, ours) * along, note

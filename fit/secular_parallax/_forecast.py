@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from fit.secular_parallax._estimate import HubbleSolution, VelocitySolution, hubble_constant, observer_velocity
+from fit.output import WIDTH
+from fit.secular_parallax._estimate import hubble_constant, velocity_from
+from fit.secular_parallax._setup import dispersion_of, parallax_equations
+from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
+from fit.storage import Result
+from vsh import tables
+from vsh.cosmology import PLANCK_2013, hubble_value
+from vsh.errors import ParameterError
 from vsh.field import Field
-from vsh.types import ArrayLike
+from vsh.types import ArrayLike, Figure, Table
 from vsh.vector import Vector
 
 
@@ -19,6 +27,7 @@ def predict(
     velocity: str | Vector | ArrayLike = "planck",
     *,
     sigma: ArrayLike | None = None,
+    local_group: Vector | bool | None = None,
     **options: Any,
 ) -> tuple[VelocitySolution, HubbleSolution]:
     """Errors of our velocity and of H0 to come: a VelocitySolution and a HubbleSolution with nan for values.
@@ -26,25 +35,176 @@ def predict(
     Parameters
     ----------
     sources, sigma
-        As for `fit.correlation.predict`, with redshifts.
+        As for `fit.correlation.predict`, with redshifts: true ones unless the sources or the options say another frame.
     hubble : float
         For the velocity, and the scale of H0's error [km/s/Mpc]
     velocity
         As for `fit.secular_parallax.hubble_constant`.
+    local_group : Vector or bool, optional
+        As there. It lowers the error of the velocity as if it were independent of ours, which it is not.
     **options
-        Of `fit.secular_parallax.observer_velocity`, but hubble.
+        Of `fit.secular_parallax.observer_velocity`, but hubble: flows="linear", acceleration=Vector, …
 
     Returns
     -------
     tuple[VelocitySolution, HubbleSolution]
     """
     still = Field.without_motions(sources, sigma)
-    options = {"redshift_frame": still.redshift_frame or "true"} | options
     still = still.minus(still.motion)
-    ours = observer_velocity(still, hubble, **options)
-    constant = hubble_constant(still, velocity, hubble=hubble, **options)
+    options = {"redshift_frame": still.redshift_frame or "true"} | options
+    apart = {name: options[name] for name in ("spin", "acceleration", "excess_noise") if name in options}
+    rest = {name: value for name, value in options.items() if name not in apart}
+    cosmology = rest.get("cosmology")
+    ratio = hubble / hubble_value(PLANCK_2013 if cosmology is None else cosmology)
+    rows = parallax_equations(still, ratio=ratio, **rest)
+    dispersion = dispersion_of(rest.get("peculiar_dispersion"), rest)  # type: ignore[arg-type]
+    ours = velocity_from(rows, hubble, dispersion, **apart, local_group=local_group)
+    constant = hubble_constant(still, velocity, hubble=hubble, local_group=local_group, **options)
     nothing = float("nan")
     return (
         replace(ours, values=np.full(len(ours.names), nothing), chi2=nothing),
         replace(constant, values=np.full(len(constant.names), nothing), chi2=nothing),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast(Result):
+    """Errors of our velocity and of H0 by catalogue, redshift limit and what is known besides.
+
+    Attributes
+    ----------
+    catalogues : tuple of str
+    limits : tuple of float
+        Redshifts up to which sources are used.
+    known : tuple of str
+        What is taken to be known.
+    sources : (c, z) array
+        How many there are.
+    velocity, hubble : (c, z, k) arrays
+        Standard errors of a component of v [km/s], on average, and of H0 [km/s/Mpc]
+    """
+
+    catalogues: tuple[str, ...]
+    limits: tuple[float, ...]
+    known: tuple[str, ...]
+    sources: Any
+    velocity: Any
+    hubble: Any
+
+    def report(self) -> str:
+        """The table as text.
+
+        Returns
+        -------
+        str
+        """
+        lines = [
+            "Errors to come: a component of our velocity [km/s] / H0 [km/s/Mpc], with the cosmic variance of linear flows", "─" * WIDTH,
+            f"{'':8}{'z below':>8}{'sources':>9}" + "".join(f"{name:>21}" for name in self.known),
+        ]  # fmt: skip
+        for i, catalogue in enumerate(self.catalogues):
+            for j, limit in enumerate(self.limits):
+                cells = "".join(
+                    f"{v:12.0f} / {h:5.1f} " for v, h in zip(self.velocity[i, j], self.hubble[i, j], strict=True)
+                )
+                lines.append(f"{catalogue:8}{limit:8.3g}{self.sources[i, j]:9d}{cells}")
+        lines.append(
+            "With the Local Group's motion v is not independent of it; H0 is, and is fitted together with the flow."
+        )
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each catalogue and limit, as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
+        pairs = [(i, j) for i in range(len(self.catalogues)) for j in range(len(self.limits))]
+        columns: dict[str, Any] = {
+            "catalogue": [self.catalogues[i] for i, _ in pairs],
+            "z_limit": [self.limits[j] for _, j in pairs],
+            "sources": [int(self.sources[i, j]) for i, j in pairs],
+        }
+        for k, name in enumerate(self.known):
+            columns[f"velocity, {name}"] = [float(self.velocity[i, j, k]) for i, j in pairs]
+            columns[f"H0, {name}"] = [float(self.hubble[i, j, k]) for i, j in pairs]
+        return tables.table_of(columns)
+
+    def plot(self) -> Figure:
+        """Errors of H0 against the redshift limit, a panel a catalogue; a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
+        from fit.secular_parallax._plot import plot_forecast
+
+        return plot_forecast(self)
+
+
+#: What may be known besides the galaxies' motions: options of `predict`, and the columns of a forecast.
+_GLIDE = {"acceleration": Vector(np.zeros(3), 0.35**2 * np.eye(3))}
+_FLOWS = {"flows": "linear"}
+KNOWN: dict[str, dict[str, Any]] = {
+    "independent": {"peculiar_dispersion": 306.0},
+    "flows": _FLOWS,
+    "+ glide": _FLOWS | _GLIDE,
+    "+ Local Group": _FLOWS | {"local_group": True},
+    "+ both": _FLOWS | _GLIDE | {"local_group": True},
+}
+
+
+def forecast(
+    catalogues: Mapping[str, Field],
+    limits: Sequence[float] = (0.01, 0.02, 0.03),
+    *,
+    hubble: float = 67.3,
+    n_modes: int = 250,
+    redshift_frame: str = "cmb",
+) -> Forecast:
+    """Errors of our velocity and of H0 for catalogues to come, with and without the flows that galaxies share.
+
+    Parameters
+    ----------
+    catalogues : dict of str to Field
+        Galaxies with their errors to be, by name; motions do not matter.
+    limits : sequence of float
+        Redshifts up to which sources are used.
+    hubble : float
+        [km/s/Mpc]
+    n_modes : int
+        Unknowns of the flow.
+    redshift_frame : str
+        With redshifts as they will be seen; "true" for ones without velocities.
+
+    Returns
+    -------
+    Forecast
+        In columns: independent velocities of 306 km/s; flows of linear theory; with the quasars' glide known to
+        0.35 µas/yr in each component; with the Local Group's motion; with both.
+
+    Raises
+    ------
+    ParameterError
+        If there is no catalogue.
+    """
+    if not catalogues:
+        raise ParameterError("a forecast is of one catalogue at least")
+    sources, velocity, constant = [], [], []
+    for field in catalogues.values():
+        for limit in limits:
+            chosen = field[np.asarray(field.redshift) < limit]
+            sources.append(len(chosen))
+            for options in KNOWN.values():
+                given = (
+                    {"redshift_frame": redshift_frame} | options | ({"n_modes": n_modes} if "flows" in options else {})
+                )
+                ours, h = predict(chosen, hubble, **given)
+                velocity.append(np.sqrt(np.trace(ours.velocity.covariance) / 3))
+                constant.append(h.hubble_error)
+    shape = len(catalogues), len(limits)
+    return Forecast(
+        tuple(catalogues), tuple(map(float, limits)), tuple(KNOWN), np.reshape(sources, shape),
+        np.reshape(velocity, (*shape, len(KNOWN))), np.reshape(constant, (*shape, len(KNOWN))),
+    )  # fmt: skip

@@ -67,7 +67,13 @@ def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> Para
 
 
 def with_local_group(
-    sums: ParallaxSums, modes: FlowModes, velocity: Vector, ours: FloatArray, dispersion: float, ratio: float, frame: str, width: int
+    sums: ParallaxSums,
+    modes: FlowModes,
+    velocity: Vector,
+    ours: FloatArray | None,
+    scatter: float,
+    ratio: float,
+    width: int,
 ) -> ParallaxSums:
     """The same with the Local Group's velocity as what the flow is where we are.
 
@@ -81,25 +87,32 @@ def with_local_group(
     modes : FlowModes
         Of the flow.
     velocity : Vector
-        Of the Local Group in the microwave background. [km/s]
-    ours : (3,) array
-        Our own. [km/s]
-    dispersion : float
-        Of motions that are no flow. [km/s]
+        Of the Local Group in the microwave background, along the axes of the equations. [km/s]
+    ours : (3,) array or None
+        Our own; None where H0 is known. [km/s]
+    scatter : float
+        By which it departs from the flow of the modes: of linear motions that they leave, and of motions that are
+        none. [km/s]
     ratio : float
         H0/H_ref in the weights.
-    frame : str
-        Of the axes.
     width : int
         How many columns there are before the modes.
     """
-    known = velocity.to_frame(frame)
-    covariance = known.covariance + (dispersion**2 + modes.left_at_origin()) * np.eye(3)
+    covariance = velocity.covariance + scatter**2 * np.eye(3)
     weight = np.linalg.inv(covariance) / ratio**2
     rows = np.zeros((3, sums.matrix.shape[-1]))
-    rows[:, U] = -np.outer(known.value, ours) / (ours @ ours)
     rows[:, width:] = modes.at_origin()
-    return replace(sums, matrix=sums.matrix + rows.T @ weight @ rows)
+    known = np.zeros(3)
+    if ours is None:
+        known = velocity.value * ratio
+    else:
+        rows[:, U] = -np.outer(velocity.value, ours) / (ours @ ours)
+    return replace(
+        sums,
+        matrix=sums.matrix + rows.T @ weight @ rows,
+        rhs=sums.rhs + rows.T @ weight @ known,
+        chi2_null=sums.chi2_null + known @ weight @ known,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,7 +125,10 @@ def _hubble(solution, quality):
     pull = solution.hubble / solution.hubble_error
     if pull < 3:  # the error is no longer a ±
         low, high = ndtri(0.05), ndtri(0.95)
-        product = solution.assumed_velocity.amplitude * solution.hubble, solution.assumed_velocity.amplitude * solution.hubble_error
+        product = (
+            solution.assumed_velocity.amplitude * solution.hubble,
+            solution.assumed_velocity.amplitude * solution.hubble_error,
+        )
         limits = [max(solution.hubble + each * solution.hubble_error, 0.0) for each in (low, high)]
         return [
             f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",

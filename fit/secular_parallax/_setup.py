@@ -10,7 +10,7 @@ from warnings import warn
 
 import numpy as np
 
-from fit.distances import calibrate
+from fit.distances import bare_calibration, calibrate
 from fit.secular_parallax._equations import ParallaxEquations
 from fit.secular_parallax._parts import ParallaxParts, equations
 from vsh.cosmology import PLANCK_2013, hubble_value, transverse_distance
@@ -146,13 +146,15 @@ def parallax_equations(
     """
     unknown = set(options) - set(DistanceOptions.__annotations__)
     if unknown:
-        raise ParameterError(f"no argument is called {', '.join(sorted(unknown))}; there are {', '.join(DistanceOptions.__annotations__)}")
+        raise ParameterError(
+            f"no argument is called {', '.join(sorted(unknown))}; there are {', '.join(DistanceOptions.__annotations__)}"
+        )
     given = DistanceOptions(**options)  # type: ignore[typeddict-item]
     cosmology = PLANCK_2013 if cosmology is None else cosmology
     dispersion = dispersion_of(peculiar_dispersion, given)
     calibration = calibrate(
         field, given.get("redshift_frame"), dispersion, cosmology=cosmology, density=given.get("density"),
-        luminosity=given.get("luminosity"), magnitudes=given.get("magnitudes"), flow=_modes(field, cosmology, given),
+        luminosity=given.get("luminosity"), magnitudes=given.get("magnitudes"), flow=_modes(field, cosmology, dispersion, given),
     )  # fmt: skip
     grid = given.get("reconstruction")
     if grid is not None and not isinstance(grid, VelocityGrid):
@@ -160,7 +162,7 @@ def parallax_equations(
     return equations(field, calibration, ratio=ratio, apart=apart, reconstruction=grid, threads=threads)
 
 
-def _modes(field, cosmology, options) -> FlowModes | None:
+def _modes(field, cosmology, dispersion, options) -> FlowModes | None:
     theory = flow_theory(options)
     if theory is None:
         return None
@@ -169,14 +171,15 @@ def _modes(field, cosmology, options) -> FlowModes | None:
         if not 0 < error <= 1:
             raise ParameterError(f"a reconstruction errs by a fraction of the flow above 0, at most 1, not {error!r}")
         theory = replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
-    low, high = as_parts(field).sum(partial(_reach, cosmology=cosmology), roles=DISTANCES, words="distances")
+    bare = bare_calibration(field, options.get("redshift_frame"), dispersion, cosmology)
+    low, high = as_parts(field).sum(partial(_reach, calibration=bare), roles=DISTANCES, words="distances")
     h = hubble_value(cosmology) / 100
     # Distances given the redshift may lie beyond that of the redshift itself.
     return flow_modes(0.5 * min(low) * h, 1.2 * max(high) * h, options.get("n_modes", 250), theory)
 
 
-def _reach(field, cosmology):
-    distance = transverse_distance(field.redshift, cosmology)
+def _reach(field, calibration):
+    distance = transverse_distance(calibration.redshift(field), calibration.cosmology)
     return [float(distance.min())], [float(distance.max())]
 
 
@@ -206,13 +209,16 @@ def frame_note(field: Field | Parts, words: Callable[[str], str] | None) -> str:
     words : function or None
         From the name of a frame to what would be found.
     """
-    found = ["what it would change fit.secular_parallax.observer_velocity tells"] if words is None else []
-    for frame in () if words is None else ("heliocentric", "cmb"):
-        try:
-            with np.errstate(all="ignore"):
-                found.append(f"as {frame} ones they give {words(frame)}")
-        except VshError as error:
-            found.append(f"as {frame} ones they cannot be used ({error})")
+    found = []
+    if words is None:
+        found.append("what it would change fit.secular_parallax.observer_velocity tells")
+    else:
+        for frame in ("heliocentric", "cmb"):
+            try:
+                with np.errstate(all="ignore"):
+                    found.append(f"as {frame} ones they give {words(frame)}")
+            except VshError as error:
+                found.append(f"as {frame} ones they cannot be used ({error})")
     return (
         "warning: nobody says in which frame the redshifts stand, so they are taken as true ones, without velocities or "
         "errors in them. " + "; ".join(found) + ". Say which: redshift_frame= (--redshift-frame)"

@@ -109,7 +109,9 @@ class LinearFlow(Velocities):
         far = distance * _little_h(self.cosmology, self.hubble)
         if self.exact:
             if len(lon) > _MOST_EXACT:
-                raise ParameterError(f"{len(lon)} galaxies are too many to be drawn exactly: {_MOST_EXACT} at most; take exact=False")
+                raise ParameterError(
+                    f"{len(lon)} galaxies are too many to be drawn exactly: {_MOST_EXACT} at most; take exact=False"
+                )
             root = _root(self.theory, lon.tobytes(), lat.tobytes(), far.tobytes())
             velocity = (root @ draw.standard_normal(root.shape[0])).reshape(-1, 3).T
             p, q, r = triad(lon, lat)

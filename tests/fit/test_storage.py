@@ -57,7 +57,19 @@ def results():
 
 
 NAMES = (
-    *("solution", "clipped", "prediction", "frame", "velocity", "velocity and spin", "hubble", "bins", "common", "velocity and flow", "flow"),
+    *(
+        "solution",
+        "clipped",
+        "prediction",
+        "frame",
+        "velocity",
+        "velocity and spin",
+        "hubble",
+        "bins",
+        "common",
+        "velocity and flow",
+        "flow",
+    ),
     *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
     *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),
 )

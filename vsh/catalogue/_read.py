@@ -179,7 +179,12 @@ class _maker:
         doubt_positions(found, self.assumed)
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(
-                **found, frame=self.frame, redshift_frame=self.redshift_frame, on_bad=self.on_bad, notes=said, first_row=first_row
+                **found,
+                frame=self.frame,
+                redshift_frame=self.redshift_frame,
+                on_bad=self.on_bad,
+                notes=said,
+                first_row=first_row,
             )
         for note in said:
             if note.startswith("warning"):

@@ -103,7 +103,11 @@ def check_measured(noun: Any) -> None:
     FieldError
         If an error is negative, a distance not above zero, or without an error.
     """
-    for column, least in (("redshift_error", "zero or more"), ("distance", "above zero"), ("distance_error", "above zero")):
+    for column, least in (
+        ("redshift_error", "zero or more"),
+        ("distance", "above zero"),
+        ("distance_error", "above zero"),
+    ):
         values = getattr(noun, column)
         if values is None:
             continue

@@ -25,6 +25,8 @@ _NONE = Vector(np.zeros(3), np.zeros((3, 3)), "galactic", "km/s")
 
 #: The Sun's velocity with respect to the observer at rest in each frame of redshifts. [km/s]
 REDSHIFT_FRAMES = {"heliocentric": _NONE, "cmb": PLANCK_2018, "local-group": SUN_IN_LOCAL_GROUP}
+
+
 def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, redshift_frame: str) -> FloatArray:
     """Redshifts as an observer at rest in the microwave background would measure them.
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from vsh.checks.notes import WithoutRedshift
+from vsh.cosmology._frames import to_cmb
 from vsh.errors import FieldError, NothingLeftError
 from vsh.field import Field
+from vsh.sky.redshift_frames import check_redshift_frame
 from vsh.types import ArrayLike, BoolArray
 
 #: Below this redshift a source moves with its neighbours, not with the expansion.
@@ -72,8 +74,10 @@ def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> d
     }
 
 
-def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT) -> Field:
+def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame: str | None = None) -> Field:
     """The sources of a field whose redshift can be used; a note counts the others and names the first.
+
+    Where it is known in which frame the redshifts stand, those at rest in the microwave background count.
 
     Parameters
     ----------
@@ -81,6 +85,8 @@ def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT) -> Field:
         The sources.
     min_redshift : float
         The smallest redshift of use.
+    redshift_frame : str, optional
+        The field's own unless given.
 
     Returns
     -------
@@ -93,16 +99,20 @@ def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT) -> Field:
     """
     if field.redshift is None:
         raise FieldError("these sources have no redshifts: the table needs a column of them (--columns redshift=NAME)")
-    good = usable(field.redshift, min_redshift)
+    frame = redshift_frame or field.redshift_frame
+    redshift = np.asarray(field.redshift)
+    if frame is not None:
+        redshift = to_cmb(redshift, field.lon, field.lat, field.frame, check_redshift_frame(frame))
+    good = usable(redshift, min_redshift)
     if good.all():
         return field
     bad = ~good
     names = () if field.name is None else tuple(str(name) for name in field.name[bad][:5])
-    reasons = reasons_unusable(field.redshift, min_redshift)
+    reasons = reasons_unusable(redshift, min_redshift)
     note = WithoutRedshift.of_table(reasons, len(field), field.lon, field.redshift, names=names)
     if bad.all():
         error = NothingLeftError(f"{bad.sum()} of {len(field)} sources without a usable redshift: "
-                                 f"{count_unusable(field.redshift, min_redshift)}. No source is left")  # fmt: skip
+                                 f"{count_unusable(redshift, min_redshift)}. No source is left")  # fmt: skip
         error.notes = (note,)
         raise error
     return field[good].add_note(note)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from vsh.checks import arguments
-from vsh.checks.arrays import float_array
 from vsh.checks.notes import printable
 from vsh.errors import ParameterError, TableError
 from vsh.sky.frames import check_frame, rotation_matrix

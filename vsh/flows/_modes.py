@@ -145,16 +145,17 @@ class FlowModes:
                 norm = 1.0 if i == 0 else 1 / np.sqrt(2)
                 here = slice(column, column + count)
                 radial[:, here] = norm * y[l * l + i][:, None] * along[:, functions]
-                tangential[:, :, here] = (
-                    norm * s[l * l - 1 + i][:, :, None] * across[:, functions] if l else 0.0
-                )
+                tangential[:, :, here] = norm * s[l * l - 1 + i][:, :, None] * across[:, functions] if l else 0.0
                 column += count
             first += count
         return tangential, radial
 
 
 @arguments.accepts(
-    nearest=arguments.not_negative, farthest=arguments.positive, n_modes=arguments.whole, theory=arguments.a(LinearTheory)
+    nearest=arguments.not_negative,
+    farthest=arguments.positive,
+    n_modes=arguments.whole,
+    theory=arguments.a(LinearTheory),
 )
 def flow_modes(
     nearest: float, farthest: float, n_modes: int = 250, theory: LinearTheory = PLANCK_2018, *, max_degree: int = 60

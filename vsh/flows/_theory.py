@@ -57,7 +57,9 @@ class LinearTheory:
     def __post_init__(self) -> None:
         k, power = float_array("k", self.k), float_array("power", self.power)
         if k.ndim != 1 or k.shape != power.shape or k.size < 8 or not (k[0] > 0 and (np.diff(k) > 0).all()):
-            raise ParameterError("a power spectrum is two arrays of one length, eight at least; k rises from above zero")
+            raise ParameterError(
+                "a power spectrum is two arrays of one length, eight at least; k rises from above zero"
+            )
         if not (power > 0).all():
             raise ParameterError("the power of matter is above zero at every wave number")
         object.__setattr__(self, "k", k)

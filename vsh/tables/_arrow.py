@@ -183,7 +183,9 @@ def _header(schema):
     try:
         header = get_header_from_yaml(re.split("\n", text.decode()))
         units |= {column["name"]: column["unit"] for column in header["datatype"] if "unit" in column}
-        said |= {column["name"]: str(column["description"]) for column in header["datatype"] if column.get("description")}
+        said |= {
+            column["name"]: str(column["description"]) for column in header["datatype"] if column.get("description")
+        }
         return units, dict(header.get("meta") or {}), said
     except Exception as error:  # whatever a damaged header makes of YAML
         raise TableError(f"the metadata that astropy wrote are damaged: {first_line(error)}") from error

@@ -50,7 +50,11 @@ def open_fits(path: PathName, label: str) -> TableSource:
     with _guarded(label), _open(plain.name) as hdus:
         found = list(hdus[chosen].columns)
         meta = _meta(hdus[chosen].header)
-        said = {c.name: str(hdus[chosen].header[f"TCOMM{i}"]) for i, c in enumerate(found, 1) if f"TCOMM{i}" in hdus[chosen].header}
+        said = {
+            c.name: str(hdus[chosen].header[f"TCOMM{i}"])
+            for i, c in enumerate(found, 1)
+            if f"TCOMM{i}" in hdus[chosen].header
+        }
     described = {column.name: column for column in found}
     names = [column.name for column in found]
     if not names or not all(names):
