@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 import sim
 from vsh import Field
@@ -14,6 +15,8 @@ from vsh import Field
 # The same examples every time; a slow machine is no failure.
 settings.register_profile("project", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("project")
+# Tests run side by side: BLAS' own threads would only wait for each other.
+threadpool_limits(1, "blas")
 
 
 def pytest_addoption(parser):

@@ -23,7 +23,7 @@ BREAKS = [
         '"x"] = placeholders & False',
         "test_readers.py",
     ),
-    ("vsh/field.py", "c = -self.rho / (", "c = self.rho / (", "test_fit.py test_field.py"),
+    ("vsh/checks/weighed.py", "c = -self.rho / (", "c = self.rho / (", "test_fit.py test_field.py"),
     ("vsh/sky/frames.py", "covariance = cos * sin * (v2 - v1)", "covariance = cos * sin * (v1 - v2)", "test_field.py"),
     ("vsh/vector.py", "np.cos(lat))\n            north", "1.0)\n            north", "test_vector.py"),
     ("vsh/vector.py", "chndtr(x, 3, a * a) / alone - tail", "chndtr(x, 3, a * a) - tail", "test_vector.py"),

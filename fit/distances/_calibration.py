@@ -16,7 +16,6 @@ from fit.distances._luminosity import MODULI, LuminosityFunction, fit_luminosity
 from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, count_unusable, to_cmb, transverse_distance, usable, with_redshift
 from vsh.errors import FieldError, NothingLeftError, ParameterError
 from vsh.field import Field
-from vsh.flows import FlowModes
 from vsh.parts import DISTANCES, Parts, as_parts
 from vsh.sky.redshift_frames import TRUE, check_redshift_frame
 from vsh.types import Cosmology, FloatArray
@@ -32,7 +31,7 @@ class Calibration:
     frame : str
         Of the redshifts: "heliocentric", "cmb", "local-group"; "true" ones hold no velocities.
     dispersion : float
-        Of radial velocities, beyond the flow. [km/s]
+        Of radial velocities, those of flows among them. [km/s]
     cosmology : astropy cosmology
         The shape of the distance, and H_ref.
     density : SourceDensity
@@ -41,8 +40,6 @@ class Calibration:
         None where magnitudes are not used.
     errors : ErrorsByRedshift or None
         The variances that stand in place of the sources' own, where magnitudes are not used.
-    flow : FlowModes or None
-        Modes of a flow that is fitted: what they leave moves redshifts.
     notes : tuple of str
     """
 
@@ -52,7 +49,6 @@ class Calibration:
     density: SourceDensity
     luminosity: LuminosityFunction | None = None
     errors: ErrorsByRedshift | None = None
-    flow: FlowModes | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -119,9 +115,6 @@ class Calibration:
             At rest in the microwave background.
         """
         variance = np.full(len(field), 0.0 if self.exact else (self.dispersion / SPEED_OF_LIGHT) ** 2)
-        if self.flow is not None and not self.exact:
-            far = np.exp(self.log_distance(np.log1p(redshift))[0]) * self.little_h
-            variance += self.flow.left(far)[1] / SPEED_OF_LIGHT**2
         if field.redshift_error is not None:
             variance += (np.nan_to_num(field.redshift_error) / (1 + redshift)) ** 2
         return np.sqrt(variance)
@@ -148,7 +141,6 @@ def calibrate(
     density: Literal["volume", "fitted"] | Callable[[FloatArray], FloatArray] | None = None,
     luminosity: Callable[[FloatArray], FloatArray] | None = None,
     magnitudes: bool | None = None,
-    flow: FlowModes | None = None,
 ) -> Calibration:
     """How the distances of a catalogue follow from its redshifts.
 
@@ -159,7 +151,7 @@ def calibrate(
     redshift_frame : str, optional
         "heliocentric", "cmb", "local-group" or "true"; the field's own unless given.
     dispersion : float
-        Of radial peculiar velocities, beyond the flow. [km/s]
+        Of radial peculiar velocities, those of flows among them. [km/s]
     cosmology : astropy cosmology, optional
         Flat, Ω_m = 0.315, H0 = 67.3 unless given.
     density : "volume", "fitted", or a function of distance [Mpc], optional
@@ -170,8 +162,6 @@ def calibrate(
         log φ up to a constant; fitted to the catalogue, complete to its faintest magnitude, unless given.
     magnitudes : bool, optional
         Whether to use them; if all sources have one unless given.
-    flow : FlowModes, optional
-        Modes of a flow that is fitted: what they leave is added to the dispersion.
 
     Returns
     -------
@@ -186,7 +176,7 @@ def calibrate(
     """
     cosmology = PLANCK_2013 if cosmology is None else cosmology
     sky = as_parts(field)
-    bare = replace(bare_calibration(field, redshift_frame, dispersion, cosmology), flow=flow)
+    bare = bare_calibration(field, redshift_frame, dispersion, cosmology)
     facts = sky.sum(partial(_facts, calibration=bare), roles=DISTANCES, words="redshifts")
     least, most = min(facts["lowest"]), max(facts["highest"])
     rms = float(np.sqrt(facts["spread2"] / facts["n"]))

@@ -11,10 +11,11 @@ from fit.posterior._mixture import MixtureModel
 from fit.posterior._model import parallax_model, posterior_equations
 from fit.posterior._posterior import Posterior
 from fit.posterior._priors import NoiseOptions, Priors, as_priors, distances_of
-from fit.sampling import Prior, Run, as_prior, check_writable, fingerprint
+from fit.sampling import Prior, Run, as_prior, check_writable, fingerprint, named_function
 from fit.secular_parallax import ParallaxEquations
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.checks.columns import MEASURED
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
@@ -114,7 +115,7 @@ def sample(
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
         identity = fingerprint(_data(field, rows), f"{rows.n_data // 2} sources, {rows.frame}", given.describe() | {
             "cosmology": repr(cosmology), "spin": spin_said, "outliers": repr(outliers),
-            "outlier width": str(outlier_width), "distances": repr(distances), "walkers": str(n_walkers), "seed": str(seed),
+            "outlier width": str(outlier_width), "distances": _in_words(distances), "walkers": str(n_walkers), "seed": str(seed),
         })  # fmt: skip
         run.resume_from(checkpoint, identity)
     chain, log_probability = run.run()
@@ -125,6 +126,14 @@ def _data(field, rows):
     """The arrays that tell one catalogue from another: of the field, or the sums of its parts."""
     if isinstance(field, Field):
         known = [getattr(field, name) for name in ("lon", "lat", "motion", "sigma", "rho", "redshift")]
-        return [*known, *(getattr(rows, name) for name in ("motion", "variance", "rate", "left"))]
+        return known + [getattr(field, name) for name in MEASURED[1:] if getattr(field, name) is not None]
     sums = rows.sums()
     return [sums.matrix, sums.rhs, sums.chi2_null, sums.logdet]
+
+
+def _in_words(distances):
+    """How distances follow from redshifts, the same text in every run."""
+    return str({
+        name: named_function(value) if callable(value) and not isinstance(value, type) else repr(value)
+        for name, value in sorted(distances.items())
+    })  # fmt: skip

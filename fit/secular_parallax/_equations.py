@@ -6,7 +6,7 @@ A source at transverse comoving distance d moves by
 
 (Bachchan, Hobbs & Lindegren 2016, sect. 2.3 and 4), where distances are those for H_ref: the
 data see the product v H0 only. Where redshifts hold velocities and errors, k is the mean of 1/d (`fit.distances`), and
-its variance adds s² |v|²/3 to that of the motion. Each source is turned to the axes of its error ellipse, in which
+its variance s² adds s² |v|²/3 to that of the motion, and with flows s² σ² for theirs. Each source is turned to the axes of its error ellipse, in which
 a variance that is the same in all directions (peculiar velocities, excess noise) is simply added.
 """
 
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from fit.distances import Calibration, inverse_distances
-from fit.secular_parallax._flow_rows import FlowRows, flow_rows, shared_motion
+from fit.secular_parallax._flow_rows import FlowRows, known_flow
 from vsh.cosmology import PLANCK_2018, hubble_value
 from vsh.errors import DegeneracyError
 from vsh.field import Field
@@ -191,6 +191,7 @@ def equations_of(
     field: Field,
     calibration: Calibration,
     *,
+    modes: FlowModes | None = None,
     ratio: float = 1.0,
     apart: bool = False,
     reconstruction: VelocityGrid | None = None,
@@ -203,7 +204,9 @@ def equations_of(
     field : Field
         With redshifts.
     calibration : Calibration
-        From redshifts to distances; with the modes of a flow, they are further columns.
+        From redshifts to distances.
+    modes : FlowModes, optional
+        Of a flow: further columns.
     ratio : float
         H0/H_ref, for distances that are in Mpc whatever H0 is.
     apart : bool
@@ -214,8 +217,14 @@ def equations_of(
         How many; one a core unless given.
     """
     k = inverse_distances(field, calibration, threads)
-    mean = np.where(k.own, k.mean / ratio, k.mean)
-    variance_of_k = np.where(k.own, k.variance / ratio**2, k.variance)
+    distance = k.distance * calibration.little_h
+    mean, y, notes = k.mean, field.motion, field.notes
+    if reconstruction is not None:
+        across, shift, note = known_flow(reconstruction, field, distance, k.slope)
+        mean = mean + np.clip(shift, -mean / 2, mean)
+        y, notes = y - across * mean * np.where(k.own, 1.0, ratio), (*notes, *note)
+    scale = np.where(k.own, ratio, 1.0)  # what is in Mpc moves by v/d, not by u/d
+    mean, variance_of_k = mean / scale, k.variance / scale**2
     p, q, _ = triad(field.lon, field.lat)
     cos, sin, large, small = _axes(field, calibration, k)
     own = np.where(k.own & apart, 1.0, 0.0)
@@ -226,15 +235,12 @@ def equations_of(
         columns[1].append(-mean * own * q)
     east, north = map(np.concatenate, columns)
     ours = PLANCK_2018.to_frame(field.frame).value
-    scatter = variance_of_k * (ours @ ours) / 3
-    y, flow, left, notes = field.motion, None, np.zeros(len(field)), field.notes
-    distance = k.distance * calibration.little_h
-    if reconstruction is not None:
-        given, note = shared_motion(reconstruction, field, distance, mean, k.slope, ours)
-        y, notes = y - given * ratio, (*notes, *note)
-    if calibration.flow is not None:
-        flow = flow_rows(calibration.flow, field, distance, mean, k.slope, ours, cos, sin)
-        left = calibration.flow.left(distance)[0] * (mean**2 + variance_of_k)
+    unsure, flow, left = ours @ ours / 3, None, np.zeros(len(field))
+    if modes is not None:
+        unsure += modes.theory.sigma**2
+        flow = FlowRows(modes, field.lon, field.lat, distance, mean, cos, sin)
+        left = modes.left(distance)[0] * (mean**2 + variance_of_k)
+    scatter = variance_of_k * unsure
     rate = np.sqrt(mean**2 + variance_of_k)
     return ParallaxEquations(
         np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T.copy(),

@@ -13,7 +13,13 @@ import numpy as np
 
 from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, U, V, check_determined
 from fit.secular_parallax._flow import flow_of
-from fit.secular_parallax._known import with_acceleration, with_flow, with_local_group, without_flow
+from fit.secular_parallax._known import (
+    hubble_with_local_group,
+    with_acceleration,
+    with_flow,
+    with_local_group,
+    without_flow,
+)
 from fit.secular_parallax._parts import ParallaxParts
 from fit.secular_parallax._setup import (
     DistanceOptions,
@@ -146,8 +152,7 @@ def velocity_from(
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
     group = _local_group(local_group, rows)
-    near = None if group is None else (group, None, LOCAL_SCATTER)
-    found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, near)
+    found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group)
     return VelocitySolution(**found, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
 
@@ -221,8 +226,7 @@ def hubble_constant(
         to_u = np.zeros((12, 4))
         to_u[U, 0] = v / rows.hubble
         to_u[A, 1:] = np.eye(3)
-        near = None if group is None else (group, v, LOCAL_SCATTER)
-        return _solve(sums, to_u, names, spin, rows, acceleration, ratio, near, v)
+        return _solve(sums, to_u, names, spin, rows, acceleration, ratio, group, v)
 
     found = at(velocity.value)
     if velocity.covariance.any():
@@ -258,16 +262,11 @@ def _local_group(value, rows):
     return (LOCAL_GROUP if value is True else value).to_frame(rows.frame)
 
 
-def _solve(sums, to_u, names, spin, rows, acceleration, ratio, near=None, velocity=None):
+def _solve(sums, to_u, names, spin, rows, acceleration, ratio, group=None, velocity=None):
     """Least squares for θ with (u, ã, ω[, v]) = to_u θ: the spin fixed, free or none, the flow marginalised."""
     width = 9 if velocity is None else 12
     sums = with_acceleration(sums, acceleration, rows.frame)
-    alone, amplitudes = _parted(sums, width), None
-    if rows.modes is not None:
-        sums = with_flow(sums, width, ratio)
-        if near is not None:
-            sums = with_local_group(sums, rows.modes, *near, ratio, width)
-        sums, amplitudes = without_flow(sums, width)
+    alone, amplitudes, found_ratio = sums.matrix[:width, :width], None, None
     if isinstance(spin, str) and spin == "free":
         to_u = np.concatenate([to_u, np.eye(width)[:, OMEGA]], axis=1)
         names = (*names, "omega_x", "omega_y", "omega_z")
@@ -279,23 +278,36 @@ def _solve(sums, to_u, names, spin, rows, acceleration, ratio, near=None, veloci
     if isinstance(spin, Vector):
         spin = spin.to_frame(rows.frame)
         fixed[OMEGA] = spin.value
-    matrix = sums.matrix
-    chi2_null = sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ matrix @ fixed
-    rhs = to_u.T @ (sums.rhs - matrix @ fixed)
-    normal = to_u.T @ matrix @ to_u
+    if rows.modes is not None:
+        sums = with_flow(sums, width, ratio)
+        if group is not None and velocity is None:
+            sums = with_local_group(sums, rows.modes, group, LOCAL_SCATTER, ratio, width)
+        elif group is not None:
+
+            def misfit(left, h):
+                return _misfit(left, to_u[:, 1:], fixed + to_u[:, 0] * h * rows.hubble)
+
+            found_ratio, sums = hubble_with_local_group(sums, rows.modes, group, LOCAL_SCATTER, velocity, width, misfit)
+        sums, amplitudes = without_flow(sums, width)
+    normal = to_u.T @ sums.matrix @ to_u
     check_determined(normal, names, sums.n_data // 2)
     inverse = np.linalg.inv(normal)
     covariance = (inverse + inverse.T) / 2
     noise = np.linalg.inv(to_u.T @ alone @ to_u) if rows.modes is not None else covariance
-    if isinstance(spin, Vector):
-        carry = covariance @ to_u.T @ matrix[:, OMEGA]
-        covariance = covariance + carry @ spin.covariance @ carry.T
+    chi2_null = sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ sums.matrix @ fixed
+    rhs = to_u.T @ (sums.rhs - sums.matrix @ fixed)
     values = inverse @ rhs
+    if found_ratio is not None:
+        hubble = found_ratio * rows.hubble
+        values = np.r_[hubble, np.linalg.solve(normal[1:, 1:], rhs[1:] - normal[1:, 0] * hubble)]
+    if isinstance(spin, Vector):
+        carry = covariance @ to_u.T @ sums.matrix[:, OMEGA]
+        covariance = covariance + carry @ spin.covariance @ carry.T
     found = {
         "names": names,
         "values": values,
         "covariance": covariance,
-        "chi2": float(chi2_null - values @ rhs),
+        "chi2": float(chi2_null - 2 * values @ rhs + values @ normal @ values),
         "n_data": sums.n_data,
         "frame": rows.frame,
         "notes": rows.notes,
@@ -306,6 +318,8 @@ def _solve(sums, to_u, names, spin, rows, acceleration, ratio, near=None, veloci
     return found
 
 
-def _parted(sums, width):
-    """The normal matrix were the flow known."""
-    return sums.matrix[:width, :width]
+def _misfit(sums, to_u, fixed):
+    """−2 log of the likelihood where some parameters are fixed and the others marginalised, but for a constant."""
+    normal, rhs = to_u.T @ sums.matrix @ to_u, to_u.T @ (sums.rhs - sums.matrix @ fixed)
+    chi2 = sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ sums.matrix @ fixed - rhs @ np.linalg.solve(normal, rhs)
+    return float(chi2 + sums.logdet + np.linalg.slogdet(normal)[1])

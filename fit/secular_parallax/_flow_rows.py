@@ -1,8 +1,4 @@
-"""The motions that a flow gives to sources: directly, and by what it does to their redshifts.
-
-A velocity V of a source moves it by k V_⊥. Its radial part moves the redshift as well, and with it the distance at
-which our own motion is expected: by v_⊥ k' V_r/c, with k' the change of the mean of 1/d with ln(1 + z_obs).
-"""
+"""The motions that a flow gives to sources."""
 
 from __future__ import annotations
 
@@ -21,6 +17,11 @@ from vsh.units import SPEED_OF_LIGHT
 class FlowRows:
     """Columns of the equations for the modes of a flow, along the axes of the error ellipses.
 
+    The flow moves redshifts as well, and with them the distances at which motions are expected. That is a product of
+    two velocities that are not known, ours less the flow across, and the flow along: it is scatter, and stands among
+    the errors of distances. Taken as v_⊥ V_r alone, with our own velocity known, it would tell the flow where it tells
+    nothing: with 60 000 galaxies errors of v come out 1.5 times too small.
+
     Attributes
     ----------
     modes : FlowModes
@@ -28,8 +29,6 @@ class FlowRows:
         [rad, Mpc/h]
     rate : (n,) array
         [µas/yr per km/s]
-    pull : (2, n) array
-        What a radial velocity of 1 km/s does by the redshift, east and north. [µas/yr per km/s]
     cos, sin : (n,) arrays
         Of the ellipses' directions.
     """
@@ -39,7 +38,6 @@ class FlowRows:
     lat: FloatArray
     distance: FloatArray
     rate: FloatArray
-    pull: FloatArray
     cos: FloatArray
     sin: FloatArray
 
@@ -51,60 +49,38 @@ class FlowRows:
         part : slice
             Which sources.
         """
-        tangential, radial = self.modes.at(self.lon[part], self.lat[part], self.distance[part])
-        tangential *= self.rate[part, None]
-        tangential += self.pull[:, part, None] * radial
-        cos, sin = self.cos[part, None], self.sin[part, None]
-        return np.concatenate([cos * tangential[0] + sin * tangential[1], cos * tangential[1] - sin * tangential[0]])
+        (east, north), _ = self.modes.at(self.lon[part], self.lat[part], self.distance[part])
+        cos, sin = self.cos[part, None] * self.rate[part, None], self.sin[part, None] * self.rate[part, None]
+        return np.concatenate([cos * east + sin * north, cos * north - sin * east])
 
 
-def _pull(field, slope, ours):
-    """v_⊥ k'/c, (2, n)."""
-    p, q, _ = triad(field.lon, field.lat)
-    return np.stack([ours @ p, ours @ q]) * slope / SPEED_OF_LIGHT
-
-
-def flow_rows(
-    modes: FlowModes, field: Field, distance: FloatArray, rate: FloatArray, slope: FloatArray, ours: FloatArray,
-    cos: FloatArray, sin: FloatArray,
-) -> FlowRows:  # fmt: skip
-    """The columns of a field.
-
-    Parameters
-    ----------
-    modes : FlowModes
-        Of the flow.
-    field : Field
-        The sources.
-    distance : (n,) array
-        [Mpc/h]
-    rate, slope : (n,) arrays
-        Of `fit.distances.InverseDistances`.
-    ours : (3,) array
-        Our velocity, fixed. [km/s]
-    cos, sin : (n,) arrays
-        Of the ellipses' directions.
-    """
-    return FlowRows(modes, field.lon, field.lat, distance, rate, _pull(field, slope, ours), cos, sin)
-
-
-def shared_motion(
-    grid: VelocityGrid, field: Field, distance: FloatArray, rate: FloatArray, slope: FloatArray, ours: FloatArray
-) -> tuple[FloatArray, tuple[str, ...]]:
-    """The motions by velocities that are known from elsewhere, (2, n), and a note on sources outside. [µas/yr]
+def known_flow(
+    grid: VelocityGrid, field: Field, distance: FloatArray, slope: FloatArray
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Velocities that are known from elsewhere: across, what they do to 1/d by the redshift, and a note.
 
     Parameters
     ----------
     grid : VelocityGrid
         The velocities.
-    field, distance, rate, slope, ours
-        As for `flow_rows`.
+    field : Field
+        The sources.
+    distance : (n,) array
+        [Mpc/h]
+    slope : (n,) array
+        By how much the mean of 1/d changes with ln(1 + z_obs).
+
+    Returns
+    -------
+    across : (2, n) array
+        [km/s]
+    shift : (n,) array
+        Of the mean of 1/d.
+    notes : tuple of str
     """
     velocity, inside = grid.at(field.lon, field.lat, distance, field.frame)
     p, q, r = triad(field.lon, field.lat)
     across, along = np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]), np.sum(velocity * r, 0)
     outside = int((~inside).sum())
-    note = (
-        (f"{outside} sources lie outside of the reconstructed flow, which is taken as zero there",) if outside else ()
-    )
-    return rate * across + _pull(field, slope, ours) * along, note
+    note = f"{outside} sources lie outside of the reconstructed flow, which is taken as zero there"
+    return across, -slope * along / SPEED_OF_LIGHT, (note,) if outside else ()

@@ -100,12 +100,12 @@ class Forecast(Result):
         """
         lines = [
             "Errors to come: a component of our velocity [km/s] / H0 [km/s/Mpc], with the cosmic variance of linear flows", "─" * WIDTH,
-            f"{'':8}{'z below':>8}{'sources':>9}" + "".join(f"{name:>21}" for name in self.known),
+            f"{'':8}{'z below':>8}{'sources':>9}" + "".join(f"{name:>16}" for name in self.known),
         ]  # fmt: skip
         for i, catalogue in enumerate(self.catalogues):
             for j, limit in enumerate(self.limits):
                 cells = "".join(
-                    f"{v:12.0f} / {h:5.1f} " for v, h in zip(self.velocity[i, j], self.hubble[i, j], strict=True)
+                    f"{v:8.0f} /{h:5.1f} " for v, h in zip(self.velocity[i, j], self.hubble[i, j], strict=True)
                 )
                 lines.append(f"{catalogue:8}{limit:8.3g}{self.sources[i, j]:9d}{cells}")
         lines.append(
@@ -144,14 +144,20 @@ class Forecast(Result):
 
 
 #: What may be known besides the galaxies' motions: options of `predict`, and the columns of a forecast.
-_GLIDE = {"acceleration": Vector(np.zeros(3), 0.35**2 * np.eye(3))}
 _FLOWS = {"flows": "linear"}
+
+
+def _glide(error):
+    return {"acceleration": Vector(np.zeros(3), error**2 * np.eye(3))}
+
+
 KNOWN: dict[str, dict[str, Any]] = {
     "independent": {"peculiar_dispersion": 306.0},
     "flows": _FLOWS,
-    "+ glide": _FLOWS | _GLIDE,
+    "+ glide ± .35": _FLOWS | _glide(0.35),
+    "+ glide ± .1": _FLOWS | _glide(0.1),
     "+ Local Group": _FLOWS | {"local_group": True},
-    "+ both": _FLOWS | _GLIDE | {"local_group": True},
+    "+ both": _FLOWS | _glide(0.1) | {"local_group": True},
 }
 
 
@@ -182,7 +188,7 @@ def forecast(
     -------
     Forecast
         In columns: independent velocities of 306 km/s; flows of linear theory; with the quasars' glide known to
-        0.35 µas/yr in each component; with the Local Group's motion; with both.
+        0.35 or 0.1 µas/yr in each component; with the Local Group's motion; with the latter two.
 
     Raises
     ------

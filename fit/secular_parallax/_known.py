@@ -6,6 +6,7 @@ Each adds to the normal equations where they are solved, never to their sums.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -67,18 +68,9 @@ def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> Para
 
 
 def with_local_group(
-    sums: ParallaxSums,
-    modes: FlowModes,
-    velocity: Vector,
-    ours: FloatArray | None,
-    scatter: float,
-    ratio: float,
-    width: int,
+    sums: ParallaxSums, modes: FlowModes, velocity: Vector, scatter: float, ratio: float, width: int
 ) -> ParallaxSums:
-    """The same with the Local Group's velocity as what the flow is where we are.
-
-    The modes' amplitudes are in units of H0/H_ref, as all that the motions tell, and so the flow where we are is
-    V_LG H0/H_ref, with H0 unknown: H0/H_ref is taken as u·v/v². Had it been taken as known, H_ref would come back.
+    """The same with the Local Group's velocity as what the flow is where we are, for a known H0.
 
     Parameters
     ----------
@@ -88,31 +80,68 @@ def with_local_group(
         Of the flow.
     velocity : Vector
         Of the Local Group in the microwave background, along the axes of the equations. [km/s]
-    ours : (3,) array or None
-        Our own; None where H0 is known. [km/s]
     scatter : float
         By which it departs from the flow of the modes: of linear motions that they leave, and of motions that are
         none. [km/s]
     ratio : float
-        H0/H_ref in the weights.
+        H0/H_ref: amplitudes of the modes are in units of it, as all that the motions tell.
     width : int
         How many columns there are before the modes.
     """
-    covariance = velocity.covariance + scatter**2 * np.eye(3)
-    weight = np.linalg.inv(covariance) / ratio**2
+    weight = np.linalg.inv(velocity.covariance + scatter**2 * np.eye(3))
+    rows = modes.at_origin() / ratio
+    matrix, rhs = sums.matrix.copy(), sums.rhs.copy()
+    matrix[width:, width:] += rows.T @ weight @ rows
+    rhs[width:] += rows.T @ weight @ velocity.value
+    return replace(sums, matrix=matrix, rhs=rhs, chi2_null=sums.chi2_null + velocity.value @ weight @ velocity.value)
+
+
+def hubble_with_local_group(
+    sums: ParallaxSums, modes: FlowModes, velocity: Vector, scatter: float, ours: FloatArray, width: int, solve: Any
+) -> tuple[float, ParallaxSums]:
+    """H0/H_ref at which motions and the Local Group agree best, and the equations about it.
+
+    The motions tell the flow in units of H0, the Local Group in km/s: where the flow is seen, the two tell H0. That is
+    no linear problem; were H0 taken as known in it, the assumed one would come back. The likelihood, all else
+    marginalised, is followed to its maximum.
+
+    Parameters
+    ----------
+    sums, modes, velocity, scatter, width
+        As for `with_local_group`.
+    ours : (3,) array
+        Our own velocity. [km/s]
+    solve : function
+        From sums and H0/H_ref to −2 log of the likelihood.
+    """
+    from scipy.optimize import minimize_scalar
+
+    def misfit(log_ratio):
+        ratio = float(np.exp(log_ratio))
+        left, _ = without_flow(with_local_group(sums, modes, velocity, scatter, ratio, width), width)
+        return solve(left, ratio)
+
+    steps = np.log(np.geomspace(0.05, 8.0, 40))
+    best = int(np.argmin([misfit(step) for step in steps]))
+    low, high = steps[max(best - 1, 0)], steps[min(best + 1, len(steps) - 1)]
+    ratio = float(np.exp(minimize_scalar(misfit, bounds=(low, high), method="bounded", options={"xatol": 1e-7}).x))
+    fixed = with_local_group(sums, modes, velocity, scatter, ratio, width)
+    u = ours * ratio
+    amplitudes = np.linalg.solve(fixed.matrix[width:, width:], fixed.rhs[width:] - fixed.matrix[width:, U] @ u)
+    # The flow where we are is D c/(H0/H_ref), to first order about what was found.
+    here = modes.at_origin()
     rows = np.zeros((3, sums.matrix.shape[-1]))
-    rows[:, width:] = modes.at_origin()
-    known = np.zeros(3)
-    if ours is None:
-        known = velocity.value * ratio
-    else:
-        rows[:, U] = -np.outer(velocity.value, ours) / (ours @ ours)
-    return replace(
+    rows[:, width:] = here / ratio
+    rows[:, U] = -np.outer(here @ amplitudes, ours) / (ours @ ours) / ratio**2
+    weight = np.linalg.inv(velocity.covariance + scatter**2 * np.eye(3))
+    known = velocity.value - here @ amplitudes / ratio
+    about = replace(
         sums,
         matrix=sums.matrix + rows.T @ weight @ rows,
         rhs=sums.rhs + rows.T @ weight @ known,
         chi2_null=sums.chi2_null + known @ weight @ known,
     )
+    return ratio, about
 
 
 @dataclass(frozen=True, eq=False)

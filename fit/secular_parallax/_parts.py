@@ -54,7 +54,7 @@ class ParallaxParts:
     @property
     def modes(self) -> FlowModes | None:
         """Those of the flow."""
-        return self.calibration.flow
+        return self.options.get("modes")
 
     @classmethod
     def of(cls, sky: Parts, calibration: Calibration, options: dict[str, Any]) -> ParallaxParts:

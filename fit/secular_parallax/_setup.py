@@ -10,10 +10,10 @@ from warnings import warn
 
 import numpy as np
 
-from fit.distances import bare_calibration, calibrate
+from fit.distances import calibrate
 from fit.secular_parallax._equations import ParallaxEquations
 from fit.secular_parallax._parts import ParallaxParts, equations
-from vsh.cosmology import PLANCK_2013, hubble_value, transverse_distance
+from vsh.cosmology import PLANCK_2013, transverse_distance
 from vsh.errors import ParameterError, VshError, VshWarning
 from vsh.field import Field
 from vsh.flows import PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
@@ -152,30 +152,33 @@ def parallax_equations(
     given = DistanceOptions(**options)  # type: ignore[typeddict-item]
     cosmology = PLANCK_2013 if cosmology is None else cosmology
     dispersion = dispersion_of(peculiar_dispersion, given)
+    flows, grid = _theory_left(given), given.get("reconstruction")
+    radial = dispersion if flows is None else float(np.hypot(dispersion, flows.sigma))
     calibration = calibrate(
-        field, given.get("redshift_frame"), dispersion, cosmology=cosmology, density=given.get("density"),
-        luminosity=given.get("luminosity"), magnitudes=given.get("magnitudes"), flow=_modes(field, cosmology, dispersion, given),
+        field, given.get("redshift_frame"), radial, cosmology=cosmology, density=given.get("density"),
+        luminosity=given.get("luminosity"), magnitudes=given.get("magnitudes"),
     )  # fmt: skip
-    grid = given.get("reconstruction")
-    if grid is not None and not isinstance(grid, VelocityGrid):
+    modes = None if flows is None else _modes(field, calibration, flows, given.get("n_modes", 250))
+    return equations(field, calibration, modes=modes, ratio=ratio, apart=apart, reconstruction=grid, threads=threads)
+
+
+def _theory_left(options) -> LinearTheory | None:
+    """The theory of the flow that is fitted: of what a reconstruction lacks, where there is one."""
+    theory, grid = flow_theory(options), options.get("reconstruction")
+    if theory is None or grid is None:
+        return theory
+    if not isinstance(grid, VelocityGrid):
         raise ParameterError(f"a reconstruction is a vsh.flows.VelocityGrid, not {type(grid).__name__}")
-    return equations(field, calibration, ratio=ratio, apart=apart, reconstruction=grid, threads=threads)
+    error = options.get("reconstruction_error", 0.5)
+    if not 0 < error <= 1:
+        raise ParameterError(f"a reconstruction errs by a fraction of the flow above 0, at most 1, not {error!r}")
+    return replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
 
 
-def _modes(field, cosmology, dispersion, options) -> FlowModes | None:
-    theory = flow_theory(options)
-    if theory is None:
-        return None
-    if options.get("reconstruction") is not None:
-        error = options.get("reconstruction_error", 0.5)
-        if not 0 < error <= 1:
-            raise ParameterError(f"a reconstruction errs by a fraction of the flow above 0, at most 1, not {error!r}")
-        theory = replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
-    bare = bare_calibration(field, options.get("redshift_frame"), dispersion, cosmology)
-    low, high = as_parts(field).sum(partial(_reach, calibration=bare), roles=DISTANCES, words="distances")
-    h = hubble_value(cosmology) / 100
+def _modes(field, calibration, theory, n_modes) -> FlowModes:
+    low, high = as_parts(field).sum(partial(_reach, calibration=calibration), roles=DISTANCES, words="distances")
     # Distances given the redshift may lie beyond that of the redshift itself.
-    return flow_modes(0.5 * min(low) * h, 1.2 * max(high) * h, options.get("n_modes", 250), theory)
+    return flow_modes(0.5 * min(low) * calibration.little_h, 1.2 * max(high) * calibration.little_h, n_modes, theory)
 
 
 def _reach(field, calibration):

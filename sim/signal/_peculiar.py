@@ -117,7 +117,7 @@ class LinearFlow(Velocities):
             p, q, r = triad(lon, lat)
             return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]), np.sum(velocity * r, 0)
         # To the same limits whichever sources are asked for: the flow is one field.
-        modes = _modes(self.theory, 100.0 * 2 ** np.ceil(np.log2(max(far.max(), 50.0) / 100)), self.n_modes)
+        modes = flow_modes(0.0, 100.0 * 2 ** np.ceil(np.log2(max(far.max(), 50.0) / 100)), self.n_modes, self.theory)
         amplitude = draw.standard_normal(len(modes))
         tangential, radial = np.empty((2, len(lon))), np.empty(len(lon))
         for start in range(0, len(lon), _BLOCK):
@@ -224,11 +224,6 @@ def _root(theory, lon, lat, far):
     covariance = theory.covariance(places)
     covariance[np.diag_indices_from(covariance)] += 1e-9 * theory.sigma**2
     return np.linalg.cholesky(covariance)
-
-
-@lru_cache(maxsize=4)
-def _modes(theory, farthest, n_modes):
-    return flow_modes(0.0, farthest, n_modes, theory)
 
 
 def distance_of(redshift: ArrayLike, cosmology: Any, hubble: float | None) -> FloatArray:

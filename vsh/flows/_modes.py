@@ -12,7 +12,7 @@ amplitude of a mode is one on average.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -192,6 +192,11 @@ def flow_modes(
         raise ParameterError(f"distances of a flow rise, not from {nearest:g} to {farthest:g} Mpc/h")
     if n_modes < 3:
         raise ParameterError(f"{n_modes} modes hold no flow: the first three are the bulk flow")
+    return _chosen_modes(nearest, farthest, n_modes, theory, max_degree)
+
+
+@lru_cache(maxsize=8)  # many skies of the same sources ask for the same
+def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
     radii = np.geomspace(nearest, farthest, _RADII)
     k, step = _wave_numbers(farthest)
     amplitude = theory.growth_rate * HUBBLE * np.sqrt(2 / np.pi * theory.power_at(k) * step) / k

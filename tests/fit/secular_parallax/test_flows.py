@@ -1,0 +1,309 @@
+"""Flows that galaxies share as unknowns: against dense covariances, and on skies that were drawn with them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sim
+from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
+from vsh import Field, Vector
+from vsh.cosmology import BACHCHAN_2016, PLANCK_2013, PLANCK_2018, to_cmb, transverse_distance
+from vsh.errors import ParameterError, VshWarning
+from vsh.flows import VelocityGrid
+from vsh.parts import as_parts
+from vsh.sky.sphere import triad
+from vsh.units import AU_PER_YEAR
+
+OURS = BACHCHAN_2016.to_frame("icrs").value
+ACCELERATION = np.array([-0.236, -3.756, -2.080])
+LITTLE_H = PLANCK_2013.H0.value / 100
+
+
+def galaxies(n=400, seed=1, hubble=67.3, sigma=2.0, **flow):
+    truth = sim.secular_parallax(OURS, hubble=hubble) + sim.acceleration(ACCELERATION)
+    if flow:
+        truth += sim.peculiar(150.0, [seed, 3], hubble=hubble, **flow)
+    return sim.observe(sim.galaxies(n, seed), truth, [seed, 2], sigma=sigma, rho=0.3)
+
+
+def test_the_schur_complement_is_the_dense_covariance_of_the_modes():
+    field = galaxies(500)
+    found = observer_velocity(field, 67.3, flows="linear", n_modes=475)
+    rows = parallax_equations(field, flows="linear", n_modes=475)
+    n = len(field)
+    columns = rows.flow.rows(slice(0, n))
+    covariance = columns @ columns.T + np.diag(rows.variance + rows.left + (150 * rows.rate) ** 2)
+    design = rows.design[:, :6]
+    solved = np.linalg.solve(covariance, np.column_stack([design, rows.motion]))
+    normal, rhs = design.T @ solved[:, :6], design.T @ solved[:, 6]
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(normal), rtol=1e-10, atol=1e-10 * found.covariance.max())
+    np.testing.assert_allclose(found.values, np.linalg.solve(normal, rhs), rtol=1e-8)
+    assert found.chi2 == pytest.approx(rows.motion @ solved[:, 6] - found.values @ rhs, rel=1e-9)
+    # The flow that was found is the mean of the modes given the motions.
+    residual = rows.motion - design @ found.values
+    expected = columns.T @ np.linalg.solve(covariance, residual)
+    np.testing.assert_allclose(found.flow.values, expected, rtol=1e-7, atol=1e-9)
+
+
+def test_the_velocity_errs_as_under_the_whole_covariance():
+    field = galaxies(400)
+    p, q, u = triad(field.lon, field.lat)
+    r = transverse_distance(field.redshift) * LITTLE_H
+    found = observer_velocity(field, 67.3, flows="linear")
+    rows = parallax_equations(field, flows="linear", n_modes=3)
+    n = len(field)
+    from vsh.flows import PLANCK_2018 as THEORY
+
+    full = THEORY.covariance(u * r).reshape(n, 3, n, 3)
+    flow = rows.flow
+    axes = np.stack([flow.cos * p + flow.sin * q, flow.cos * q - flow.sin * p])
+    covariance = np.einsum("aim,minj,bjn->ambn", axes, full, axes, optimize=True).reshape(2 * n, 2 * n)
+    covariance *= np.outer(rows.rate, rows.rate)
+    covariance += np.diag(rows.variance + (150 * rows.rate) ** 2)
+    design = rows.design[:, :6]
+    exact = np.linalg.inv(design.T @ np.linalg.solve(covariance, design))
+    ratio = np.sqrt(np.diag(found.covariance)[:3] / np.diag(exact)[:3])
+    np.testing.assert_allclose(ratio, 1, atol=0.01)
+
+
+def test_prior_variances_weigh_and_are_no_ruler():
+    """H0 comes from the dipole alone: other sizes of the flow shift its expectation by nothing."""
+    field = galaxies(500, hubble=90.0)
+    exact = field.minus(
+        field.motion
+        - (sim.secular_parallax(OURS, hubble=90.0) + sim.acceleration(ACCELERATION))(
+            field.lon, field.lat, field.redshift
+        )
+    )
+    assert hubble_constant(exact, OURS, flows="linear").hubble == pytest.approx(90.0, rel=1e-9)
+    assert hubble_constant(exact, OURS, flows="linear", hubble=30.0).hubble == pytest.approx(90.0, rel=1e-9)
+    np.testing.assert_allclose(observer_velocity(exact, 90.0, flows="linear").values, [*OURS, *ACCELERATION], rtol=1e-7)
+
+
+def from_modes(field, rng, hubble):
+    """Motions with a flow of the fit's own modes, what they leave, and 150 km/s; and the flow where we are."""
+    rows = parallax_equations(field, flows="linear", n_modes=120)
+    n = len(field)
+    amplitude = rng.standard_normal(len(rows.modes))
+    tangential, _ = rows.modes.at(field.lon, field.lat, rows.flow.distance)
+    left = np.sqrt(rows.modes.left(rows.flow.distance)[0] + 150.0**2)
+    velocity = tangential @ amplitude + left * rng.standard_normal((2, n))
+    truth = sim.secular_parallax(OURS, hubble=hubble) + sim.acceleration(ACCELERATION)
+    d = transverse_distance(field.redshift, hubble=hubble)
+    motion = (
+        truth(field.lon, field.lat, field.redshift)
+        + velocity / (AU_PER_YEAR * d)
+        + field.sigma * rng.standard_normal((2, n))
+    )
+    return replace(field, motion=motion), rows.modes.at_origin() @ amplitude
+
+
+def test_pulls_on_skies_drawn_from_the_modes():
+    still = galaxies(300, sigma=1.0)
+    still = replace(still, rho=np.zeros(len(still)))
+    rng = np.random.default_rng(4)
+    chi2, plain, h0 = [], [], []
+    for _ in range(80):
+        field, _ = from_modes(still, rng, 67.3)
+        found = observer_velocity(field, 67.3, flows="linear", n_modes=120)
+        off = found.values[:3] - OURS
+        chi2.append(off @ np.linalg.solve(found.covariance[:3, :3], off))
+        alone = observer_velocity(field, 67.3, peculiar_dispersion=306.0)
+        off = alone.values[:3] - OURS
+        plain.append(off @ np.linalg.solve(alone.covariance[:3, :3], off))
+        h = hubble_constant(field, OURS, flows="linear", n_modes=120)
+        h0.append((h.hubble - 67.3) / h.hubble_error)
+    assert np.mean(chi2) == pytest.approx(3, abs=4 * np.sqrt(6 / 80))
+    assert np.mean(plain) > 2 * np.mean(chi2)
+    assert np.std(h0) == pytest.approx(1, abs=0.25)
+
+
+@pytest.mark.parametrize("hubble", [67.3, 110.0])
+def test_the_local_group_leads_back_to_no_assumed_hubble_constant(hubble):
+    still = galaxies(300, sigma=1.0)
+    rng = np.random.default_rng(8)
+    pulls, errors = [], []
+    for _ in range(80):
+        field, here = from_modes(still, rng, hubble)
+        group = Vector(here + 150 * rng.standard_normal(3), 1e-6 * np.eye(3), "icrs", "km/s")
+        # Peculiar velocities weigh for the true H0; what is asked is whether its value leaks into the result.
+        with_group = hubble_constant(field, OURS, flows="linear", n_modes=120, local_group=group, hubble=hubble)
+        without = hubble_constant(field, OURS, flows="linear", n_modes=120, hubble=hubble)
+        pulls.append((with_group.hubble - hubble) / with_group.hubble_error)
+        errors.append(with_group.hubble_error / without.hubble_error)
+    assert abs(np.mean(pulls)) < 4 / np.sqrt(80)
+    assert np.std(pulls) == pytest.approx(1, abs=0.3)
+    assert np.mean(errors) < 0.9
+
+
+def test_a_known_glide_is_data():
+    field = galaxies(400, flow="linear", n_modes=100)
+    known = Vector(ACCELERATION, 0.1**2 * np.eye(3))
+    free, given = (
+        observer_velocity(field, 67.3, flows="linear"),
+        observer_velocity(field, 67.3, flows="linear", acceleration=known),
+    )
+    assert (given.velocity.sigma < free.velocity.sigma).all()
+    loose = Vector(ACCELERATION, 1e6 * np.eye(3))
+    np.testing.assert_allclose(
+        observer_velocity(field, 67.3, flows="linear", acceleration=loose).values, free.values, rtol=1e-3, atol=1e-3
+    )
+    tight = Vector(ACCELERATION, 1e-10 * np.eye(3)).to_frame("galactic")
+    np.testing.assert_allclose(
+        observer_velocity(field, 67.3, acceleration=tight).acceleration.value, ACCELERATION, atol=1e-4
+    )
+
+
+def test_a_reconstruction_lowers_the_errors_and_they_hold():
+    """The flow is known but for half of it: errors are smaller, and pulls one."""
+    still = galaxies(300, sigma=1.0)
+    rng = np.random.default_rng(3)
+    chi2, gain = [], []
+    x = np.linspace(-150, 150, 31)
+    from vsh.sky.sphere import angles
+
+    cube = np.stack(np.meshgrid(x, x, x, indexing="ij")).reshape(3, -1)
+    far = np.linalg.norm(cube, axis=0)
+    rows = parallax_equations(still, flows="linear", n_modes=120)
+    p, q, u = triad(*angles(cube))
+    tangential, radial = rows.modes.at(*angles(cube), np.maximum(far, 1.0))
+    for _ in range(40):
+        known, unknown = (
+            np.sqrt(0.75) * rng.standard_normal(len(rows.modes)),
+            0.5 * rng.standard_normal(len(rows.modes)),
+        )
+        east, north = tangential @ known
+        grid = VelocityGrid((east * p + north * q + (radial @ known) * u).reshape(3, 31, 31, 31), 150.0, "icrs")
+        across, _ = rows.modes.at(still.lon, still.lat, rows.flow.distance)
+        # What the modes leave is half known as well.
+        left = np.sqrt(0.25 * rows.modes.left(rows.flow.distance)[0] + 150.0**2)
+        velocity = across @ unknown + left * rng.standard_normal((2, len(still)))
+        found, _ = grid.at(still.lon, still.lat, rows.flow.distance, "icrs")
+        e, n, _ = triad(still.lon, still.lat)
+        velocity = velocity + np.stack([np.sum(found * e, 0), np.sum(found * n, 0)])
+        truth = sim.secular_parallax(OURS) + sim.acceleration(ACCELERATION)
+        motion = truth(still.lon, still.lat, still.redshift) + velocity / (
+            AU_PER_YEAR * transverse_distance(still.redshift)
+        )
+        field = replace(
+            still, motion=motion + still.sigma * rng.standard_normal((2, len(still))), rho=np.zeros(len(still))
+        )
+        options = {"flows": "linear", "n_modes": 120}
+        with_grid = observer_velocity(field, 67.3, **options, reconstruction=grid, reconstruction_error=0.5)
+        off = with_grid.values[:3] - OURS
+        chi2.append(off @ np.linalg.solve(with_grid.covariance[:3, :3], off))
+        gain.append(with_grid.velocity.sigma.mean() / observer_velocity(field, 67.3, **options).velocity.sigma.mean())
+    assert np.mean(chi2) == pytest.approx(3, abs=4 * np.sqrt(6 / 40))
+    assert np.mean(gain) < 0.75
+
+
+def test_the_flow_is_a_result():
+    field = galaxies(2000, sigma=0.2, flow="linear", n_modes=60)
+    found = observer_velocity(field, 67.3, flows="linear", n_modes=120)
+    assert 0 < found.cosmic_share < 1
+    first = found.report().splitlines()[0]
+    assert f"{100 * found.cosmic_share:.0f} % of the error's variance is cosmic" in first
+    bulk = found.flow.bulk(40.0)
+    # A mean over the shell, summed over directions.
+    lon, lat = sim.uniform_sky(40_000, 1)
+    p, q, u = triad(lon, lat)
+    (east, north), radial = found.flow.at(lon, lat, np.full(lon.size, 40.0))
+    np.testing.assert_allclose(
+        bulk.value, np.mean(east * p + north * q + radial * u, 1), atol=0.02 * found.flow.modes.theory.sigma
+    )
+    assert "Mpc/h" in found.flow.report()
+    assert (np.diag(found.flow.covariance) < 1.0 + 1e-9).all()
+    plain = observer_velocity(field, 67.3)
+    assert plain.cosmic_share is None
+    assert "without flows that galaxies share" in plain.report().splitlines()[0]
+
+
+def test_distances_in_mpc_tell_v_and_not_v_h0():
+    field = galaxies(600, hubble=90.0)
+    exact = field.minus(
+        field.motion
+        - (sim.secular_parallax(OURS, hubble=90.0) + sim.acceleration(ACCELERATION))(
+            field.lon, field.lat, field.redshift
+        )
+    )
+    d = transverse_distance(field.redshift, hubble=90.0)
+    own = np.where(np.arange(600) < 200, d, np.nan)
+    exact = replace(exact, distance=own, distance_error=1e-4 * own)
+    np.testing.assert_allclose(observer_velocity(exact, 90.0).values, [*OURS, *ACCELERATION], rtol=1e-5)
+    assert hubble_constant(exact, OURS).hubble == pytest.approx(90.0, rel=1e-5)
+    only = exact[:200]
+    np.testing.assert_allclose(observer_velocity(only, 50.0).velocity.value, OURS, rtol=1e-5)  # whatever H0 is
+    from fit.posterior import sample
+
+    with pytest.raises(ParameterError, match="200 sources have distances in Mpc"):
+        sample(exact, n_samples=1000, progress=False)
+
+
+def test_parts_and_frames_change_nothing():
+    field = galaxies(500, flow="linear", n_modes=60)
+    one = observer_velocity(field, 67.3, flows="linear", n_modes=60)
+    two = observer_velocity(as_parts([field[:100], field[100:]]), 67.3, flows="linear", n_modes=60)
+    np.testing.assert_allclose(one.values, two.values, rtol=1e-9, atol=1e-9)
+    there = observer_velocity(field.to_frame("galactic"), 67.3, flows="linear", n_modes=60)
+    np.testing.assert_allclose(there.velocity.to_frame("icrs").value, one.velocity.value, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"flows": "linear", "peculiar_dispersion": 750.0}, "a dispersion of 750 km/s counts them twice"),
+        ({"flows": "quadratic"}, 'flows are "linear"'),
+        ({"flows": "linear", "n_modes": 2}, "first three are the bulk flow"),
+        ({"reconstruction": 3}, 'give flows="linear" as well'),
+        ({"flows": "linear", "reconstruction": 3}, "is a vsh.flows.VelocityGrid"),
+        ({"acceleration": (1, 2, 3)}, "is a Vector with its covariance"),
+        ({"acceleration": Vector([1, 2, 3], np.zeros((3, 3)))}, "needs errors"),
+        ({"colour": 1}, "no argument is called colour"),
+    ],
+)
+def test_bad_flows(options, words):
+    with pytest.raises(ParameterError, match=words):
+        observer_velocity(galaxies(60), 67.3, **options)
+
+
+def test_the_local_group_needs_a_flow():
+    with pytest.raises(ParameterError, match="give flows="):
+        hubble_constant(galaxies(60), "planck", local_group=True)
+    with pytest.raises(ParameterError, match="is a Vector in km/s"):
+        hubble_constant(galaxies(60), "planck", local_group=3, flows="linear", n_modes=9)
+
+
+def test_a_frame_that_nobody_told_is_asked_for_once():
+    field = galaxies(200)
+    bare = Field(
+        field.lon, field.lat, field.motion, field.sigma, field.rho, redshift=field.redshift, magnitude=field.magnitude
+    )
+    with pytest.warns(
+        VshWarning,
+        match=r"in which frame the redshifts stand.* as heliocentric ones they give \|v\| = \d+ ±.*redshift_frame=",
+    ) as seen:
+        found = observer_velocity(bare, 67.3)
+    assert len(seen) == 1
+    np.testing.assert_array_equal(found.values, observer_velocity(field, 67.3).values)  # taken as true ones
+    assert "warning: nobody says" in found.report()
+    declared = observer_velocity(bare, 67.3, redshift_frame="cmb")
+    assert not any("nobody says" in str(note) for note in declared.notes)
+    with pytest.warns(VshWarning, match="as cmb ones they give H0 ="):
+        hubble_constant(bare, PLANCK_2018)
+
+
+def test_heliocentric_redshifts_on_half_a_sky():
+    """The half toward the apex: redshifts that are not corrected bias the velocity; with the frame they do not."""
+    rng = np.random.default_rng(2)
+    population = sim.galaxies(60_000, rng, min_redshift=2e-4, max_redshift=0.04)
+    population = population[OURS @ triad(population.lon, population.lat)[2] > 0]
+    truth = sim.secular_parallax(OURS) + sim.acceleration(ACCELERATION)
+    field = sim.observe(population, truth, rng, sigma=0.01, redshifts="heliocentric")
+    z = to_cmb(field.redshift, field.lon, field.lat, "icrs", "heliocentric")
+    field = field[(z > 0.002) & (z < 0.03)]
+    options = {"peculiar_dispersion": 1e-3}
+    right = observer_velocity(field, 67.3, **options)
+    wrong = observer_velocity(field, 67.3, redshift_frame="cmb", **options)
+    assert right.velocity.value @ OURS / 369 == pytest.approx(369, abs=3)
+    assert abs(wrong.velocity.value @ OURS / 369 - 369) > 20
