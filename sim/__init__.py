@@ -9,7 +9,15 @@ from sim.expected import expected_covariances
 from sim.mission import Mission
 from sim.noise import gaia_errors
 from sim.observe import observe, observe_offsets
-from sim.population import Population, galaxies, plane_avoiding_sky, quasars, uniform_sky, vlbi_quasars
+from sim.population import (
+    Population,
+    clustered_galaxies,
+    galaxies,
+    plane_avoiding_sky,
+    quasars,
+    uniform_sky,
+    vlbi_quasars,
+)
 from sim.scanning import NominalScanningLaw
 from sim.signal import (
     Signal,
@@ -38,6 +46,7 @@ __all__ = [
     "acceleration",
     "anisotropic_expansion",
     "astrometry",
+    "clustered_galaxies",
     "crf3",
     "effects",
     "epochs",

@@ -207,8 +207,8 @@ def calibrate(
         errors = errors_by_redshift(facts["variances"])
         bare = replace(bare, errors=errors)
         notes.append(
-            "no magnitudes: distances follow from redshifts alone, and weights from their mean errors by redshift; with "
-            "magnitudes they would be surer"
+            "no magnitudes: distances follow from redshifts alone, and where they are unsure by more than 5 % sources weigh by the "
+            "mean errors of their redshift; with magnitudes results would be surer"
         )
     return replace(bare, density=_density(density, use, facts["counts"], rms, bare, (least, most)), notes=tuple(notes))
 

@@ -33,6 +33,8 @@ NAMES = tuple(f"{vector}_{axis}" for vector in ("u", "a", "omega", "v") for axis
 U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 #: Sources whose flow is computed at once.
 _BLOCK = 1024
+#: Distances surer than this leave no room for magnitudes to tell near from far: sources weigh by their own errors.
+_SURE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,16 +259,17 @@ def equations_of(
 
 
 def _axes(field, calibration, k):
-    """Direction and variances of the error ellipses; of a circle where only redshifts may weigh."""
-    if calibration.errors is not None:
-        mean = calibration.errors.at(k.redshift)
-        return np.ones(len(field)), np.zeros(len(field)), mean, mean
+    """Direction and variances of the error ellipses; circles where distances are unsure and only redshifts may weigh."""
     (s1, s2), rho = field.sigma**2, field.rho
     covariance = rho * np.sqrt(s1 * s2)
+    if calibration.errors is not None:
+        unsure = ~k.own & (np.sqrt(k.variance) > _SURE * k.mean)
+        mean = calibration.errors.at(k.redshift)
+        s1, s2, covariance = np.where(unsure, mean, s1), np.where(unsure, mean, s2), np.where(unsure, 0.0, covariance)
     angle = np.arctan2(2 * covariance, s1 - s2) / 2
     mean, half = (s1 + s2) / 2, np.hypot((s1 - s2) / 2, covariance)
     large = mean + half
-    small = s1 * s2 * (1 - rho**2) / large  # mean − half would cancel
+    small = (s1 * s2 - covariance**2) / large  # mean − half would cancel
     return np.cos(angle), np.sin(angle), large, small
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Literal, TypedDict
 from warnings import warn
 
@@ -172,6 +172,11 @@ def _theory_left(options) -> LinearTheory | None:
     error = options.get("reconstruction_error", 0.5)
     if not 0 < error <= 1:
         raise ParameterError(f"a reconstruction errs by a fraction of the flow above 0, at most 1, not {error!r}")
+    return _scaled(theory, float(error))
+
+
+@lru_cache(maxsize=8)
+def _scaled(theory, error):
     return replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
 
 

@@ -1,11 +1,13 @@
 """Sources: where they are, how bright, how far."""
 
+from sim.population._clustered import clustered_galaxies
 from sim.population._draws import plane_avoiding_sky, quasar_magnitudes, quasar_redshifts, uniform_sky
 from sim.population._makers import galaxies, quasars, vlbi_quasars
 from sim.population._population import Population, from_table
 
 __all__ = [
     "Population",
+    "clustered_galaxies",
     "from_table",
     "galaxies",
     "plane_avoiding_sky",

@@ -205,3 +205,89 @@ def test_bins_with_notes_that_count_are_written(tmp_path, options):
     assert main([*given, *options]) == 0
     written = "".join(path.read_text(encoding="utf-8") for path in (tmp_path / "out").glob("*.ecsv"))
     assert "sources without a usable redshift" in written
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    """Galaxies as they are seen, in a table that tells the frame of its redshifts, and in one that does not."""
+    rng = np.random.default_rng(5)
+    signal = sim.secular_parallax(BACHCHAN_2016.to_frame("icrs").value) + sim.peculiar(
+        150.0, rng, flow="linear", n_modes=100
+    )
+    field = sim.observe(sim.galaxies(1500, rng), signal, rng, sigma=5.0, redshifts="heliocentric", redshift_error=1e-4)
+    folder = tmp_path_factory.mktemp("seen")
+    write_field(field, folder / "told.fits")
+    table = Table.read(folder / "told.fits")
+    del table.meta["ZFRAME"]
+    table.write(folder / "untold.ecsv")
+    return folder
+
+
+def test_a_frame_that_nobody_told_is_asked_for(seen, capsys):
+    path = str(seen / "untold.ecsv")
+    assert main([path, "--h0", "67.4", "--on-bad", "drop"]) == 1
+    error = capsys.readouterr().err
+    assert re.search(
+        r"say --redshift-frame heliocentric, cmb.*heliocentric: \|v\| = \d+ ± \d+ km/s; cmb: \|v\|.*true: \|v\|", error
+    )
+    assert main([path, "--bins", "0.001,0.01,0.03"]) == 0  # bins do not hang on it
+    assert main([path, "--h0", "67.4", "--on-bad", "drop", "--redshift-frame", "heliocentric"]) == 0
+    told = capsys.readouterr().out
+    assert main([str(seen / "told.fits"), "--h0", "67.4", "--on-bad", "drop"]) == 0
+    same = capsys.readouterr().out
+    assert told.split("velocity  ")[1][:40] == same.split("velocity  ")[1][:40]
+
+
+def test_flows_and_all_that_goes_with_them(seen, tmp_path, capsys):
+    from vsh.flows import VelocityGrid
+
+    still = VelocityGrid(np.zeros((3, 5, 5, 5)), 300.0, "galactic")
+    still.write(tmp_path / "grid.npz")
+    out = tmp_path / "out"
+    arguments = [
+        seen / "told.fits", "--h0", "67.4", "--velocity", "planck", "--on-bad", "drop", "--flows", "--n-modes", "60", "--local-group",
+        "--acceleration", "0,0,0,0.35", "--reconstruction", tmp_path / "grid.npz", "--reconstruction-error", "0.6", "--output", out,
+    ]  # fmt: skip
+    assert main([str(each) for each in arguments]) == 0
+    text = capsys.readouterr().out
+    assert re.search(r"Our velocity .*: \d+ % of the error's variance is cosmic", text)
+    assert "with 95 %, above" in text or "standard errors from zero" in text
+    assert "The flow of galaxies, linear ΛCDM, Planck 2018, 0.6 of it" in text
+    assert {"flow.ecsv", "flow.png", "velocity.ecsv", "hubble.ecsv"} <= {each.name for each in out.iterdir()}
+
+
+def test_a_posterior_with_flows(seen, capsys):
+    arguments = [
+        seen / "told.fits", "--posterior", "--on-bad", "drop", "--flows", "--n-modes", "30", "--h0", "67.4", "--h0-error", "10",
+        "--flow-amplitude", "1,0.1", "--n-samples", "150000",
+    ]  # fmt: skip
+    assert main([str(each) for each in arguments]) == 0
+    text = capsys.readouterr().out
+    assert "amplitude of the flow: 1 ± 0.1" in text
+    assert "H0 under other priors" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--velocity", "planck", "--local-group"], "--local-group needs --flows"),
+        (["--h0", "70", "--reconstruction", "x.npz"], "--reconstruction needs --flows"),
+        (["--h0", "70", "--flows", "--flow-amplitude", "1,0.1"], "--flow-amplitude needs --posterior"),
+        (["--h0", "70", "--redshift-frame", "galactic"], "invalid choice"),
+        (["--h0", "70", "--acceleration", "1,2,3"], "three components and an error"),
+        (["--h0", "70", "--flow-amplitude", "1"], "a mean and an error"),
+    ],
+)
+def test_options_that_do_not_go_together(seen, capsys, arguments, words):
+    with pytest.raises(SystemExit) as stop:
+        main([str(seen / "told.fits"), *arguments])
+    assert stop.value.code == 2
+    assert words in capsys.readouterr().err
+
+
+def test_flows_with_the_whole_dispersion_are_refused(seen, capsys):
+    assert (
+        main([str(seen / "told.fits"), "--h0", "70", "--flows", "--peculiar-dispersion", "750", "--on-bad", "drop"])
+        == 1
+    )
+    assert "counts them twice" in capsys.readouterr().err
