@@ -14,10 +14,9 @@ import numpy as np
 from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, U, V, check_determined
 from fit.secular_parallax._flow import flow_of
 from fit.secular_parallax._known import (
-    hubble_with_local_group,
+    LocalGroup,
     with_acceleration,
     with_flow,
-    with_local_group,
     without_flow,
 )
 from fit.secular_parallax._parts import ParallaxParts
@@ -259,7 +258,8 @@ def _local_group(value, rows):
         raise ParameterError('the Local Group tells the flow where we are: give flows="linear" with local_group=')
     if value is not True and not isinstance(value, Vector):
         raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
-    return (LOCAL_GROUP if value is True else value).to_frame(rows.frame)
+    known = (LOCAL_GROUP if value is True else value).to_frame(rows.frame)
+    return LocalGroup(rows.modes, known.value, known.covariance + LOCAL_SCATTER**2 * np.eye(3))
 
 
 def _solve(sums, to_u, names, spin, rows, acceleration, ratio, group=None, velocity=None):
@@ -279,16 +279,20 @@ def _solve(sums, to_u, names, spin, rows, acceleration, ratio, group=None, veloc
         spin = spin.to_frame(rows.frame)
         fixed[OMEGA] = spin.value
     if rows.modes is not None:
-        sums = with_flow(sums, width, ratio)
+        sums, amplitudes = without_flow(with_flow(sums, width, ratio), width)
         if group is not None and velocity is None:
-            sums = with_local_group(sums, rows.modes, group, LOCAL_SCATTER, ratio, width)
+            sums, amplitudes = group.added(sums, amplitudes, ratio)
         elif group is not None:
+            to_rest = to_u[:, 1:]
 
-            def misfit(left, h):
-                return _misfit(left, to_u[:, 1:], fixed + to_u[:, 0] * h * rows.hubble)
+            def known(h):
+                return fixed + to_u[:, 0] * h * rows.hubble
 
-            found_ratio, sums = hubble_with_local_group(sums, rows.modes, group, LOCAL_SCATTER, velocity, width, misfit)
-        sums, amplitudes = without_flow(sums, width)
+            found_ratio = group.follow(sums, amplitudes, lambda left, h: _misfit(left, to_rest, known(h)))
+            near, flow = group.added(sums, amplitudes, found_ratio)
+            theta = known(found_ratio) + to_rest @ _least(near, to_rest, known(found_ratio))[0]
+            here = rows.modes.at_origin() @ (flow.mean - flow.slope @ theta)
+            sums, amplitudes = group.added(sums, amplitudes, found_ratio, velocity, here)
     normal = to_u.T @ sums.matrix @ to_u
     check_determined(normal, names, sums.n_data // 2)
     inverse = np.linalg.inv(normal)
@@ -318,8 +322,14 @@ def _solve(sums, to_u, names, spin, rows, acceleration, ratio, group=None, veloc
     return found
 
 
-def _misfit(sums, to_u, fixed):
-    """−2 log of the likelihood where some parameters are fixed and the others marginalised, but for a constant."""
+def _least(sums, to_u, fixed):
+    """Least squares where some parameters are fixed: values of the others, their normal matrix and χ²."""
     normal, rhs = to_u.T @ sums.matrix @ to_u, to_u.T @ (sums.rhs - sums.matrix @ fixed)
-    chi2 = sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ sums.matrix @ fixed - rhs @ np.linalg.solve(normal, rhs)
+    values = np.linalg.solve(normal, rhs)
+    return values, normal, sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ sums.matrix @ fixed - rhs @ values
+
+
+def _misfit(sums, to_u, fixed):
+    """−2 log of the likelihood with the other parameters marginalised, but for a constant."""
+    _, normal, chi2 = _least(sums, to_u, fixed)
     return float(chi2 + sums.logdet + np.linalg.slogdet(normal)[1])

@@ -5,8 +5,8 @@ Each adds to the normal equations where they are solved, never to their sums.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -67,83 +67,6 @@ def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> Para
     return replace(sums, matrix=matrix, logdet=sums.logdet + count)
 
 
-def with_local_group(
-    sums: ParallaxSums, modes: FlowModes, velocity: Vector, scatter: float, ratio: float, width: int
-) -> ParallaxSums:
-    """The same with the Local Group's velocity as what the flow is where we are, for a known H0.
-
-    Parameters
-    ----------
-    sums : ParallaxSums
-        With the flow's prior.
-    modes : FlowModes
-        Of the flow.
-    velocity : Vector
-        Of the Local Group in the microwave background, along the axes of the equations. [km/s]
-    scatter : float
-        By which it departs from the flow of the modes: of linear motions that they leave, and of motions that are
-        none. [km/s]
-    ratio : float
-        H0/H_ref: amplitudes of the modes are in units of it, as all that the motions tell.
-    width : int
-        How many columns there are before the modes.
-    """
-    weight = np.linalg.inv(velocity.covariance + scatter**2 * np.eye(3))
-    rows = modes.at_origin() / ratio
-    matrix, rhs = sums.matrix.copy(), sums.rhs.copy()
-    matrix[width:, width:] += rows.T @ weight @ rows
-    rhs[width:] += rows.T @ weight @ velocity.value
-    return replace(sums, matrix=matrix, rhs=rhs, chi2_null=sums.chi2_null + velocity.value @ weight @ velocity.value)
-
-
-def hubble_with_local_group(
-    sums: ParallaxSums, modes: FlowModes, velocity: Vector, scatter: float, ours: FloatArray, width: int, solve: Any
-) -> tuple[float, ParallaxSums]:
-    """H0/H_ref at which motions and the Local Group agree best, and the equations about it.
-
-    The motions tell the flow in units of H0, the Local Group in km/s: where the flow is seen, the two tell H0. That is
-    no linear problem; were H0 taken as known in it, the assumed one would come back. The likelihood, all else
-    marginalised, is followed to its maximum.
-
-    Parameters
-    ----------
-    sums, modes, velocity, scatter, width
-        As for `with_local_group`.
-    ours : (3,) array
-        Our own velocity. [km/s]
-    solve : function
-        From sums and H0/H_ref to −2 log of the likelihood.
-    """
-    from scipy.optimize import minimize_scalar
-
-    def misfit(log_ratio):
-        ratio = float(np.exp(log_ratio))
-        left, _ = without_flow(with_local_group(sums, modes, velocity, scatter, ratio, width), width)
-        return solve(left, ratio)
-
-    steps = np.log(np.geomspace(0.05, 8.0, 40))
-    best = int(np.argmin([misfit(step) for step in steps]))
-    low, high = steps[max(best - 1, 0)], steps[min(best + 1, len(steps) - 1)]
-    ratio = float(np.exp(minimize_scalar(misfit, bounds=(low, high), method="bounded", options={"xatol": 1e-7}).x))
-    fixed = with_local_group(sums, modes, velocity, scatter, ratio, width)
-    u = ours * ratio
-    amplitudes = np.linalg.solve(fixed.matrix[width:, width:], fixed.rhs[width:] - fixed.matrix[width:, U] @ u)
-    # The flow where we are is D c/(H0/H_ref), to first order about what was found.
-    here = modes.at_origin()
-    rows = np.zeros((3, sums.matrix.shape[-1]))
-    rows[:, width:] = here / ratio
-    rows[:, U] = -np.outer(here @ amplitudes, ours) / (ours @ ours) / ratio**2
-    weight = np.linalg.inv(velocity.covariance + scatter**2 * np.eye(3))
-    known = velocity.value - here @ amplitudes / ratio
-    about = replace(
-        sums,
-        matrix=sums.matrix + rows.T @ weight @ rows,
-        rhs=sums.rhs + rows.T @ weight @ known,
-        chi2_null=sums.chi2_null + known @ weight @ known,
-    )
-    return ratio, about
-
-
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
     """What the motions tell of a flow's modes, given the other parameters θ: mean − slope θ, and a covariance.
@@ -187,3 +110,90 @@ def without_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitud
     )
     covariance = np.linalg.inv(inner) if inner.ndim == 2 else np.empty(0)
     return left, Amplitudes(mean, slope, covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalGroup:
+    """The Local Group's velocity as a measurement of the flow where we are.
+
+    The modes' amplitudes c are in units of H0/H_ref = h, as all that the motions tell, and the velocity is in km/s:
+    V h = D c + noise, with D the modes where we are.
+
+    Attributes
+    ----------
+    modes : FlowModes
+    velocity : (3,) array
+        V, in the frame of the microwave background, along the axes of the equations. [km/s]
+    covariance : (3, 3) array
+        Of V as a measurement of the modes' flow: of linear motions that they leave, and of motions that are none, too.
+    """
+
+    modes: FlowModes
+    velocity: FloatArray
+    covariance: FloatArray
+
+    def added(
+        self,
+        left: ParallaxSums,
+        flow: Amplitudes,
+        ratio: float,
+        ours: FloatArray | None = None,
+        here_found: FloatArray | None = None,
+    ) -> tuple[ParallaxSums, Amplitudes]:
+        """Normal equations, and the flow given the other parameters, with this measurement as well.
+
+        Parameters
+        ----------
+        left : ParallaxSums
+            Of `without_flow`.
+        flow : Amplitudes
+            Of `without_flow`.
+        ratio : float
+            h.
+        ours, here_found : (3,) arrays, optional
+            Where h is not known but u·v/v², to first order about `ratio`: our velocity v, and D c as it was found. [km/s]
+        """
+        here = self.modes.at_origin()
+        change = here @ flow.slope
+        known = self.velocity * ratio
+        if ours is not None and here_found is not None:
+            change[:, U] += np.outer(here_found, ours) / (ours @ ours) / ratio
+            known = known - here_found
+        across = flow.covariance @ here.T
+        spread = here @ across + self.covariance * ratio**2
+        weight = np.linalg.inv(spread)
+        away = known - here @ flow.mean
+        sums = replace(
+            left,
+            matrix=left.matrix + change.T @ weight @ change,
+            rhs=left.rhs - change.T @ weight @ away,
+            chi2_null=left.chi2_null + away @ weight @ away,
+            logdet=left.logdet + np.linalg.slogdet(spread)[1] - 6 * np.log(ratio),
+        )
+        gain = across @ weight
+        return sums, Amplitudes(flow.mean + gain @ away, flow.slope - gain @ change, flow.covariance - gain @ across.T)
+
+    def follow(self, left: ParallaxSums, flow: Amplitudes, misfit: Callable[[ParallaxSums, float], float]) -> float:
+        """H0/H_ref at which motions and the Local Group agree best.
+
+        That is no linear problem; were H0 taken as known in it, the assumed one would come back.
+
+        Parameters
+        ----------
+        left : ParallaxSums
+            Of `without_flow`.
+        flow : Amplitudes
+            Of `without_flow`.
+        misfit : function
+            From sums and H0/H_ref to −2 log of the likelihood.
+        """
+        from scipy.optimize import minimize_scalar
+
+        def at(log_ratio):
+            ratio = float(np.exp(log_ratio))
+            return misfit(self.added(left, flow, ratio)[0], ratio)
+
+        steps = np.log(np.geomspace(0.05, 8.0, 40))
+        best = int(np.argmin([at(step) for step in steps]))
+        bounds = steps[max(best - 1, 0)], steps[min(best + 1, len(steps) - 1)]
+        return float(np.exp(minimize_scalar(at, bounds=bounds, method="bounded", options={"xatol": 1e-7}).x))
