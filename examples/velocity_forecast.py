@@ -15,10 +15,10 @@ from vsh.cosmology import PLANCK_2018
 
 # %%
 # Galaxies with the errors of three releases. Motions do not matter for a forecast.
-galaxies = sim.galaxies(10_000, rng=1)
+galaxies = sim.galaxies(4_000, rng=1)
 nothing = sim.spin((0, 0, 0))
 catalogues = {name: sim.observe(galaxies, nothing, rng=2, release=name) for name in ("DR3", "DR4", "DR5")}
-found = forecast(catalogues, n_modes=120)
+found = forecast(catalogues, n_modes=60)
 print(found.report())
 
 # %%

@@ -1,6 +1,7 @@
 """What a redshift and a magnitude tell of a distance, when redshifts hold velocities and errors."""
 
-from fit.distances._calibration import Calibration, bare_calibration, calibrate, calibrate_if_known
+from fit.distances._calibrate import bare_calibration, calibrate, calibrate_if_known
+from fit.distances._calibration import Calibration
 from fit.distances._density import SourceDensity
 from fit.distances._errors import ErrorsByRedshift
 from fit.distances._luminosity import LuminosityFunction

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Literal
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from fit.distances._density import GivenDensity, SourceDensity, fit_density, redshift_counts
-from fit.distances._errors import ErrorsByRedshift, errors_by_redshift, variance_sums
-from fit.distances._luminosity import MODULI, LuminosityFunction, fit_luminosity, magnitude_counts
-from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, count_unusable, to_cmb, transverse_distance, usable, with_redshift
-from vsh.errors import FieldError, NothingLeftError, ParameterError
+from fit.distances._density import SourceDensity
+from fit.distances._errors import ErrorsByRedshift
+from fit.distances._luminosity import LuminosityFunction
+from vsh.cosmology import FLOW_LIMIT, count_unusable, to_cmb, transverse_distance, usable
+from vsh.errors import FieldError
 from vsh.field import Field
-from vsh.parts import DISTANCES, Parts, as_parts
-from vsh.sky.redshift_frames import TRUE, check_redshift_frame
+from vsh.sky.redshift_frames import TRUE
 from vsh.types import Cosmology, FloatArray
 from vsh.units import SPEED_OF_LIGHT
 
@@ -130,190 +127,3 @@ def _distance(redshift, cosmology):
     return transverse_distance(np.maximum(redshift, FLOW_LIMIT), cosmology) * np.where(
         redshift < FLOW_LIMIT, redshift / FLOW_LIMIT, 1.0
     )
-
-
-def calibrate(
-    field: Field | Parts,
-    redshift_frame: str | None = None,
-    dispersion: float = 750.0,
-    *,
-    cosmology: Cosmology | None = None,
-    density: Literal["volume", "fitted"] | Callable[[FloatArray], FloatArray] | None = None,
-    luminosity: Callable[[FloatArray], FloatArray] | None = None,
-    magnitudes: bool | None = None,
-) -> Calibration:
-    """How the distances of a catalogue follow from its redshifts.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        With redshifts, none missing or below 1e-4; gone through twice at most.
-    redshift_frame : str, optional
-        "heliocentric", "cmb", "local-group" or "true"; the field's own unless given.
-    dispersion : float
-        Of radial peculiar velocities, those of flows among them. [km/s]
-    cosmology : astropy cosmology, optional
-        Flat, Ω_m = 0.315, H0 = 67.3 unless given.
-    density : "volume", "fitted", or a function of distance [Mpc], optional
-        Sources per comoving volume, up to a factor: one everywhere, as the catalogue's redshifts have it, or given.
-        With magnitudes of all sources that there are, evenly in volume unless given; without, of those in the
-        catalogue, fitted.
-    luminosity : function of absolute magnitude, optional
-        log φ up to a constant; fitted to the catalogue, complete to its faintest magnitude, unless given.
-    magnitudes : bool, optional
-        Whether to use them; if all sources have one unless given.
-
-    Returns
-    -------
-    Calibration
-
-    Raises
-    ------
-    ParameterError
-        If a frame or a density is none, or magnitudes are asked for and there are none.
-    FieldError
-        If the dispersion is larger than c z of most sources, some magnitudes are missing, or redshifts cannot be used.
-    """
-    cosmology = PLANCK_2013 if cosmology is None else cosmology
-    sky = as_parts(field)
-    bare = bare_calibration(field, redshift_frame, dispersion, cosmology)
-    facts = sky.sum(partial(_facts, calibration=bare), roles=DISTANCES, words="redshifts")
-    least, most = min(facts["lowest"]), max(facts["highest"])
-    rms = float(np.sqrt(facts["spread2"] / facts["n"]))
-    if rms == 0:
-        return bare
-    _check_size(bare, facts, dispersion)
-    known, n = facts["magnitudes"], facts["n"]
-    if magnitudes is None and 0 < known < n:
-        raise FieldError(
-            f"{n - known} of {n} sources have no magnitude: leave those out (field[np.isfinite(field.magnitude)]), or use "
-            "no magnitudes (magnitudes=False, --no-magnitudes)"
-        )
-    if magnitudes and known < n:
-        raise ParameterError(f"magnitudes are asked for, and {n - known} of {n} sources have none")
-    use = known == n if magnitudes is None else bool(magnitudes)
-    notes = []
-    given = luminosity is not None
-    if use:
-        found = (
-            LuminosityFunction(luminosity, "luminosity function as given")
-            if luminosity is not None
-            else fit_luminosity(_far_enough(facts["bright"], rms, cosmology), max(facts["faintest"]))
-        )
-        bare = replace(bare, luminosity=found)
-    elif given:
-        raise ParameterError("a luminosity function needs magnitudes, which are not used")
-    else:
-        errors = errors_by_redshift(facts["variances"])
-        bare = replace(bare, errors=errors)
-        notes.append(
-            "no magnitudes: distances follow from redshifts alone, and where they are unsure by more than 5 % sources weigh by the "
-            "mean errors of their redshift; with magnitudes results would be surer"
-        )
-    return replace(bare, density=_density(density, use, facts["counts"], rms, bare, (least, most)), notes=tuple(notes))
-
-
-def bare_calibration(
-    field: Field | Parts, redshift_frame: str | None, dispersion: float, cosmology: Cosmology
-) -> Calibration:
-    """The frame of the redshifts alone.
-
-    Parameters
-    ----------
-    field, redshift_frame, dispersion, cosmology
-        As for `calibrate`.
-    """
-    frame = check_redshift_frame(redshift_frame or _frame_of(as_parts(field)) or TRUE)
-    return Calibration(frame, dispersion, cosmology, SourceDensity())
-
-
-def calibrate_if_known(
-    field: Field | Parts, redshift_frame: str | None, dispersion: float | None
-) -> Calibration | None:
-    """A calibration where somebody says in which frame redshifts stand; None where nobody does, or they are true ones.
-
-    Magnitudes are used where all sources have one.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        With redshifts; those that cannot be used are left out.
-    redshift_frame : str or None
-        As for `calibrate`.
-    dispersion : float or None
-        As for `calibrate`; 750 unless given.
-    """
-    sky = as_parts(field)
-    frame = check_redshift_frame(redshift_frame or _frame_of(sky) or TRUE)
-    if frame == TRUE:
-        return None
-    usable_ones = sky.map(partial(with_redshift, redshift_frame=frame))
-    try:
-        known, n = usable_ones.sum(_magnitudes, roles=DISTANCES, words="magnitudes")
-    except NothingLeftError:  # no source is beyond the flow
-        return None
-    return calibrate(usable_ones, frame, 750.0 if dispersion is None else dispersion, magnitudes=bool(known == n))
-
-
-def _magnitudes(field):
-    return np.array([0 if field.magnitude is None else np.isfinite(field.magnitude).sum(), len(field)])
-
-
-def _density(density, use, counts, rms, calibration, limits):
-    if density is None:
-        density = "volume" if use else "fitted"
-    if callable(density):
-        return SourceDensity(GivenDensity(density), "as given")
-    if density == "volume":
-        return SourceDensity()
-    if density != "fitted":
-        raise ParameterError(f'a density is "volume", "fitted" or a function of distance, not {density!r}')
-    if use:
-        raise ParameterError(
-            'with magnitudes the density is "volume" or a function of distance: the catalogue holds not all'
-        )
-    return fit_density(counts, rms, calibration.log_distance, limits)
-
-
-def _frame_of(sky):
-    """The frame that the first part says."""
-    field = sky.in_memory
-    return (next(iter(sky)) if field is None else field).redshift_frame
-
-
-def _facts(field, calibration):
-    """What of some sources bears on the calibration of all."""
-    z = calibration.redshift(field)
-    spread = calibration.spread(field, z)
-    modulus = 5 * np.log10(transverse_distance(z, calibration.cosmology) * (1 + z)) + 25
-    known = np.zeros(len(field), bool) if field.magnitude is None else np.isfinite(field.magnitude)
-    bright = field.magnitude[known] if known.any() else np.empty(0)
-    return {
-        "n": len(field),
-        "lowest": [z.min()],
-        "highest": [z.max()],
-        "spread2": np.sum(spread**2),
-        "lost": int(np.sum(spread > np.log1p(z))),
-        "magnitudes": int(known.sum()),
-        "faintest": [bright.max()] if known.any() else [],
-        "bright": magnitude_counts(bright, modulus[known]),
-        "counts": redshift_counts(z),
-        "variances": variance_sums(z, field.sigma),
-    }
-
-
-def _check_size(calibration, facts, dispersion):
-    if 2 * facts["lost"] > facts["n"]:
-        raise FieldError(
-            f"the errors and peculiar velocities of redshifts ({dispersion:g} km/s) are larger than c z of {facts['lost']} of "
-            f"{facts['n']} sources: their redshifts tell no distance. Take farther sources, or distances (distance=) that "
-            "something else tells"
-        )
-
-
-def _far_enough(counts, rms, cosmology):
-    """Counts of sources whose absolute magnitudes are not blurred by the errors of redshifts, where they are enough."""
-    z = 10 * rms
-    modulus = 5 * np.log10(transverse_distance(np.array([max(z, FLOW_LIMIT)]), cosmology)[0] * (1 + z)) + 25
-    far = counts * (modulus <= MODULI)
-    return far if far.sum() >= max(1000, 0.2 * counts.sum()) else counts

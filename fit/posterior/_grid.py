@@ -8,8 +8,9 @@ from typing import Unpack
 
 import numpy as np
 
-from fit.posterior._model import parallax_model, posterior_equations
-from fit.posterior._priors import NoiseOptions, Priors, as_priors, distances_of
+from fit.posterior._equations import distances_of, posterior_equations
+from fit.posterior._model import parallax_model
+from fit.posterior._priors import NoiseOptions, Priors, as_priors
 from fit.sampling import Prior
 from fit.storage import Result
 from vsh import tables

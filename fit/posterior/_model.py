@@ -11,26 +11,16 @@ If it were fixed there, a poorly known number would determine H0 to a few per ce
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from fit.posterior._likelihood import CompressedLikelihood, compress_likelihood
-from fit.posterior._priors import ModelPriors, Priors, checked_priors
-from fit.secular_parallax import (
-    DistanceOptions,
-    ParallaxEquations,
-    ParallaxParts,
-    frame_note,
-    parallax_equations,
-    undeclared,
-    warn_of_frame,
-)
+from fit.posterior._priors import ModelPriors
+from fit.secular_parallax import ParallaxEquations, ParallaxParts
 from vsh.errors import ParameterError
-from vsh.field import Field
-from vsh.parts import Parts
-from vsh.types import Cosmology, FloatArray
+from vsh.types import FloatArray
 from vsh.vector import Vector
 
 
@@ -242,6 +232,11 @@ def parallax_model(
         As in `Priors`. [µas/yr]
     threads : int, optional
         How many; one a core unless given.
+
+    Raises
+    ------
+    ParameterError
+        If the size of a flow is free that is not fitted.
     """
     spread, flow = given.limits("peculiar_dispersion"), (1.0, 1.0)
     slow, fast = (each / rows.hubble for each in given.limits("H0"))
@@ -256,44 +251,6 @@ def parallax_model(
         rows, spread, given.limits("excess_noise"), spin, flow=flow, acceleration=given.acceleration, threads=threads
     )
     return ParallaxModel(table, given, "v" if _is_known(given.velocity, table) else "u")
-
-
-def posterior_equations(
-    field: Field | Parts, priors: Priors, cosmology: Cosmology | None, distances: DistanceOptions
-) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
-    """The equations of a catalogue, and the priors along its axes.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        With redshifts.
-    priors : Priors
-        As users say it.
-    cosmology : astropy cosmology or None
-        The shape of the distance.
-    distances : DistanceOptions
-        How distances follow from redshifts.
-
-    Raises
-    ------
-    ParameterError
-        If sources have distances in Mpc.
-    """
-    first = field if isinstance(field, Field) else next(iter(field))
-    given = checked_priors(priors, first.frame, distances)
-    rows = parallax_equations(field, cosmology, peculiar_dispersion=given.typical_dispersion, **distances)
-    if rows.n_own:
-        raise ParameterError(
-            f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes redshifts "
-            "alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
-        )
-    if undeclared(field, distances.get("redshift_frame")):
-        note = frame_note(field, None)
-        warn_of_frame(note)
-        rows = replace(rows, notes=(note, *rows.notes))
-    if rows.modes is not None:
-        given = replace(given, flows=f"{len(rows.modes)} modes of {rows.modes.theory.name}")
-    return rows, given
 
 
 def _is_known(velocity, table):

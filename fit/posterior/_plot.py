@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fit.posterior._summary import UNITS
+from fit.posterior._priors import UNITS
 from vsh.system.quiet import import_quietly
 from vsh.types import Figure
 

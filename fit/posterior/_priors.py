@@ -22,6 +22,19 @@ HUBBLE_LIMITS = 1.0, 1000.0
 _HUBBLE_PRIORS: dict[str, Prior] = {"planck": PLANCK_HUBBLE, "flat": Flat(0.0)}
 
 
+#: Of the quantities of a posterior.
+UNITS = {
+    "v_x": "km/s", "v_y": "km/s", "v_z": "km/s", "speed": "km/s", "H0": "km/s/Mpc", "peculiar_dispersion": "km/s",
+    "excess_noise": "µas/yr", "outlier_fraction": "", "flow_amplitude": "", "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr",
+    "omega_x": "µas/yr", "omega_y": "µas/yr", "omega_z": "µas/yr",
+}  # fmt: skip
+
+#: Names that are too long for the table.
+SHORT_NAMES = {"peculiar_dispersion": "dispersion"}
+#: The same as standards for tables want them.
+FITS_UNITS = {"km/s": "km / s", "km/s/Mpc": "km / (Mpc s)", "µas/yr": "uas / yr"}
+
+
 class NoiseOptions(DistanceOptions, total=False):
     """What `Priors` holds besides the velocity and H0, and how distances follow: keywords of `sample` and `grid`."""
 
@@ -34,18 +47,8 @@ class NoiseOptions(DistanceOptions, total=False):
     outlier_width: float | None
 
 
-_DISTANCES = frozenset(DistanceOptions.__annotations__)
-
-
-def distances_of(options: dict[str, Any]) -> DistanceOptions:
-    """Those of the keywords that say how distances follow from redshifts.
-
-    Parameters
-    ----------
-    options : dict
-        Of `sample` or `grid`.
-    """
-    return DistanceOptions(**{name: value for name, value in options.items() if name in _DISTANCES})  # type: ignore[typeddict-item]
+#: Keywords that say how distances follow.
+DISTANCES = frozenset(DistanceOptions.__annotations__)
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ def as_priors(
         If both ways were used at once.
     """
     single = {"velocity": velocity_prior, "hubble": hubble_prior} | options
-    single = {name: value for name, value in single.items() if value is not None and name not in _DISTANCES}
+    single = {name: value for name, value in single.items() if value is not None and name not in DISTANCES}
     if priors is None:
         unknown = set(single) - set(Priors.__dataclass_fields__)
         if unknown:

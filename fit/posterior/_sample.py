@@ -7,10 +7,11 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from fit.posterior._equations import distances_of, posterior_equations
 from fit.posterior._mixture import MixtureModel
-from fit.posterior._model import parallax_model, posterior_equations
+from fit.posterior._model import parallax_model
 from fit.posterior._posterior import Posterior
-from fit.posterior._priors import NoiseOptions, Priors, as_priors, distances_of
+from fit.posterior._priors import NoiseOptions, Priors, as_priors
 from fit.sampling import Prior, Run, as_prior, check_writable, fingerprint, named_function
 from fit.secular_parallax import ParallaxEquations
 from vsh.checks import arguments

@@ -8,25 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fit.posterior._sensitivity import sensitivity_lines
+from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
 from fit.storage import Result, words
 from vsh import tables
 from vsh.checks.arrays import float_array
 from vsh.sky.frames import check_frame
 from vsh.types import Figure, FloatArray, Table
 from vsh.vector import Vector
-
-#: Of what a posterior is of.
-UNITS = {
-    "v_x": "km/s", "v_y": "km/s", "v_z": "km/s", "speed": "km/s", "H0": "km/s/Mpc", "peculiar_dispersion": "km/s",
-    "excess_noise": "µas/yr", "outlier_fraction": "", "flow_amplitude": "", "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr",
-    "omega_x": "µas/yr", "omega_y": "µas/yr", "omega_z": "µas/yr",
-}  # fmt: skip
-
-#: Names that are too long for the table.
-SHORT_NAMES = {"peculiar_dispersion": "dispersion"}
-#: The same as standards for tables want them.
-FITS_UNITS = {"km/s": "km / s", "km/s/Mpc": "km / (Mpc s)", "µas/yr": "uas / yr"}
 
 
 class Interval(NamedTuple):
@@ -196,12 +184,7 @@ def text_of(posterior: Any) -> str:
         f"               {len(posterior.samples['H0'])} samples kept after burn-in and thinning",
     ]
     samples = posterior.samples
-    lines += [
-        *table_lines(posterior),
-        *_at_limits(posterior),
-        *_product(samples),
-        *sensitivity_lines(posterior.model, samples),
-    ]
+    lines += [*table_lines(posterior), *_at_limits(posterior), *_product(samples)]
     return "\n".join(lines)
 
 

@@ -6,7 +6,6 @@ from fit.secular_parallax._equations import (
     ParallaxEquations,
     ParallaxSums,
     U,
-    check_determined,
 )
 from fit.secular_parallax._estimate import hubble_constant, observer_velocity
 from fit.secular_parallax._flow import Flow
@@ -22,6 +21,7 @@ from fit.secular_parallax._setup import (
     warn_of_frame,
 )
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
+from fit.secular_parallax._solve import check_determined
 
 __all__ = [
     "OMEGA",

@@ -12,16 +12,14 @@ a variance that is the same in all directions (peculiar velocities, excess noise
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from fit.distances import Calibration, inverse_distances
-from fit.secular_parallax._flow_rows import FlowRows, known_flow
+from fit.secular_parallax._flow import FlowRows, known_flow
 from vsh.cosmology import PLANCK_2018, hubble_value
-from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.flows import FlowModes, VelocityGrid
 from vsh.sky.sphere import triad
@@ -29,7 +27,6 @@ from vsh.system.parallel import map_blocks
 from vsh.types import ArrayLike, FloatArray
 
 #: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr]; v of those with distances in Mpc [km/s].
-NAMES = tuple(f"{vector}_{axis}" for vector in ("u", "a", "omega", "v") for axis in "xyz")
 U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 #: Sources whose flow is computed at once.
 _BLOCK = 1024
@@ -109,7 +106,7 @@ class ParallaxEquations:
 
     @property
     def modes(self) -> FlowModes | None:
-        """Those of the flow."""
+        """Of the flow."""
         return None if self.flow is None else self.flow.modes
 
     @property
@@ -153,9 +150,9 @@ class ParallaxEquations:
             base = self.variance[rows_of, None] + self.left[rows_of, None] * ratio**2
             variance = self.rate[rows_of, None] ** 2 * added[0] + (base + added[1])
             rows = np.column_stack([self.design[rows_of], self.motion[rows_of]])
-            return _gram(rows if self.flow is None else np.hstack([rows, self.flow.rows(part)]), variance), np.log(
-                variance
-            ).sum(0)
+            if self.flow is not None:
+                rows = np.hstack([rows, self.flow.rows(part)])
+            return _gram(rows, variance), np.log(variance).sum(0)
 
         if self.flow is None:
             parts = map_blocks(block, self.n_data, max(64, 2**20 // max(55, many)), threads)
@@ -261,44 +258,13 @@ def equations_of(
 def _axes(field, calibration, k):
     """Direction and variances of the error ellipses; circles where distances are unsure and only redshifts may weigh."""
     (s1, s2), rho = field.sigma**2, field.rho
-    covariance = rho * np.sqrt(s1 * s2)
     if calibration.errors is not None:
         unsure = ~k.own & (np.sqrt(k.variance) > _SURE * k.mean)
         mean = calibration.errors.at(k.redshift)
-        s1, s2, covariance = np.where(unsure, mean, s1), np.where(unsure, mean, s2), np.where(unsure, 0.0, covariance)
+        s1, s2, rho = np.where(unsure, mean, s1), np.where(unsure, mean, s2), np.where(unsure, 0.0, rho)
+    covariance = rho * np.sqrt(s1 * s2)
     angle = np.arctan2(2 * covariance, s1 - s2) / 2
     mean, half = (s1 + s2) / 2, np.hypot((s1 - s2) / 2, covariance)
     large = mean + half
-    small = (s1 * s2 - covariance**2) / large  # mean − half would cancel
+    small = s1 * s2 * (1 - rho**2) / large  # mean − half would cancel
     return np.cos(angle), np.sin(angle), large, small
-
-
-def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:
-    """Raise DegeneracyError where the data leave a combination of parameters unseen.
-
-    Parameters
-    ----------
-    matrix : (p, p) array
-        The normal matrix.
-    names : sequence of str
-        Which of them.
-    sources : int
-        How many.
-    limit : float
-        On the condition number.
-
-    Raises
-    ------
-    DegeneracyError
-        If they do.
-    """
-    diagonal = np.diag(matrix)
-    if 2 * sources >= len(names) and (diagonal > 0).all():
-        scaled = matrix / np.sqrt(np.outer(diagonal, diagonal))
-        values = np.linalg.eigvalsh(scaled)
-        if values[0] * limit > values[-1]:
-            return
-    raise DegeneracyError(
-        f"{sources} sources cannot separate {', '.join(names)}: more sources, over more of the sky and of "
-        "more than one distance, are needed"
-    )

@@ -11,14 +11,8 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, U, V, check_determined
-from fit.secular_parallax._flow import flow_of
-from fit.secular_parallax._known import (
-    LocalGroup,
-    with_acceleration,
-    with_flow,
-    without_flow,
-)
+from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, U
+from fit.secular_parallax._known import LocalGroup
 from fit.secular_parallax._parts import ParallaxParts
 from fit.secular_parallax._setup import (
     DistanceOptions,
@@ -29,6 +23,7 @@ from fit.secular_parallax._setup import (
     warn_of_frame,
 )
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
+from fit.secular_parallax._solve import solve_for
 from vsh.checks import arguments
 from vsh.cosmology import LOCAL_GROUP, PLANCK_2013, hubble_value, velocity_along
 from vsh.errors import DegeneracyError, ParameterError
@@ -150,8 +145,8 @@ def velocity_from(
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
-    group = _local_group(local_group, rows)
-    found = _solve(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group)
+    group = local_group_of(local_group, rows)
+    found = solve_for(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group)
     return VelocitySolution(**found, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
 
@@ -216,7 +211,7 @@ def hubble_constant(
 
     rows = _noted(parallax_equations(field, apart=True, **given), field, distances, as_frame)
     velocity = velocity_along(velocity, rows.frame)
-    group = _local_group(local_group, rows)
+    group = local_group_of(local_group, rows)
     ratio = 1.0 if hubble is None else hubble / rows.hubble
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     names = ("H0", "a_x", "a_y", "a_z")
@@ -225,7 +220,7 @@ def hubble_constant(
         to_u = np.zeros((12, 4))
         to_u[U, 0] = v / rows.hubble
         to_u[A, 1:] = np.eye(3)
-        return _solve(sums, to_u, names, spin, rows, acceleration, ratio, group, v)
+        return solve_for(sums, to_u, names, spin, rows, acceleration, ratio, group, v)
 
     found = at(velocity.value)
     if velocity.covariance.any():
@@ -251,7 +246,21 @@ def _noted(rows, field, distances, as_frame):
     return replace(rows, notes=(note, *rows.notes))
 
 
-def _local_group(value, rows):
+def local_group_of(value: Vector | bool | None, rows: ParallaxEquations | ParallaxParts) -> LocalGroup | None:
+    """The Local Group's velocity as a measurement of the flow of some equations.
+
+    Parameters
+    ----------
+    value : Vector, bool or None
+        As users say it.
+    rows : ParallaxEquations or ParallaxParts
+        Of a catalogue.
+
+    Raises
+    ------
+    ParameterError
+        If there is no flow, or the value is no velocity.
+    """
     if value is None or value is False:
         return None
     if rows.modes is None:
@@ -260,76 +269,3 @@ def _local_group(value, rows):
         raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
     known = (LOCAL_GROUP if value is True else value).to_frame(rows.frame)
     return LocalGroup(rows.modes, known.value, known.covariance + LOCAL_SCATTER**2 * np.eye(3))
-
-
-def _solve(sums, to_u, names, spin, rows, acceleration, ratio, group=None, velocity=None):
-    """Least squares for θ with (u, ã, ω[, v]) = to_u θ: the spin fixed, free or none, the flow marginalised."""
-    width = 9 if velocity is None else 12
-    sums = with_acceleration(sums, acceleration, rows.frame)
-    alone, amplitudes, found_ratio = sums.matrix[:width, :width], None, None
-    if isinstance(spin, str) and spin == "free":
-        to_u = np.concatenate([to_u, np.eye(width)[:, OMEGA]], axis=1)
-        names = (*names, "omega_x", "omega_y", "omega_z")
-    elif spin is not None and not isinstance(spin, Vector):
-        raise ParameterError(f"spin is None, 'free' or a Vector, not {spin!r}")
-    fixed = np.zeros(width)
-    if velocity is not None:
-        fixed[V] = velocity
-    if isinstance(spin, Vector):
-        spin = spin.to_frame(rows.frame)
-        fixed[OMEGA] = spin.value
-    if rows.modes is not None:
-        sums, amplitudes = without_flow(with_flow(sums, width, ratio), width)
-        if group is not None and velocity is None:
-            sums, amplitudes = group.added(sums, amplitudes, ratio)
-        elif group is not None:
-            to_rest = to_u[:, 1:]
-
-            def known(h):
-                return fixed + to_u[:, 0] * h * rows.hubble
-
-            found_ratio = group.follow(sums, amplitudes, lambda left, h: _misfit(left, to_rest, known(h)))
-            near, flow = group.added(sums, amplitudes, found_ratio)
-            theta = known(found_ratio) + to_rest @ _least(near, to_rest, known(found_ratio))[0]
-            here = rows.modes.at_origin() @ (flow.mean - flow.slope @ theta)
-            sums, amplitudes = group.added(sums, amplitudes, found_ratio, velocity, here)
-    normal = to_u.T @ sums.matrix @ to_u
-    check_determined(normal, names, sums.n_data // 2)
-    inverse = np.linalg.inv(normal)
-    covariance = (inverse + inverse.T) / 2
-    noise = np.linalg.inv(to_u.T @ alone @ to_u) if rows.modes is not None else covariance
-    chi2_null = sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ sums.matrix @ fixed
-    rhs = to_u.T @ (sums.rhs - sums.matrix @ fixed)
-    values = inverse @ rhs
-    if found_ratio is not None:
-        hubble = found_ratio * rows.hubble
-        values = np.r_[hubble, np.linalg.solve(normal[1:, 1:], rhs[1:] - normal[1:, 0] * hubble)]
-    if isinstance(spin, Vector):
-        carry = covariance @ to_u.T @ sums.matrix[:, OMEGA]
-        covariance = covariance + carry @ spin.covariance @ carry.T
-    found = {
-        "names": names,
-        "values": values,
-        "covariance": covariance,
-        "chi2": float(chi2_null - 2 * values @ rhs + values @ normal @ values),
-        "n_data": sums.n_data,
-        "frame": rows.frame,
-        "notes": rows.notes,
-        "noise_covariance": noise,
-    }
-    if amplitudes is not None:
-        found["flow"] = flow_of(rows, amplitudes, to_u @ values + fixed, to_u, covariance, ratio)
-    return found
-
-
-def _least(sums, to_u, fixed):
-    """Least squares where some parameters are fixed: values of the others, their normal matrix and χ²."""
-    normal, rhs = to_u.T @ sums.matrix @ to_u, to_u.T @ (sums.rhs - sums.matrix @ fixed)
-    values = np.linalg.solve(normal, rhs)
-    return values, normal, sums.chi2_null - 2 * sums.rhs @ fixed + fixed @ sums.matrix @ fixed - rhs @ values
-
-
-def _misfit(sums, to_u, fixed):
-    """−2 log of the likelihood with the other parameters marginalised, but for a constant."""
-    _, normal, chi2 = _least(sums, to_u, fixed)
-    return float(chi2 + sums.logdet + np.linalg.slogdet(normal)[1])

@@ -154,8 +154,8 @@ def _glide(error):
 KNOWN: dict[str, dict[str, Any]] = {
     "independent": {"peculiar_dispersion": 306.0},
     "flows": _FLOWS,
-    "+ glide ± .35": _FLOWS | _glide(0.35),
-    "+ glide ± .1": _FLOWS | _glide(0.1),
+    "+ glide 0.35": _FLOWS | _glide(0.35),
+    "+ glide 0.1": _FLOWS | _glide(0.1),
     "+ Local Group": _FLOWS | {"local_group": True},
     "+ both": _FLOWS | _glide(0.1) | {"local_group": True},
 }

@@ -5,7 +5,6 @@ Each adds to the normal equations where they are solved, never to their sums.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,8 +115,13 @@ def without_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitud
 class LocalGroup:
     """The Local Group's velocity as a measurement of the flow where we are.
 
-    The modes' amplitudes c are in units of H0/H_ref = h, as all that the motions tell, and the velocity is in km/s:
-    V h = D c + noise, with D the modes where we are.
+    Given that velocity V, the amplitudes of the modes are c ± P on average, with
+
+        c = Dᵀ (D Dᵀ + Σ)⁻¹ V,   P = (1 + Dᵀ Σ⁻¹ D)⁻¹,
+
+    D the modes where we are and Σ what else there is in V. The motions tell amplitudes times h = H0/H_ref, so that their
+    mean is h c; P stands for H_ref, as all variances of the flow. This is linear in h, and the Group's speed by itself
+    says nothing of H0: had h been taken as known, or V as drawn from flows of known size, H_ref would come back.
 
     Attributes
     ----------
@@ -125,75 +129,39 @@ class LocalGroup:
     velocity : (3,) array
         V, in the frame of the microwave background, along the axes of the equations. [km/s]
     covariance : (3, 3) array
-        Of V as a measurement of the modes' flow: of linear motions that they leave, and of motions that are none, too.
+        Σ: of its measurement, of linear motions that the modes leave, and of motions that are none.
     """
 
     modes: FlowModes
     velocity: FloatArray
     covariance: FloatArray
 
-    def added(
-        self,
-        left: ParallaxSums,
-        flow: Amplitudes,
-        ratio: float,
-        ours: FloatArray | None = None,
-        here_found: FloatArray | None = None,
-    ) -> tuple[ParallaxSums, Amplitudes]:
-        """Normal equations, and the flow given the other parameters, with this measurement as well.
+    def added(self, sums: ParallaxSums, width: int, ratio: float, ours: FloatArray | None) -> ParallaxSums:
+        """Normal equations, the flow's prior among them, with this measurement as well.
 
         Parameters
         ----------
-        left : ParallaxSums
-            Of `without_flow`.
-        flow : Amplitudes
-            Of `without_flow`.
+        sums : ParallaxSums
+            Of `with_flow`.
+        width : int
+            How many columns there are before the modes.
         ratio : float
-            h.
-        ours, here_found : (3,) arrays, optional
-            Where h is not known but u·v/v², to first order about `ratio`: our velocity v, and D c as it was found. [km/s]
+            H0/H_ref in the weights.
+        ours : (3,) array or None
+            Our own velocity v, where h is not known but u·v/v². [km/s]
         """
         here = self.modes.at_origin()
-        change = here @ flow.slope
-        known = self.velocity * ratio
-        if ours is not None and here_found is not None:
-            change[:, U] += np.outer(here_found, ours) / (ours @ ours) / ratio
-            known = known - here_found
-        across = flow.covariance @ here.T
-        spread = here @ across + self.covariance * ratio**2
-        weight = np.linalg.inv(spread)
-        away = known - here @ flow.mean
-        sums = replace(
-            left,
-            matrix=left.matrix + change.T @ weight @ change,
-            rhs=left.rhs - change.T @ weight @ away,
-            chi2_null=left.chi2_null + away @ weight @ away,
-            logdet=left.logdet + np.linalg.slogdet(spread)[1] - 6 * np.log(ratio),
-        )
-        gain = across @ weight
-        return sums, Amplitudes(flow.mean + gain @ away, flow.slope - gain @ change, flow.covariance - gain @ across.T)
-
-    def follow(self, left: ParallaxSums, flow: Amplitudes, misfit: Callable[[ParallaxSums, float], float]) -> float:
-        """H0/H_ref at which motions and the Local Group agree best.
-
-        That is no linear problem; were H0 taken as known in it, the assumed one would come back.
-
-        Parameters
-        ----------
-        left : ParallaxSums
-            Of `without_flow`.
-        flow : Amplitudes
-            Of `without_flow`.
-        misfit : function
-            From sums and H0/H_ref to −2 log of the likelihood.
-        """
-        from scipy.optimize import minimize_scalar
-
-        def at(log_ratio):
-            ratio = float(np.exp(log_ratio))
-            return misfit(self.added(left, flow, ratio)[0], ratio)
-
-        steps = np.log(np.geomspace(0.05, 8.0, 40))
-        best = int(np.argmin([at(step) for step in steps]))
-        bounds = steps[max(best - 1, 0)], steps[min(best + 1, len(steps) - 1)]
-        return float(np.exp(minimize_scalar(at, bounds=bounds, method="bounded", options={"xatol": 1e-7}).x))
+        across = here.T @ np.linalg.inv(self.covariance) / ratio**2
+        mean = here.T @ np.linalg.solve(here @ here.T + self.covariance, self.velocity)
+        pull, size = across @ self.velocity, self.velocity @ across.T @ mean
+        matrix, rhs, chi2_null = sums.matrix.copy(), sums.rhs.copy(), sums.chi2_null
+        matrix[width:, width:] += across @ here
+        if ours is None:
+            rhs[width:] += pull * ratio
+            chi2_null = chi2_null + size * ratio**2
+        else:
+            toward = ours / (ours @ ours)
+            matrix[U, U] += size * np.outer(toward, toward)
+            matrix[width:, U] -= np.outer(pull, toward)
+            matrix[U, width:] = matrix[width:, U].T
+        return replace(sums, matrix=matrix, rhs=rhs, chi2_null=chi2_null)

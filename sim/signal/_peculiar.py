@@ -39,14 +39,19 @@ class Velocities:
     hubble: float | None
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tangential, (2, n), and radial, (n,), velocities of sources at distances [Mpc, for the cosmology's H0]. [km/s]
+        """Tangential, (2, n), and radial, (n,), velocities of sources. [km/s]
 
         Parameters
         ----------
         lon, lat : (n,) arrays
             Positions. [rad]
         distance : (n,) array
-            For the cosmology's own H0. [Mpc]
+            For the signal's H0. [Mpc]
+
+        Raises
+        ------
+        NotImplementedError
+            Each kind of velocity has its own.
         """
         raise NotImplementedError
 
@@ -79,6 +84,13 @@ class Peculiar(Velocities):
     n_waves: int
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tangential and radial velocities, as `Velocities.velocity` says.
+
+        Parameters
+        ----------
+        lon, lat, distance : (n,) arrays
+            As there.
+        """
         draw = np.random.default_rng(self.seed)
         if self.length is None:
             return self.sigma * draw.standard_normal((2, len(lon))), self.sigma * draw.standard_normal(len(lon))
@@ -105,6 +117,18 @@ class LinearFlow(Velocities):
     exact: bool
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tangential and radial velocities, as `Velocities.velocity` says.
+
+        Parameters
+        ----------
+        lon, lat, distance : (n,) arrays
+            As there.
+
+        Raises
+        ------
+        ParameterError
+            If there are too many galaxies to be drawn exactly.
+        """
         draw = np.random.default_rng(self.seed)
         far = distance * _little_h(self.cosmology, self.hubble)
         if self.exact:
@@ -139,6 +163,18 @@ class GridFlow(Velocities):
     hubble: float | None
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tangential and radial velocities, as `Velocities.velocity` says.
+
+        Parameters
+        ----------
+        lon, lat, distance : (n,) arrays
+            As there.
+
+        Raises
+        ------
+        ParameterError
+            If sources lie outside of the grid.
+        """
         far = distance * _little_h(self.cosmology, self.hubble)
         found, inside = self.grid.at(lon, lat, far, self.frame)
         if not inside.all():

@@ -1,0 +1,70 @@
+"""The equations of a catalogue under priors: what users say of redshifts, flows and what is known before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from fit.posterior._priors import DISTANCES, ModelPriors, Priors, checked_priors
+from fit.secular_parallax import (
+    DistanceOptions,
+    ParallaxEquations,
+    ParallaxParts,
+    frame_note,
+    parallax_equations,
+    undeclared,
+    warn_of_frame,
+)
+from vsh.errors import ParameterError
+from vsh.field import Field
+from vsh.parts import Parts
+from vsh.types import Cosmology
+
+
+def distances_of(options: dict[str, Any]) -> DistanceOptions:
+    """Those of the keywords that say how distances follow from redshifts.
+
+    Parameters
+    ----------
+    options : dict
+        Of `sample` or `grid`.
+    """
+    return DistanceOptions(**{name: value for name, value in options.items() if name in DISTANCES})  # type: ignore[typeddict-item]
+
+
+def posterior_equations(
+    field: Field | Parts, priors: Priors, cosmology: Cosmology | None, distances: DistanceOptions
+) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
+    """The equations of a catalogue, and the priors along its axes.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        With redshifts.
+    priors : Priors
+        As users say it.
+    cosmology : astropy cosmology or None
+        The shape of the distance.
+    distances : DistanceOptions
+        How distances follow from redshifts.
+
+    Raises
+    ------
+    ParameterError
+        If sources have distances in Mpc.
+    """
+    first = field if isinstance(field, Field) else next(iter(field))
+    given = checked_priors(priors, first.frame, distances)
+    rows = parallax_equations(field, cosmology, peculiar_dispersion=given.typical_dispersion, **distances)
+    if rows.n_own:
+        raise ParameterError(
+            f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes redshifts "
+            "alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
+        )
+    if undeclared(field, distances.get("redshift_frame")):
+        note = frame_note(field, None)
+        warn_of_frame(note)
+        rows = replace(rows, notes=(note, *rows.notes))
+    if rows.modes is not None:
+        given = replace(given, flows=f"{len(rows.modes)} modes of {rows.modes.theory.name}")
+    return rows, given
