@@ -214,7 +214,8 @@ def peculiar(
         Add the flow of linear theory, with Planck's power spectrum or another; or a given one.
     exact : bool
         Draw the linear flow from the full covariance of all sources, for some thousand of them; else from `n_modes`
-        modes, and what they leave independently for each source: its covariance errs by half a per cent.
+        modes, and what they leave independently for each source: with 2000 the covariance errs by half a per cent, and
+        that of galaxies less than 15 Mpc/h apart by up to 5 %.
     cosmology, hubble
         As for `secular_parallax`.
     n_waves : int

@@ -202,3 +202,20 @@ def test_what_is_refused(change, options, error, words):
         field = field[:20]
     with pytest.raises(error, match=words):
         calibrate(field, **options)
+
+
+@pytest.mark.parametrize("magnitudes", [None, False])
+def test_pulls_on_skies_as_they_are_seen(magnitudes):
+    """Velocities from redshifts that hold velocities: no bias, and errors that hold; redshifts as they stand have one."""
+    off, pulls, naive = [], [], []
+    toward = OURS / np.linalg.norm(OURS)
+    for seed in range(40):
+        field, _ = seen(1500, 100 + seed, dispersion=600.0, release="DR5")
+        found = observer_velocity(field, 67.3, peculiar_dispersion=600.0, magnitudes=magnitudes).velocity
+        as_true = observer_velocity(field, 67.3, peculiar_dispersion=600.0, redshift_frame="true").velocity
+        off.append((found.value - OURS) @ toward / np.sqrt(toward @ found.covariance @ toward))
+        naive.append((as_true.value - OURS) @ toward / np.sqrt(toward @ as_true.covariance @ toward))
+        pulls.extend((found.value - OURS) / found.sigma)
+    assert abs(np.mean(off)) < 3.5 / np.sqrt(40)
+    assert np.std(pulls) == pytest.approx(1, abs=0.2)
+    assert np.mean(naive) < np.mean(off)
