@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from fit.distances._calibration import Calibration
-from fit.distances._density import GivenDensity, SourceDensity, fit_density, redshift_counts
+from fit.distances._density import GivenDensity, SourceDensity, completed, fit_density, redshift_counts
 from fit.distances._errors import errors_by_redshift, variance_sums
 from fit.distances._luminosity import MODULI, LuminosityFunction, fit_luminosity, magnitude_counts
 from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, transverse_distance, with_redshift
@@ -45,8 +45,7 @@ def calibrate(
         Flat, Ω_m = 0.315, H0 = 67.3 unless given.
     density : "volume", "fitted", or a function of distance [Mpc], optional
         Sources per comoving volume, up to a factor: one everywhere, as the catalogue's redshifts have it, or given.
-        With magnitudes of all sources that there are, evenly in volume unless given; without, of those in the
-        catalogue, fitted.
+        With magnitudes of all sources that there are; without, of those in the catalogue. Fitted unless given.
     luminosity : function of absolute magnitude, optional
         log φ up to a constant; fitted to the catalogue, complete to its faintest magnitude, unless given.
     magnitudes : bool, optional
@@ -99,7 +98,10 @@ def calibrate(
             "no magnitudes: distances follow from redshifts alone, and where they are unsure by more than 5 % sources weigh by the "
             "mean errors of their redshift; with magnitudes results would be surer"
         )
-    return replace(bare, density=_density(density, use, facts["counts"], rms, bare, (least, most)), notes=tuple(notes))
+    limit = max(facts["faintest"]) if use else None
+    return replace(
+        bare, density=_density(density, limit, facts["counts"], rms, bare, (least, most)), notes=tuple(notes)
+    )
 
 
 def bare_calibration(
@@ -148,20 +150,17 @@ def _magnitudes(field):
     return np.array([0 if field.magnitude is None else np.isfinite(field.magnitude).sum(), len(field)])
 
 
-def _density(density, use, counts, rms, calibration, limits):
-    if density is None:
-        density = "volume" if use else "fitted"
+def _density(density, limit, counts, rms, calibration, limits):
     if callable(density):
         return SourceDensity(GivenDensity(density), "as given")
     if density == "volume":
         return SourceDensity()
-    if density != "fitted":
+    if density not in (None, "fitted"):
         raise ParameterError(f'a density is "volume", "fitted" or a function of distance, not {density!r}')
-    if use:
-        raise ParameterError(
-            'with magnitudes the density is "volume" or a function of distance: the catalogue holds not all'
-        )
-    return fit_density(counts, rms, calibration.log_distance, limits)
+    found = fit_density(counts, rms, calibration.log_distance, limits)
+    if limit is None:
+        return found
+    return completed(found, calibration.luminosity, limit, calibration.log_distance)
 
 
 def _frame_of(sky):

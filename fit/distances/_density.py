@@ -52,6 +52,49 @@ class GivenDensity:
             return np.log(np.asarray(self.function(np.exp(log_distance)), float))
 
 
+@dataclass(frozen=True, eq=False)
+class Completed:
+    """The density of all sources, from that of those which a catalogue complete to a magnitude holds.
+
+    Attributes
+    ----------
+    curve : LogCurve
+        Of those in the catalogue, from ln d.
+    log_distance, log_share : (k,) arrays
+        ln d, and the logarithm of the share of all that are bright enough.
+    """
+
+    curve: LogCurve
+    log_distance: FloatArray
+    log_share: FloatArray
+
+    def __call__(self, log_distance: FloatArray) -> FloatArray:
+        return self.curve(log_distance) - np.interp(log_distance, self.log_distance, self.log_share)
+
+
+def completed(density: SourceDensity, luminosity: Any, limit: float, log_distance: Any) -> SourceDensity:
+    """The density of all sources behind that of a magnitude-limited catalogue.
+
+    Parameters
+    ----------
+    density : SourceDensity
+        Of `fit_density`.
+    luminosity : LuminosityFunction
+        Of the sources.
+    limit : float
+        The faintest apparent magnitude.
+    log_distance : function
+        As for `fit_density`.
+    """
+    x = np.geomspace(1e-4, np.log(30.0), 600)
+    log_d, _ = log_distance(x)
+    faintest = limit - 5 / np.log(10) * (log_d + x) - 25
+    magnitude = np.linspace(faintest.min() - 12, faintest.max(), 6000)
+    log = luminosity.log(magnitude)
+    share = np.log(np.cumsum(np.exp(log - log.max())))
+    return SourceDensity(Completed(density.curve, log_d, np.interp(faintest, magnitude, share)), density.words)
+
+
 def redshift_counts(redshift: FloatArray) -> FloatArray:
     """Sources by redshift, a table that adds over parts.
 
@@ -88,7 +131,7 @@ def fit_density(counts: FloatArray, spread: float, log_distance: Any, limits: tu
     log_d, log_volume = log_distance(true)
     # Beyond what is seen the curve goes on straight.
     inner = log_d[(true >= seen[0]) & (true <= seen[-1])]
-    knots = np.linspace(inner[0], inner[-1], 6)
+    knots = np.linspace(inner[0], inner[-1], int(np.clip(np.ceil(inner[-1] - inner[0]) + 1, 4, 8)))
     shares = kernel * np.exp(log_volume - log_volume.max())
     values = fit_log_curve(curve_basis(knots, log_d), counts[cells][None], shares[None])
     return SourceDensity(LogCurve(knots, values), f"as the catalogue's {counts.sum():.0f} redshifts have it")
