@@ -121,8 +121,10 @@ def fit_density(counts: FloatArray, spread: float, log_distance: Any, limits: tu
         The smallest and largest redshift.
     """
     first, last = np.searchsorted(_EDGES, np.log(limits)) - 1
-    cells = slice(max(first, 0), last + 1)
-    seen = np.log1p(np.exp(_EDGES[max(first, 0) : last + 2]))
+    if last - first > 8:  # cells at the ends are cut by the catalogue's own limits
+        first, last = first + 1, last - 1
+    first = max(first, 0)
+    cells, seen = slice(first, last + 1), np.log1p(np.exp(_EDGES[first : last + 2]))
     low = max(np.log1p(1e-4), seen[0] - 5 * spread)
     true = np.linspace(low, seen[-1] + 5 * spread, 600)
     from scipy.special import ndtr
