@@ -113,6 +113,10 @@ def bare_calibration(
     ----------
     field, redshift_frame, dispersion, cosmology
         As for `calibrate`.
+
+    Returns
+    -------
+    Calibration
     """
     frame = check_redshift_frame(redshift_frame or _frame_of(as_parts(field)) or TRUE)
     return Calibration(frame, dispersion, cosmology, SourceDensity())
@@ -133,6 +137,10 @@ def calibrate_if_known(
         As for `calibrate`.
     dispersion : float or None
         As for `calibrate`; 750 unless given.
+
+    Returns
+    -------
+    Calibration or None
     """
     sky = as_parts(field)
     frame = check_redshift_frame(redshift_frame or _frame_of(sky) or TRUE)

@@ -61,6 +61,10 @@ class Calibration:
         field : Field
             The sources.
 
+        Returns
+        -------
+        array
+
         Raises
         ------
         FieldError
@@ -87,6 +91,10 @@ class Calibration:
         ----------
         x : array
             ln(1 + z)
+
+        Returns
+        -------
+        tuple[array, array]
         """
         log_x = np.log(x)
         spline, slope = self._spline
@@ -110,6 +118,10 @@ class Calibration:
             The sources.
         redshift : (n,) array
             At rest in the microwave background.
+
+        Returns
+        -------
+        array
         """
         variance = np.full(len(field), 0.0 if self.exact else (self.dispersion / SPEED_OF_LIGHT) ** 2)
         if field.redshift_error is not None:

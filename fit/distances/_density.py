@@ -37,6 +37,10 @@ class SourceDensity:
         ----------
         distance : array
             [Mpc]
+
+        Returns
+        -------
+        array
         """
         return np.zeros(np.shape(distance)) if self.curve is None else self.curve(np.log(distance))
 

@@ -36,6 +36,10 @@ class ErrorsByRedshift:
         ----------
         redshift : (n,) array
             Of sources.
+
+        Returns
+        -------
+        array
         """
         return np.exp(self.curve(np.log(redshift)))
 

@@ -41,6 +41,10 @@ class LuminosityFunction:
         ----------
         magnitude : array
             Absolute.
+
+        Returns
+        -------
+        array
         """
         return self.curve(magnitude)
 

@@ -117,6 +117,10 @@ def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
         With redshifts, none missing.
     calibration : Calibration or None
         Of its catalogue; redshifts are true ones without.
+
+    Returns
+    -------
+    array
     """
     assert field.redshift is not None
     redshift = field.redshift

@@ -28,6 +28,10 @@ def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: st
     frame : str
         Of the axes.
 
+    Returns
+    -------
+    ParallaxSums
+
     Raises
     ------
     ParameterError
@@ -58,6 +62,10 @@ def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> Para
         How many columns there are before.
     scale : float or array
         H0/H_ref, times the flow's amplitude where that is not one; one for each of the sums.
+
+    Returns
+    -------
+    ParallaxSums
     """
     matrix = sums.matrix.copy()
     modes = np.arange(width, matrix.shape[-1])
@@ -91,6 +99,10 @@ def without_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitud
         With the flow's prior; perhaps several, along a leading axis.
     width : int
         How many columns there are before the modes.
+
+    Returns
+    -------
+    tuple[ParallaxSums, Amplitudes]
     """
     own, modes = slice(0, width), slice(width, None)
     matrix, rhs = sums.matrix, sums.rhs

@@ -65,6 +65,10 @@ def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -
     options : DistanceOptions
         Whether flows are fitted.
 
+    Returns
+    -------
+    float
+
     Raises
     ------
     ParameterError
@@ -200,6 +204,10 @@ def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
         Of galaxies.
     redshift_frame : str or None
         As users say it.
+
+    Returns
+    -------
+    bool
     """
     if redshift_frame is not None:
         return False
@@ -216,6 +224,10 @@ def frame_note(field: Field | Parts, words: Callable[[str], str] | None) -> str:
         Of galaxies.
     words : function or None
         From the name of a frame to what would be found.
+
+    Returns
+    -------
+    str
     """
     found = []
     if words is None:

@@ -124,7 +124,9 @@ def test_distances_of_their_own():
     field = replace(field, distance=distance, distance_error=0.1 * d)
     found = inverse_distances(field, calibrate(field))
     assert found.own.sum() == 900
-    pulls = ((1 / (AU_PER_YEAR * d) - found.mean) / np.sqrt(found.variance))[found.own]
+    # Near the limits of the catalogue its cut in redshift tells of distances as well.
+    inside = found.own & (true > 0.006) & (true < 0.022)
+    pulls = ((1 / (AU_PER_YEAR * d) - found.mean) / np.sqrt(found.variance))[inside]
     assert pulls.mean() == pytest.approx(0, abs=0.15)
     assert pulls.std() == pytest.approx(1, abs=0.12)
 
