@@ -236,7 +236,10 @@ def test_the_paper_in_small(tmp_path):
     for case in "ABCD":
         assert f"## Case {case}" in text
     assert text.count("| ⟨σ⟩ |") == 4 * 16
-    assert "## Effects" in (folder / "tables.md").read_text(encoding="utf-8")
+    tables = (folder / "tables.md").read_text(encoding="utf-8")
+    assert "## Effects" in tables
+    assert "redshifts are perfect" in tables[:200]
+    assert tables.split("## Redshifts as they are seen")[1].count("| H0 |") == 4
     assert len(list(folder.glob("figure*.png"))) == len(list(folder.glob("figure*.pdf"))) == 5
     assert (folder / "tables.ecsv").exists()
 
