@@ -150,18 +150,18 @@ def _ask_for_frame(field, options, common):
     VshError
         If nobody did.
     """
-    from fit.secular_parallax import observer_velocity, undeclared
+    from fit.secular_parallax import by_frame, observer_velocity, undeclared
 
     if not undeclared(field, options.redshift_frame):
         return
     hubble = options.h0 or 67.4
-    lines = []
-    for frame in ("heliocentric", "cmb", "true"):
-        try:
-            v = observer_velocity(field, hubble, **common | {"redshift_frame": frame}).velocity
-            lines.append(f"{frame}: |v| = {v.amplitude:.0f} ± {v.amplitude_error:.0f} km/s")
-        except VshError as error:
-            lines.append(f"{frame}: {error}")
+
+    def found(frame):
+        v = observer_velocity(field, hubble, **common | {"redshift_frame": frame}).velocity
+        return f"|v| = {v.amplitude:.0f} ± {v.amplitude_error:.0f} km/s"
+
+    frames = ("heliocentric", "cmb", "true")
+    lines = [f"{frame}: {said}" for frame, (_, said) in by_frame(found, frames).items()]
     raise VshError(
         f"nobody says in which frame the redshifts of {options.catalogue} stand: say --redshift-frame heliocentric, cmb, "
         "local-group, or true (of the expansion alone, as simulations have them). What it changes here, for "

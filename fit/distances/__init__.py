@@ -1,6 +1,6 @@
 """What a redshift and a magnitude tell of a distance, when redshifts hold velocities and errors."""
 
-from fit.distances._calibrate import bare_calibration, calibrate, calibrate_if_known
+from fit.distances._calibrate import WHOLE_DISPERSION, calibrate, calibrate_if_known
 from fit.distances._calibration import Calibration
 from fit.distances._density import SourceDensity
 from fit.distances._errors import ErrorsByRedshift
@@ -8,12 +8,12 @@ from fit.distances._luminosity import LuminosityFunction
 from fit.distances._moments import InverseDistances, inverse_distances, mean_rates
 
 __all__ = [
+    "WHOLE_DISPERSION",
     "Calibration",
     "ErrorsByRedshift",
     "InverseDistances",
     "LuminosityFunction",
     "SourceDensity",
-    "bare_calibration",
     "calibrate",
     "calibrate_if_known",
     "inverse_distances",

@@ -13,18 +13,21 @@ from fit.distances._calibration import Calibration
 from fit.distances._density import GivenDensity, SourceDensity, completed, fit_density, redshift_counts
 from fit.distances._errors import errors_by_redshift, variance_sums
 from fit.distances._luminosity import MODULI, LuminosityFunction, fit_luminosity, magnitude_counts
-from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, transverse_distance, with_redshift
+from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, distance_modulus, transverse_distance, with_redshift
 from vsh.errors import FieldError, NothingLeftError, ParameterError
 from vsh.field import Field
 from vsh.parts import DISTANCES, Parts, as_parts
 from vsh.sky.redshift_frames import TRUE, check_redshift_frame
 from vsh.types import Cosmology, FloatArray
 
+#: Dispersion of peculiar velocities in each component, those of flows among them. [km/s]
+WHOLE_DISPERSION = 750.0
+
 
 def calibrate(
     field: Field | Parts,
     redshift_frame: str | None = None,
-    dispersion: float = 750.0,
+    dispersion: float = WHOLE_DISPERSION,
     *,
     cosmology: Cosmology | None = None,
     density: Literal["volume", "fitted"] | Callable[[FloatArray], FloatArray] | None = None,
@@ -66,7 +69,7 @@ def calibrate(
     sky = as_parts(field)
     bare = bare_calibration(field, redshift_frame, dispersion, cosmology)
     facts = sky.sum(partial(_facts, calibration=bare), roles=DISTANCES, words="redshifts")
-    least, most = min(facts["lowest"]), max(facts["highest"])
+    bare = replace(bare, limits=(float(min(facts["lowest"])), float(max(facts["highest"]))))
     rms = float(np.sqrt(facts["spread2"] / facts["n"]))
     if rms == 0:
         return bare
@@ -99,9 +102,7 @@ def calibrate(
             "mean errors of their redshift; with magnitudes results would be surer"
         )
     limit = max(facts["faintest"]) if use else None
-    return replace(
-        bare, density=_density(density, limit, facts["counts"], rms, bare, (least, most)), notes=tuple(notes)
-    )
+    return replace(bare, density=_density(density, limit, facts["counts"], rms, bare), notes=tuple(notes))
 
 
 def bare_calibration(
@@ -151,21 +152,23 @@ def calibrate_if_known(
         known, n = usable_ones.sum(_magnitudes, roles=DISTANCES, words="magnitudes")
     except NothingLeftError:  # no source is beyond the flow
         return None
-    return calibrate(usable_ones, frame, 750.0 if dispersion is None else dispersion, magnitudes=bool(known == n))
+    return calibrate(
+        usable_ones, frame, WHOLE_DISPERSION if dispersion is None else dispersion, magnitudes=bool(known == n)
+    )
 
 
 def _magnitudes(field):
     return np.array([0 if field.magnitude is None else np.isfinite(field.magnitude).sum(), len(field)])
 
 
-def _density(density, limit, counts, rms, calibration, limits):
+def _density(density, limit, counts, rms, calibration):
     if callable(density):
         return SourceDensity(GivenDensity(density), "as given")
     if density == "volume":
         return SourceDensity()
     if density not in (None, "fitted"):
         raise ParameterError(f'a density is "volume", "fitted" or a function of distance, not {density!r}')
-    found = fit_density(counts, rms, calibration.log_distance, limits)
+    found = fit_density(counts, rms, calibration.log_distance, calibration.limits)
     if limit is None:
         return found
     return completed(found, calibration.luminosity, limit, calibration.log_distance)
@@ -181,7 +184,7 @@ def _facts(field, calibration):
     """What of some sources bears on the calibration of all."""
     z = calibration.redshift(field)
     spread = calibration.spread(field, z)
-    modulus = 5 * np.log10(transverse_distance(z, calibration.cosmology) * (1 + z)) + 25
+    modulus = distance_modulus(transverse_distance(z, calibration.cosmology), z)
     known = np.zeros(len(field), bool) if field.magnitude is None else np.isfinite(field.magnitude)
     bright = field.magnitude[known] if known.any() else np.empty(0)
     return {
@@ -210,6 +213,6 @@ def _check_size(calibration, facts, dispersion):
 def _far_enough(counts, rms, cosmology):
     """Counts of sources whose absolute magnitudes are not blurred by the errors of redshifts, where they are enough."""
     z = 10 * rms
-    modulus = 5 * np.log10(transverse_distance(np.array([max(z, FLOW_LIMIT)]), cosmology)[0] * (1 + z)) + 25
+    modulus = distance_modulus(transverse_distance(np.array([max(z, FLOW_LIMIT)]), cosmology)[0], z)
     far = counts * (modulus <= MODULI)
     return far if far.sum() >= max(1000, 0.2 * counts.sum()) else counts

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 from fit.distances._density import SourceDensity
 from fit.distances._errors import ErrorsByRedshift
 from fit.distances._luminosity import LuminosityFunction
-from vsh.cosmology import FLOW_LIMIT, count_unusable, to_cmb, transverse_distance, usable
+from vsh.cosmology import FLOW_LIMIT, count_unusable, hubble_value, to_cmb, transverse_distance, usable
 from vsh.errors import FieldError
 from vsh.field import Field
 from vsh.sky.redshift_frames import TRUE
@@ -38,6 +38,8 @@ class Calibration:
     errors : ErrorsByRedshift or None
         The variances that stand in place of the sources' own, where magnitudes are not used.
     notes : tuple of str
+    limits : pair of float
+        The smallest and largest redshift of the catalogue.
     """
 
     frame: str
@@ -47,6 +49,7 @@ class Calibration:
     luminosity: LuminosityFunction | None = None
     errors: ErrorsByRedshift | None = None
     notes: tuple[str, ...] = ()
+    limits: tuple[float, float] = (np.nan, np.nan)
 
     @property
     def exact(self) -> bool:
@@ -131,7 +134,7 @@ class Calibration:
     @property
     def little_h(self) -> float:
         """H_ref/100, by which Mpc become Mpc/h."""
-        return float(self.cosmology.H0.to_value("km / (s Mpc)")) / 100
+        return hubble_value(self.cosmology) / 100
 
 
 def _distance(redshift, cosmology):

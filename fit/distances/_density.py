@@ -12,7 +12,7 @@ from fit.distances._curve import LogCurve, curve_basis, fit_log_curve
 from vsh.types import FloatArray
 
 #: Cells of ln z in which redshifts are counted.
-_EDGES = np.arange(np.log(1e-4), np.log(30.0), 0.02)
+EDGES = np.arange(np.log(1e-4), np.log(30.0), 0.02)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def redshift_counts(redshift: FloatArray) -> FloatArray:
     redshift : (n,) array
         At rest in the microwave background.
     """
-    return np.histogram(np.log(redshift), bins=_EDGES)[0].astype(float)
+    return np.histogram(np.log(redshift), bins=EDGES)[0].astype(float)
 
 
 def fit_density(counts: FloatArray, spread: float, log_distance: Any, limits: tuple[float, float]) -> SourceDensity:
@@ -124,11 +124,11 @@ def fit_density(counts: FloatArray, spread: float, log_distance: Any, limits: tu
     limits : pair of float
         The smallest and largest redshift.
     """
-    first, last = np.searchsorted(_EDGES, np.log(limits)) - 1
+    first, last = np.searchsorted(EDGES, np.log(limits)) - 1
     if last - first > 8:  # cells at the ends are cut by the catalogue's own limits
         first, last = first + 1, last - 1
     first = max(first, 0)
-    cells, seen = slice(first, last + 1), np.log1p(np.exp(_EDGES[first : last + 2]))
+    cells, seen = slice(first, last + 1), np.log1p(np.exp(EDGES[first : last + 2]))
     low = max(np.log1p(1e-4), seen[0] - 5 * spread)
     true = np.linspace(low, seen[-1] + 5 * spread, 600)
     from scipy.special import ndtr

@@ -8,9 +8,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from fit.distances._curve import LogCurve, curve_basis
+from fit.distances._density import EDGES
 from vsh.types import FloatArray
-
-_EDGES = np.arange(np.log(1e-4), np.log(30.0), 0.02)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,7 @@ def variance_sums(redshift: FloatArray, sigma: FloatArray) -> FloatArray:
         Errors of motions. [µas/yr]
     """
     x = np.log(redshift)
-    return np.stack([np.histogram(x, _EDGES)[0], np.histogram(x, _EDGES, weights=np.mean(sigma**2, 0))[0]])
+    return np.stack([np.histogram(x, EDGES)[0], np.histogram(x, EDGES, weights=np.mean(sigma**2, 0))[0]])
 
 
 def errors_by_redshift(sums: FloatArray, knots: int = 6) -> ErrorsByRedshift:
@@ -70,7 +69,7 @@ def errors_by_redshift(sums: FloatArray, knots: int = 6) -> ErrorsByRedshift:
     """
     held = sums[0] > 0
     counts, totals = sums[:, held]
-    x = (_EDGES[1:] + _EDGES[:-1])[held] / 2
+    x = (EDGES[1:] + EDGES[:-1])[held] / 2
     places = np.linspace(x[0], max(x[-1], x[0] + 0.1), knots)
     basis, n, scale = curve_basis(places, x), counts.sum(), totals.sum() / counts.sum()
     bends = np.diff(np.eye(knots), 2, axis=0)

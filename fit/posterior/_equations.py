@@ -10,10 +10,8 @@ from fit.secular_parallax import (
     DistanceOptions,
     ParallaxEquations,
     ParallaxParts,
-    frame_note,
+    noted,
     parallax_equations,
-    undeclared,
-    warn_of_frame,
 )
 from vsh.errors import ParameterError
 from vsh.field import Field
@@ -61,10 +59,7 @@ def posterior_equations(
             f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes redshifts "
             "alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
-    if undeclared(field, distances.get("redshift_frame")):
-        note = frame_note(field, None)
-        warn_of_frame(note)
-        rows = replace(rows, notes=(note, *rows.notes))
+    rows = noted(rows, field, distances.get("redshift_frame"))
     if rows.modes is not None:
         given = replace(given, flows=f"{len(rows.modes)} modes of {rows.modes.theory.name}")
     return rows, given

@@ -14,11 +14,11 @@ from fit.secular_parallax._known import with_acceleration, with_flow, without_fl
 from fit.secular_parallax._parts import ParallaxParts
 from fit.secular_parallax._setup import (
     DistanceOptions,
+    by_frame,
     dispersion_of,
-    frame_note,
+    noted,
     parallax_equations,
     undeclared,
-    warn_of_frame,
 )
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 from fit.secular_parallax._solve import check_determined
@@ -36,16 +36,16 @@ __all__ = [
     "ParallaxSums",
     "U",
     "VelocitySolution",
+    "by_frame",
     "check_determined",
     "dispersion_of",
     "forecast",
-    "frame_note",
     "hubble_constant",
+    "noted",
     "observer_velocity",
     "parallax_equations",
     "predict",
     "undeclared",
-    "warn_of_frame",
     "with_acceleration",
     "with_flow",
     "without_flow",

@@ -6,7 +6,6 @@ galaxies share. Velocities are ours with respect to the background and point tow
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, Literal, Unpack
 
 import numpy as np
@@ -14,14 +13,7 @@ import numpy as np
 from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, U
 from fit.secular_parallax._known import LocalGroup
 from fit.secular_parallax._parts import ParallaxParts
-from fit.secular_parallax._setup import (
-    DistanceOptions,
-    dispersion_of,
-    frame_note,
-    parallax_equations,
-    undeclared,
-    warn_of_frame,
-)
+from fit.secular_parallax._setup import DistanceOptions, dispersion_of, noted, parallax_equations
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from fit.secular_parallax._solve import solve_for
 from vsh.checks import arguments
@@ -112,7 +104,7 @@ def observer_velocity(
         return _in_words(observer_velocity(field, hubble, **given | other | {"redshift_frame": frame}).velocity)
 
     ratio = hubble / hubble_value(PLANCK_2013 if cosmology is None else cosmology)
-    rows = _noted(parallax_equations(field, ratio=ratio, **given), field, distances, as_frame)
+    rows = noted(parallax_equations(field, ratio=ratio, **given), field, distances.get("redshift_frame"), as_frame)
     return velocity_from(rows, hubble, dispersion, spin, acceleration, excess_noise)
 
 
@@ -209,7 +201,7 @@ def hubble_constant(
         )
         return f"H0 = {found.hubble:.1f} ± {found.hubble_error:.1f} km/s/Mpc"
 
-    rows = _noted(parallax_equations(field, apart=True, **given), field, distances, as_frame)
+    rows = noted(parallax_equations(field, apart=True, **given), field, distances.get("redshift_frame"), as_frame)
     velocity = velocity_along(velocity, rows.frame)
     group = local_group_of(local_group, rows)
     ratio = 1.0 if hubble is None else hubble / rows.hubble
@@ -235,15 +227,6 @@ def hubble_constant(
 
 def _in_words(velocity):
     return f"|v| = {velocity.amplitude:.0f} ± {velocity.amplitude_error:.0f} km/s"
-
-
-def _noted(rows, field, distances, as_frame):
-    """The equations, with a warning where nobody says in which frame redshifts stand."""
-    if not undeclared(field, distances.get("redshift_frame")):
-        return rows
-    note = frame_note(field, as_frame)
-    warn_of_frame(note)
-    return replace(rows, notes=(note, *rows.notes))
 
 
 def local_group_of(value: Vector | bool | None, rows: ParallaxEquations | ParallaxParts) -> LocalGroup | None:

@@ -13,7 +13,7 @@ from vsh import tables
 from vsh.checks.arguments import positive
 from vsh.field import Field
 from vsh.flows import FlowModes, VelocityGrid
-from vsh.sky.sphere import triad
+from vsh.sky.sphere import across_and_along
 from vsh.types import Figure, FloatArray, Table
 from vsh.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
@@ -85,8 +85,7 @@ def known_flow(
     notes : tuple of str
     """
     velocity, inside = grid.at(field.lon, field.lat, distance, field.frame)
-    p, q, r = triad(field.lon, field.lat)
-    across, along = np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]), np.sum(velocity * r, 0)
+    across, along = across_and_along(velocity, field.lon, field.lat)
     outside = int((~inside).sum())
     note = f"{outside} sources lie outside of the reconstructed flow, which is taken as zero there"
     return across, -slope * along / SPEED_OF_LIGHT, (note,) if outside else ()

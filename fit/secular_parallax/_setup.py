@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, Literal, TypedDict
 from warnings import warn
 
 import numpy as np
 
-from fit.distances import calibrate
+from fit.distances import WHOLE_DISPERSION, calibrate
 from fit.secular_parallax._equations import ParallaxEquations
 from fit.secular_parallax._parts import ParallaxParts, equations
 from vsh.cosmology import PLANCK_2013, transverse_distance
 from vsh.errors import ParameterError, VshError, VshWarning
 from vsh.field import Field
 from vsh.flows import PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
-from vsh.parts import DISTANCES, Parts, as_parts
+from vsh.parts import Parts
 from vsh.types import Cosmology, FloatArray
 
-#: Dispersions of peculiar velocities in each component: all of them, and beyond the flows of linear theory. [km/s]
-WHOLE_DISPERSION, LEFT_DISPERSION = 750.0, 150.0
+#: Dispersion of peculiar velocities in each component beyond the flows of linear theory. [km/s]
+LEFT_DISPERSION = 150.0
 
 
 class DistanceOptions(TypedDict, total=False):
@@ -162,7 +162,7 @@ def parallax_equations(
         field, given.get("redshift_frame"), radial, cosmology=cosmology, density=given.get("density"),
         luminosity=given.get("luminosity"), magnitudes=given.get("magnitudes"),
     )  # fmt: skip
-    modes = None if flows is None else _modes(field, calibration, flows, given.get("n_modes", 250))
+    modes = None if flows is None else _modes(calibration, flows, given.get("n_modes", 250))
     return equations(field, calibration, modes=modes, ratio=ratio, apart=apart, reconstruction=grid, threads=threads)
 
 
@@ -184,15 +184,10 @@ def _scaled(theory, error):
     return replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
 
 
-def _modes(field, calibration, theory, n_modes) -> FlowModes:
-    low, high = as_parts(field).sum(partial(_reach, calibration=calibration), roles=DISTANCES, words="distances")
+def _modes(calibration, theory, n_modes) -> FlowModes:
+    low, high = transverse_distance(np.array(calibration.limits), calibration.cosmology) * calibration.little_h
     # Distances given the redshift may lie beyond that of the redshift itself.
-    return flow_modes(0.5 * min(low) * calibration.little_h, 1.2 * max(high) * calibration.little_h, n_modes, theory)
-
-
-def _reach(field, calibration):
-    distance = transverse_distance(calibration.redshift(field), calibration.cosmology)
-    return [float(distance.min())], [float(distance.max())]
+    return flow_modes(0.5 * low, 1.2 * high, n_modes, theory)
 
 
 def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
@@ -215,42 +210,62 @@ def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
     return first.redshift is not None and first.redshift_frame is None
 
 
-def frame_note(field: Field | Parts, words: Callable[[str], str] | None) -> str:
-    """What is said, once, of redshifts whose frame nobody told, with what it would change.
+def by_frame(words: Callable[[str], str], frames: Sequence[str]) -> dict[str, tuple[bool, str]]:
+    """What would be found were the redshifts in each of some frames: whether it is found, and words.
 
     Parameters
     ----------
+    words : function
+        From the name of a frame to what would be found.
+    frames : sequence of str
+        Of redshifts.
+
+    Returns
+    -------
+    dict of str to (bool, str)
+    """
+    found = {}
+    for frame in frames:
+        try:
+            with np.errstate(all="ignore"):
+                found[frame] = True, words(frame)
+        except VshError as error:
+            found[frame] = False, str(error)
+    return found
+
+
+def noted(
+    rows: Any, field: Field | Parts, redshift_frame: str | None, words: Callable[[str], str] | None = None
+) -> Any:
+    """The equations, with a note and a warning where nobody says in which frame redshifts stand.
+
+    Parameters
+    ----------
+    rows : ParallaxEquations or ParallaxParts
+        Of a catalogue.
     field : Field or Parts
         Of galaxies.
-    words : function or None
+    redshift_frame : str or None
+        As users say it.
+    words : function, optional
         From the name of a frame to what would be found.
 
     Returns
     -------
-    str
+    ParallaxEquations or ParallaxParts
     """
-    found = []
-    if words is None:
-        found.append("what it would change fit.secular_parallax.observer_velocity tells")
-    else:
-        for frame in ("heliocentric", "cmb"):
-            try:
-                with np.errstate(all="ignore"):
-                    found.append(f"as {frame} ones they give {words(frame)}")
-            except VshError as error:
-                found.append(f"as {frame} ones they cannot be used ({error})")
-    return (
-        "warning: nobody says in which frame the redshifts stand, so they are taken as true ones, without velocities or "
-        "errors in them. " + "; ".join(found) + ". Say which: redshift_frame= (--redshift-frame)"
+    if not undeclared(field, redshift_frame):
+        return rows
+    changes = ["what it would change fit.secular_parallax.observer_velocity tells"]
+    if words is not None:
+        found = by_frame(words, ("heliocentric", "cmb"))
+        changes = [
+            f"as {frame} ones they give {said}" if good else f"as {frame} ones they cannot be used ({said})"
+            for frame, (good, said) in found.items()
+        ]
+    note = (
+        "nobody says in which frame the redshifts stand, so they are taken as true ones, without velocities or "
+        "errors in them. " + "; ".join(changes) + ". Say which: redshift_frame= (--redshift-frame)"
     )
-
-
-def warn_of_frame(note: str) -> None:
-    """Say a note as a warning.
-
-    Parameters
-    ----------
-    note : str
-        Of `frame_note`.
-    """
-    warn(note.removeprefix("warning: "), VshWarning, stacklevel=4)
+    warn(note, VshWarning, stacklevel=4)
+    return replace(rows, notes=(f"warning: {note}", *rows.notes))

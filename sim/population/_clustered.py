@@ -8,11 +8,9 @@ from sim.population._population import Population
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.errors import ParameterError
-from vsh.flows import PLANCK_2018, LinearTheory, VelocityGrid
+from vsh.flows import HUBBLE, PLANCK_2018, LinearTheory, VelocityGrid
 from vsh.sky.sphere import angles
 from vsh.types import Rng
-
-_HUBBLE = 100.0  # km/s per Mpc/h
 
 
 @arguments.accepts(
@@ -62,7 +60,7 @@ def clustered_galaxies(
     ParameterError
         If redshifts do not rise.
     """
-    from vsh.cosmology import PLANCK_2013, hubble_value, redshift_of, transverse_distance
+    from vsh.cosmology import PLANCK_2013, distance_modulus, hubble_value, redshift_of, transverse_distance
 
     if not min_redshift < max_redshift:
         raise ParameterError(f"redshifts must rise, not from {min_redshift} to {max_redshift}")
@@ -87,7 +85,7 @@ def clustered_galaxies(
         place = cells[:, chosen] + rng.uniform(-half / size, half / size, (3, 2 * n))
         r = np.linalg.norm(place, axis=0)
         z = redshift_of(r / h)
-        g = 5 * np.log10(r / h * (1 + z)) + 25 + rng.normal(absolute, spread, 2 * n)
+        g = distance_modulus(r / h, z) + rng.normal(absolute, spread, 2 * n)
         keep = (r > near) & (r < far) & (g < max_magnitude)
         for each, values in zip(found, (*angles(place), g, z), strict=True):
             each.append(values[keep])
@@ -107,5 +105,5 @@ def _linear(theory, rng, size, half, low, high=np.inf):
     power[0, 0, 0] = 0.0
     wave = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
     density = np.fft.irfftn(wave, (size,) * 3)
-    pull = 1j * theory.growth_rate * _HUBBLE * wave / length**2
+    pull = 1j * theory.growth_rate * HUBBLE * wave / length**2
     return density, np.stack([np.fft.irfftn(pull * each, (size,) * 3) for each in k])

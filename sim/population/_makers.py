@@ -125,7 +125,7 @@ def galaxies(
     ParameterError
         If redshifts do not rise from above zero, or the sky is unknown.
     """
-    from vsh.cosmology import transverse_distance
+    from vsh.cosmology import distance_modulus, transverse_distance
 
     if not 0 < min_redshift < max_redshift:
         raise ParameterError(f"redshifts must rise from above zero, not from {min_redshift} to {max_redshift}")
@@ -137,7 +137,7 @@ def galaxies(
     while len(redshift) < n:
         cube = rng.uniform(distance[0] ** 3, distance[-1] ** 3, n)
         z = np.interp(np.cbrt(cube), distance, grid)
-        modulus = 5 * np.log10(np.cbrt(cube) * (1 + z)) + 25
+        modulus = distance_modulus(np.cbrt(cube), z)
         g = modulus + rng.normal(absolute, spread, n)
         redshift, magnitude = np.r_[redshift, z[g < max_magnitude]], np.r_[magnitude, g[g < max_magnitude]]
     return Population(lon, lat, magnitude[:n], redshift[:n])

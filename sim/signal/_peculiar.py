@@ -16,7 +16,7 @@ from vsh.checks import arguments
 from vsh.checks.arguments import generator, not_negative, positive, whole
 from vsh.errors import ParameterError
 from vsh.flows import PLANCK_2018, LinearTheory, VelocityGrid, flow_modes
-from vsh.sky.sphere import triad
+from vsh.sky.sphere import across_and_along, triad
 from vsh.types import ArrayLike, Cosmology, FloatArray, Rng
 from vsh.units import AU_PER_YEAR
 
@@ -94,7 +94,7 @@ class Peculiar(Velocities):
         draw = np.random.default_rng(self.seed)
         if self.length is None:
             return self.sigma * draw.standard_normal((2, len(lon))), self.sigma * draw.standard_normal(len(lon))
-        p, q, r = triad(lon, lat)
+        r = triad(lon, lat)[2]
         numbers = draw.standard_normal((self.n_waves, 3)) / self.length
         phases = draw.uniform(0, 2 * np.pi, self.n_waves)
         amplitudes = draw.standard_normal((3, self.n_waves)) * self.sigma * np.sqrt(2 / self.n_waves)
@@ -102,7 +102,7 @@ class Peculiar(Velocities):
         for start in range(0, len(lon), 8192):
             block = slice(start, start + 8192)
             velocity[:, block] = amplitudes @ np.cos(numbers @ (r * distance)[:, block] + phases[:, None])
-        return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]), np.sum(velocity * r, 0)
+        return across_and_along(velocity, lon, lat)
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,7 @@ class LinearFlow(Velocities):
                 )
             root = _root(self.theory, lon.tobytes(), lat.tobytes(), far.tobytes())
             velocity = (root @ draw.standard_normal(root.shape[0])).reshape(-1, 3).T
-            p, q, r = triad(lon, lat)
-            return np.stack([np.sum(velocity * p, 0), np.sum(velocity * q, 0)]), np.sum(velocity * r, 0)
+            return across_and_along(velocity, lon, lat)
         # To the same limits whichever sources are asked for: the flow is one field.
         modes = flow_modes(0.0, 100.0 * 2 ** np.ceil(np.log2(max(far.max(), 50.0) / 100)), self.n_modes, self.theory)
         amplitude = draw.standard_normal(len(modes))
@@ -179,8 +178,7 @@ class GridFlow(Velocities):
         found, inside = self.grid.at(lon, lat, far, self.frame)
         if not inside.all():
             raise ParameterError(f"{(~inside).sum()} sources lie outside of the grid of velocities, {self.grid!r}")
-        p, q, r = triad(lon, lat)
-        return np.stack([np.sum(found * p, 0), np.sum(found * q, 0)]), np.sum(found * r, 0)
+        return across_and_along(found, lon, lat)
 
 
 @arguments.accepts(rng=arguments.seed, flow=arguments.a(str, LinearTheory, VelocityGrid))

@@ -12,7 +12,14 @@ from vsh.cosmology._frames import LOCAL_GROUP, REDSHIFT_FRAMES, to_cmb
 from vsh.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable, with_redshift
 
 if TYPE_CHECKING:
-    from vsh.cosmology._distance import PLANCK_2013, flat, hubble_value, redshift_of, transverse_distance
+    from vsh.cosmology._distance import (
+        PLANCK_2013,
+        distance_modulus,
+        flat,
+        hubble_value,
+        redshift_of,
+        transverse_distance,
+    )
 
 __all__ = [
     "BACHCHAN_2016",
@@ -23,6 +30,7 @@ __all__ = [
     "REDSHIFT_FRAMES",
     "VELOCITIES",
     "count_unusable",
+    "distance_modulus",
     "flat",
     "hubble_value",
     "redshift_of",
@@ -34,7 +42,7 @@ __all__ = [
     "with_redshift",
 ]
 
-_DISTANCE = ["PLANCK_2013", "flat", "hubble_value", "redshift_of", "transverse_distance"]
+_DISTANCE = ["PLANCK_2013", "distance_modulus", "flat", "hubble_value", "redshift_of", "transverse_distance"]
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_distance": _DISTANCE})
 
 

@@ -73,6 +73,23 @@ def transverse_distance(
     return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
 
 
+def distance_modulus(distance: ArrayLike, redshift: ArrayLike) -> FloatArray:
+    """Apparent less absolute magnitude, 5 lg(d_M (1 + z)) + 25.
+
+    Parameters
+    ----------
+    distance : (n,) array
+        Transverse comoving distance. [Mpc]
+    redshift : (n,) array
+        One for each source.
+
+    Returns
+    -------
+    array
+    """
+    return 5 * np.log10(np.asarray(distance) * (1 + np.asarray(redshift))) + 25
+
+
 def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
     """The redshift at each transverse comoving distance [Mpc], (n,); nan where the distance is.
 

@@ -6,9 +6,10 @@ frame of the microwave background.
 
 from vsh.flows._grid import VelocityGrid, read_velocity_grid
 from vsh.flows._modes import FlowModes, flow_modes
-from vsh.flows._theory import PLANCK_2018, LinearTheory
+from vsh.flows._theory import HUBBLE, PLANCK_2018, LinearTheory
 
 __all__ = [
+    "HUBBLE",
     "PLANCK_2018",
     "FlowModes",
     "LinearTheory",

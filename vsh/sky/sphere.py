@@ -7,6 +7,7 @@ import numpy as np
 from vsh.types import ArrayLike, FloatArray
 
 __all__ = [
+    "across_and_along",
     "angles",
     "multiples",
     "sin_cos",
@@ -39,6 +40,24 @@ def triad(lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray, Float
     q = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat])
     r = np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat])
     return p, q, r
+
+
+def across_and_along(vector: FloatArray, lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Vectors at positions as components east and north, (2, n), and outwards, (n,).
+
+    Parameters
+    ----------
+    vector : (3, n) array
+        One at each position.
+    lon, lat : (n,) arrays
+        Positions. [rad]
+
+    Returns
+    -------
+    tuple[array, array]
+    """
+    p, q, r = triad(lon, lat)
+    return np.stack([np.sum(vector * p, 0), np.sum(vector * q, 0)]), np.sum(vector * r, 0)
 
 
 def sin_cos(x: FloatArray) -> tuple[FloatArray, FloatArray]:

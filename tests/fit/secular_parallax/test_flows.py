@@ -7,9 +7,9 @@ import pytest
 
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
-from vsh import Field, Vector
-from vsh.cosmology import BACHCHAN_2016, PLANCK_2013, PLANCK_2018, to_cmb, transverse_distance
-from vsh.errors import ParameterError, VshWarning
+from vsh import Vector
+from vsh.cosmology import BACHCHAN_2016, PLANCK_2013, transverse_distance
+from vsh.errors import ParameterError
 from vsh.flows import VelocityGrid
 from vsh.parts import as_parts
 from vsh.sky.sphere import triad
@@ -273,38 +273,3 @@ def test_the_local_group_needs_a_flow():
         hubble_constant(galaxies(60), "planck", local_group=True)
     with pytest.raises(ParameterError, match="is a Vector in km/s"):
         hubble_constant(galaxies(60), "planck", local_group=3, flows="linear", n_modes=9)
-
-
-def test_a_frame_that_nobody_told_is_asked_for_once():
-    field = galaxies(200)
-    bare = Field(
-        field.lon, field.lat, field.motion, field.sigma, field.rho, redshift=field.redshift, magnitude=field.magnitude
-    )
-    with pytest.warns(
-        VshWarning,
-        match=r"in which frame the redshifts stand.* as heliocentric ones they give \|v\| = \d+ ±.*redshift_frame=",
-    ) as seen:
-        found = observer_velocity(bare, 67.3)
-    assert len(seen) == 1
-    np.testing.assert_array_equal(found.values, observer_velocity(field, 67.3).values)  # taken as true ones
-    assert "warning: nobody says" in found.report()
-    declared = observer_velocity(bare, 67.3, redshift_frame="cmb")
-    assert not any("nobody says" in str(note) for note in declared.notes)
-    with pytest.warns(VshWarning, match="as cmb ones they give H0 ="):
-        hubble_constant(bare, PLANCK_2018)
-
-
-def test_heliocentric_redshifts_on_half_a_sky():
-    """The half toward the apex: redshifts that are not corrected bias the velocity; with the frame they do not."""
-    rng = np.random.default_rng(2)
-    population = sim.galaxies(60_000, rng, min_redshift=2e-4, max_redshift=0.04)
-    population = population[OURS @ triad(population.lon, population.lat)[2] > 0]
-    truth = sim.secular_parallax(OURS) + sim.acceleration(ACCELERATION)
-    field = sim.observe(population, truth, rng, sigma=0.01, redshifts="heliocentric")
-    z = to_cmb(field.redshift, field.lon, field.lat, "icrs", "heliocentric")
-    field = field[(z > 0.002) & (z < 0.03)]
-    options = {"peculiar_dispersion": 1e-3}
-    right = observer_velocity(field, 67.3, **options)
-    wrong = observer_velocity(field, 67.3, redshift_frame="cmb", **options)
-    assert right.velocity.value @ OURS / 369 == pytest.approx(369, abs=3)
-    assert abs(wrong.velocity.value @ OURS / 369 - 369) > 20
