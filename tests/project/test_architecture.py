@@ -9,6 +9,7 @@ import ast
 import re
 import subprocess
 import sys
+from configparser import ConfigParser
 from fnmatch import fnmatch
 
 import pytest
@@ -180,3 +181,14 @@ def test_the_tests_mirror_the_packages():
     folders = {path.relative_to(ROOT / "tests") for path in FOLDERS if path.is_relative_to(ROOT / "tests")}
     packages = {path.relative_to(ROOT) for path in FOLDERS if not path.is_relative_to(ROOT / "tests")}
     assert {each.as_posix() for each in folders - packages} <= {".", "against", "project"}
+
+
+def test_every_file_of_the_packages_is_installed():
+    """A wheel holds Python and what setup.cfg names: a table that it does not name is missed where it was installed."""
+    config = ConfigParser()
+    config.read(ROOT / "setup.cfg", encoding="utf-8")
+    for package in MAY_IMPORT:
+        named = [each.strip() for each in config["options.package_data"][package].split(",")]
+        for path in (ROOT / package).rglob("*"):
+            if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts:
+                assert path.relative_to(ROOT / package).as_posix() in named
