@@ -3,8 +3,8 @@ What more galaxies tell of our velocity and of H0
 =================================================
 
 Galaxies share flows. Beyond some precision of their motions it is these that limit what is known of our
-velocity and of the Hubble constant, and a better catalogue helps little: what is known besides, of the acceleration from quasars or of
-the Local Group, helps more.
+velocity and of the Hubble constant, and a better catalogue helps little. The acceleration, known from quasars, helps
+more; the Local Group's motion lowers the error of our velocity, not that of H0, since the galaxies about us share it.
 """
 
 import matplotlib.pyplot as plt

@@ -6,6 +6,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import ScalarFormatter
 
 from vsh.sky.pixels import centres
 from vsh.sky.plot import draw_map, draw_vectors, even_grid, sky_axes
@@ -74,12 +75,15 @@ def plot_forecast(forecast: Any) -> Figure:
     figure, panels = plt.subplots(
         1, count, figsize=(4.2 * count + 1.2, 4), sharey=True, layout="constrained", squeeze=False
     )
-    colours = ("#7f7f7f", "#0b5394", "#38761d", "#c55a11", "#741b47")
+    colours = ("#7f7f7f", "#0b5394", "#38761d", "#c55a11", "#741b47", "#b8860b")
     for axes, name, errors in zip(panels[0], forecast.catalogues, forecast.hubble, strict=True):
-        for known, each, colour in zip(forecast.known, errors.T, colours, strict=False):
+        for known, each, colour in zip(forecast.known, errors.T, colours, strict=True):
             style = "--" if known == "independent" else "-"
             axes.plot(forecast.limits, each, marker="o", color=colour, linestyle=style, label=known)
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(ScalarFormatter())
+        axes.yaxis.set_minor_formatter(ScalarFormatter())
+        axes.set_xticks(forecast.limits)
         axes.set_title(name, fontsize=12)
         axes.set_xlabel("galaxies with z below", fontsize=12)
         axes.spines[["top", "right"]].set_visible(False)
