@@ -14,10 +14,11 @@ from fit.solve import solve
 from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
+from vsh.covariance import Covariance
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts
-from vsh.types import Figure, Table
+from vsh.types import Figure, FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +73,15 @@ class CrossCheck(Result):
 
 
 @arguments.accepts(field=arguments.a(Field, Parts))
-def cross_check(field: Field | Parts) -> CrossCheck:
+def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | None = None) -> CrossCheck:
     """Fit degree 1 to a field by both solvers and compare.
 
     Parameters
     ----------
     field : Field or Parts
         The sources. Parts are gone through twice.
+    covariance : Covariance or (2n, 2n) array, optional
+        As for `normal_equations`.
 
     Returns
     -------
@@ -90,8 +93,8 @@ def cross_check(field: Field | Parts) -> CrossCheck:
         If the sources cannot tell spin and acceleration apart.
     """
     # Not the short cut for degree 1, which writes the same p and q: the harmonics themselves.
-    harmonics = solve(normal_equations(field, Modes(1), method="design-matrix"))
-    direct = solve_frame(field)
+    harmonics = solve(normal_equations(field, Modes(1), method="design-matrix", covariance=covariance))
+    direct = solve_frame(field, covariance=covariance)
     pairs: list[Any] = [(harmonics.spin, direct.spin), (harmonics.acceleration, direct.acceleration)]
     largest = max(float(np.max(np.abs(one.value - two.value) / two.sigma)) for one, two in pairs)
     return CrossCheck(harmonics, direct, largest)

@@ -22,6 +22,7 @@ from scipy.linalg.lapack import dgeqrf
 
 from fit.named import NamedSolution
 from vsh.checks.notes import merge_notes
+from vsh.covariance import Covariance, as_covariance
 from vsh.errors import DegeneracyError, FieldError, FrameError
 from vsh.field import Field
 from vsh.parts import Parts, added, as_parts
@@ -96,7 +97,9 @@ class FrameSolution(NamedSolution):
         return self._vector("epsilon", "µas") if "epsilon_x" in self.names else None
 
 
-def solve_frame(motions: Field | Parts, offsets: Field | Parts | None = None) -> FrameSolution:
+def solve_frame(
+    motions: Field | Parts, offsets: Field | Parts | None = None, *, covariance: Covariance | FloatArray | None = None
+) -> FrameSolution:
     """Solve for the spin and the acceleration, and for the orientation where offsets are given.
 
     Parameters
@@ -106,6 +109,8 @@ def solve_frame(motions: Field | Parts, offsets: Field | Parts | None = None) ->
     offsets : Field or Parts, optional
         Position differences (this frame minus the reference), of other sources or the
         same: `motion` and `sigma` hold Δα*, Δδ and their errors. [µas]
+    covariance : Covariance or (2n, 2n) array, optional
+        Of the motions, all east components first, in place of the errors that the field has. [(µas/yr)²]
 
     Returns
     -------
@@ -133,9 +138,11 @@ def solve_frame(motions: Field | Parts, offsets: Field | Parts | None = None) ->
             raise FieldError(f"the frame solver takes Fields, or parts of them, not a {type(each).__name__}")
     groups = [("omega", "a")] if offsets is None else [("epsilon",), ("omega", "a")]
     names = tuple(f"{name}_{axis}" for group in groups for name in group for axis in _AXES)
-    found = as_parts(motions).sum(
-        partial(_triangle, column=len(names) - 6, size=len(names)), roles=(), words="frame solver"
-    )
+    work = partial(_triangle, column=len(names) - 6, size=len(names))
+    if covariance is None:
+        found = as_parts(motions).sum(work, roles=(), words="frame solver")
+    else:
+        found = work(motions, covariance=as_covariance(covariance, motions))
     if offsets is not None:
         other = as_parts(offsets).sum(partial(_triangle, column=0, size=len(names)), roles=(), words="frame solver")
         if other.frame != found.frame:
@@ -163,9 +170,14 @@ class _Triangle:
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
 
-def _triangle(field, column, size):
+def _triangle(field, column, size, covariance=None):
     """Of motions, or of offsets in the first three columns of nine."""
     motions = column + 6 == size
+    if covariance is not None:
+        rows = np.zeros((size + 1, 2 * len(field)))
+        plain = field.with_errors(np.ones((2, len(field))), np.zeros(len(field)))
+        _fill(plain, rows.reshape(size + 1, 2, len(field))[column:], motions)
+        return _Triangle(qr(np.asfortranarray(covariance.whiten(rows).T)), 2 * len(field), field.frame, field.notes)
 
     def block(part):
         some = field[part]

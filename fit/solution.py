@@ -26,9 +26,9 @@ class Solution(HarmonicSolution):
     covariance : (p, p) array
         N⁻¹, from the catalogue's errors alone, unless `errors_from` says otherwise. [(µas/yr)²]
     chi2 : float
-        Of the residuals.
+        Of the residuals of the data, without the penalty of a prior.
     n_data : int
-        How many numbers were fitted: two a source.
+        How many numbers were fitted: two a source. A prior does not count.
     frame : str
         Of the axes.
     notes : tuple of str
@@ -38,6 +38,9 @@ class Solution(HarmonicSolution):
     covariance_dof : float
         Degrees of freedom with which the covariance was estimated; inf where it follows from the errors of the
         sources, the number of replicates less one where it was resampled. p-values allow for them.
+    by_prior : float
+        How many of the coefficients a prior determined in place of the data, tr(C P) with P its inverse covariance;
+        the others cost a degree of freedom each.
     """
 
     coefficients: Coefficients
@@ -48,6 +51,7 @@ class Solution(HarmonicSolution):
     notes: tuple[str, ...] = ()
     errors_from: str = "the catalogue"
     covariance_dof: float = float("inf")
+    by_prior: float = 0.0
 
     def __repr__(self) -> str:
         return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
@@ -110,6 +114,11 @@ class Solution(HarmonicSolution):
         return latex_of(self)
 
     @property
+    def dof(self) -> int:
+        """Degrees of freedom of χ²: data points less the parameters that they determined, rounded where a prior helped."""
+        return self.n_data - len(self.modes) + round(self.by_prior)
+
+    @property
     def scaled(self) -> Solution:
         """The same solution with errors multiplied by √(χ²/dof) where χ² contradicts them, and only there."""
         factor = self.quality.factor
@@ -134,7 +143,7 @@ class Solution(HarmonicSolution):
         }  # fmt: skip
         rest = {"lmax": self.modes.lmax, "chi2": exact(self.chi2), "n_data": int(self.n_data), "frame": self.frame,
                 "notes": list(map(str, self.notes)), "errors_from": self.errors_from,
-                "covariance_dof": exact(self.covariance_dof)}  # fmt: skip
+                "covariance_dof": exact(self.covariance_dof), "by_prior": exact(self.by_prior)}  # fmt: skip
         return columns, rest, dict.fromkeys(("value", "sigma"), "uas / yr") | {"covariance": "uas2 / yr2"}
 
     @classmethod
@@ -147,7 +156,7 @@ class Solution(HarmonicSolution):
         """What every solution is made of, in the order of its attributes."""
         coefficients = Coefficients(Modes(rest["lmax"]), columns["value"])
         return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
-                words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]))  # fmt: skip
+                words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]), number(rest["by_prior"]))  # fmt: skip
 
 
 class AboutSolution(Result):

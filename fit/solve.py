@@ -13,8 +13,10 @@ from fit.solution import Solution
 from vsh import Coefficients, Field
 from vsh.checks import arguments
 from vsh.checks.notes import spoken
+from vsh.covariance import Covariance
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import Modes, as_modes
+from vsh.types import FloatArray
 
 _LOST = "warning: motions are a million times their errors, so χ² is lost to rounding: take a model away first"
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
@@ -66,6 +68,10 @@ def solve(
     covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
     values = scale * cho_solve(factor, scale * normal.rhs)
     chi2, notes = float(normal.chi2_null - values @ normal.rhs), spoken(normal.notes)
+    by_prior = 0.0
+    if (assumed := normal.prior) is not None:
+        by_prior = float(np.sum(covariance * assumed.matrix))
+        chi2 -= float(assumed.chi2_null - 2 * values @ assumed.rhs + values @ assumed.matrix @ values)
     if chi2 < 1e-11 * normal.chi2_null and normal.n_data > len(normal.modes):
         # The difference of two numbers that are equal to eleven digits.
         chi2, notes = max(chi2, 0.0), (*notes, _LOST)
@@ -76,10 +82,13 @@ def solve(
         n_data=normal.n_data,
         frame=normal.frame or "icrs",
         notes=notes,
+        by_prior=by_prior,
     )
 
 
-def fit_field(field: Field | Iterable[Field], modes: Modes | int) -> Solution:
+def fit_field(
+    field: Field | Iterable[Field], modes: Modes | int, *, covariance: Covariance | FloatArray | None = None
+) -> Solution:
     """Fit all modes to a degree to a field: normal equations, solved.
 
     Parameters
@@ -88,6 +97,8 @@ def fit_field(field: Field | Iterable[Field], modes: Modes | int) -> Solution:
         The sources.
     modes : Modes, or the degree lmax
         What to fit.
+    covariance : Covariance or (2n, 2n) array, optional
+        As for `normal_equations`.
 
     Returns
     -------
@@ -101,7 +112,7 @@ def fit_field(field: Field | Iterable[Field], modes: Modes | int) -> Solution:
     modes = as_modes(modes)
     if isinstance(field, Field) and 2 * len(field) < len(modes):
         raise DegeneracyError(_too_few(len(field), modes))
-    return solve(normal_equations(field, modes))
+    return solve(normal_equations(field, modes, covariance=covariance))
 
 
 def _too_few(sources, modes, why=""):
@@ -114,7 +125,7 @@ def _too_few(sources, modes, why=""):
 def _factor(normal, max_condition):
     """The Cholesky factor of N scaled to a unit diagonal, and the scale."""
     diagonal = np.diag(normal.matrix)
-    if normal.n_data == 0 or not (diagonal > 0).all():
+    if (normal.n_data == 0 and normal.prior is None) or not (diagonal > 0).all():
         _raise_degenerate(normal, np.inf, max_condition, "")
     scale = 1 / np.sqrt(diagonal)
     scaled = normal.matrix * np.outer(scale, scale)

@@ -30,6 +30,7 @@ from sim.signal import (
     random_field,
     secular_parallax,
     spin,
+    systematics,
 )
 from sim.variability import Variability
 
@@ -70,6 +71,7 @@ __all__ = [
     "signal",
     "skies",
     "spin",
+    "systematics",
     "uniform_sky",
     "variability",
     "vlbi_quasars",

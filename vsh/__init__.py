@@ -29,7 +29,7 @@ from vsh.modes import Mode, Modes
 from vsh.vector import Vector
 
 if TYPE_CHECKING:
-    from vsh import archive, catalogue, cosmology, epochs, rotate, sky, tables, transform
+    from vsh import archive, catalogue, cosmology, covariance, epochs, rotate, sky, tables, transform
 
 __version__ = "0.1.0"
 __all__ = [
@@ -55,6 +55,7 @@ __all__ = [
     "catalogue",
     "conventions",
     "cosmology",
+    "covariance",
     "epochs",
     "rotate",
     "sky",
@@ -64,7 +65,7 @@ __all__ = [
 
 # Imported when first asked for: astropy, healpy, ducc0 and matplotlib come with them.
 __getattr__, _, _ = lazy_loader.attach(
-    __name__, ["archive", "catalogue", "cosmology", "epochs", "rotate", "sky", "tables", "transform"]
+    __name__, ["archive", "catalogue", "cosmology", "covariance", "epochs", "rotate", "sky", "tables", "transform"]
 )
 
 

@@ -31,11 +31,13 @@ class NormalEquations(Frozen):
     chi2_null : float
         Σ yᵀ C⁻¹ y, the χ² of fitting nothing.
     n_data : int
-        How many numbers went in: two a source.
+        How many measured numbers went in: two a source. A prior adds none.
     frame : str or None
         Of the axes; None fits any (a prior that is the same along all axes).
     notes : tuple of str
         The notes of the fields.
+    prior : NormalEquations or None
+        What of N, b and χ² is no data, but was assumed.
     """
 
     modes: Modes
@@ -45,6 +47,7 @@ class NormalEquations(Frozen):
     n_data: int
     frame: str | None = None
     notes: tuple[str, ...] = ()
+    prior: NormalEquations | None = None
 
     def __repr__(self) -> str:
         return f"<NormalEquations: {self.n_data} numbers, degree {self.modes.lmax}, {self.frame or 'any frame'}>"
@@ -93,13 +96,23 @@ class NormalEquations(Frozen):
             self.n_data + sign * other.n_data,
             self.frame or other.frame,
             merge_notes(self.notes, other.notes),
+            self._prior_with(other, sign),
         )
+
+    def _prior_with(self, other, sign):
+        if other.prior is None or self.prior is None:
+            return self.prior if other.prior is None else _nothing(other.prior)._combine(other.prior, sign)
+        return self.prior._combine(other.prior, sign)
+
+
+def _nothing(like):
+    return replace(like, matrix=0 * like.matrix, rhs=0 * like.rhs, chi2_null=0.0, notes=())
 
 
 def gaussian_prior(
     modes: Modes | int, sigma: ArrayLike, mean: ArrayLike = 0.0, *, frame: str | None = None
 ) -> NormalEquations:
-    """The prior c ~ N(mean, sigma²), as data: one number for each coefficient it bears on.
+    """The prior c ~ N(mean, sigma²), as normal equations without data, to be added to those of sources.
 
     Parameters
     ----------
@@ -127,6 +140,5 @@ def gaussian_prior(
     if not (sigma > 0).all():
         raise ModesError("the standard deviations of a prior must be positive")
     weight = 1 / sigma**2
-    return NormalEquations(
-        modes, np.diag(weight), weight * mean, float(weight @ mean**2), int(np.isfinite(sigma).sum()), frame
-    )
+    assumed = NormalEquations(modes, np.diag(weight), weight * mean, float(weight @ mean**2), 0, frame)
+    return replace(assumed, prior=assumed)

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 from os import PathLike
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
+from fit.normal._dense import WhiteRows
 from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
 from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
 from vsh.checks.arguments import choice
+from vsh.covariance import Covariance
 from vsh.errors import FieldError, ModesError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
 from vsh.parts import Parts
+from vsh.types import FloatArray
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30
@@ -28,6 +31,7 @@ def normal_equations(
     *,
     method: Literal["auto", "design-matrix", "compressed"] = "auto",
     threads: int | None = None,
+    covariance: Covariance | FloatArray | None = None,
 ) -> NormalEquations:
     """Sum a field, a catalogue in parts, or a stream of fields into normal equations.
 
@@ -44,6 +48,9 @@ def normal_equations(
     threads : int, optional
         How many; one a core unless given. The sum is taken in the order of the sources,
         so the number of threads does not change a bit of it.
+    covariance : Covariance or (2n, 2n) array, optional
+        Of the motions of a field, all east components first, in place of the errors that the field has; for at most
+        10 000 sources (`vsh.covariance`). [(µas/yr)²]
 
     Returns
     -------
@@ -55,6 +62,10 @@ def normal_equations(
         If a stream of fields holds none.
     FrameError
         If the fields of a stream stand in different frames.
+    ParameterError
+        If the covariance is of other sources, or too large.
+    CovarianceError
+        If it is not positive definite.
 
     Examples
     --------
@@ -76,6 +87,8 @@ def normal_equations(
             f"degree {modes.lmax} has {len(modes)} coefficients, whose normal matrix takes "
             f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax, or use fit.solve_matrix_free"
         )
+    if covariance is not None:
+        return WhiteRows.of(cast(Field, field), modes, covariance).normal_equations()
     if isinstance(field, Parts):
         if modes.lmax == 1 or method == "design-matrix":
             return field.sum(partial(normal_equations, modes=modes, method=method), roles=(), words="normal equations")

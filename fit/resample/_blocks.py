@@ -11,22 +11,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from fit.normal import Moments, NormalEquations, normal_equations
+from fit.normal import Moments, NormalEquations, WhiteRows, normal_equations
 from fit.resample._resampled import Resampled
 from fit.solve import solve
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.covariance import Covariance
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
 from vsh.parts import Parts
 from vsh.sky.pixels import pixels_of
 from vsh.system.progress import progress_bar
-from vsh.types import Rng
+from vsh.types import FloatArray, Rng
 
 #: Beyond this, the normal matrices of all blocks are not kept at once. [bytes]
 MEMORY = 4 * 2**30
@@ -39,13 +40,20 @@ MEMORY = 4 * 2**30
     rng=arguments.seed,
 )
 def block_bootstrap(
-    field: Field | Parts, modes: Modes | int, nside: int, n_replicates: int, rng: Rng, *, progress: bool = True
+    field: Field | Parts,
+    modes: Modes | int,
+    nside: int,
+    n_replicates: int,
+    rng: Rng,
+    *,
+    covariance: Covariance | FloatArray | None = None,
+    progress: bool = True,
 ) -> Resampled:
     """Bootstrap over HEALPix blocks of the sky: errors that allow for correlations between neighbours.
 
     Parameters
     ----------
-    field, modes, n_replicates, rng, progress
+    field, modes, n_replicates, rng, covariance, progress
         As for `bootstrap`.
     nside : int
         nside of the HEALPix blocks; blocks without sources are not counted.
@@ -61,7 +69,7 @@ def block_bootstrap(
     """
     modes = as_modes(modes)
     rng = generator(rng)
-    p, blocks = len(modes), normals_of_blocks(field, modes, nside, progress)
+    p, blocks = len(modes), normals_of_blocks(field, modes, nside, progress, covariance)
     if len(blocks) * p * p * 8 > MEMORY:
         raise DegeneracyError(
             f"{len(blocks)} blocks of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from {modes.lmax}"
@@ -80,7 +88,14 @@ def block_bootstrap(
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), nside=arguments.whole)
-def jackknife(field: Field | Parts, modes: Modes | int, nside: int, *, progress: bool = True) -> Resampled:
+def jackknife(
+    field: Field | Parts,
+    modes: Modes | int,
+    nside: int,
+    *,
+    covariance: Covariance | FloatArray | None = None,
+    progress: bool = True,
+) -> Resampled:
     """Leave out one HEALPix block of the sky after the other.
 
     Parameters
@@ -93,6 +108,8 @@ def jackknife(field: Field | Parts, modes: Modes | int, nside: int, *, progress:
         Of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
         With noise correlated over 10° pulls were 2.1 at nside 4, 1.5 at 2 and 1.3 at 1 (formal errors: 10).
         Take at least twice as many blocks as coefficients: with fewer, errors come out too large.
+    covariance : Covariance or (2n, 2n) array, optional
+        As for `bootstrap`.
     progress : bool
         Show a bar, after two seconds.
 
@@ -107,14 +124,14 @@ def jackknife(field: Field | Parts, modes: Modes | int, nside: int, *, progress:
         If fewer than two blocks hold sources, or the fit is degenerate without one of them.
     """
     modes = as_modes(modes)
-    blocks = normals_of_blocks(field, modes, nside, progress)
-    whole_sky = normal_equations(field, modes)
+    blocks = normals_of_blocks(field, modes, nside, progress, covariance)
+    whole_sky = blocks.rows.normal_equations() if blocks.rows is not None else normal_equations(field, modes)
     replicates = np.empty((len(blocks), len(modes)))
     for replicate, normal in zip(replicates, blocks, strict=True):
         replicate[:] = solve(whole_sky - normal).coefficients.values
     away = replicates - replicates.mean(0)
-    covariance = (len(blocks) - 1) / len(blocks) * away.T @ away
-    return Resampled("jackknife", solve(whole_sky), replicates, covariance)
+    scatter = (len(blocks) - 1) / len(blocks) * away.T @ away
+    return Resampled("jackknife", solve(whole_sky), replicates, scatter)
 
 
 class normals_of_blocks:
@@ -130,6 +147,8 @@ class normals_of_blocks:
         Of the blocks.
     progress : bool
         Show a bar, after two seconds.
+    covariance : Covariance or (2n, 2n) array, optional
+        Of the motions: blocks are then of the whitened rows.
 
     Raises
     ------
@@ -137,7 +156,10 @@ class normals_of_blocks:
         If fewer than two blocks hold sources.
     """
 
-    def __init__(self, field: Field | Parts, modes: Modes, nside: int, progress: bool = True) -> None:
+    def __init__(
+        self, field: Field | Parts, modes: Modes, nside: int, progress: bool = True, covariance: Any = None
+    ) -> None:
+        self.rows = None if covariance is None else WhiteRows.of(cast(Field, field), modes, covariance)
         self.field, self.modes, self.words, self.progress = field, modes, f"blocks, nside {nside}", progress
         if isinstance(field, Parts):
             work = partial(_by_block, modes=modes, nside=nside)
@@ -155,11 +177,12 @@ class normals_of_blocks:
 
     def __iter__(self) -> Iterator[NormalEquations]:
         for block in progress_bar(self.blocks, words=self.words, shown=self.progress):
-            yield (
-                block.normal_equations()
-                if isinstance(self.field, Parts)
-                else normal_equations(self.field[block], self.modes)
-            )
+            if isinstance(self.field, Parts):
+                yield block.normal_equations()
+            elif self.rows is not None:
+                yield self.rows[block].normal_equations()
+            else:
+                yield normal_equations(self.field[block], self.modes)
 
 
 def _by_block(field, modes, nside):

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from functools import partial
 from hashlib import blake2b
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from scipy.special import gammaincc
 
-from fit.normal import normal_equations
+from fit.normal import WhiteRows, normal_equations
 from fit.resample._resampled import Resampled
 from fit.solution import Solution
 from fit.solve import solve
 from vsh.basis import harmonics
 from vsh.checks import arguments
 from vsh.checks.arguments import choice, generator
+from vsh.covariance import Covariance
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
@@ -42,6 +43,7 @@ def bootstrap(
     rng: Rng,
     *,
     method: Literal["auto", "full", "one-step"] = "auto",
+    covariance: Covariance | FloatArray | None = None,
     progress: bool = True,
 ) -> Resampled:
     """Draw the sources again, each a Poisson number of times with mean 1.
@@ -63,6 +65,9 @@ def bootstrap(
         N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ, all draws in one pass. "auto" takes one step for parts, and where there are at least
         20 000 sources and a hundred for each coefficient: the errors are then too small by some p/2n of themselves, half
         a per cent. `Resampled.method` says which it was.
+    covariance : Covariance or (2n, 2n) array, optional
+        Of the motions, all east components first, in place of the field's errors (`fit.normal_equations`). Motions
+        are whitened first, and drawn as what each source says that those before it do not.
     progress : bool
         Show a bar, after two seconds.
 
@@ -81,6 +86,8 @@ def bootstrap(
     """
     modes, rng = as_modes(modes), generator(rng)
     choice("method", method, ("auto", "full", "one-step"))
+    if covariance is not None:
+        return _of_rows(WhiteRows.of(cast(Field, field), modes, covariance), n_replicates, rng, progress)
     solution = solve(normal_equations(field, modes))
     large = solution.n_data // 2 >= max(LARGE, SOURCES_PER_COEFFICIENT * len(modes))
     if method == "one-step" or (method == "auto" and (large or isinstance(field, Parts))):
@@ -95,6 +102,13 @@ def bootstrap(
         again = drawn.with_errors(drawn.sigma / np.sqrt(times))
         replicate[:] = solve(normal_equations(again, modes)).coefficients.values
     return Resampled("bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
+
+
+def _of_rows(rows, n_replicates, rng, progress):
+    replicates = np.empty((n_replicates, len(rows.modes)))
+    for replicate in progress_bar(replicates, words="bootstrap", shown=progress):
+        replicate[:] = solve(rows.normal_equations(rng.poisson(1.0, len(rows)))).coefficients.values
+    return Resampled("bootstrap", solve(rows.normal_equations()), replicates, np.cov(replicates, rowvar=False))
 
 
 def _one_step(sky, solution, n_replicates, rng, progress):
@@ -127,7 +141,14 @@ def _drawn_scores(field: Field, solution: Solution, n_replicates: int, seed: int
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed)
-def parametric_bootstrap(field: Field | Parts, modes: Modes | int, n_replicates: int, rng: Rng) -> Resampled:
+def parametric_bootstrap(
+    field: Field | Parts,
+    modes: Modes | int,
+    n_replicates: int,
+    rng: Rng,
+    *,
+    covariance: Covariance | FloatArray | None = None,
+) -> Resampled:
     """Draw the motions again, from the fit and the catalogue's errors.
 
     The fit is linear and the errors are Gaussian, so the replicates are N(c, N⁻¹) exactly
@@ -135,7 +156,7 @@ def parametric_bootstrap(field: Field | Parts, modes: Modes | int, n_replicates:
 
     Parameters
     ----------
-    field, modes, n_replicates, rng
+    field, modes, n_replicates, rng, covariance
         As for `bootstrap`.
 
     Returns
@@ -143,7 +164,7 @@ def parametric_bootstrap(field: Field | Parts, modes: Modes | int, n_replicates:
     Resampled
     """
     modes = as_modes(modes)
-    solution = solve(normal_equations(field, modes))
+    solution = solve(normal_equations(field, modes, covariance=covariance))
     draws = generator(rng).standard_normal((n_replicates, len(modes)))
     replicates = solution.coefficients.values + draws @ np.linalg.cholesky(solution.covariance).T
     return Resampled("parametric bootstrap", solution, replicates, np.cov(replicates, rowvar=False))

@@ -1,10 +1,12 @@
 """True fields, which add."""
 
 from sim.signal._expansion import anisotropic_expansion, off_centre_void
-from sim.signal._galaxies import hubble_rate, secular_parallax
+from sim.signal._galaxies import secular_parallax
 from sim.signal._peculiar import peculiar
-from sim.signal._random import gravitational_waves, random_field, wave_fractions
+from sim.signal._random import gravitational_waves, random_field, systematics
 from sim.signal._signal import Signal, acceleration, as_signal, from_coefficients, spin
+from vsh.covariance import wave_fractions
+from vsh.units import hubble_rate
 
 __all__ = [
     "Signal",
@@ -19,5 +21,6 @@ __all__ = [
     "random_field",
     "secular_parallax",
     "spin",
+    "systematics",
     "wave_fractions",
 ]

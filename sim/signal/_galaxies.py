@@ -51,24 +51,3 @@ def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None,
     """
     hubble = None if hubble is None else positive("hubble", hubble)
     return Signal((SecularParallax(direction_of(velocity, "velocity", "km / s"), cosmology, hubble),))
-
-
-def hubble_rate(hubble: float) -> float:
-    """H0 as an angular rate, as angles would change in an expansion on one axis only. [µas/yr]
-
-    Parameters
-    ----------
-    hubble : float
-        H0. [km/s/Mpc]
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> round(hubble_rate(67.3), 4), round(hubble_rate(70), 4)
-    (14.1969, 14.7665)
-    """
-    # d = 1 Mpc recedes at `hubble` km/s: the angle v / d.
-    return hubble / AU_PER_YEAR

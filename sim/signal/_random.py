@@ -1,17 +1,65 @@
-"""Gaussian random fields of a given power, gravitational waves among them."""
+"""Gaussian random fields of a given spectrum: errors that a catalogue shares over the sky, gravitational waves."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Literal
+
 import numpy as np
 
-from sim.signal._galaxies import hubble_rate
 from sim.signal._signal import Signal, from_coefficients
-from vsh import Coefficients, Modes
+from vsh import Coefficients
 from vsh.checks import arguments
 from vsh.checks.arguments import generator, not_negative
-from vsh.checks.arrays import float_array
-from vsh.errors import ParameterError
+from vsh.covariance import Spectrum
+from vsh.modes import as_modes
 from vsh.types import ArrayLike, FloatArray, Rng
+
+
+@arguments.accepts(rng=arguments.seed)
+def systematics(
+    spectrum: Spectrum | Callable[[FloatArray], FloatArray],
+    rng: Rng,
+    *,
+    parity: Literal["odd", "even"] | None = None,
+    lmax: int = 24,
+) -> Signal:
+    """Errors that a catalogue shares over the sky: one draw of a Gaussian field of a given spectrum.
+
+    Parameters
+    ----------
+    spectrum : Spectrum or function of θ [rad]
+        The mean power of each kind and degree, or the covariance V(θ) of motions at an angle θ, such as
+        `vsh.covariance.LINDEGREN_2021`. [(µas/yr)²]
+    rng : Generator or int
+        The source of all randomness.
+    parity : {"odd", "even"}, optional
+        Only the fields that a spin belongs to, or only those a glide belongs to; both unless given.
+    lmax : int
+        The highest degree of the field; 24 resolves 7°.
+
+    Returns
+    -------
+    Signal
+
+    Raises
+    ------
+    ParameterError
+        If the power of a degree is negative.
+
+    Examples
+    --------
+    >>> field = systematics(5 * Spectrum.odd() + 20 * Spectrum.even(), rng=1)
+    >>> field(np.zeros(3), np.zeros(3)).shape
+    (2, 3)
+    """
+    if not isinstance(spectrum, Spectrum):
+        spectrum = Spectrum.from_covariance(spectrum)
+    if parity is not None:
+        spectrum = spectrum.only(parity)
+    modes = as_modes(lmax)
+    sigma = np.sqrt(spectrum.variances(modes))
+    return from_coefficients(Coefficients(modes, sigma * generator(rng).standard_normal(len(modes))))
 
 
 @arguments.accepts(rng=arguments.seed)
@@ -34,37 +82,7 @@ def random_field(power: ArrayLike, rng: Rng) -> Signal:
     ParameterError
         If the power is not one number of at least zero for each degree.
     """
-    power = float_array("power", power)
-    if power.ndim != 1 or not len(power) or (power < 0).any():
-        raise ParameterError("power is one number of at least zero for each degree from 1 on")
-    modes = Modes(len(power))
-    l = modes.degrees
-    sigma = np.sqrt(power[l - 1] / (2 * l + 1) / modes.norm2)
-    return from_coefficients(Coefficients(modes, sigma * generator(rng).standard_normal(len(modes))))
-
-
-def wave_fractions(lmax: int) -> FloatArray:
-    """Share of each degree in the power of a stochastic gravitational-wave background, (lmax,).
-
-    α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
-    sum to 1. The fractions are those of Book & Flanagan (2011, PhRvD 83, 024024), table 1.
-
-    Parameters
-    ----------
-    lmax : int
-        The highest degree.
-
-    Returns
-    -------
-    array
-
-    Examples
-    --------
-    >>> wave_fractions(4).round(6)
-    array([0.      , 0.833333, 0.116667, 0.03    ])
-    """
-    l = np.arange(2, lmax + 1.0)
-    return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
+    return systematics(Spectrum.given(power), rng, lmax=np.size(power))
 
 
 def gravitational_waves(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: int = 12) -> Signal:
@@ -88,5 +106,4 @@ def gravitational_waves(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: i
     -------
     Signal
     """
-    total = 4 * np.pi * not_negative("omega", omega) * hubble_rate(hubble) ** 2
-    return random_field(total * wave_fractions(lmax) / 2, rng)
+    return systematics(not_negative("omega", omega) * Spectrum.waves(hubble), rng, lmax=lmax)

@@ -7,6 +7,7 @@ from conftest import random_field
 
 import fit
 from vsh import Modes
+from vsh.covariance import VASILIEV_BAUMGARDT_2021, from_function, of_errors
 
 
 @pytest.mark.parametrize("lmax", range(1, 7))
@@ -35,3 +36,20 @@ def test_fit(lmax):
 def their_name(mode):
     part = {"re": "r", "im": "i"}[mode.part] if mode.m else ""
     return f"{mode.kind.lower()}{mode.l}{mode.m}{part}"
+
+
+@pytest.mark.parametrize("lmax", [1, 3, 5])
+def test_dense_covariance(lmax):
+    field = random_field(300, seed=lmax)
+    covariance = (of_errors(field) + from_function(field, VASILIEV_BAUMGARDT_2021)).matrix
+    theirs = vsh_tools.fit_vsh(field.lon, field.lat, *field.motion, lmax, covariance=covariance)
+    ours = fit.fit_field(field, lmax, covariance=covariance)
+    order = [theirs.coefficient_names.index(their_name(mode)) for mode in Modes(lmax)]
+    sigma = np.sqrt(np.diag(theirs.covariance))[order]
+    np.testing.assert_allclose(ours.coefficients.values / sigma, theirs.coefficients[order] / sigma, atol=1e-10)
+    np.testing.assert_allclose(
+        ours.covariance / np.outer(sigma, sigma),
+        theirs.covariance[np.ix_(order, order)] / np.outer(sigma, sigma),
+        atol=1e-10,
+    )
+    assert ours.chi2 == pytest.approx(theirs.chi2, rel=1e-10)

@@ -149,8 +149,30 @@ def test_different_degrees_and_frames_do_not_add():
         fit.solve(one).residuals(field.to_frame("galactic"))
 
 
-def test_a_prior_is_data():
-    """One datum c = mean ± sigma, so with no other data the prior comes back."""
+def test_a_prior_counts_no_data():
+    """χ² and its degrees of freedom are those of the sources: with a prior that says nothing, and with one that says all."""
+    field, modes = random_field(500, seed=1), Modes(3)
+    normal = fit.normal_equations(field, modes)
+    plain = fit.solve(normal)
+    for sigma in (1e6, 1.0, 1e-6):
+        found = fit.solve(normal, fit.gaussian_prior(modes, sigma))
+        assert found.n_data == 1000
+        assert found.chi2 == pytest.approx(found.residuals(field).chi2.sum(), rel=1e-9)
+    assert found.by_prior == pytest.approx(30, abs=1e-6)
+    assert (found.dof, found.chi2) == (1000, pytest.approx(normal.chi2_null))
+    weak = fit.solve(normal, fit.gaussian_prior(modes, 1e6))
+    assert (weak.dof, weak.chi2) == (970, pytest.approx(plain.chi2))
+    assert weak.by_prior == pytest.approx(0, abs=1e-6)
+    prior = fit.gaussian_prior(modes, 1.0)
+    again = fit.solve(normal + prior - prior)
+    np.testing.assert_allclose(again.values, plain.values, rtol=1e-9)
+    assert (again.dof, again.chi2) == (970, pytest.approx(plain.chi2))
+    np.testing.assert_allclose(
+        fit.solve(normal - prior + prior + prior).values, fit.solve(normal, prior).values, rtol=1e-9
+    )
+
+
+def test_a_prior_alone_comes_back():
     modes = Modes(2)
     prior = fit.gaussian_prior(modes, sigma=np.arange(1.0, 17.0), mean=3.0)
     found = fit.solve(prior)

@@ -1,0 +1,218 @@
+"""Covariances of sources: their own errors, and what they share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsh.basis import harmonics
+from vsh.checks.arrays import float_array
+from vsh.covariance._angular import values_of
+from vsh.covariance._matrix import Covariance, check_size
+from vsh.covariance._spectrum import Spectrum
+from vsh.errors import ParameterError, TableError, first_line
+from vsh.field import Field
+from vsh.modes import as_modes
+from vsh.sky.sphere import triad
+from vsh.system.parallel import map_blocks
+from vsh.types import ArrayLike, FloatArray, PathName
+
+
+def of_errors(field: Field) -> Covariance:
+    """The sources' own errors, which no two of them share.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+
+    Returns
+    -------
+    Covariance
+    """
+    check_size(len(field))
+    (s1, s2), n = field.sigma, len(field)
+    matrix = np.diag(np.concatenate([s1, s2]) ** 2)
+    cross = np.arange(n), np.arange(n) + n
+    matrix[cross] = matrix[cross[::-1]] = field.rho * s1 * s2
+    return Covariance(matrix)
+
+
+def from_function(field: Field, function: Callable[[FloatArray], FloatArray]) -> Covariance:
+    """What sources share that lie at an angle θ: V(θ), with motions carried along the great circle.
+
+    Parameters
+    ----------
+    field : Field
+        The sources; its errors do not count: add `of_errors(field)`.
+    function : function of θ [rad]
+        V. [(µas/yr)²]
+
+    Returns
+    -------
+    Covariance
+        In the axes of the field.
+
+    Raises
+    ------
+    ParameterError
+        If there are more than `MAX_SOURCES`, or V is no function of θ.
+
+    Examples
+    --------
+    >>> from vsh.covariance import LINDEGREN_2021
+    >>> rng = np.random.default_rng(1)
+    >>> field = Field(*rng.uniform(0, 1, (2, 50)), rng.normal(size=(2, 50)), np.ones((2, 50)))
+    >>> of_errors(field) + from_function(field, LINDEGREN_2021)
+    <Covariance: 50 sources>
+    """
+    n = len(field)
+    check_size(n)
+    p, q, r = triad(field.lon, field.lat)
+    matrix = np.empty((2, n, 2, n))
+
+    def fill(part):
+        across = r[:, part].T @ r
+        # Half the chord keeps small angles; the cosine alone loses them.
+        chord = np.linalg.norm(r[:, part, None] - r[:, None], axis=0)
+        value = values_of(function, 2 * np.arcsin(np.minimum(chord / 2, 1.0)))
+        # The parallel transport of a from r to r': a − (a·r') (r + r')/(1 + r·r').
+        share = 1 / np.maximum(1 + across, 1e-300)
+        for i, a in enumerate((p, q)):
+            for j, b in enumerate((p, q)):
+                turned = a[:, part].T @ b - (a[:, part].T @ r) * (r[:, part].T @ b) * share
+                matrix[i, part, j] = value * np.clip(turned, -1, 1)
+
+    for _ in map_blocks(fill, n, max(16, 2**22 // n)):
+        pass
+    whole = matrix.reshape(2 * n, 2 * n)
+    whole[n:, :n] = whole[:n, n:].T
+    return Covariance(whole)
+
+
+def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
+    """What a random field of a given spectrum, cut at a degree, gives sources to share: A D Aᵀ.
+
+    Parameters
+    ----------
+    field : Field
+        The sources; its errors do not count: add `of_errors(field)`.
+    spectrum : Spectrum
+        Power of each kind and degree.
+    lmax : int
+        The highest degree.
+
+    Returns
+    -------
+    Covariance
+
+    Raises
+    ------
+    ParameterError
+        If there are more than `MAX_SOURCES`.
+    """
+    check_size(len(field))
+    modes = as_modes(lmax)
+    rows = harmonics(field.lon, field.lat, modes).reshape(len(modes), -1)
+    rows *= np.sqrt(spectrum.variances(modes))[:, None]
+    return Covariance(rows.T @ rows)
+
+
+def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Covariance:
+    """What groups of sources share: those of an experiment, of a station, of a field of view.
+
+    Parameters
+    ----------
+    blocks : iterable of (sources, covariance)
+        Indices or a mask of k sources, and what they share: a (2k, 2k) matrix, all east components first, or one
+        number, the variance of an error that all of them have in each component. Blocks may overlap; they add.
+        [(µas/yr)²]
+    n_sources : int
+        How many there are in all.
+
+    Returns
+    -------
+    Covariance
+
+    Raises
+    ------
+    ParameterError
+        If a matrix does not fit its sources, or a source is not there.
+
+    Examples
+    --------
+    >>> from_blocks([([0, 1], 4.0)], 3).matrix[:3, :3]
+    array([[4., 4., 0.],
+           [4., 4., 0.],
+           [0., 0., 0.]])
+    """
+    check_size(n_sources)
+    matrix = np.zeros((2 * n_sources, 2 * n_sources))
+    for number, (sources, shared) in enumerate(blocks):
+        try:
+            rows = np.arange(n_sources)[np.asarray(sources)]
+        except (IndexError, TypeError):
+            raise ParameterError(f"block {number} names sources that are not among the {n_sources}") from None
+        k = len(rows)
+        if len(set(rows.tolist())) < k:
+            raise ParameterError(f"block {number} names a source twice")
+        value = float_array(f"the covariance of block {number}", shared)
+        if not value.ndim:
+            value = np.kron(np.eye(2), np.full((k, k), value))
+        if value.shape != (2 * k, 2 * k):
+            raise ParameterError(
+                f"block {number} has {k} sources and a covariance of shape {value.shape}: ({2 * k}, {2 * k}) is wanted"
+            )
+        both = np.concatenate([rows, rows + n_sources])
+        matrix[np.ix_(both, both)] += value
+    return Covariance(matrix)
+
+
+def read(path: PathName) -> Covariance:
+    """A covariance from a file: NumPy's .npy, the first image of a FITS file, or numbers as text.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, whose (2n, 2n) matrix has all east components first. [(µas/yr)²]
+
+    Returns
+    -------
+    Covariance
+
+    Raises
+    ------
+    TableError
+        If it cannot be read.
+    ParameterError
+        If what it holds is no covariance, or too large.
+    """
+    path = Path(path)
+    try:
+        matrix = _READERS.get(path.suffix.lower(), np.loadtxt)(path)
+    except (OSError, ValueError, TypeError, EOFError) as error:
+        raise TableError(f"{path} holds no covariance that can be read: {first_line(error)}") from None
+    if np.ndim(matrix) == 2:
+        check_size(len(matrix) // 2)
+    return Covariance(np.asarray(matrix, float))
+
+
+def _from_fits(path):
+    from astropy.io import fits
+
+    with fits.open(path) as units:
+        images = [unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2]
+        if not images:
+            raise ValueError("no image of two axes is in it")
+        check_size(images[0].shape[0] // 2)
+        return images[0].data
+
+
+def _from_numpy(path):
+    return np.load(path, mmap_mode="r", allow_pickle=False)
+
+
+_READERS: dict[str, Callable[[Path], Any]] = {".npy": _from_numpy, ".fits": _from_fits, ".fit": _from_fits}
