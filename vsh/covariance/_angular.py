@@ -16,8 +16,8 @@ from vsh.checks.arrays import float_array
 from vsh.errors import ParameterError
 from vsh.types import ArrayLike, FloatArray
 
-#: Nodes of the integral over θ, and the power by which they crowd towards zero.
-_NODES, _GRADING = 4000, 3
+#: Panels of 16 nodes in the integral over θ, at least, and the power by which they crowd towards zero.
+_PANELS, _GRADING = 250, 3
 
 
 def d_plus(lmax: int, theta: ArrayLike) -> FloatArray:
@@ -80,10 +80,12 @@ def power_of(function: Callable[[FloatArray], FloatArray], lmax: int) -> FloatAr
     lmax : int
         The highest degree.
     """
-    u, weight = np.polynomial.legendre.leggauss(max(_NODES, 4 * lmax))
-    u = (u + 1) / 2
+    node, weight = np.polynomial.legendre.leggauss(16)
+    panels = max(_PANELS, lmax)
+    u = ((np.arange(panels)[:, None] + (node + 1) / 2) / panels).ravel()
     theta = np.pi * u**_GRADING
-    value = values_of(function, theta) * np.sin(theta) * weight / 2 * _GRADING * np.pi * u ** (_GRADING - 1)
+    value = values_of(function, theta) * np.sin(theta) * _GRADING * np.pi * u ** (_GRADING - 1)
+    value *= np.tile(weight / (2 * panels), panels)
     l = np.arange(1, lmax + 1)
     return 2 * np.pi * (2 * l + 1) * (d_plus(lmax, theta) @ value)
 
