@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
@@ -25,7 +27,11 @@ MAX_CONDITION = 1e10
 
 @arguments.accepts(prior=arguments.a(NormalEquations), max_condition=arguments.positive)
 def solve(
-    normal: NormalEquations, prior: NormalEquations | None = None, *, max_condition: float = MAX_CONDITION
+    normal: NormalEquations,
+    prior: NormalEquations | None = None,
+    *,
+    floor: Any = None,
+    max_condition: float = MAX_CONDITION,
 ) -> Solution:
     """Solve normal equations for the coefficients and their covariance.
 
@@ -35,6 +41,9 @@ def solve(
         What to solve.
     prior : NormalEquations, optional
         Added to them, `fit.gaussian_prior(…)` say.
+    floor : Floor, optional
+        Errors that sources share, of `fit.background.floor(normal)`: a prior on the higher degrees, and part of the
+        errors of degree 1. `errors_from` says so.
     max_condition : float
         Of N scaled to a unit diagonal, in the 1-norm.
 
@@ -62,6 +71,10 @@ def solve(
         raise ParameterError(
             f"solve takes normal equations, not a {type(normal).__name__}: fit.normal_equations(field, modes)"
         )
+    if floor is not None:
+        if not hasattr(floor, "allowed_for"):
+            raise ParameterError(f"floor is what fit.background.floor(normal) gives, not a {type(floor).__name__}")
+        return floor.allowed_for(partial(solve, prior=prior, max_condition=max_condition), normal)
     if prior is not None:
         normal = normal + prior
     factor, scale = _factor(normal, max_condition)

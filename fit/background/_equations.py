@@ -1,0 +1,131 @@
+"""What a background is fitted to: normal equations, or a solution in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from fit.normal import NormalEquations
+from fit.solution import Solution
+from vsh.checks.notes import spoken
+from vsh.errors import DegeneracyError, ModesError, ParameterError
+from vsh.modes import Modes
+from vsh.types import IntArray
+
+#: How errors are named that the residuals have not scaled.
+_QUOTED = "the catalogue"
+
+
+def equations_of(found: Any) -> NormalEquations:
+    """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of.
+
+    Parameters
+    ----------
+    found : NormalEquations, Solution, or a result about one
+        What was summed or fitted.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither, or a solution with a prior in it, whose data alone are not known any more.
+    DegeneracyError
+        If a solution's covariance is singular: of too few replicates.
+    """
+    found = _about(found)
+    if isinstance(found, NormalEquations):
+        return found if found.prior is None else found - found.prior
+    if not isinstance(found, Solution):
+        raise ParameterError(
+            f"a background is fitted to normal equations or to a Solution, not to a {type(found).__name__}: "
+            "fit.normal_equations(field, modes)"
+        )
+    if found.by_prior:
+        raise ParameterError(
+            "this solution holds a prior: give the normal equations of the data, fit.normal_equations(field, modes)"
+        )
+    if found.covariance_dof < len(found.modes):
+        raise DegeneracyError(
+            f"{found.covariance_dof + 1:.0f} replicates determine no covariance of {len(found.modes)} coefficients: "
+            "take more of them, or a lower degree"
+        )
+    if np.isnan(found.values).any():
+        raise ParameterError("a prediction holds no data to fit a background to")
+    scale = np.outer(found.sigma, found.sigma)
+    matrix = np.linalg.inv(found.covariance / scale) / scale
+    rhs = matrix @ found.values
+    chi2_null = float(found.chi2 + rhs @ found.values)
+    return NormalEquations(found.modes, matrix, rhs, chi2_null, found.n_data, found.frame, spoken(found.notes))
+
+
+def has_own_errors(found: Any) -> bool:
+    """Whether the errors are those of the catalogue, so that χ² tells their scale.
+
+    Parameters
+    ----------
+    found : NormalEquations or Solution
+        What was fitted.
+    """
+    return getattr(_about(found), "errors_from", _QUOTED) == _QUOTED
+
+
+def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
+    """Degrees that are among those fitted, in order, each once.
+
+    Parameters
+    ----------
+    modes : Modes
+        What is fitted.
+    degrees : int or iterable of int
+        As users give them.
+    name : str
+        Of the argument, for the message.
+
+    Raises
+    ------
+    ModesError
+        If one is not fitted, or none is given.
+    """
+    try:
+        listed = list(degrees) if isinstance(degrees, Iterable) else [degrees]
+        found = sorted({int(each) for each in listed if int(each) == each})
+    except (TypeError, ValueError, OverflowError):
+        found = []
+    if not found or len(found) != len(set(listed)):
+        raise ModesError(f"{name} must be whole numbers from 1 on, one at least, not {degrees!r}")
+    missing = [each for each in found if not 1 <= each <= modes.lmax]
+    if missing:
+        raise ModesError(f"degree {missing[0]} is not fitted: these normal equations go from degree 1 to {modes.lmax}")
+    return tuple(found)
+
+
+def places(modes: Modes, degrees: Iterable[int]) -> IntArray:
+    """Where the coefficients of some degrees are stored.
+
+    Parameters
+    ----------
+    modes : Modes
+        All of them.
+    degrees : iterable of int
+        Those wanted.
+    """
+    return np.flatnonzero(np.isin(modes.degrees, list(degrees)))
+
+
+def words_of(degrees: Sequence[int]) -> str:
+    """Degrees as a reader sees them: "2, 3", "2 to 7".
+
+    Parameters
+    ----------
+    degrees : sequence of int
+        Rising.
+    """
+    degrees = list(degrees)
+    if len(degrees) > 2 and degrees == list(range(degrees[0], degrees[-1] + 1)):
+        return f"{degrees[0]} to {degrees[-1]}"
+    return ", ".join(map(str, degrees))
+
+
+def _about(found):
+    return getattr(found, "resampled_solution", getattr(found, "solution", found))

@@ -1,0 +1,246 @@
+"""The likelihood of the amplitudes of Gaussian backgrounds, whatever else is fitted marginalised.
+
+The coefficients of a background are c_i ~ N(0, D_i) with D = Σ_k A_k D_k, D_k the variances of spectrum k for an amplitude
+of one. What is free (degree 1) has a flat prior and is eliminated by the Schur complement: N', b', χ0' = χ0 − b₁ᵀ N₁₁⁻¹ b₁.
+With κ the scale of the catalogue's errors, τ = κ², a = A/τ and n the numbers less those that are free, up to a constant
+
+    ln L(A, κ) = −(n/2) ln τ − ½ ln|K(a)| − (χ0' − Q(a))/(2τ),    K(a) = I + D^½ N' D^½,   Q(a) = b'ᵀ D^½ K⁻¹ D^½ b',
+
+with D = Σ a_k D_k. That is the likelihood of the 2N motions with their dense covariance, by a matrix of the size of the
+coefficients; N' may be singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import minimize
+
+from fit.background._equations import places, words_of
+from fit.normal import NormalEquations
+from vsh.covariance import Spectrum
+from vsh.errors import DegeneracyError, ParameterError
+from vsh.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum:
+    """Where the likelihood is largest.
+
+    Attributes
+    ----------
+    amplitudes : (k,) array
+    noise_scale : float
+        κ.
+    log_likelihood : float
+        Relative to that of no background, each with its own κ.
+    covariance : (k + 1, k + 1) array
+        Of the amplitudes and κ², from the expected information; nan of κ² where it is not estimated.
+    """
+
+    amplitudes: FloatArray
+    noise_scale: float
+    log_likelihood: float
+    covariance: FloatArray
+
+
+class Likelihood:
+    """ln L of the amplitudes of some spectra.
+
+    Parameters
+    ----------
+    normal : NormalEquations
+        Of the data.
+    spectra : sequence of Spectrum
+        One for each amplitude.
+    degrees : tuple of int
+        Where the background is. Coefficients that no spectrum has power in are taken for zero.
+    free : tuple of int
+        Degrees that are fitted without a prior.
+    noise_scale : bool
+        Whether the scale of the errors is estimated, or taken for 1.
+
+    Raises
+    ------
+    DegeneracyError
+        If the data do not determine what is free.
+    ParameterError
+        If there is no spectrum, or one has no power in these degrees.
+    """
+
+    def __init__(
+        self,
+        normal: NormalEquations,
+        spectra: Sequence[Spectrum],
+        degrees: Sequence[int],
+        free: Sequence[int],
+        noise_scale: bool = True,
+    ) -> None:
+        modes = normal.modes
+        if not len(spectra) or not all(isinstance(each, Spectrum) for each in spectra):
+            raise ParameterError("a background needs a list of fit.background.Spectrum, one at least")
+        where = places(modes, degrees)
+        shapes = np.array([each.variances(modes)[where] for each in spectra])
+        for each, shape in zip(spectra, shapes, strict=True):
+            if not shape.any():
+                raise ParameterError(f"the spectrum {each.name} has no power in degrees {words_of(degrees)}")
+        where, shapes = where[shapes.any(0)], shapes[:, shapes.any(0)]
+        first = places(modes, free)
+        self.matrix, self.rhs, self.chi2 = _eliminated(normal, first, where)
+        self.shapes, self.n_data = shapes, normal.n_data - len(first)
+        if noise_scale and self.n_data <= 0:
+            raise DegeneracyError(f"{normal.n_data} numbers do not tell the scale of their errors: noise_scale=False")
+        self.noise_scale = bool(noise_scale)
+        # The amplitude that would be seen at one standard error if there were nothing.
+        information = self.matrix**2
+        self.unit = np.array([1 / np.sqrt(max(shape @ information @ shape / 2, 1e-300)) for shape in shapes])
+        self._eigen = _eigen(self.matrix, self.rhs, shapes[0]) if len(shapes) == 1 else None
+
+    def __len__(self) -> int:
+        return len(self.shapes)
+
+    def __call__(self, amplitudes: FloatArray, noise_scale: float = 1.0) -> float:
+        """ln L, relative to that of no background with errors as they are.
+
+        Parameters
+        ----------
+        amplitudes : (k,) array
+            A.
+        noise_scale : float
+            κ.
+        """
+        tau = noise_scale**2
+        return float(self.of_parts(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau))
+
+    def parts(self, ratios: FloatArray) -> tuple[float, float]:
+        """ln|K| and Q for amplitudes in units of κ².
+
+        Parameters
+        ----------
+        ratios : (k,) array
+            a = A/κ².
+        """
+        if self._eigen is not None:
+            values, squares = self._eigen
+            return float(np.log1p(ratios[0] * values).sum()), float(
+                np.sum(ratios[0] * squares / (1 + ratios[0] * values))
+            )
+        _, factor, w = self._factor(ratios)
+        return float(2 * np.log(np.diag(factor)).sum()), float(w @ w)
+
+    def of_parts(
+        self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float
+    ) -> FloatArray | float:
+        """ln L from ln|K| and Q.
+
+        Parameters
+        ----------
+        logdet, gain : float or array
+            ln|K|, Q.
+        tau : float or array
+            κ².
+        """
+        return -self.n_data / 2 * np.log(tau) - logdet / 2 - (self.chi2 - gain) / (2 * tau) + self.chi2 / 2
+
+    def scale(self, gain: float) -> float:
+        """κ² where it is likeliest, for some ratios.
+
+        Parameters
+        ----------
+        gain : float
+            Q.
+        """
+        return max((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
+
+    def profile(self, ratios: FloatArray) -> float:
+        """ln L of ratios, with κ where it is likeliest.
+
+        Parameters
+        ----------
+        ratios : (k,) array
+            a.
+        """
+        logdet, gain = self.parts(ratios)
+        return float(self.of_parts(logdet, gain, self.scale(gain)))
+
+    def maximum(self) -> Maximum:
+        """Where it is largest."""
+        best = None
+        for start in (0.5, 3.0):
+            found = minimize(self._loss, np.full(len(self), start), jac=True, bounds=[(0, 60)] * len(self),
+                             method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-7})  # fmt: skip
+            if best is None or found.fun < best.fun - 1e-9:
+                best = found
+        ratios = self.unit * np.expm1(best.x)
+        ratios[best.x < 1e-6] = 0.0  # rounding of the search is no background
+        tau = self.scale(self.parts(ratios)[1])
+        gain = max(self.profile(ratios) - self.profile(np.zeros(len(self))), 0.0)
+        return Maximum(ratios * tau, float(np.sqrt(tau)), gain, self._covariance(ratios, tau))
+
+    def _loss(self, x):
+        """−ln L by a = unit (eˣ − 1), which is linear next to zero and logarithmic far from it; and its gradient."""
+        ratios = self.unit * np.expm1(x)
+        logdet, gain, by_logdet, by_gain, _ = self._slopes(ratios)
+        tau = self.scale(gain)
+        slope = (by_logdet - by_gain / tau) / 2
+        return -float(self.of_parts(logdet, gain, tau)), slope * self.unit * np.exp(x)
+
+    def _factor(self, ratios):
+        root = np.sqrt(ratios @ self.shapes)
+        k = self.matrix * np.outer(root, root)
+        k[np.diag_indices_from(k)] += 1
+        factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
+        return root, factor, solve_triangular(factor, root * self.rhs, lower=True, check_finite=False)
+
+    def _slopes(self, ratios):
+        """ln|K|, Q, what they change by with each ratio, and the T of R = N' − TᵀT, the information that is left."""
+        root, factor, w = self._factor(ratios)
+        t = solve_triangular(factor, root[:, None] * self.matrix, lower=True, check_finite=False)
+        left = self.rhs - w @ t
+        diagonal = np.diag(self.matrix) - np.sum(t * t, 0)
+        return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shapes @ diagonal, self.shapes @ left**2, t
+
+    def _covariance(self, ratios, tau):
+        """Of the amplitudes and κ², from the expected information."""
+        *_, t = self._slopes(ratios)
+        r = self.matrix - t.T @ t
+        cross, single = self.shapes @ r**2 @ self.shapes.T, self.shapes @ np.diag(r)
+        k = len(self)
+        information = np.empty((k + 1, k + 1))
+        information[:k, :k] = cross
+        information[:k, k] = information[k, :k] = single - cross @ ratios
+        information[k, k] = self.n_data - 2 * ratios @ single + ratios @ cross @ ratios
+        known = slice(None) if self.noise_scale else slice(k)
+        scale = np.sqrt(np.diag(information)[known])
+        scale = np.outer(scale, scale)
+        found = np.full((k + 1, k + 1), np.nan)
+        found[known, known] = 2 * tau**2 * np.linalg.pinv(information[known, known] / scale) / scale
+        return found
+
+
+def _eliminated(normal, first, where):
+    """N', b', χ0' of the places `where`, with the places `first` fitted freely."""
+    matrix, rhs = normal.matrix[np.ix_(where, where)], normal.rhs[where]
+    if not len(first):
+        return np.array(matrix), np.array(rhs), float(normal.chi2_null)
+    inner, across = normal.matrix[np.ix_(first, first)], normal.matrix[np.ix_(first, where)]
+    scale = np.sqrt(np.maximum(np.diag(inner), 0))
+    if not (scale > 0).all() or np.linalg.eigvalsh(inner / np.outer(scale, scale))[0] < 1e-10:
+        raise DegeneracyError(
+            f"{normal.n_data // 2} sources do not determine the {len(first)} coefficients that are fitted freely"
+        )
+    factor = cho_factor(inner)
+    known = cho_solve(factor, np.column_stack([across, normal.rhs[first]]))
+    found = matrix - across.T @ known[:, :-1]
+    chi2 = float(normal.chi2_null - normal.rhs[first] @ known[:, -1])
+    return (found + found.T) / 2, rhs - across.T @ known[:, -1], chi2
+
+
+def _eigen(matrix, rhs, shape):
+    """For one spectrum: the eigenvalues λ of D^½ N' D^½, and the squares of the right-hand side along them."""
+    root = np.sqrt(shape)
+    values, vectors = np.linalg.eigh(matrix * np.outer(root, root))
+    return np.maximum(values, 0.0), (vectors.T @ (root * rhs)) ** 2
