@@ -6,13 +6,15 @@ the amplitudes (for one spectrum they are known everywhere) and summed over the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from scipy.integrate import trapezoid
+from scipy.special import gammaln, logsumexp
 
 from fit.background._likelihood import Likelihood, Maximum
 from vsh.checks.arguments import between, choice
@@ -34,7 +36,7 @@ class Amplitude(Frozen):
     Attributes
     ----------
     root : (m,) array
-        √A, evenly spaced.
+        √A, rising, closer to each other towards zero.
     log_likelihood : (m,) array
         Its largest value is zero.
     """
@@ -47,12 +49,8 @@ class Amplitude(Frozen):
         """The likeliest amplitude, by a parabola through the three highest points."""
         i, x, y = int(np.argmax(self.log_likelihood)), self.root, self.log_likelihood
         if 0 < i < len(x) - 1:
-            bend = y[i - 1] - 2 * y[i] + y[i + 1]
-            return (
-                float((x[i] + (x[1] - x[0]) * (y[i - 1] - y[i + 1]) / (2 * bend)) ** 2)
-                if bend < 0
-                else float(x[i] ** 2)
-            )
+            bend, slope, _ = np.polyfit(x[i - 1 : i + 2] - x[i], y[i - 1 : i + 2], 2)
+            return float((x[i] - slope / (2 * bend)) ** 2) if bend < 0 else float(x[i] ** 2)
         return float(x[i] ** 2)
 
     def likelihood(self, amplitude: ArrayLike) -> FloatArray:
@@ -142,7 +140,7 @@ class Amplitude(Frozen):
         return x, np.interp(x, self.root, density, left=density[0]) / x
 
 
-def posteriors(likelihood: Likelihood, best: Maximum, which: list[int]) -> list[Amplitude]:
+def posteriors(likelihood: Likelihood, best: Maximum, which: Sequence[int]) -> list[Amplitude]:
     """What the data say of some of the amplitudes, each with all others marginalised.
 
     Parameters
@@ -159,41 +157,95 @@ def posteriors(likelihood: Likelihood, best: Maximum, which: list[int]) -> list[
     The prior of the others is the uniform-shrinkage one, A/(A + u) uniform with u the amplitude seen at one standard error
     (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ.
     """
-    taus, weights = _scales(likelihood, best)
-    spans = [_span(likelihood, best, k) for k in range(len(likelihood))]
-    parts = _parts(likelihood, spans, taus)
-    found = []
-    for k in which:
-        target = np.linspace(*spans[k], _POINTS)
-        nodes, logs = [target], [np.zeros(_POINTS)]
-        for other, (low, high) in enumerate(spans):
-            if other != k:
-                node, weight = np.polynomial.legendre.leggauss(18)
-                x = low + (high - low) * (node + 1) / 2
-                u = likelihood.unit[other] * best.noise_scale**2
-                nodes.append(x)
-                logs.append(np.log(weight * x * u / (u + x**2) ** 2))
-        order = [k, *(j for j in range(len(spans)) if j != k)]
-        total = np.full([len(x) for x in nodes], -np.inf)
-        for tau, weight in zip(taus, weights, strict=True):
-            logdet, gain = parts([nodes[order.index(j)] / np.sqrt(tau) for j in range(len(spans))])
-            value = np.transpose(likelihood.of_parts(logdet, gain, tau), order)
-            total = np.logaddexp(total, value + np.log(weight))
-        for axis, log in enumerate(logs):
-            total += log.reshape([-1 if axis == j else 1 for j in range(len(nodes))])
-        others = tuple(range(1, len(nodes)))
+    grid = _Grid(likelihood, best)
+    return [grid.of(k)[0] for k in which]
+
+
+def posteriors_and_evidence(likelihood: Likelihood, best: Maximum) -> tuple[list[Amplitude], float]:
+    """Those of all amplitudes, and ln of the mean likelihood under their priors, relative to no background.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of all amplitudes.
+    best : Maximum
+        Where it is largest.
+    """
+    grid = _Grid(likelihood, best)
+    found = [grid.of(k) for k in range(len(likelihood))]
+    return [each for each, _ in found], found[0][1]
+
+
+class _Grid:
+    """ln|K| and Q over all amplitudes of interest, and the sums over them."""
+
+    def __init__(self, likelihood: Likelihood, best: Maximum) -> None:
+        self.likelihood, self.best = likelihood, best
+        self.taus, self.weights = _scales(likelihood, best)
+        self.spans = [_span(likelihood, best, k) for k in range(len(likelihood))]
+        self.parts = _parts(likelihood, self.spans, self.taus)
+
+    def of(self, k: int) -> tuple[Amplitude, float]:
+        """Amplitude k with all others marginalised, and the evidence.
+
+        Parameters
+        ----------
+        k : int
+            Which.
+        """
+        nodes = {k: self._unit(k) * np.sinh(np.linspace(*self._ends(k), _POINTS))}
+        order = [k, *(j for j in range(len(self.spans)) if j != k)]
+        weights = []
+        for j in order[1:]:
+            y, weight = _gauss(24, *self._ends(j))
+            nodes[j] = self._unit(j) * np.sinh(y)
+            weights.append(weight * self._unit(j) * np.cosh(y) * self._prior(j, nodes[j]))
+        logs = []
+        for tau, weight in zip(self.taus, self.weights, strict=True):
+            logdet, gain = self.parts([nodes[j] / np.sqrt(tau) for j in sorted(nodes)])
+            logs.append(self.likelihood.of_parts(logdet, gain, tau) + np.log(weight))
+        total = np.transpose(logsumexp(logs, axis=0), order)
         highest = total.max()
-        sums = np.log(np.sum(np.exp(total - highest), others) + 1e-300) if others else total - highest
-        found.append(Amplitude(target, np.asarray(sums - sums.max())))
-    return found
+        # Contracting the last axis first, the target stays.
+        sums = reduce(np.matmul, reversed(weights), np.exp(total - highest))
+        target = nodes[k]
+        evidence = float(np.log(trapezoid(sums * self._prior(k, target), target)) + highest) - self._nothing()
+        logarithm = np.log(sums + 1e-300)
+        return Amplitude(target, logarithm - logarithm.max()), evidence
+
+    def _unit(self, k):
+        """√A of the amplitude that is seen at one standard error."""
+        return np.sqrt(self.likelihood.unit[k]) * self.best.noise_scale
+
+    def _ends(self, k):
+        """The span by y = arsinh √(A/u), which resolves what is next to zero and what is far from it."""
+        return np.arcsinh(np.array(self.spans[k]) / self._unit(k))
+
+    def _prior(self, k, root):
+        u = self._unit(k) ** 2
+        return 2 * root * u / (u + root**2) ** 2
+
+    def _nothing(self):
+        """ln of the likelihood of no background, summed over κ alike."""
+        if not self.likelihood.noise_scale:
+            return 0.0
+        half, chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
+        return float(gammaln(half) - half * np.log(chi2) + chi2)
 
 
 def _scales(likelihood, best):
     """κ² and the weights of a sum over ln κ²."""
     if not likelihood.noise_scale:
         return np.ones(1), np.ones(1)
-    node, weight = np.polynomial.legendre.leggauss(9)
-    return best.noise_scale**2 * np.exp(4.5 * node * np.sqrt(2 / likelihood.n_data)), weight
+    reach = 4.5 * np.sqrt(2 / likelihood.n_data)
+    logs, weight = _gauss(9, -reach, reach)
+    return best.noise_scale**2 * np.exp(logs), weight
+
+
+def _gauss(number, low, high):
+    """Nodes and weights of an integral from low to high."""
+    node, weight = np.polynomial.legendre.leggauss(number)
+    return low + (high - low) * (node + 1) / 2, weight * (high - low) / 2
 
 
 def _span(likelihood, best, k):
@@ -225,7 +277,11 @@ def _parts(likelihood: Likelihood, spans, taus) -> Callable[[list[FloatArray]], 
     """ln|K| and Q on the tensor of any √a within the spans: by polynomials, or exactly for one spectrum."""
     if len(spans) == 1:
         return lambda roots: tuple(np.array([likelihood.parts(np.array([x * x])) for x in roots[0]]).T)
-    ends = [(low / np.sqrt(taus[-1]), high / np.sqrt(taus[0])) for low, high in spans]
+    units = np.sqrt(likelihood.unit)
+    ends = [
+        (np.arcsinh(low / np.sqrt(taus[-1]) / u), np.arcsinh(high / np.sqrt(taus[0]) / u))
+        for (low, high), u in zip(spans, units, strict=True)
+    ]
     number = {2: 22, 3: 12}.get(len(spans), 8)
     if len(likelihood.rhs) > 300:  # where the degree is high, amplitudes are known well, and the spans short
         number = min(number, 12)
@@ -234,15 +290,15 @@ def _parts(likelihood: Likelihood, spans, taus) -> Callable[[list[FloatArray]], 
     values = np.empty((2, *[number] * len(spans)))
     for index in np.ndindex(*[number] * len(spans)):
         roots = np.array([axis[i] for axis, i in zip(axes, index, strict=True)])
-        values[(slice(None), *index)] = likelihood.parts(roots**2)
+        values[(slice(None), *index)] = likelihood.parts((units * np.sinh(roots)) ** 2)
     inverse = np.linalg.inv(chebyshev.chebvander(node, number - 1))
     # Contracting the first axis behind the two quantities once for each amplitude comes back to the order of the axes.
     series = reduce(lambda array, _: np.moveaxis(np.tensordot(inverse, array, (1, 1)), 0, -1), spans, values)
 
     def at(roots):
         array = series
-        for x, (low, high) in zip(roots, ends, strict=True):
-            vander = chebyshev.chebvander(2 * (x - low) / (high - low) - 1, number - 1)
+        for x, u, (low, high) in zip(roots, units, ends, strict=True):
+            vander = chebyshev.chebvander(2 * (np.arcsinh(x / u) - low) / (high - low) - 1, number - 1)
             array = np.moveaxis(np.tensordot(vander, array, (1, 1)), 0, -1)
         return array[0], array[1]
 
