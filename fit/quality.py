@@ -16,6 +16,7 @@ __all__ = [
     "f_p_value",
     "log_p_value",
     "normal_deviate",
+    "printed_p_value",
 ]
 
 #: From so many standard deviations on, a χ² contradicts the errors.
@@ -152,3 +153,18 @@ def f_p_value(chi2: float, numerator: float, denominator: float) -> float:
     if not np.isfinite(denominator) or denominator > 1e8:
         return float(chdtrc(numerator, chi2))
     return float(fdtrc(numerator, denominator, chi2 / numerator))
+
+
+def printed_p_value(p: float) -> str:
+    """A probability as it is printed.
+
+    Parameters
+    ----------
+    p : float
+        A probability.
+
+    Returns
+    -------
+    str
+    """
+    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "nan"

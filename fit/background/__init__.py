@@ -1,10 +1,28 @@
-"""Backgrounds of known shape and unknown amplitude: systematic floors, gravitational waves, evidence."""
+"""Backgrounds of known shape and unknown amplitude: systematic floors, gravitational waves, evidence.
 
+What sources share is a Gaussian field of a known spectrum. Its amplitude is estimated by the exact likelihood of the normal
+equations, with whatever else is fitted marginalised.
+"""
+
+from fit.background._amplitude import Amplitude
+from fit.background._equations import equations_of
+from fit.background._evidence import Comparison, compare, evidence
+from fit.background._fit import Background, fit
 from fit.background._floor import Floor, floor
+from fit.background._waves import WaveLimit, wave_limit
 from vsh.covariance import Spectrum
 
 __all__ = [
+    "Amplitude",
+    "Background",
+    "Comparison",
     "Floor",
     "Spectrum",
+    "WaveLimit",
+    "compare",
+    "equations_of",
+    "evidence",
+    "fit",
     "floor",
+    "wave_limit",
 ]

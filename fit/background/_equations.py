@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations
-from fit.solution import Solution
 from vsh.checks.notes import spoken
 from vsh.errors import DegeneracyError, ModesError, ParameterError
 from vsh.modes import Modes
 from vsh.types import IntArray
 
 #: How errors are named that the residuals have not scaled.
-_QUOTED = "the catalogue"
+QUOTED = "the catalogue"
 
 
 def equations_of(found: Any) -> NormalEquations:
@@ -36,12 +36,12 @@ def equations_of(found: Any) -> NormalEquations:
     found = _about(found)
     if isinstance(found, NormalEquations):
         return found if found.prior is None else found - found.prior
-    if not isinstance(found, Solution):
+    if not isinstance(found, HarmonicSolution):
         raise ParameterError(
             f"a background is fitted to normal equations or to a Solution, not to a {type(found).__name__}: "
             "fit.normal_equations(field, modes)"
         )
-    if found.by_prior:
+    if getattr(found, "by_prior", 0.0):
         raise ParameterError(
             "this solution holds a prior: give the normal equations of the data, fit.normal_equations(field, modes)"
         )
@@ -59,15 +59,15 @@ def equations_of(found: Any) -> NormalEquations:
     return NormalEquations(found.modes, matrix, rhs, chi2_null, found.n_data, found.frame, spoken(found.notes))
 
 
-def has_own_errors(found: Any) -> bool:
-    """Whether the errors are those of the catalogue, so that χ² tells their scale.
+def errors_of(found: Any) -> str:
+    """Where the errors come from; where from the catalogue alone, χ² tells their scale.
 
     Parameters
     ----------
     found : NormalEquations or Solution
         What was fitted.
     """
-    return getattr(_about(found), "errors_from", _QUOTED) == _QUOTED
+    return getattr(_about(found), "errors_from", QUOTED)
 
 
 def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:

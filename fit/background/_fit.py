@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from fit.background._equations import equations_of, fitted_degrees, has_own_errors, words_of
+from fit.background._equations import QUOTED, equations_of, errors_of, fitted_degrees, words_of
 from fit.background._likelihood import Likelihood
 from fit.background._posterior import posteriors_and_evidence
+from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations
-from fit.output import note_lines
-from fit.solution import Solution
 from fit.storage import Result
 from vsh import tables
+from vsh.checks.notes import note_lines
 from vsh.covariance import Spectrum
 from vsh.errors import ModesError
 from vsh.types import Figure, FloatArray, Table
@@ -86,7 +86,9 @@ class Background(Result):
             + (f", degrees {words_of(self.free)} fitted freely" if self.free else ""),
             f"{'':{wide}}{'amplitude':>24}{'68 %':>24}",
         ]
-        for name, value, error, (low, high) in zip(self.names, self.amplitudes, self.sigma, self.intervals, strict=True):
+        for name, value, error, (low, high) in zip(
+            self.names, self.amplitudes, self.sigma, self.intervals, strict=True
+        ):
             lines.append(f"{name:{wide}}{f'{value:.4g} ± {error:.2g}':>24}{f'{low:.4g} … {high:.4g}':>24}")
         if self.noise_scale_error:
             lines.append(f"scale of the errors   {self.noise_scale:.4f} ± {self.noise_scale_error:.4f}")
@@ -119,7 +121,7 @@ class Background(Result):
 
 
 def fit(
-    normal: NormalEquations | Solution,
+    normal: NormalEquations | HarmonicSolution,
     spectra: Spectrum | Sequence[Spectrum],
     noise_scale: bool | None = None,
     *,
@@ -178,7 +180,7 @@ def fit(
     degrees = fitted_degrees(modes, left if degrees is None else degrees)
     if both := set(degrees) & set(flat):
         raise ModesError(f"degree {min(both)} is both free and of the background: name other degrees, or another free=")
-    scaled = has_own_errors(normal) if noise_scale is None else bool(noise_scale)
+    scaled = errors_of(normal) == QUOTED if noise_scale is None else bool(noise_scale)
     likelihood = Likelihood(equations, listed, degrees, flat, scaled)
     best = likelihood.maximum()
     found, evidence = posteriors_and_evidence(likelihood, best)

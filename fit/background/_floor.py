@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background._equations import equations_of, fitted_degrees, has_own_errors, places, words_of
+from fit.background._equations import QUOTED, equations_of, errors_of, fitted_degrees, places, words_of
 from fit.background._likelihood import Likelihood
 from fit.background._posterior import posteriors
+from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations, gaussian_prior
-from fit.solution import Solution
 from fit.storage import Result
 from vsh import tables
 from vsh.covariance import Spectrum
 from vsh.errors import ModesError
 from vsh.modes import Modes
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import Figure, Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,6 +45,8 @@ class Floor(Result):
         By how much ln L is larger than without systematics.
     n_data : int
         How many numbers were fitted.
+    errors_from : str
+        Where the errors that were used come from.
     """
 
     odd: float
@@ -58,9 +60,20 @@ class Floor(Result):
     noise_scale: float
     log_likelihood: float
     n_data: int
+    errors_from: str = "the catalogue"
 
     def __repr__(self) -> str:
         return f"<Floor: spin ± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr, from degrees {words_of(self.degrees)}>"
+
+    @property
+    def spin_interval(self) -> tuple[float, float]:
+        """68 % interval of the spin's floor, in each component. [µas/yr]"""
+        return first_degree(self.odd_interval[0]), first_degree(self.odd_interval[1])
+
+    @property
+    def acceleration_interval(self) -> tuple[float, float]:
+        """68 % interval of the acceleration's floor, in each component. [µas/yr]"""
+        return first_degree(self.even_interval[0]), first_degree(self.even_interval[1])
 
     @property
     def spectrum(self) -> Spectrum:
@@ -142,7 +155,7 @@ class Floor(Result):
         variances[~np.isin(modes.degrees, self.degrees)] = np.inf
         return gaussian_prior(modes, np.sqrt(variances))
 
-    def allowed_for(self, solve: Callable[[NormalEquations], Solution], normal: NormalEquations) -> Solution:
+    def allowed_for(self, solve: Callable[[NormalEquations], Any], normal: NormalEquations) -> Any:
         """The solution with this prior on the higher degrees, and with the floor in the errors of degree 1.
 
         Parameters
@@ -169,7 +182,7 @@ class Floor(Result):
             covariance=covariance,
             chi2=found.chi2 * tau,
             notes=(*found.notes, said),
-            errors_from=f"the catalogue{scale}, with the floor of degrees {words_of(self.degrees)}: spin ± {self.spin_error:.3g}, "
+            errors_from=f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)}: spin ± {self.spin_error:.3g}, "
             f"acceleration ± {self.acceleration_error:.3g} µas/yr in each component",
         )
 
@@ -181,7 +194,7 @@ class Floor(Result):
 
 
 def floor(
-    normal: NormalEquations | Solution, degrees: Iterable[int] | None = None, *, noise_scale: bool | None = None
+    normal: NormalEquations | HarmonicSolution, degrees: Iterable[int] | None = None, *, noise_scale: bool | None = None
 ) -> Floor:
     """Estimate errors that sources share from the power of the higher degrees, and what they do to degree 1.
 
@@ -235,15 +248,25 @@ def floor(
     if degrees[0] == 1:
         raise ModesError("degree 1 holds the spin and the acceleration: a floor is estimated from higher degrees")
     free = tuple(l for l in range(1, modes.lmax + 1) if l not in degrees)
-    scaled = has_own_errors(normal) if noise_scale is None else bool(noise_scale)
+    scaled = errors_of(normal) == QUOTED if noise_scale is None else bool(noise_scale)
     likelihood = Likelihood(equations, [Spectrum.odd(), Spectrum.even()], degrees, free, scaled)
     best = likelihood.maximum()
     common = Likelihood(equations, [Spectrum.flat()], degrees, free, scaled).maximum()
     gain = max(2 * (best.log_likelihood - common.log_likelihood), 0.0)
     odd, even = map(float, best.amplitudes)
     intervals = [each.interval(0.68, "root") for each in posteriors(likelihood, best, [0, 1])]
-    found: FloatArray = np.sqrt(3 * best.amplitudes / (8 * np.pi))
     return Floor(
-        odd, even, intervals[0], intervals[1], float(chdtrc(1, gain)), float(found[0]), float(found[1]), degrees,
-        best.noise_scale, best.log_likelihood, equations.n_data,
+        odd, even, intervals[0], intervals[1], float(chdtrc(1, gain)), first_degree(odd), first_degree(even), degrees,
+        best.noise_scale, best.log_likelihood, equations.n_data, errors_of(normal),
     )  # fmt: skip
+
+
+def first_degree(power: float) -> float:
+    """√(3 s/8π): each component of a spin or a glide, for the power of a mode. [µas/yr]
+
+    Parameters
+    ----------
+    power : float
+        s. [(µas/yr)²]
+    """
+    return float(np.sqrt(3 * power / (8 * np.pi)))

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
@@ -168,7 +169,7 @@ class Likelihood:
 
     def maximum(self) -> Maximum:
         """Where it is largest."""
-        best = None
+        best: Any = None
         for start in (0.5, 3.0):
             found = minimize(self._loss, np.full(len(self), start), jac=True, bounds=[(0, 60)] * len(self),
                              method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-7})  # fmt: skip

@@ -6,7 +6,12 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from fit.background._equations import places
+from fit.normal import NormalEquations
 from vsh.types import FloatArray
+
+#: Of a probability.
+_ACCURACY = 1e-7
 
 
 def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> float:
@@ -27,7 +32,7 @@ def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> fl
 
     Examples
     --------
-    >>> round(probability_above(7.81473, np.ones(3), np.zeros(3)), 5)  # χ² with three degrees of freedom
+    >>> round(probability_above(18.30704, np.ones(10), np.zeros(10)), 5)  # χ² with ten degrees of freedom
     0.05
     """
     scale = variances.max()
@@ -40,7 +45,10 @@ def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> fl
         size = np.sum(np.log(inner) / 4 + shifts**2 * y * y / inner / 2)
         return np.sin(angle) / u * np.exp(-size)
 
-    value, _ = quad(integrand, 0, np.inf, limit=500, epsabs=1e-8)
+    # What is left beyond the end: at most 1/(π k U^k √Πr) with k = n/2 (his eq. 3.4).
+    k = len(ratio) / 2
+    end = np.exp(-(np.log(np.pi * k * _ACCURACY) + np.sum(np.log(ratio)) / 2) / k)
+    value, _ = quad(integrand, 0, end, limit=2000, epsabs=_ACCURACY)
     return float(np.clip(0.5 + value / np.pi, 0, 1))
 
 
@@ -62,3 +70,32 @@ def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> f
     while probability_above(high, variances, shifts) > 1 - probability:
         high += 3 * spread
     return float(brentq(lambda x: 1 - probability - probability_above(x, variances, shifts), 0, high, xtol=1e-9 * high))
+
+
+def squares_of(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
+    """P_2, its noise, and the variances and shifts of its terms, (2, 10), in the fit of all degrees to lmax.
+
+    All are nan where the data do not determine them. [(µas/yr)²]
+
+    Parameters
+    ----------
+    equations : NormalEquations
+        Of the data.
+    lmax : int
+        The highest degree that is fitted.
+    scaled : bool
+        Multiply the errors by √(χ²/dof).
+    """
+    modes = equations.modes
+    where = places(modes, range(1, lmax + 1))
+    matrix, rhs = equations.matrix[np.ix_(where, where)], equations.rhs[where]
+    second = np.flatnonzero(modes.degrees[where] == 2)
+    if equations.n_data <= len(where) or np.linalg.cond(matrix) > 1e12:
+        return float("nan"), float("nan"), np.full((2, len(second)), np.nan)
+    covariance = np.linalg.inv(matrix)
+    values = covariance @ rhs
+    scale = (equations.chi2_null - values @ rhs) / (equations.n_data - len(where)) if scaled else 1.0
+    root = np.sqrt(modes.norm2[where][second])
+    variances, vectors = np.linalg.eigh(scale * covariance[np.ix_(second, second)] * np.outer(root, root))
+    shifts = vectors.T @ (root * values[second]) / np.sqrt(variances)
+    return float(np.sum(variances * shifts**2)), float(variances.sum()), np.array([variances, shifts])

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import fit
 import vsh
+from fit.commands import background_options
 from vsh.checks.notes import dropped
 from vsh.commands import outputs, parsing, parts_options, running
 
@@ -49,9 +50,11 @@ def _run(options, words):
         whole = catalogue.read_field(source, **parsing.reading(options), roles=("name",))
     field = whole.to_frame(options.frame)
     solution, kept, clipped = _fit(field, vsh.Modes(options.lmax), options)
+    backgrounds = background_options.found(solution, options)
+    solution = backgrounds.solution
     name = "the simulated catalogue of the demo" if options.demo else str(path)
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
-    text = fit.report(solution, check=check, truth=truth, source=name)
+    text = "\n".join([fit.report(solution, check=check, truth=truth, source=name), *backgrounds.texts])
     running.say(text)
     if not (options.output or options.html):
         return
@@ -67,6 +70,7 @@ def _run(options, words):
             solution.write(folder / "solution.ecsv", meta)
             fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
             fit.output.write_figures(solution, kept, folder)
+            backgrounds.write(folder, meta)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
     if options.html:
@@ -76,7 +80,7 @@ def _run(options, words):
             "vsh-fit",
             *(Path(word).name if "/" in word and not word.startswith("-") else word for word in words),
         ]
-        fit.output.write_html(solution, kept, options.html, command=command, **about)
+        fit.output.write_html(solution, kept, options.html, command=command, **about, **backgrounds.on_page())
         running.say(f"written to {options.html}")
 
 
@@ -145,6 +149,7 @@ def make_parser() -> argparse.ArgumentParser:
         help="errors from leaving out HEALPix blocks; without NSIDE several sizes are compared and the report says which is "
         "long enough",
     )  # fmt: skip
+    background_options.add(parser)
     parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
     parsing.add_threads(parser)
     parts_options.add_workers(parser)

@@ -13,13 +13,13 @@ from fit.output._rows import (
     cell,
     components,
     direction,
-    note_lines,
-    p_value,
     power_rows,
     pulls,
     vector_rows,
     vectors_of,
 )
+from fit.quality import printed_p_value as p_value
+from vsh.checks.notes import note_lines
 
 if TYPE_CHECKING:
     from fit.output._figures import plot_correlation, plot_moments, plot_power, plot_residuals, plot_spectrum

@@ -80,7 +80,7 @@ def write_figures(solution: HarmonicSolution, field: Field | Parts, folder: Path
 
 
 def write_html(solution: HarmonicSolution, field: Field | Parts, path: PathName, **about: Any) -> None:
-    """Write a self-contained page with everything; `about` as for `fit.output.html_report`.
+    """Write a self-contained page with everything; `about` as for `fit.output.html_report`, `further` more figures by name.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def write_html(solution: HarmonicSolution, field: Field | Parts, path: PathName,
     from fit.output._html import html_report
     from vsh.system.files import atomic_write
 
-    figures = draw_figures(solution, field)
+    figures = draw_figures(solution, field) | about.pop("further", {})
     page = html_report(solution, figures, **about)
     for figure in figures.values():
         plt.close(figure)

@@ -11,7 +11,7 @@ from string import Template
 from typing import Any
 
 from fit.harmonic import HarmonicSolution
-from fit.output._report import AGREE, warnings_of
+from fit.output._report import AGREE, floor_words, warnings_of
 from fit.output._rows import amplitude, cell, components, direction, is_scaled, power_rows, vector_rows, vectors_of
 from vsh.types import Figure, Table
 
@@ -169,7 +169,13 @@ def _vectors(solution, truth):
         for row in vector_rows({name: vectors_of(solution)[name]}, truth)
     ]
     heads = ["[µas/yr]", "x", "y", "z", "amplitude"]
-    return "<h2>Spin and acceleration</h2>" + _table(heads, [[escape(cell) for cell in row] for row in rows])
+    found = floor_words(solution)
+    shared = (
+        f'<p class="faint">{escape(found[0])}: {escape("; ".join(found[1:-1]))}. {escape(found[-1])}.</p>'
+        if found
+        else ""
+    )
+    return "<h2>Spin and acceleration</h2>" + _table(heads, [[escape(cell) for cell in row] for row in rows]) + shared
 
 
 def _check(check):

@@ -9,9 +9,11 @@ import numpy as np
 from fit.harmonic import HarmonicSolution
 from fit.output._rows import components, direction, is_scaled, power_rows, vector_rows, vectors_of
 from vsh.checks.notes import printable
-from vsh.errors import ParameterError
+from vsh.errors import ParameterError, VshError
 
 WIDTH = 88
+#: The floor of a report is estimated up to this degree: higher ones say little of degree 1.
+_FLOOR_LMAX = 20
 
 
 def report(
@@ -48,7 +50,7 @@ def report(
     if np.isnan(solution.coefficients.values).all():
         sections.append(_predicted(solution))
     else:
-        sections += [_vectors(solution, truth or {}), _degrees(solution)]
+        sections += [_vectors(solution, truth or {}), *_floor(solution), _degrees(solution)]
     if check is not None:
         sections.append(report_check(check))
     if solution.notes:
@@ -132,6 +134,38 @@ def _vectors(solution, truth):
         lines.append(f"{name:14}{direction(vector)}")
         lines.append(f"{'':14}{direction(other)}; noise-debiased amplitude {vector.debiased_amplitude:.3f}")
     return "\n".join(lines)
+
+
+def _floor(solution):
+    said = floor_words(solution)
+    return [said[0] + ":\n  " + "\n  ".join(said[1:])] if said else []
+
+
+def floor_words(solution: HarmonicSolution) -> list[str]:
+    """What the power of the higher degrees says of errors that sources share: a heading, then lines; none below degree 3.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    """
+    from fit.background import floor  # its integrals and searches are for reports alone
+
+    if solution.modes.lmax < 3 or getattr(solution, "by_prior", 0.0):
+        return []
+    try:
+        found = floor(solution, range(2, min(solution.modes.lmax, _FLOOR_LMAX) + 1))
+    except VshError:  # replicates too few for a covariance, say
+        return []
+    lines = [
+        f"Errors that sources share, from the power of degrees {found.degrees[0]} to {found.degrees[-1]}; not in the errors above"
+    ]
+    for name, error, (low, high) in (
+        ("spin", found.spin_error, found.spin_interval),
+        ("acceleration", found.acceleration_error, found.acceleration_interval),
+    ):
+        lines.append(f"{name:14}± {error:.3f} µas/yr in each component ({low:.3f} … {high:.3f}, 68 %)")
+    return [*lines, "fit.solve(normal, floor=fit.background.floor(normal)), or --floor, puts them in"]
 
 
 def _degrees(solution):

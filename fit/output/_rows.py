@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fit.harmonic import HarmonicSolution
+from fit.quality import printed_p_value as p_value
 from fit.spectrum import spectrum
 from vsh.types import FloatArray
 from vsh.vector import Vector
@@ -190,36 +191,6 @@ def power_rows(solution: HarmonicSolution) -> list[PowerRow]:
                  p_value(d.p_value), p_value(s.p_value), f"{d.z:.2f}", f"{d.mk_z:.2f}")
         for d, s in zip(spectrum(solution), scaled, strict=True)
     ]  # fmt: skip
-
-
-def p_value(p: float) -> str:
-    """A probability as it is printed.
-
-    Parameters
-    ----------
-    p : float
-        A probability.
-
-    Returns
-    -------
-    str
-    """
-    return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "nan"
-
-
-def note_lines(notes: Iterable[str]) -> list[str]:
-    """Notes as the last lines of a report.
-
-    Parameters
-    ----------
-    notes : iterable of str
-        Of a result.
-
-    Returns
-    -------
-    list[str]
-    """
-    return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []
 
 
 def is_scaled(solution: HarmonicSolution) -> bool:

@@ -219,3 +219,18 @@ def printable(text: object) -> str:
 
 def _hash(line):
     return blake2b(line.encode("utf-8", "replace"), digest_size=6).hexdigest()
+
+
+def note_lines(notes: Iterable[str]) -> list[str]:
+    """Notes as the last lines of a report.
+
+    Parameters
+    ----------
+    notes : iterable of str
+        Of a result.
+
+    Returns
+    -------
+    list[str]
+    """
+    return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []

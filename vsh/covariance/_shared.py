@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,12 @@ from vsh.checks.arrays import float_array
 from vsh.covariance._angular import values_of
 from vsh.covariance._matrix import Covariance, check_size
 from vsh.covariance._spectrum import Spectrum
-from vsh.errors import ParameterError, TableError, first_line
+from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import as_modes
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
+from vsh.tables import read_matrix
 from vsh.types import ArrayLike, FloatArray, PathName
 
 
@@ -190,29 +190,4 @@ def read(path: PathName) -> Covariance:
     ParameterError
         If what it holds is no covariance, or too large.
     """
-    path = Path(path)
-    try:
-        matrix = _READERS.get(path.suffix.lower(), np.loadtxt)(path)
-    except (OSError, ValueError, TypeError, EOFError) as error:
-        raise TableError(f"{path} holds no covariance that can be read: {first_line(error)}") from None
-    if np.ndim(matrix) == 2:
-        check_size(len(matrix) // 2)
-    return Covariance(np.asarray(matrix, float))
-
-
-def _from_fits(path):
-    from astropy.io import fits
-
-    with fits.open(path) as units:
-        images = [unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2]
-        if not images:
-            raise ValueError("no image of two axes is in it")
-        check_size(images[0].shape[0] // 2)
-        return images[0].data
-
-
-def _from_numpy(path):
-    return np.load(path, mmap_mode="r", allow_pickle=False)
-
-
-_READERS: dict[str, Callable[[Path], Any]] = {".npy": _from_numpy, ".fits": _from_fits, ".fit": _from_fits}
+    return Covariance(read_matrix(path, lambda shape: check_size(max(shape, default=0) // 2)))

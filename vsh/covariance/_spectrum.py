@@ -11,37 +11,14 @@ import numpy as np
 from vsh.checks import arguments
 from vsh.checks.arrays import float_array
 from vsh.covariance._angular import d_plus, power_of, values_of
-from vsh.errors import ModesError, ParameterError
+from vsh.covariance._laws import both, cut, is_odd, wave_fractions, without_rounding
+from vsh.errors import ParameterError
 from vsh.modes import Modes, as_modes
-from vsh.types import ArrayLike, FloatArray, IntArray
+from vsh.types import ArrayLike, FloatArray
 from vsh.units import hubble_rate
 
 #: The two parities, by what the field at the antipode is.
 PARITIES = ("odd", "even")
-
-
-def wave_fractions(lmax: int) -> FloatArray:
-    """Share of each degree in the power of a stochastic gravitational-wave background, (lmax,).
-
-    α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
-    sum to 1. The fractions are those of Book & Flanagan (2011, PhRvD 83, 024024), table 1.
-
-    Parameters
-    ----------
-    lmax : int
-        The highest degree.
-
-    Returns
-    -------
-    array
-
-    Examples
-    --------
-    >>> wave_fractions(4).round(6)
-    array([0.      , 0.833333, 0.116667, 0.03    ])
-    """
-    l = np.arange(2, lmax + 1.0)
-    return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,7 +69,7 @@ class Spectrum:
         """
         whole = 4 * np.pi * hubble_rate(arguments.positive("hubble", hubble)) ** 2
         return cls(
-            f"gravitational waves, H0 = {hubble:g} km/s/Mpc", lambda lmax: _both(whole * wave_fractions(lmax) / 2)
+            f"gravitational waves, H0 = {hubble:g} km/s/Mpc", lambda lmax: both(whole * wave_fractions(lmax) / 2)
         )
 
     @classmethod
@@ -103,7 +80,7 @@ class Spectrum:
         -------
         Spectrum
         """
-        return cls("flat", lambda lmax: _both(2.0 * np.arange(1, lmax + 1) + 1))
+        return cls("flat", lambda lmax: both(2.0 * np.arange(1, lmax + 1) + 1))
 
     @classmethod
     def odd(cls) -> Spectrum:
@@ -139,7 +116,7 @@ class Spectrum:
         Spectrum
         """
         index = arguments.number("index", index)
-        return cls(f"power law l^{index:g}", lambda lmax: _both(np.arange(1.0, lmax + 1) ** index))
+        return cls(f"power law l^{index:g}", lambda lmax: both(np.arange(1.0, lmax + 1) ** index))
 
     @classmethod
     def given(cls, toroidal: ArrayLike, spheroidal: ArrayLike | None = None, name: str = "given") -> Spectrum:
@@ -169,7 +146,7 @@ class Spectrum:
         )
         if both.ndim != 2 or not both.shape[1] or (both < 0).any():
             raise ParameterError("a spectrum is one power of at least zero for each degree from 1 on")
-        return cls(name, lambda lmax: _cut(both, lmax, name))
+        return cls(name, lambda lmax: cut(both, lmax, name))
 
     @classmethod
     def from_covariance(cls, function: Callable[[FloatArray], FloatArray], name: str | None = None) -> Spectrum:
@@ -204,7 +181,7 @@ class Spectrum:
         """
         values_of(function, np.array([0.1, 1.0]))
         name = name or f"of the covariance function {getattr(function, '__name__', 'V(θ)')}"
-        return cls(name, lambda lmax: _both(_without_rounding(power_of(function, lmax))))
+        return cls(name, lambda lmax: both(without_rounding(power_of(function, lmax))))
 
     def only(self, parity: str) -> Spectrum:
         """The part of it that is odd, as a spin is, or even, as a glide is.
@@ -220,7 +197,7 @@ class Spectrum:
         """
         arguments.choice("parity", parity, PARITIES)
         return Spectrum(
-            f"{self.name}, {parity} parity", lambda lmax: self.law(lmax) * (_is_odd(lmax) == (parity == "odd"))
+            f"{self.name}, {parity} parity", lambda lmax: self.law(lmax) * (is_odd(lmax) == (parity == "odd"))
         )
 
     def power(self, lmax: int) -> FloatArray:
@@ -304,23 +281,3 @@ class Spectrum:
         return Spectrum(f"{factor:g} × {self.name}", lambda lmax: factor * self.law(lmax))
 
     __rmul__ = __mul__
-
-
-def _both(power: FloatArray) -> FloatArray:
-    return np.stack([power, power])
-
-
-def _is_odd(lmax: int) -> IntArray:
-    odd = np.arange(1, lmax + 1) % 2 == 1
-    return np.stack([odd, ~odd])
-
-
-def _cut(power, lmax, name):
-    if lmax > power.shape[1]:
-        raise ModesError(f"the spectrum {name} is given to degree {power.shape[1]}, and degree {lmax} is wanted")
-    return power[:, :lmax]
-
-
-def _without_rounding(power):
-    """What is negative by the rounding of the integral alone is zero."""
-    return np.where(np.abs(power) < 1e-10 * np.abs(power).max(), 0.0, power)

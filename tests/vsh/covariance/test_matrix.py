@@ -54,9 +54,9 @@ def test_files(ending, tmp_path):
     {"npy": np.save, "txt": np.savetxt, "fits": fits.writeto}[ending](path, matrix)
     np.testing.assert_allclose(shared.read(path).matrix, matrix, rtol=1e-15)
     path.write_bytes(b"nothing of the kind")
-    with pytest.raises(TableError, match="holds no covariance that can be read"):
+    with pytest.raises(TableError, match="holds no matrix that can be read"):
         shared.read(path)
-    with pytest.raises(TableError, match="holds no covariance that can be read"):
+    with pytest.raises(TableError, match="holds no matrix that can be read"):
         shared.read(tmp_path / "none.npy")
 
 

@@ -1,0 +1,238 @@
+"""Evidence in closed form: which degrees a catalogue needs, and whether a dipole changes with redshift.
+
+With coefficients c ~ N(0, D) and K = I + D^½ N D^½, z = D^½ b, the evidence relative to that of no coefficients is
+
+    ln Z = ½ zᵀ K⁻¹ z − ½ ln|K|.
+
+No sampler is needed. ln Z depends on the power that is assumed beforehand, the less power the less is lost by a degree that
+is not there: print it with the result, or marginalise it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.special import logsumexp
+
+from fit.background._equations import equations_of, fitted_degrees, places
+from fit.harmonic import HarmonicSolution
+from fit.normal import NormalEquations
+from fit.storage import Result
+from vsh import tables
+from vsh.checks.arguments import a, number, positive
+from vsh.covariance import Spectrum
+from vsh.errors import ParameterError
+from vsh.types import Figure, FloatArray, Table
+
+#: Amplitudes of a grid that is uniform in its logarithm, a decade.
+_A_DECADE = 20
+
+
+def evidence(
+    normal: NormalEquations | HarmonicSolution | Sequence[NormalEquations],
+    spectrum: Spectrum,
+    degrees: Iterable[int] | None = None,
+    *,
+    amplitudes: tuple[float, float] | None = None,
+    varying: Spectrum | None = None,
+    noise_scale: float = 1.0,
+) -> float:
+    """ln of the evidence for coefficients of some degrees, relative to none at all.
+
+    Parameters
+    ----------
+    normal : NormalEquations, Solution, or sequence of NormalEquations
+        What was summed or fitted; of several bins of redshift, say.
+    spectrum : Spectrum
+        The power of the coefficients beforehand, such as `10 * Spectrum.power_law(0)`: 10 (µas/yr)² in each kind and degree.
+    degrees : iterable of int, optional
+        Which are there; all that were fitted unless given. Other coefficients are zero.
+    amplitudes : (float, float), optional
+        Multiply the spectrum by an amplitude between these two, uniform in its logarithm beforehand, and marginalise it.
+    varying : Spectrum, optional
+        Let each of the normal equations have coefficients of its own, with this power beforehand, beside the common ones.
+    noise_scale : float
+        Factor on the catalogue's errors, √(χ²/dof) say.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ModesError
+        If a degree is not fitted.
+    ParameterError
+        If a spectrum is negative, or the amplitudes are not two rising numbers above zero.
+
+    Examples
+    --------
+    A sky with nothing on it is better described by nothing:
+
+    >>> from fit import normal_equations
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> field = Field(*rng.uniform(0, 1.5, (2, 500)), rng.normal(size=(2, 500)), np.ones((2, 500)))
+    >>> bool(evidence(normal_equations(field, 3), 10 * Spectrum.power_law(0), [1, 2, 3]) < 0)
+    True
+    """
+    several = isinstance(normal, Sequence) and not isinstance(normal, (str, bytes))
+    groups = [_chosen(each, degrees) for each in (normal if several else [normal])]  # type: ignore[union-attr]
+    if not groups:
+        raise ParameterError("evidence needs normal equations, one at least")
+    a(Spectrum)("spectrum", spectrum)
+    tau = positive("noise_scale", noise_scale) ** 2
+    matrices, sides = [each.matrix / tau for each, _ in groups], [each.rhs / tau for each, _ in groups]
+    where = groups[0][1]
+    if any(each.modes != groups[0][0].modes for each, _ in groups):
+        raise ParameterError("the normal equations go to different degrees: fit all of them to one")
+    variances = spectrum.variances(groups[0][0].modes)[where]
+    matrix, rhs, own = sum(matrices), sum(sides), np.zeros(0)
+    if varying is not None:
+        a(Spectrum)("varying", varying)
+        across = np.concatenate(matrices, axis=1)
+        matrix = np.block([[matrix, across], [across.T, block_diag(*matrices)]])
+        rhs = np.concatenate([rhs, *sides])
+        own = np.tile(varying.variances(groups[0][0].modes)[where], len(groups))
+    if amplitudes is None:
+        return _log_evidence(matrix, rhs, np.concatenate([variances, own]))
+    factors = _grid(amplitudes)
+    found = [_log_evidence(matrix, rhs, np.concatenate([factor * variances, own])) for factor in factors]
+    return float(logsumexp(found) - np.log(len(found)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Result):
+    """Evidences of some models.
+
+    Attributes
+    ----------
+    names : tuple of str
+    log_evidence : (n,) array
+        ln Z of each, all relative to the same.
+    """
+
+    names: tuple[str, ...]
+    log_evidence: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<Comparison: {self.best} is best of {len(self.names)}>"
+
+    @property
+    def best(self) -> str:
+        """The model with the largest evidence."""
+        return self.names[int(np.argmax(self.log_evidence))]
+
+    @property
+    def probability(self) -> FloatArray:
+        """Of each model, where all are equally likely beforehand, (n,)."""
+        return np.exp(self.log_evidence - logsumexp(self.log_evidence))
+
+    def report(self) -> str:
+        """The models with their evidences as text, the best first.
+
+        Returns
+        -------
+        str
+        """
+        wide = max(len(name) for name in self.names) + 2
+        lines = [f"{'model':{wide}}{'ln Z':>10}{'less the best':>16}{'probability':>14}"]
+        for i in np.argsort(-self.log_evidence, kind="stable"):
+            below = self.log_evidence[i] - self.log_evidence.max()
+            lines.append(
+                f"{self.names[i]:{wide}}{self.log_evidence[i]:>10.2f}{below:>16.2f}{self.probability[i]:>14.3g}"
+            )
+        lines.append(
+            "probabilities: of these models alone, all equally likely beforehand; ln Z depends on the assumed power"
+        )
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each model as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
+        columns: dict[str, Any] = {
+            "model": list(self.names),
+            "log_evidence": self.log_evidence,
+            "probability": self.probability,
+        }
+        return tables.table_of(columns)
+
+    def plot(self) -> Figure:
+        """The evidences as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
+        from fit.background._plot import plot_comparison
+
+        return plot_comparison(self)
+
+
+def compare(models: Mapping[str, Any]) -> Comparison:
+    """Compare models by their evidence.
+
+    Parameters
+    ----------
+    models : dict of str to float, or to a tuple
+        ln Z by name, or what `evidence` takes: (normal, spectrum, degrees), perhaps with a dict of its options. All must be
+        of the same data.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    ParameterError
+        If there is no model, or one is neither.
+
+    Examples
+    --------
+    >>> compare({"nothing": 0.0, "a quadrupole": 3.0}).probability.round(3)
+    array([0.047, 0.953])
+    """
+    if not isinstance(models, Mapping) or not models:
+        raise ParameterError("compare takes a dict of models by name, one at least")
+    found = []
+    for name, model in models.items():
+        if isinstance(model, tuple) and 2 <= len(model) <= 4:
+            options = model[-1] if isinstance(model[-1], dict) else {}
+            model = evidence(*(model[:-1] if options or model[-1] == {} else model), **options)
+        found.append(number(f"the evidence of {name!r}", model))
+    return Comparison(tuple(map(str, models)), np.array(found))
+
+
+def _chosen(normal, degrees):
+    """Normal equations of some degrees alone, and where they stand among all."""
+    equations = equations_of(normal)
+    modes = equations.modes
+    wanted = range(1, modes.lmax + 1) if degrees is None else degrees
+    where = places(modes, fitted_degrees(modes, wanted))
+    return replace(equations, matrix=equations.matrix[np.ix_(where, where)], rhs=equations.rhs[where]), where
+
+
+def _log_evidence(matrix, rhs, variances):
+    root = np.sqrt(variances)
+    k = matrix * np.outer(root, root)
+    k[np.diag_indices_from(k)] += 1
+    factor, z = cho_factor(k, lower=True), root * rhs
+    return float(z @ cho_solve(factor, z) / 2 - np.log(np.diag(factor[0])).sum())
+
+
+def _grid(amplitudes):
+    try:
+        low, high = (positive("an amplitude", each) for each in amplitudes)
+    except (TypeError, ValueError):
+        low = high = 0.0
+    if not 0 < low < high:
+        raise ParameterError(f"amplitudes are the lowest and the highest, above zero, not {amplitudes!r}")
+    return np.geomspace(low, high, max(2, int(np.ceil(_A_DECADE * np.log10(high / low))) + 1))

@@ -1,0 +1,298 @@
+"""The limit on a stochastic background of gravitational waves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fit.background._amplitude import Amplitude
+from fit.background._equations import QUOTED, equations_of, errors_of, fitted_degrees, words_of
+from fit.background._likelihood import Likelihood
+from fit.background._posterior import posteriors
+from fit.background._quadratic import quantile, squares_of
+from fit.harmonic import HarmonicSolution
+from fit.normal import NormalEquations
+from fit.quality import printed_p_value
+from fit.storage import Result
+from vsh import tables
+from vsh.checks.arguments import between, choice, positive
+from vsh.checks.notes import note_lines
+from vsh.covariance import Spectrum
+from vsh.errors import ModesError, ParameterError
+from vsh.types import ArrayLike, Figure, FloatArray, Table
+from vsh.units import JULIAN_YEAR, hubble_rate
+
+#: km in a megaparsec.
+_MPC = 3.0856775814913673e19
+#: What each kind of limit takes for equally likely beforehand.
+KINDS = {
+    "flat": "exact likelihood, flat in Ω",
+    "root": "exact likelihood, flat in √Ω",
+    "coefficients": "coefficients flat: quantile of (6/5) P_2/(4π H0²)",
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WaveLimit(Result):
+    """What proper motions say of h70² Ω_GW, waves longer than the observations.
+
+    Attributes
+    ----------
+    amplitude : Amplitude
+        The likelihood of h70² Ω, on a grid.
+    degrees : tuple of int
+        Which were used.
+    hubble : float
+        H0 for which Ω is meant; 70 makes it h70² Ω. [km/s/Mpc]
+    systematics : tuple of str
+        Spectra whose amplitudes were marginalised.
+    noise_scale : float
+        The likeliest factor on the catalogue's errors.
+    power, noise_power : float
+        P_2 as fitted, T and S together, and what noise gives on average. [(µas/yr)²]
+    squares : (2, m) array
+        Variances and shifts of the squares whose sum P_2 is, for coefficients that are equally likely beforehand.
+        [(µas/yr)², none]
+    parity_p_value : float
+        Probability of P_T2 and P_S2 as different as they are, where they are the same on average.
+    n_data : int
+        How many numbers were fitted.
+    notes : tuple of str
+    """
+
+    amplitude: Amplitude
+    degrees: tuple[int, ...]
+    hubble: float
+    systematics: tuple[str, ...]
+    noise_scale: float
+    power: float
+    noise_power: float
+    squares: FloatArray
+    parity_p_value: float
+    n_data: int
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<WaveLimit: h70² Ω < {self.limit():.3g} (95 %, flat in Ω), degrees {words_of(self.degrees)}>"
+
+    @property
+    def maximum(self) -> float:
+        """The likeliest Ω."""
+        return self.amplitude.maximum
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The likeliest Ω that together hold the true one with 68 %, for a prior flat in Ω; from zero where zero is likely."""
+        return self.amplitude.interval(0.68)
+
+    def likelihood(self, omega: ArrayLike) -> FloatArray:
+        """L(Ω), one at its maximum, the scale of the errors and the systematics marginalised.
+
+        Parameters
+        ----------
+        omega : array
+            Ω, not below zero.
+
+        Returns
+        -------
+        array
+        """
+        return self.amplitude.likelihood(omega)
+
+    def limit(
+        self,
+        probability: float = 0.95,
+        prior: Literal["flat", "root", "log", "coefficients"] = "flat",
+        *,
+        lowest: float | None = None,
+    ) -> float:
+        """The Ω below which the true one lies with a probability.
+
+        Parameters
+        ----------
+        probability : float
+            Between 0 and 1.
+        prior : {"flat", "root", "log", "coefficients"}
+            Flat in Ω; in √Ω, the amplitude of the waves; in ln Ω; or in each coefficient of degree 2, as most published
+            limits have it, which is no likelihood of Ω: it gives a limit on the power that this one sky has.
+        lowest : float, optional
+            Where the prior flat in ln Ω begins, a millionth of the largest Ω that is not excluded unless given: that limit
+            depends on it.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        ParameterError
+            If the probability or the prior is none, or coefficients of degree 2 were not determined.
+        """
+        probability = between("probability", probability, 0, 1)
+        if choice("prior", prior, ("flat", "root", "log", "coefficients")) != "coefficients":
+            return self.amplitude.quantile(probability, prior, lowest)  # type: ignore[arg-type]
+        if not np.isfinite(self.squares).all():
+            raise ParameterError("the data do not determine every coefficient of degree 2: take another prior")
+        return float(1.2 * quantile(probability, *self.squares) / (4 * np.pi * hubble_rate(self.hubble) ** 2))
+
+    def frequency(self, years: float) -> float:
+        """The upper edge of the band, 1/T. [Hz]
+
+        Parameters
+        ----------
+        years : float
+            T, over which the motions were measured. [yr]
+
+        Returns
+        -------
+        float
+        """
+        return 1 / (positive("years", years) * JULIAN_YEAR)
+
+    def strain(self, years: float, probability: float = 0.95, prior: Literal["flat", "root"] = "flat") -> float:
+        """The limit as the characteristic strain of waves at the upper edge of the band, h_c = √(3Ω/2) H0/(π f).
+
+        Parameters
+        ----------
+        years : float
+            T, over which the motions were measured. [yr]
+        probability, prior
+            As for `limit`.
+
+        Returns
+        -------
+        float
+        """
+        rate = self.hubble / _MPC
+        return float(np.sqrt(1.5 * self.limit(probability, prior)) * rate / (np.pi * self.frequency(years)))
+
+    def report(self, years: float | None = None) -> str:
+        """The limits as text, each with what it takes for equally likely.
+
+        Parameters
+        ----------
+        years : float, optional
+            T, over which the motions were measured. [yr]
+
+        Returns
+        -------
+        str
+        """
+        low, high = self.interval
+        name = "h70² Ω" if self.hubble == 70 else "Ω"
+        lines = [
+            f"Gravitational waves longer than the observations: {name} from degree{'s' * (len(self.degrees) > 1)} "
+            f"{words_of(self.degrees)} of {self.n_data // 2} sources",
+            f"likeliest      {self.maximum:.4g} ({low:.4g} … {high:.4g}, 68 %, flat in Ω)",
+            "upper limits, 95 %",
+        ]
+        for prior, words in KINDS.items():
+            known = prior != "coefficients" or np.isfinite(self.squares).all()
+            lines.append(f"  {words:52}{f'{self.limit(0.95, prior):.4g}' if known else 'not determined':>14}")  # type: ignore[arg-type]
+        lines.append(
+            f"P_2            {self.power:.4g} (µas/yr)², of which noise gives {self.noise_power:.4g} on average"
+        )
+        lines.append(
+            f"parity         P_T2 and P_S2, equal for waves, differ with a p-value of {printed_p_value(self.parity_p_value)}"
+        )
+        lines.append(f"errors         scaled by {self.noise_scale:.4g}" + (
+            f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else ""))  # fmt: skip
+        if years is None:
+            lines.append("band           f < 1/T with T the time that the motions were measured over")
+        else:
+            lines.append(
+                f"band           f < 1/T = {self.frequency(years) * 1e9:.3g} nHz (T = {years:g} yr); all of it there, "
+                f"h_c < {self.strain(years):.2e} (95 %, flat in Ω)"
+            )
+        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    def to_table(self) -> Table:
+        """The likelihood of Ω as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
+        columns = {"omega": self.amplitude.root**2, "log_likelihood": self.amplitude.log_likelihood}
+        return tables.table_of(columns, {"hubble": self.hubble, "n_data": self.n_data})
+
+    def plot(self) -> Figure:
+        """The posteriors of Ω with their limits as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
+        from fit.background._plot import plot_waves
+
+        return plot_waves(self)
+
+
+def wave_limit(
+    normal: NormalEquations | HarmonicSolution,
+    degrees: Iterable[int] = (2,),
+    *,
+    hubble: float = 70.0,
+    noise_scale: bool | None = None,
+    systematics: Sequence[Spectrum] | None = None,
+) -> WaveLimit:
+    """The posterior of the energy in gravitational waves that are longer than the observations.
+
+    Parameters
+    ----------
+    normal : NormalEquations or Solution
+        What was summed or fitted, to degree 2 at least. Degrees above the highest named are left out; those below it that are
+        not named, degree 1 among them, are fitted freely.
+    degrees : iterable of int
+        Where waves are looked for. General relativity gives 5/6 of the power to degree 2; each higher one has little signal
+        and the errors that sources share, which pass for waves.
+    hubble : float
+        H0 for which Ω is meant; the default gives h70² Ω. [km/s/Mpc]
+    noise_scale : bool, optional
+        Marginalise a factor on the catalogue's errors. Unless given, for all but a solution whose errors come from residuals.
+    systematics : sequence of Spectrum, optional
+        Backgrounds whose amplitudes are marginalised: one flat spectrum where degrees beyond 2 are used, none for degree 2
+        alone, unless given.
+
+    Returns
+    -------
+    WaveLimit
+
+    Raises
+    ------
+    ModesError
+        If a degree is not fitted, or degree 1 is named.
+    DegeneracyError
+        If the data do not determine what is fitted freely.
+
+    Notes
+    -----
+    Book & Flanagan (2011, PhRvD 83, 024024) give the spectrum; the likelihood is exact for Gaussian errors of the size
+    quoted, up to a factor. Where errors are wrong from source to source, clip or fit robustly first
+    (`fit.robust.student_t`) and give that solution. A scalar wave has only the degree that the acceleration has: no limit is
+    offered.
+    """
+    equations = equations_of(normal)
+    degrees = fitted_degrees(equations.modes, degrees)
+    if degrees[0] < 2:
+        raise ModesError("gravitational waves have no power in degree 1: name degrees from 2 on")
+    scaled = errors_of(normal) == QUOTED if noise_scale is None else bool(noise_scale)
+    free = tuple(l for l in range(1, degrees[-1]) if l not in degrees)
+    others = list(systematics) if systematics is not None else [Spectrum.flat()] if degrees != (2,) else []
+    likelihood = Likelihood(equations, [Spectrum.waves(hubble), *others], degrees, free, scaled)
+    best = likelihood.maximum()
+    (amplitude,) = posteriors(likelihood, best, [0])
+    # In degree 2 alone the odd spectrum is that of S, and the even one that of T.
+    apart, together = (
+        Likelihood(equations, each, (2,), (1,), scaled).maximum().log_likelihood
+        for each in ([Spectrum.odd(), Spectrum.even()], [Spectrum.flat()])
+    )
+    power, noise, squares = squares_of(equations, degrees[-1], scaled)
+    return WaveLimit(
+        amplitude, degrees, float(hubble), tuple(each.name for each in others), best.noise_scale, power, noise, squares,
+        float(chdtrc(1, max(2 * (apart - together), 0.0))), equations.n_data, equations.notes,
+    )  # fmt: skip

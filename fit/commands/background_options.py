@@ -1,0 +1,110 @@
+"""What `vsh-fit` does about backgrounds: the floor in the errors, the limit on gravitational waves."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import fit
+from vsh.commands import parsing
+from vsh.errors import ModesError
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Add the options.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of the command.
+    """
+    group = parser.add_argument_group("what sources share")
+    group.add_argument(
+        "--floor",
+        action="store_true",
+        help="put errors that sources share into the errors of spin and acceleration, estimated from degrees 2 to --lmax "
+        "(3 at least), and a prior of that power on those degrees",
+    )
+    group.add_argument(
+        "--waves", action="store_true", help="limit the energy in gravitational waves by degree 2, of three kinds"
+    )
+    group.add_argument(
+        "--years",
+        type=parsing.positive,
+        metavar="T",
+        help="with --waves: how long the motions were measured, for the band of frequency and the strain",
+    )
+
+
+@dataclass(frozen=True)
+class Backgrounds:
+    """What was found of backgrounds.
+
+    Attributes
+    ----------
+    solution : Solution
+        With the floor in its errors, where that was asked for.
+    results : dict of str to result
+        By the name of its files.
+    texts : tuple of str
+        For the report.
+    """
+
+    solution: Any
+    results: dict[str, Any]
+    texts: tuple[str, ...]
+
+    def write(self, folder: Path, meta: dict[str, Any]) -> None:
+        """Write each result as a table and a figure.
+
+        Parameters
+        ----------
+        folder : Path
+            Where.
+        meta : dict
+            Provenance.
+        """
+        from vsh.sky.plot import save_figures
+
+        for name, result in self.results.items():
+            result.write(folder / f"{name}.ecsv", meta)
+        save_figures({name: result.plot() for name, result in self.results.items()}, folder)
+
+    def on_page(self) -> dict[str, Any]:
+        """Figures and captions for the page."""
+        captions = {"floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
+                    "waves": "Energy in gravitational waves: posteriors and 95 % limits."}  # fmt: skip
+        figures = {name: result.plot() for name, result in self.results.items()}
+        return {"further": figures, "captions": captions} if figures else {}
+
+
+def found(solution: Any, options: argparse.Namespace) -> Backgrounds:
+    """What the options ask for.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of the catalogue.
+    options : Namespace
+        Of the command.
+
+    Raises
+    ------
+    ModesError
+        If the degree is too low.
+    """
+    results, texts, given = {}, [], solution
+    if options.waves:
+        if solution.modes.lmax < 2:
+            raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
+        results["waves"] = fit.background.wave_limit(given)
+        texts.append(results["waves"].report(options.years))
+    if options.floor:
+        if solution.modes.lmax < 3:
+            raise ModesError(f"degree {solution.modes.lmax} says nothing of a floor: take --lmax 3 or higher")
+        results["floor"] = fit.background.floor(given)
+        solution = fit.solve(fit.background.equations_of(given), floor=results["floor"])
+        texts.insert(0, results["floor"].report())
+    return Backgrounds(solution, results, tuple(texts))

@@ -1,0 +1,71 @@
+"""Matrices in files: NumPy's own, FITS images, text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsh.errors import TableError, first_line
+from vsh.types import FloatArray, PathName
+
+
+def read_matrix(path: PathName, check_shape: Callable[[tuple[int, ...]], Any]) -> FloatArray:
+    """A matrix from a file: NumPy's .npy, the first image of two axes of a FITS file, or numbers as text.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    check_shape : function
+        Called with the shape before the numbers are read; it raises where it does not want them. Of text, afterwards.
+
+    Returns
+    -------
+    (n, m) array
+
+    Raises
+    ------
+    TableError
+        If it cannot be read.
+    """
+    path = Path(path)
+    ending = path.suffix.lower()
+    if ending == ".npy":
+        with _refused(path):
+            found = np.load(path, mmap_mode="r", allow_pickle=False)
+        check_shape(found.shape)
+    elif ending in (".fits", ".fit"):
+        found = _from_fits(path, check_shape)
+    else:
+        with _refused(path):
+            found = np.loadtxt(path, ndmin=2)
+        check_shape(found.shape)
+    with _refused(path):
+        return np.array(found, float)
+
+
+def _from_fits(path, check_shape):
+    from astropy.io import fits
+
+    with _refused(path):
+        units = fits.open(path)
+    with units:
+        with _refused(path):
+            images = [unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2]
+            if not images:
+                raise ValueError("it has no image of two axes")
+        check_shape(images[0].shape)
+        with _refused(path):
+            return np.array(images[0].data, float)
+
+
+@contextmanager
+def _refused(path):
+    try:
+        yield
+    except (OSError, ValueError, TypeError, EOFError, MemoryError) as error:
+        raise TableError(f"{path} holds no matrix that can be read: {first_line(error)}") from None
