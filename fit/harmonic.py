@@ -93,8 +93,27 @@ class HarmonicSolution(LinearSolution):
         -------
         float
         """
-        power = self.coefficients.power(kind, l)
+        values, _ = self.of_degree(kind, l)
+        power = float(self._power_weights(l) @ values**2)
         return power - self.noise_power(kind, l) if debiased else power
+
+    def of_degree(self, kind: Kind, l: int) -> tuple[FloatArray, FloatArray]:
+        """Coefficients of one kind and degree, (2l + 1,), with their covariance: what its power and p-value are of.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+
+        Returns
+        -------
+        tuple[array, array]
+            [µas/yr], [(µas/yr)²]
+        """
+        degree = self.modes.slice_of(kind, l)
+        return self.coefficients.values[degree], self.covariance[degree, degree]
 
     def noise_power(self, kind: Kind, l: int) -> float:
         """The power that noise alone gives on average. [(µas/yr)²]
@@ -130,11 +149,11 @@ class HarmonicSolution(LinearSolution):
         -------
         float
         """
-        degree = self.modes.slice_of(kind, l)
+        values, covariance = self.of_degree(kind, l)
         wc = self._weighted_covariance(kind, l)
         wcwc = np.trace(wc @ wc)
-        wc_c = self._power_weights(l) * self.coefficients.values[degree]
-        signal = max(0.0, wc_c @ self.covariance[degree, degree] @ wc_c - wcwc)
+        wc_c = self._power_weights(l) * values
+        signal = max(0.0, wc_c @ covariance @ wc_c - wcwc)
         if not self.p_value(kind, l) <= 0.05:
             signal = 0.0
         return float(np.sqrt(4 * signal + 2 * wcwc))
@@ -179,9 +198,8 @@ class HarmonicSolution(LinearSolution):
         """
         if self.covariance_dof < 2 * l + 1:
             return float("nan")
-        degree = self.modes.slice_of(kind, l)
-        c = self.coefficients.values[degree]
-        return float(c @ np.linalg.solve(self.covariance[degree, degree], c))
+        values, covariance = self.of_degree(kind, l)
+        return float(values @ np.linalg.solve(covariance, values))
 
     def _vector(self, kind):
         # The rows of FIRST_DEGREE are orthogonal, but not of one length: the inverse, then.
@@ -191,8 +209,7 @@ class HarmonicSolution(LinearSolution):
         return Vector(inverse @ self.coefficients.values[degree], covariance, self.frame)
 
     def _weighted_covariance(self, kind, l):
-        degree = self.modes.slice_of(kind, l)
-        return self._power_weights(l)[:, None] * self.covariance[degree, degree]
+        return self._power_weights(l)[:, None] * self.of_degree(kind, l)[1]
 
     @staticmethod
     def _power_weights(l):

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fit.harmonic import HarmonicSolution
-from fit.storage import Result, coefficient_columns, count, exact, number, words
+from fit.storage import Result, coefficient_columns, count, decoded, encoded, exact, number, words
 from vsh import tables
 from vsh.checks.arrays import covariance, float_array
 from vsh.coefficients import Coefficients
 from vsh.modes import Modes
 from vsh.sky.frames import check_frame
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import Figure, FloatArray, Kind, Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,6 +41,8 @@ class Solution(HarmonicSolution):
     by_prior : float
         How many of the coefficients a prior determined in place of the data, tr(C P) with P its inverse covariance;
         the others cost a degree of freedom each.
+    unshrunk : Solution or None
+        The same without the prior of a floor: what the powers and p-values of degrees beyond 1 are taken from.
     """
 
     coefficients: Coefficients
@@ -52,6 +54,7 @@ class Solution(HarmonicSolution):
     errors_from: str = "the catalogue"
     covariance_dof: float = float("inf")
     by_prior: float = 0.0
+    unshrunk: Solution | None = None
 
     def __repr__(self) -> str:
         return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
@@ -113,6 +116,25 @@ class Solution(HarmonicSolution):
 
         return latex_of(self)
 
+    def of_degree(self, kind: Kind, l: int) -> tuple[FloatArray, FloatArray]:
+        """Coefficients of one kind and degree with their covariance: what its power and p-value are of.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree; beyond 1, of the solution without the prior of a floor, if there is one.
+
+        Returns
+        -------
+        tuple[array, array]
+            [µas/yr], [(µas/yr)²]
+        """
+        if self.unshrunk is not None and l > 1:
+            return self.unshrunk.of_degree(kind, l)
+        return super().of_degree(kind, l)
+
     @property
     def dof(self) -> int:
         """Degrees of freedom of χ²: data points less the parameters that they determined, rounded where a prior helped."""
@@ -143,7 +165,7 @@ class Solution(HarmonicSolution):
         }  # fmt: skip
         rest = {"lmax": self.modes.lmax, "chi2": exact(self.chi2), "n_data": int(self.n_data), "frame": self.frame,
                 "notes": list(map(str, self.notes)), "errors_from": self.errors_from,
-                "covariance_dof": exact(self.covariance_dof), "by_prior": exact(self.by_prior)}  # fmt: skip
+                "covariance_dof": exact(self.covariance_dof), "by_prior": exact(self.by_prior), "unshrunk": encoded(self.unshrunk)}  # fmt: skip
         return columns, rest, dict.fromkeys(("value", "sigma"), "uas / yr") | {"covariance": "uas2 / yr2"}
 
     @classmethod
@@ -156,7 +178,7 @@ class Solution(HarmonicSolution):
         """What every solution is made of, in the order of its attributes."""
         coefficients = Coefficients(Modes(rest["lmax"]), columns["value"])
         return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
-                words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]), number(rest["by_prior"]))  # fmt: skip
+                words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]), number(rest["by_prior"]), decoded(rest["unshrunk"]))  # fmt: skip
 
 
 class AboutSolution(Result):

@@ -84,9 +84,8 @@ def _degree(solution, kind, l):
     n = 2 * l + 1
     w = solution.chi2_of_degree(kind, l)
     p_value = solution.p_value(kind, l)
-    zonal = solution.modes.slice_of(kind, l).start
-    power = solution.coefficients.power(kind, l)
-    mk_w = power / solution.covariance[zonal, zonal]
+    power = solution.power(kind, l, debiased=False)
+    mk_w = power / solution.of_degree(kind, l)[1][0, 0]
     return Degree(
         kind,
         l,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -95,12 +95,13 @@ def found(solution: Any, options: argparse.Namespace) -> Backgrounds:
     ModesError
         If the degree is too low.
     """
-    results, texts, given = {}, [], solution
+    results: dict[str, Any] = {}
+    texts, given = [], solution
     if options.waves:
         if solution.modes.lmax < 2:
             raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
         results["waves"] = fit.background.wave_limit(given)
-        texts.append(results["waves"].report(options.years))
+        texts.append(replace(results["waves"], notes=()).report(options.years))  # those of the report above
     if options.floor:
         if solution.modes.lmax < 3:
             raise ModesError(f"degree {solution.modes.lmax} says nothing of a floor: take --lmax 3 or higher")

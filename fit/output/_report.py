@@ -151,7 +151,7 @@ def floor_words(solution: HarmonicSolution) -> list[str]:
     """
     from fit.background import floor  # its integrals and searches are for reports alone
 
-    if solution.modes.lmax < 3 or getattr(solution, "by_prior", 0.0):
+    if solution.modes.lmax < 3 or getattr(solution, "by_prior", None):
         return []
     try:
         found = floor(solution, range(2, min(solution.modes.lmax, _FLOOR_LMAX) + 1))
