@@ -9,6 +9,7 @@ import numpy as np
 
 from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations
+from vsh.checks.arguments import choice
 from vsh.checks.notes import spoken
 from vsh.errors import DegeneracyError, ModesError, ParameterError
 from vsh.modes import Modes
@@ -70,6 +71,25 @@ def errors_of(found: Any) -> str:
     return getattr(_about(found), "errors_from", QUOTED)
 
 
+def is_scaled(found: Any, noise_scale: bool | None) -> bool:
+    """Whether the scale of the errors is estimated: as told, or where the errors are the catalogue's.
+
+    Parameters
+    ----------
+    found : NormalEquations or Solution
+        What was fitted.
+    noise_scale : bool or None
+        What the user says.
+
+    Raises
+    ------
+    ParameterError
+        If that is neither.
+    """
+    told = choice("noise_scale", noise_scale, (None, True, False))
+    return errors_of(found) == QUOTED if told is None else told
+
+
 def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
     """Degrees that are among those fitted, in order, each once.
 
@@ -90,7 +110,7 @@ def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[i
     try:
         listed = list(degrees) if isinstance(degrees, Iterable) else [degrees]
         found = sorted({int(each) for each in listed if int(each) == each})
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, OverflowError, np.ma.MaskError):
         found = []
     if not found or len(found) != len(set(listed)):
         raise ModesError(f"{name} must be whole numbers from 1 on, one at least, not {degrees!r}")

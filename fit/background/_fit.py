@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.background._equations import QUOTED, equations_of, errors_of, fitted_degrees, words_of
+from fit.background._equations import equations_of, fitted_degrees, is_scaled, words_of
 from fit.background._likelihood import Likelihood
 from fit.background._posterior import posteriors_and_evidence
 from fit.harmonic import HarmonicSolution
@@ -180,7 +180,7 @@ def fit(
     degrees = fitted_degrees(modes, left if degrees is None else degrees)
     if both := set(degrees) & set(flat):
         raise ModesError(f"degree {min(both)} is both free and of the background: name other degrees, or another free=")
-    scaled = errors_of(normal) == QUOTED if noise_scale is None else bool(noise_scale)
+    scaled = is_scaled(normal, noise_scale)
     likelihood = Likelihood(equations, listed, degrees, flat, scaled)
     best = likelihood.maximum()
     found, evidence = posteriors_and_evidence(likelihood, best)

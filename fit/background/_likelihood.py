@@ -12,9 +12,8 @@ coefficients; N' may be singular.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
@@ -81,7 +80,8 @@ class Likelihood:
         noise_scale: bool = True,
     ) -> None:
         modes = normal.modes
-        if not len(spectra) or not all(isinstance(each, Spectrum) for each in spectra):
+        spectra = list(spectra) if isinstance(spectra, Iterable) else []
+        if not spectra or not all(isinstance(each, Spectrum) for each in spectra):
             raise ParameterError("a background needs a list of fit.background.Spectrum, one at least")
         where = places(modes, degrees)
         shapes = np.array([each.variances(modes)[where] for each in spectra])
@@ -169,12 +169,8 @@ class Likelihood:
 
     def maximum(self) -> Maximum:
         """Where it is largest."""
-        best: Any = None
-        for start in (0.5, 3.0):
-            found = minimize(self._loss, np.full(len(self), start), jac=True, bounds=[(0, 60)] * len(self),
-                             method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-7})  # fmt: skip
-            if best is None or found.fun < best.fun - 1e-9:
-                best = found
+        best = minimize(self._loss, np.ones(len(self)), jac=True, bounds=[(0, 60)] * len(self), method="L-BFGS-B",
+                        options={"ftol": 1e-13, "gtol": 1e-7})  # fmt: skip
         ratios = self.unit * np.expm1(best.x)
         ratios[best.x < 1e-6] = 0.0  # rounding of the search is no background
         tau = self.scale(self.parts(ratios)[1])
@@ -184,7 +180,7 @@ class Likelihood:
     def _loss(self, x):
         """−ln L by a = unit (eˣ − 1), which is linear next to zero and logarithmic far from it; and its gradient."""
         ratios = self.unit * np.expm1(x)
-        logdet, gain, by_logdet, by_gain, _ = self._slopes(ratios)
+        logdet, gain, by_logdet, by_gain = self._slopes(ratios)
         tau = self.scale(gain)
         slope = (by_logdet - by_gain / tau) / 2
         return -float(self.of_parts(logdet, gain, tau)), slope * self.unit * np.exp(x)
@@ -197,18 +193,30 @@ class Likelihood:
         return root, factor, solve_triangular(factor, root * self.rhs, lower=True, check_finite=False)
 
     def _slopes(self, ratios):
-        """ln|K|, Q, what they change by with each ratio, and the T of R = N' − TᵀT, the information that is left."""
-        root, factor, w = self._factor(ratios)
-        t = solve_triangular(factor, root[:, None] * self.matrix, lower=True, check_finite=False)
+        """ln|K|, Q, and what they change by with each ratio."""
+        if self._eigen is not None:
+            values, squares = self._eigen
+            left = 1 / (1 + ratios[0] * values)
+            return (*self.parts(ratios), np.sum(values * left), np.sum(squares * left**2))
+        _, factor, w, t = self._solved(ratios)
         left = self.rhs - w @ t
         diagonal = np.diag(self.matrix) - np.sum(t * t, 0)
-        return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shapes @ diagonal, self.shapes @ left**2, t
+        return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shapes @ diagonal, self.shapes @ left**2
+
+    def _solved(self, ratios):
+        """√D, L of K = L Lᵀ, L⁻¹ D^½ b', and the T = L⁻¹ D^½ N' of the information N' − TᵀT that is left."""
+        root, factor, w = self._factor(ratios)
+        return root, factor, w, solve_triangular(factor, root[:, None] * self.matrix, lower=True, check_finite=False)
 
     def _covariance(self, ratios, tau):
         """Of the amplitudes and κ², from the expected information."""
-        *_, t = self._slopes(ratios)
-        r = self.matrix - t.T @ t
-        cross, single = self.shapes @ r**2 @ self.shapes.T, self.shapes @ np.diag(r)
+        if self._eigen is not None:
+            left = self._eigen[0] / (1 + ratios[0] * self._eigen[0])
+            cross, single = np.array([[np.sum(left**2)]]), np.array([np.sum(left)])
+        else:
+            t = self._solved(ratios)[-1]
+            r = self.matrix - t.T @ t
+            cross, single = self.shapes @ r**2 @ self.shapes.T, self.shapes @ np.diag(r)
         k = len(self)
         information = np.empty((k + 1, k + 1))
         information[:k, :k] = cross

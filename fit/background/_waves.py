@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.background._amplitude import Amplitude
-from fit.background._equations import QUOTED, equations_of, errors_of, fitted_degrees, words_of
+from fit.background._equations import equations_of, fitted_degrees, is_scaled, words_of
 from fit.background._likelihood import Likelihood
 from fit.background._posterior import posteriors
 from fit.background._quadratic import quantile, squares_of
@@ -280,7 +280,7 @@ def wave_limit(
     degrees = fitted_degrees(equations.modes, degrees)
     if degrees[0] < 2:
         raise ModesError("gravitational waves have no power in degree 1: name degrees from 2 on")
-    scaled = errors_of(normal) == QUOTED if noise_scale is None else bool(noise_scale)
+    scaled = is_scaled(normal, noise_scale)
     free = tuple(l for l in range(1, degrees[-1]) if l not in degrees)
     others = list(systematics) if systematics is not None else [Spectrum.flat()] if degrees != (2,) else []
     likelihood = Likelihood(equations, [Spectrum.waves(hubble), *others], degrees, free, scaled)

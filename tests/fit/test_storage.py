@@ -17,6 +17,7 @@ from fit.storage import read
 from fit.storage._result import _KINDS
 from vsh import Vector
 from vsh.cosmology import PLANCK_2018
+from vsh.covariance import Spectrum
 from vsh.errors import TableError
 
 
@@ -39,6 +40,13 @@ def results():
         "velocity to come": fit.secular_parallax.predict(galaxies)[0],
         "hubble to come": fit.secular_parallax.predict(galaxies)[1],
         "bins": binned(binning, 2, 2),
+        "with a floor": fit.solve(
+            fit.normal_equations(field, 3), floor=fit.background.floor(fit.normal_equations(field, 3))
+        ),
+        "floor": fit.background.floor(fit.normal_equations(field, 3)),
+        "background": fit.background.fit(fit.normal_equations(field, 3), [Spectrum.odd(), Spectrum.waves()]),
+        "waves": fit.background.wave_limit(fit.normal_equations(field, 2)),
+        "comparison": fit.background.compare({"one": 1.0, "two": 2.5}),
         "common": binned(binning, 2, 2, shared_higher_degrees=True),
         "correlations": correlation_matrices({"one": field, "two": random_field(300, 3)}, 2),
         "leakage": leakage(field, 1, 3),
@@ -71,6 +79,11 @@ NAMES = (
         "velocity and flow",
         "flow",
         "forecast",
+        "with a floor",
+        "floor",
+        "background",
+        "waves",
+        "comparison",
     ),
     *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
     *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),

@@ -7,6 +7,7 @@ import pytest
 
 import fit
 import sim
+from fit import background
 from fit.correlation import (
     compare_cuts,
     correlation_matrices,
@@ -22,11 +23,12 @@ from fit.correlation import (
 from fit.posterior import Flat, Normal, grid
 from fit.redshift import binned, equal_information, permutation_test
 from fit.secular_parallax import hubble_constant, observer_velocity
-from vsh import Coefficients, Field, Modes, Vector, cosmology
+from vsh import Coefficients, Field, Modes, Vector, cosmology, covariance
 from vsh.basis import harmonics
 from vsh.catalogue import match, read_field
 from vsh.checks.arguments import between, choice, not_negative, number, positive, whole
 from vsh.cosmology import transverse_distance
+from vsh.covariance import Covariance, Spectrum
 from vsh.errors import VshError
 from vsh.rotate import rotate
 from vsh.sky.pixels import pixels_of, random_positions
@@ -35,6 +37,7 @@ from vsh.transform import adjoint, synthesis
 FIELD = sim.observe(sim.galaxies(60, 1), sim.spin((1, 2, 3)), 2, sigma=10.0)
 BINS = binned(FIELD, 1, 2)
 NORMAL = fit.normal_equations(FIELD, 1)
+NORMAL_3 = fit.normal_equations(FIELD, 3)
 #: A call that works; each of its arguments is replaced by each of the values below.
 CALLS = {
     fit.normal_equations: (FIELD, 1), fit.solve: (NORMAL,), fit.fit_field: (FIELD, 1), fit.solve_frame: (FIELD,),
@@ -56,6 +59,11 @@ CALLS = {
     sim.spin: ((1, 2, 3),), sim.secular_parallax: ((1, 2, 3),), sim.peculiar: (300.0, 1), sim.random_field: (np.ones(2), 1), sim.gravitational_waves: (1e-3, 1),
     sim.off_centre_void: ((1, 0, 0),), sim.anisotropic_expansion: (np.zeros((3, 3)),), sim.NominalScanningLaw: (2014.73, 0.2),
     sim.Variability: (100.0, 2.0), sim.uniform_sky: (10, 1), sim.vlbi_quasars: (sim.quasars(10, 1), 3, 1), sim.gaia_errors: (np.ones(3),),
+    background.floor: (NORMAL_3, (2, 3)), background.fit: (NORMAL_3, [Spectrum.flat()], True), background.wave_limit: (NORMAL_3, (2,)),
+    background.evidence: (NORMAL_3, Spectrum.flat(), (1, 2)), background.compare: ({"one": 1.0},), sim.systematics: (Spectrum.flat(), 1),
+    Spectrum.given: (np.ones(3), np.ones(3)), Spectrum.power_law: (-1.0,), Spectrum.waves: (70.0,), Covariance: (np.eye(4),),
+    covariance.of_errors: (FIELD,), covariance.from_function: (FIELD, np.cos), covariance.from_spectrum: (FIELD, Spectrum.flat(), 2),
+    covariance.from_blocks: ([([0, 1], 1.0)], 3),
     positive: ("x", 1), not_negative: ("x", 1), number: ("x", 1), between: ("x", 1, 0, 2), whole: ("x", 1), choice: ("x", 1, (1,)),
 }  # fmt: skip
 BAD = [None, np.nan, np.inf, -1, 0, 0.5, "word", b"bytes", [], [1, 2], {}, object(), True, np.nan * np.ones(3),

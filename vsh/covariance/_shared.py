@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from vsh.basis import harmonics
+from vsh.checks import arguments
 from vsh.checks.arrays import float_array
 from vsh.covariance._angular import values_of
 from vsh.covariance._matrix import Covariance, check_size
@@ -21,6 +22,7 @@ from vsh.tables import read_matrix
 from vsh.types import ArrayLike, FloatArray, PathName
 
 
+@arguments.accepts(field=arguments.a(Field))
 def of_errors(field: Field) -> Covariance:
     """The sources' own errors, which no two of them share.
 
@@ -41,6 +43,7 @@ def of_errors(field: Field) -> Covariance:
     return Covariance(matrix)
 
 
+@arguments.accepts(field=arguments.a(Field))
 def from_function(field: Field, function: Callable[[FloatArray], FloatArray]) -> Covariance:
     """What sources share that lie at an angle θ: V(θ), with motions carried along the great circle.
 
@@ -93,6 +96,7 @@ def from_function(field: Field, function: Callable[[FloatArray], FloatArray]) ->
     return Covariance(whole)
 
 
+@arguments.accepts(field=arguments.a(Field), spectrum=arguments.a(Spectrum))
 def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
     """What a random field of a given spectrum, cut at a degree, gives sources to share: A D Aᵀ.
 
@@ -121,6 +125,7 @@ def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
     return Covariance(rows.T @ rows)
 
 
+@arguments.accepts(n_sources=arguments.whole)
 def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Covariance:
     """What groups of sources share: those of an experiment, of a station, of a field of view.
 
@@ -151,7 +156,12 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
     """
     check_size(n_sources)
     matrix = np.zeros((2 * n_sources, 2 * n_sources))
-    for number, (sources, shared) in enumerate(blocks):
+    if not isinstance(blocks, Iterable):
+        raise ParameterError(f"blocks are pairs of sources and what they share, not {blocks!r}")
+    for number, block in enumerate(blocks):
+        if not isinstance(block, tuple | list) or len(block) != 2:
+            raise ParameterError(f"block {number} is no pair of sources and what they share")
+        sources, shared = block
         try:
             rows = np.arange(n_sources)[np.asarray(sources)]
         except (IndexError, TypeError):

@@ -1,0 +1,176 @@
+"""The floor: what it is, what it does to a solution, and whether the errors with it are true."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import random_field, real_catalogue
+
+import fit
+import sim
+from fit.background import Spectrum, floor
+from fit.storage import read
+from vsh import Modes
+from vsh.catalogue import read_field
+from vsh.errors import DegeneracyError, ModesError, ParameterError
+
+
+def sky(strength=1.0, seed=1, n=4000, sigma=40.0, lmax=5):
+    """Quasars with shared errors whose two parities differ."""
+    signal = sim.systematics(strength * (30 * Spectrum.odd() + 5 * Spectrum.even()), seed, lmax=lmax)
+    return sim.observe(sim.quasars(n, 1), signal, seed + 1000, sigma=sigma)
+
+
+LOUD = fit.normal_equations(sky(), 5)
+
+
+def test_what_a_floor_is():
+    found = floor(LOUD, degrees=range(2, 6))
+    assert found.degrees == (2, 3, 4, 5)
+    assert found.odd_interval[0] < found.odd < found.odd_interval[1]
+    assert found.even_interval[0] < found.even < found.even_interval[1]
+    assert found.spin_error == pytest.approx(np.sqrt(3 * found.odd / (8 * np.pi)))
+    assert found.acceleration_error == pytest.approx(np.sqrt(3 * found.even / (8 * np.pi)))
+    # The field of its spectrum has that spin in each component.
+    assert found.spectrum.spin_error == pytest.approx(found.spin_error)
+    assert found.spectrum.acceleration_error == pytest.approx(found.acceleration_error)
+    assert found.parity_p_value < 0.05
+    assert found.noise_scale == pytest.approx(1, abs=0.05)
+
+
+def test_it_knows_no_frame_and_no_order():
+    field = sky()
+    one = floor(LOUD)
+    for other in (
+        floor(fit.normal_equations(field.to_frame("galactic"), 5)),
+        floor(fit.normal_equations(field[:1500], 5) + fit.normal_equations(field[1500:], 5)),
+        floor(fit.solve(LOUD)),
+    ):
+        for name in ("odd", "even", "parity_p_value", "log_likelihood", "noise_scale"):
+            assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-5)
+
+
+def test_a_solution_holds_it_and_says_so():
+    found = floor(LOUD)
+    plain, solution = fit.solve(LOUD), fit.solve(LOUD, floor=found)
+    assert (solution.spin.sigma > found.spin_error).all()
+    assert (solution.acceleration.sigma > found.acceleration_error).all()
+    assert "with the floor of degrees 2 to 5: spin ± " in solution.errors_from
+    assert solution.n_data == plain.n_data == 8000
+    # The prior and the floor by hand: degree 1 is not shrunk, the others are.
+    tau, modes = found.noise_scale**2, Modes(5)
+    variances = found.spectrum.variances(modes)
+    first = modes.degrees == 1
+    weight = np.where(first, 0.0, 1 / variances)
+    covariance = np.linalg.inv(LOUD.matrix / tau + np.diag(weight))
+    np.testing.assert_allclose(solution.values, covariance @ LOUD.rhs / tau, rtol=1e-9)
+    np.testing.assert_allclose(
+        solution.covariance, covariance + np.diag(np.where(first, variances, 0)), rtol=1e-9, atol=1e-12
+    )
+    # Powers and p-values of the higher degrees are those of the data.
+    for kind in "TS":
+        assert solution.power(kind, 3) == pytest.approx(
+            fit.solve(LOUD).power(kind, 3) - (tau - 1) * plain.noise_power(kind, 3)
+        )
+        assert solution.p_value(kind, 1) > plain.p_value(kind, 1)
+    assert solution.chi2 == pytest.approx(solution.residuals(sky()).chi2.sum(), rel=1e-9)
+    assert 0 < solution.by_prior < 64
+
+
+def test_a_fixed_scale_and_a_dense_truth():
+    """The prior with the floor is least squares with the dense covariance of the same field, degree 1 of it too."""
+    field = random_field(300, seed=4)
+    normal = fit.normal_equations(field, 3)
+    found = replace(floor(normal, noise_scale=False), odd=300.0, even=80.0)
+    assert found.noise_scale == 1
+    from vsh.covariance import from_spectrum, of_errors
+
+    dense = fit.fit_field(field, 1, covariance=of_errors(field) + from_spectrum(field, found.spectrum, 3))
+    solution = fit.solve(normal, floor=found)
+    np.testing.assert_allclose(solution.spin.value, dense.spin.value, rtol=1e-8)
+    np.testing.assert_allclose(solution.acceleration.covariance, dense.acceleration.covariance, rtol=1e-8)
+
+
+def test_errors_that_are_wrong_pass_for_no_systematics():
+    """A scale of two on every error, no systematics: the scale is found, and the floor stays small."""
+    field = sim.observe(sim.quasars(4000, 1), sim.spin((0, 0, 0)), 5, sigma=40.0)
+    field = field.with_errors(field.sigma / 2)
+    normal = fit.normal_equations(field, 5)
+    found = floor(normal)
+    assert found.noise_scale == pytest.approx(2, rel=0.03)
+    plain = fit.solve(normal).scaled
+    assert found.spin_error < plain.spin.sigma.max()
+    fixed = floor(normal, noise_scale=False)
+    assert fixed.spin_error > 1.5 * found.spin_error
+
+
+@pytest.mark.parametrize("strength", [1.0, 0.0])
+def test_coverage(strength):
+    """100 skies, degree 4, noise and systematics of one size: spin and acceleration within their errors."""
+    modes, rng, n = Modes(4), np.random.default_rng(1), 100
+    normal = fit.normal_equations(sky(0.0), 4)
+    root = np.linalg.cholesky(normal.matrix)
+    per_mode = 1 / np.median(np.diag(normal.matrix) / modes.norm2)
+    spectrum = strength * per_mode * (4 * Spectrum.odd() + Spectrum.even())
+    sigma = np.sqrt(spectrum.variances(modes))
+    pulls, plain, ratio = [], [], []
+    for _ in range(n):
+        c, e = sigma * rng.normal(size=len(modes)), rng.normal(size=len(modes))
+        chi2 = e @ e + rng.chisquare(normal.n_data - len(modes)) + 2 * c @ root @ e + c @ normal.matrix @ c
+        seen = replace(normal, rhs=normal.matrix @ c + root @ e, chi2_null=chi2)
+        solution, naive = fit.solve(seen, floor=floor(seen)), fit.solve(seen)
+        pulls.append(
+            np.r_[solution.spin.value / solution.spin.sigma, solution.acceleration.value / solution.acceleration.sigma]
+        )
+        plain.append(naive.spin.value / naive.spin.sigma)
+        ratio.append(solution.acceleration.sigma.mean() / naive.acceleration.sigma.mean())
+    pulls = np.abs(pulls)
+    assert abs(np.mean(pulls < 1) - 0.70) < 0.06
+    assert abs(np.mean(pulls < 1.96) - 0.955) < 0.03
+    if strength:
+        assert np.mean(np.abs(plain) < 1) < 0.5
+    else:
+        assert np.mean(ratio) < 1.09  # 1.083 on an even sky, where the prior gives nothing back
+
+
+def test_reports():
+    found = floor(LOUD)
+    assert "the two parities differ with a p-value of 0." in found.report()
+    text = fit.report(fit.solve(LOUD))
+    assert "Errors that sources share, from the power of degrees 2 to 5; not in the errors above" in text
+    assert f"± {found.spin_error:.3f} µas/yr in each component" in text
+    with_it = fit.report(fit.solve(LOUD, floor=found))
+    assert "not in the errors above" not in with_it
+    assert "with the floor of degrees 2 to 5" in with_it
+    assert "Errors that sources share" not in fit.report(fit.solve(fit.normal_equations(sky(), 2)))
+
+
+def test_a_solution_with_a_floor_is_stored_whole(tmp_path):
+    solution = fit.solve(LOUD, floor=floor(LOUD))
+    solution.write(tmp_path / "solution.ecsv")
+    again = read(tmp_path / "solution.ecsv")
+    assert again == solution
+    assert again.power("S", 3) == solution.power("S", 3)
+
+
+def test_the_vlba_table():
+    """713 sources: no parity, and a floor of some 0.4 µas/yr (physics of the audit: 0.4 to 0.5 by other errors)."""
+    field = read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
+    found = floor(fit.robust.student_t(field, 3))
+    assert found.parity_p_value > 0.3
+    assert 0.1 < found.acceleration_error < 0.7
+
+
+def test_messages():
+    with pytest.raises(ModesError, match="degree 1 holds the spin and the acceleration"):
+        floor(LOUD, degrees=(1, 2))
+    with pytest.raises(ModesError, match="degree 6 is not fitted"):
+        floor(LOUD, degrees=range(2, 8))
+    with pytest.raises(ModesError, match="fit to degree 3 at least"):
+        floor(fit.normal_equations(sky(), 1))
+    with pytest.raises(ModesError, match="estimated from degrees 2 to 5, and these normal equations go to 3"):
+        fit.solve(fit.normal_equations(sky(), 3), floor=floor(LOUD))
+    with pytest.raises(ParameterError, match=r"floor is what fit.background.floor\(normal\) gives, not a float"):
+        fit.solve(LOUD, floor=0.3)
+    with pytest.raises(DegeneracyError):
+        floor(fit.normal_equations(sky()[:2], 3))
