@@ -17,12 +17,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg.lapack import dposv
 from scipy.optimize import minimize
 
 from fit.background._equations import places, words_of
 from fit.normal import NormalEquations
 from vsh.covariance import Spectrum
 from vsh.errors import DegeneracyError, ParameterError
+from vsh.system.parallel import blas_for
 from vsh.types import FloatArray
 
 
@@ -129,8 +131,12 @@ class Likelihood:
             return float(np.log1p(ratios[0] * values).sum()), float(
                 np.sum(ratios[0] * squares / (1 + ratios[0] * values))
             )
-        _, factor, w = self._factor(ratios)
-        return float(2 * np.log(np.diag(factor)).sum()), float(w @ w)
+        root, k = self._kernel(ratios)
+        side = root * self.rhs
+        factor, solved, failed = dposv(k, side, lower=1, overwrite_a=1)
+        if failed:  # cannot be: K is the identity and more
+            raise DegeneracyError("the normal matrix is not positive: it is no sum over sources")
+        return 2 * float(np.log(factor.diagonal()).sum()), float(side @ solved)
 
     def of_parts(
         self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float
@@ -169,6 +175,10 @@ class Likelihood:
 
     def maximum(self) -> Maximum:
         """Where it is largest."""
+        with blas_for(len(self.rhs)):
+            return self._maximum()
+
+    def _maximum(self):
         best = minimize(self._loss, np.ones(len(self)), jac=True, bounds=[(0, 60)] * len(self), method="L-BFGS-B",
                         options={"ftol": 1e-13, "gtol": 1e-7})  # fmt: skip
         ratios = self.unit * np.expm1(best.x)
@@ -185,12 +195,12 @@ class Likelihood:
         slope = (by_logdet - by_gain / tau) / 2
         return -float(self.of_parts(logdet, gain, tau)), slope * self.unit * np.exp(x)
 
-    def _factor(self, ratios):
+    def _kernel(self, ratios):
+        """√D, and K in the order that LAPACK overwrites."""
         root = np.sqrt(ratios @ self.shapes)
-        k = self.matrix * np.outer(root, root)
-        k[np.diag_indices_from(k)] += 1
-        factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
-        return root, factor, solve_triangular(factor, root * self.rhs, lower=True, check_finite=False)
+        k = np.multiply(self.matrix, root[:, None] * root, order="F")
+        k.ravel("K")[:: len(k) + 1] += 1
+        return root, k
 
     def _slopes(self, ratios):
         """ln|K|, Q, and what they change by with each ratio."""
@@ -198,15 +208,18 @@ class Likelihood:
             values, squares = self._eigen
             left = 1 / (1 + ratios[0] * values)
             return (*self.parts(ratios), np.sum(values * left), np.sum(squares * left**2))
-        _, factor, w, t = self._solved(ratios)
+        factor, w, t = self._solved(ratios)
         left = self.rhs - w @ t
         diagonal = np.diag(self.matrix) - np.sum(t * t, 0)
         return 2 * np.log(np.diag(factor)).sum(), w @ w, self.shapes @ diagonal, self.shapes @ left**2
 
     def _solved(self, ratios):
-        """√D, L of K = L Lᵀ, L⁻¹ D^½ b', and the T = L⁻¹ D^½ N' of the information N' − TᵀT that is left."""
-        root, factor, w = self._factor(ratios)
-        return root, factor, w, solve_triangular(factor, root[:, None] * self.matrix, lower=True, check_finite=False)
+        """L of K = L Lᵀ, L⁻¹ D^½ b', and the T = L⁻¹ D^½ N' of the information N' − TᵀT that is left."""
+        root, k = self._kernel(ratios)
+        factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
+        sides = np.column_stack([root * self.rhs, root[:, None] * self.matrix])
+        solved = solve_triangular(factor, sides, lower=True, check_finite=False)
+        return factor, solved[:, 0], solved[:, 1:]
 
     def _covariance(self, ratios, tau):
         """Of the amplitudes and κ², from the expected information."""

@@ -16,6 +16,7 @@ from scipy.special import gammaln, logsumexp
 
 from fit.background._amplitude import Amplitude
 from fit.background._likelihood import Likelihood, Maximum
+from vsh.system.parallel import blas_for
 from vsh.types import FloatArray
 
 #: How far below its maximum the likelihood is followed: e^−18.
@@ -66,7 +67,8 @@ class _Grid:
         self.likelihood, self.best = likelihood, best
         self.taus, self.weights = _scales(likelihood, best)
         self.spans = [_span(likelihood, best, k) for k in range(len(likelihood))]
-        self.parts = _parts(likelihood, self.spans, self.taus)
+        with blas_for(len(likelihood.rhs)):
+            self.parts = _parts(likelihood, self.spans, self.taus)
 
     def of(self, k: int) -> tuple[Amplitude, float]:
         """Amplitude k with all others marginalised, and the evidence.
@@ -165,7 +167,7 @@ def _parts(likelihood: Likelihood, spans, taus) -> Callable[[list[FloatArray]], 
         (np.arcsinh(low / np.sqrt(taus[-1]) / u), np.arcsinh(high / np.sqrt(taus[0]) / u))
         for (low, high), u in zip(spans, units, strict=True)
     ]
-    number = {2: 22, 3: 12}.get(len(spans), 8)
+    number = {2: 20, 3: 12}.get(len(spans), 8)
     if len(likelihood.rhs) > 300:  # where the degree is high, amplitudes are known well, and the spans short
         number = min(number, 12)
     node = chebyshev.chebpts1(number)

@@ -19,6 +19,8 @@ from vsh.system.progress import progress_bar
 
 T = TypeVar("T")
 _NOTHING: Any = object()
+#: Rows of matrices from which on several threads are faster than one.
+_SMALL = 300
 #: What `limited` set.
 _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
@@ -88,6 +90,22 @@ def ahead(things: Iterator[T]) -> Iterator[T]:
 @lru_cache
 def _libraries():
     return ThreadpoolController()  # looks through all that is loaded, once
+
+
+@contextmanager
+def blas_for(size: int) -> Iterator[None]:
+    """Within it BLAS works on small matrices in one thread: several would wait for each other longer than they work.
+
+    Parameters
+    ----------
+    size : int
+        Rows of the matrices.
+    """
+    if size > _SMALL:
+        yield
+        return
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield
 
 
 def map_blocks(
