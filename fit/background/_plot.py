@@ -49,7 +49,7 @@ def plot_waves(limit: Any) -> Figure:
     )
     axes.set_ylabel("posterior density; dashed: 95 % limits", fontsize=13)
     axes.tick_params(labelsize=11)
-    axes.legend(frameon=False, fontsize=11, loc="upper right", bbox_to_anchor=(1, 0.5))
+    axes.legend(edgecolor="none", framealpha=0.9, fontsize=11, loc="upper right", bbox_to_anchor=(1, 0.5))
     axes.spines[["top", "right"]].set_visible(False)
     return figure
 
@@ -67,12 +67,11 @@ def plot_floor(floor: Any) -> Figure:
     matplotlib figure
     """
     names = [
-        f"odd\nspin ± {floor.spin_error:.3g} µas/yr",
-        f"even\nacceleration ± {floor.acceleration_error:.3g} µas/yr",
+        f"odd parity: spin ± {floor.spin_error:.3g} µas/yr",
+        f"even parity: acceleration ± {floor.acceleration_error:.3g} µas/yr",
     ]
-    return _intervals(
-        names, [floor.odd, floor.even], [floor.odd_interval, floor.even_interval], "power of a mode  [(µas/yr)²]"
-    )
+    intervals, label = [floor.odd_interval, floor.even_interval], "power of a mode  [(µas/yr)²]"
+    return _intervals(names, [floor.odd, floor.even], intervals, [label, label], "median")
 
 
 def plot_amplitudes(background: Any) -> Figure:
@@ -87,7 +86,8 @@ def plot_amplitudes(background: Any) -> Figure:
     -------
     matplotlib figure
     """
-    return _intervals(background.names, background.amplitudes, background.intervals, "amplitude")
+    labels = ["amplitude"] * len(background.names)
+    return _intervals(background.names, background.amplitudes, background.intervals, labels, "largest likelihood")
 
 
 def plot_comparison(comparison: Any) -> Figure:
@@ -113,17 +113,19 @@ def plot_comparison(comparison: Any) -> Figure:
     return figure
 
 
-def _intervals(names, values, intervals, label):
-    figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
-    place = np.arange(len(names))
-    low, high = np.array(intervals, float).T
-    axes.vlines(place, low, high, color=_COLOURS[0], linewidth=2.5, label="68 %")
-    axes.plot(place, values, "o", color=_COLOURS[1], markersize=9, label="largest likelihood")
-    axes.set_xticks(place, names, fontsize=12)
-    axes.set_xlim(-0.6, len(names) - 0.4)
-    axes.set_ylim(0, 1.15 * max(float(np.max(high)), 1e-30))
-    axes.set_ylabel(label, fontsize=13)
-    axes.tick_params(axis="y", labelsize=11)
-    axes.legend(frameon=False, fontsize=11)
-    axes.spines[["top", "right"]].set_visible(False)
+def _intervals(names, values, intervals, labels, point):
+    """One axis for each amplitude: they have units of their own."""
+    figure, rows = plt.subplots(
+        len(names), 1, figsize=(8, 1.4 + 1.25 * len(names)), layout="constrained", squeeze=False
+    )
+    for axes, name, value, (low, high), label in zip(rows[:, 0], names, values, intervals, labels, strict=True):
+        axes.hlines(0, low, high, color=_COLOURS[0], linewidth=3, label="68 %")
+        axes.plot(value, 0, "o", color=_COLOURS[1], markersize=10, label=point)
+        axes.set_title(name, fontsize=12, loc="left")
+        axes.set_xlim(-0.02 * high, 1.15 * max(high, value, 1e-30))
+        axes.set_yticks([])
+        axes.set_xlabel(label, fontsize=11)
+        axes.tick_params(labelsize=11)
+        axes.spines[["top", "right", "left"]].set_visible(False)
+    rows[0, 0].legend(frameon=False, fontsize=11, ncols=2, loc="lower right", bbox_to_anchor=(1, 1))
     return figure

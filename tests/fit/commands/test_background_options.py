@@ -1,0 +1,60 @@
+import pytest
+from conftest import real_catalogue
+
+from fit.background import Floor, WaveLimit
+from fit.commands.fit import main
+from fit.storage import read
+
+EVERYTHING = ["--demo", "--floor", "--waves", "--years", "10"]
+
+
+def test_floor_and_waves(tmp_path, capsys):
+    out, page = tmp_path / "out", tmp_path / "page.html"
+    assert main([*EVERYTHING, "--output", str(out), "--html", str(page)]) == 0
+    text = capsys.readouterr().out
+    for words in ("errors from    the catalogue times 1.", "with the floor of degrees 2, 3: spin ± ", "exact likelihood, flat in √Ω",
+                  "coefficients flat: quantile", "f < 1/T = 3.17 nHz (T = 10 yr)", "the two parities differ"):  # fmt: skip
+        assert words in text
+    assert text.count("Errors that sources share") == 1
+    assert {"floor.ecsv", "floor.png", "waves.ecsv", "waves.png"} <= {each.name for each in out.iterdir()}
+    found, limit = read(out / "floor.ecsv"), read(out / "waves.ecsv")
+    assert isinstance(found, Floor)
+    assert isinstance(limit, WaveLimit)
+    solution = read(out / "solution.ecsv")
+    assert solution.spin.sigma.min() > found.spin_error
+    assert (out / "report.txt").read_text(encoding="utf-8").count("Gravitational waves longer") == 1
+    html = page.read_text(encoding="utf-8")
+    assert "95 % limits" in html
+    assert "Power of the higher degrees by parity" in html
+
+
+def test_the_report_says_it_unasked(tmp_path, capsys):
+    assert main(["--demo", "--html", str(tmp_path / "page.html")]) == 0
+    text = capsys.readouterr().out
+    assert "Errors that sources share, from the power of degrees 2 to 3; not in the errors above" in text
+    assert "--floor, puts them in" in text
+    assert "not in the errors above" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert main(["--demo", "--lmax", "2"]) == 0
+    assert "Errors that sources share" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    (["--floor", "--lmax", "2"], "degree 2 says nothing of a floor: take --lmax 3 or higher"),
+    (["--waves", "--lmax", "1"], "gravitational waves begin at degree 2: take --lmax 2 or higher"),
+    (["--floor", "--bootstrap", "20"], "20 replicates determine no covariance of 30 coefficients"),
+])  # fmt: skip
+def test_messages(options, words, capsys):
+    assert main(["--demo", *options]) == 1
+    assert words in capsys.readouterr().err
+
+
+def test_with_clipping_and_robust_fits(capsys):
+    path = str(real_catalogue("td2017_vlba_proper_motions.ecsv"))
+    for options in (["--clip", "3"], ["--robust", "student"], ["--excess-noise"], ["--jackknife", "2"]):
+        assert main([path, "--floor", *options]) == 0
+        text = capsys.readouterr().out
+        assert "with the floor of degrees 2, 3" in text
+    assert main([path, "--lmax", "2", "--waves", "--years", "22.6"]) == 0
+    text = capsys.readouterr().out
+    for number in ("0.03571", "0.02703", "0.02295", "1.4 nHz"):
+        assert number in text
