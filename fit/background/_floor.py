@@ -279,4 +279,4 @@ def first_degree(power: float) -> float:
     power : float
         s. [(µas/yr)²]
     """
-    return float(np.sqrt(3 * power / (8 * np.pi)))
+    return (power * Spectrum.flat()).spin_error

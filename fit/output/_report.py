@@ -12,8 +12,8 @@ from vsh.checks.notes import printable
 from vsh.errors import ParameterError, VshError
 
 WIDTH = 88
-#: The floor of a report is estimated up to this degree: higher ones say little of degree 1.
-_FLOOR_LMAX = 20
+#: The floor of a report is estimated up to this degree: higher ones take longer, and say less of degree 1.
+_FLOOR_LMAX = 10
 
 
 def report(
