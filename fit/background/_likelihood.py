@@ -125,6 +125,11 @@ class Likelihood:
         ----------
         ratios : (k,) array
             a = A/κ².
+
+        Raises
+        ------
+        DegeneracyError
+            If the normal matrix is not positive.
         """
         if self._eigen is not None:
             values, squares = self._eigen

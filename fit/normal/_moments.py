@@ -240,7 +240,7 @@ class Moments(Result):
         -------
         Figure
         """
-        from fit.output import plot_moments
+        from fit.normal._plot import plot_moments
 
         return plot_moments(self)
 

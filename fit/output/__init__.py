@@ -22,7 +22,7 @@ from fit.quality import printed_p_value as p_value
 from vsh.checks.notes import note_lines
 
 if TYPE_CHECKING:
-    from fit.output._figures import plot_correlation, plot_moments, plot_power, plot_residuals, plot_spectrum
+    from fit.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum
 
 __all__ = [
     "WIDTH",
@@ -37,7 +37,6 @@ __all__ = [
     "note_lines",
     "p_value",
     "plot_correlation",
-    "plot_moments",
     "plot_power",
     "plot_residuals",
     "plot_spectrum",
@@ -53,7 +52,7 @@ __all__ = [
 ]
 
 # matplotlib is imported when a figure is first asked for.
-_FIGURES = ["plot_correlation", "plot_moments", "plot_power", "plot_residuals", "plot_spectrum"]
+_FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum"]
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_figures": _FIGURES})
 
 

@@ -127,7 +127,10 @@ def decoded(plain: Any) -> Any:
         return tuple(decoded(each) for each in plain["tuple"])
     if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
         raise TableError(f"a {plain['type']}")
-    home: Any = getattr(import_module(plain["module"]), plain["type"])
+    try:
+        home: Any = getattr(import_module(plain["module"]), plain["type"])
+    except (ImportError, AttributeError):
+        raise TableError(f"a {plain['type']}") from None
     if _attributes(home) is None:
         raise TableError(f"a {plain['type']}")
     return home(**{name: decoded(each) for name, each in plain["fields"].items()})

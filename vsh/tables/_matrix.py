@@ -57,7 +57,7 @@ def _from_fits(path, check_shape):
         with _refused(path):
             images = [unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2]
             if not images:
-                raise ValueError("it has no image of two axes")
+                raise TableError(f"{path} holds no image of two axes")
         check_shape(images[0].shape)
         with _refused(path):
             return np.array(images[0].data, float)
@@ -67,5 +67,7 @@ def _from_fits(path, check_shape):
 def _refused(path):
     try:
         yield
+    except TableError:
+        raise
     except (OSError, ValueError, TypeError, EOFError, MemoryError) as error:
         raise TableError(f"{path} holds no matrix that can be read: {first_line(error)}") from None
