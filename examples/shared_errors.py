@@ -21,22 +21,22 @@ from vsh import Modes
 # One sky: the normal equations of 20 000 quasars; with more of them only their information grows.
 rng = np.random.default_rng(1)
 quasars = sim.quasars(20_000, rng=1, sky="plane-avoiding", max_magnitude=20.5)
-one = fit.normal_equations(sim.observe(quasars, sim.spin((0, 0, 0)), rng=2, release="DR3"), 12)
+one = fit.normal_equations(sim.observe(quasars, sim.spin((0, 0, 0)), rng=2, release="DR3"), 8)
 pattern = np.exp(-np.maximum(np.arange(12) - 6, 0) / 3) * (
     2 * np.arange(12) + 3
 )  # to degree 7 one power a mode, then less
 systematics = Spectrum.given(20 * pattern).only("odd") + Spectrum.given(5 * pattern).only("even")
-sigma = np.sqrt(systematics.variances(Modes(12)))
+sigma = np.sqrt(systematics.variances(Modes(8)))
 
 
 def sky(normal, root):
-    """The normal equations of such systematics and of noise: b = N c + N^½ e, to degree 5."""
+    """The normal equations of such systematics and of noise: b = N c + N^½ e, to degree 4."""
     c, e = sigma * rng.standard_normal(len(sigma)), rng.standard_normal(len(sigma))
     chi2 = c @ normal.matrix @ c + 2 * c @ root @ e + e @ e + rng.chisquare(normal.n_data - len(e))
-    low = normal.modes.degrees <= 5
+    low = normal.modes.degrees <= 4
     return replace(
         normal,
-        modes=Modes(5),
+        modes=Modes(4),
         matrix=normal.matrix[np.ix_(low, low)],
         rhs=(normal.matrix @ c + root @ e)[low],
         chi2_null=chi2,
@@ -44,7 +44,7 @@ def sky(normal, root):
 
 
 # %%
-# 30 skies for each number of sources, fitted to degree 5 with and without the floor.
+# 30 skies for each number of sources, fitted to degree 4 with and without the floor.
 numbers, rows = np.geomspace(2e4, 2e7, 6), []
 for number in numbers:
     more = number / 20_000

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import pytest
 from conftest import ROOT, real_catalogue
 
 
@@ -125,3 +126,26 @@ def test_harmonics(tmp_path):
     run("harmonics.py", folder=tmp_path)
     assert (tmp_path / "harmonics_1.png").stat().st_size > 10_000
     assert (tmp_path / "harmonics_2.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_shared_errors(tmp_path):
+    """With a thousand times the sources, what a plain fit quotes is a tenth of the truth; with the floor it is the truth."""
+    text = run("shared_errors.py", folder=tmp_path)
+    _, plain_true, plain_quoted, true, quoted = map(float, text.splitlines()[-1].split())
+    assert plain_quoted < 0.2 * plain_true
+    assert 0.75 < quoted / true < 1.3
+    assert (tmp_path / "shared_errors.png").stat().st_size > 10_000
+
+
+def test_vlbi_backgrounds(tmp_path):
+    text = run("vlbi_backgrounds.py", ROOT / "fit" / "demo.fits", folder=tmp_path)
+    assert "with the floor of degrees 2, 3" in text
+    assert "f < 1/T = 1.4 nHz" in text
+    assert (tmp_path / "vlbi_waves.png").stat().st_size > 10_000
+
+
+def test_vlbi_backgrounds_of_the_table(tmp_path):
+    text = run("vlbi_backgrounds.py", real_catalogue("td2017_vlba_proper_motions.ecsv"), folder=tmp_path)
+    for number in ("0.03571", "0.02703", "0.02295", "to degree 3       28.55"):
+        assert number in text

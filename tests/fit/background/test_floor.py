@@ -104,7 +104,7 @@ def test_errors_that_are_wrong_pass_for_no_systematics():
     assert fixed.spin_error > 1.5 * found.spin_error
 
 
-@pytest.mark.parametrize("strength", [1.0, 0.0])
+@pytest.mark.parametrize("strength", [1.0, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_coverage(strength):
     """100 skies, degree 4, noise and systematics of one size: spin and acceleration within their errors."""
     modes, rng, n = Modes(4), np.random.default_rng(1), 100
