@@ -27,6 +27,10 @@ def equations_of(found: Any) -> NormalEquations:
     found : NormalEquations, Solution, or a result about one
         What was summed or fitted.
 
+    Returns
+    -------
+    NormalEquations
+
     Raises
     ------
     ParameterError

@@ -78,6 +78,10 @@ class WhiteRows(Frozen):
         ----------
         times : (n,) array
             How often each source counts.
+
+        Returns
+        -------
+        NormalEquations
         """
         times = np.broadcast_to(np.asarray(times, float), self.motion.shape).ravel()
         rows, motion = self.rows.reshape(len(self.modes), -1), self.motion.ravel()

@@ -149,6 +149,10 @@ def as_covariance(value: Any, field: Any) -> Covariance:
     field : Field
         Of n sources.
 
+    Returns
+    -------
+    Covariance
+
     Raises
     ------
     ParameterError
