@@ -53,8 +53,8 @@ class Quality:
 
     @property
     def factor(self) -> float:
-        """By what errors would have to be multiplied for χ² to be as expected; 1 where they are not contradicted."""
-        return float(np.sqrt(self.reduced)) if self.contradicted else 1.0
+        """By what errors would have to be multiplied for χ² to be as expected; 1 where they are not contradicted, or χ² is zero."""
+        return float(np.sqrt(self.reduced)) if self.contradicted and self.chi2 > 0 else 1.0
 
     def warning(self) -> str | None:
         """What a report says, or None.
@@ -70,6 +70,8 @@ class Quality:
         size = f"{self.reduced:.3f} is {abs(self.deviations):.1f} standard deviations from 1"
         if self.deviations > 0:
             return f"χ²/dof {size}: the residuals suggest errors {self.factor:.3g} times as large"
+        if not self.chi2 > 0:
+            return "the residuals are zero: the model was put in, or motions without noise"
         return f"χ²/dof {size}: the errors seem too large by a factor of {1 / self.factor:.3g}"
 
 

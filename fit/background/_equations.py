@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations
@@ -36,7 +37,7 @@ def equations_of(found: Any) -> NormalEquations:
     ParameterError
         If it is neither, or a solution with a prior in it, whose data alone are not known any more.
     DegeneracyError
-        If a solution's covariance is singular: of too few replicates.
+        If a solution's covariance is singular, of too few replicates say.
     """
     found = _about(found)
     if isinstance(found, NormalEquations):
@@ -58,7 +59,12 @@ def equations_of(found: Any) -> NormalEquations:
     if np.isnan(found.values).any():
         raise ParameterError("a prediction holds no data to fit a background to")
     scale = np.outer(found.sigma, found.sigma)
-    matrix = np.linalg.inv(found.covariance / scale) / scale
+    try:
+        matrix = cho_solve(cho_factor(found.covariance / scale), np.eye(len(scale))) / scale
+    except np.linalg.LinAlgError:
+        raise DegeneracyError(
+            "the covariance of this solution is singular: no background can be fitted to it"
+        ) from None
     rhs = matrix @ found.values
     chi2_null = float(found.chi2 + rhs @ found.values)
     return NormalEquations(found.modes, matrix, rhs, chi2_null, found.n_data, found.frame, spoken(found.notes))

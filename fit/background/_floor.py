@@ -170,8 +170,10 @@ class Floor(Result):
         Solution
         """
         modes, tau = normal.modes, self.noise_scale**2
-        scaled = replace(normal, matrix=normal.matrix / tau, rhs=normal.rhs / tau, chi2_null=normal.chi2_null / tau)
-        found = solve(scaled + self.prior(modes))
+        data = equations_of(normal)
+        scaled = replace(data, matrix=data.matrix / tau, rhs=data.rhs / tau, chi2_null=data.chi2_null / tau)
+        assumed = self.prior(modes) if normal.prior is None else self.prior(modes) + normal.prior
+        found = solve(scaled + assumed)
         covariance = np.array(found.covariance)
         first = places(modes, (1,))
         covariance[first, first] += self.spectrum.variances(modes)[first]

@@ -101,6 +101,10 @@ class Likelihood:
         information = self.matrix**2
         self.unit = np.array([1 / np.sqrt(max(shape @ information @ shape / 2, 1e-300)) for shape in shapes])
         self._eigen = _eigen(self.matrix, self.rhs, shapes[0]) if len(shapes) == 1 else None
+        if self.noise_scale and self.chi2 - self.parts(1e9 * self.unit)[1] <= 1e-9 * normal.chi2_null:
+            raise DegeneracyError(
+                "the residuals are zero: they do not tell the scale of the errors (noise_scale=False)"
+            )
 
     def __len__(self) -> int:
         return len(self.shapes)
@@ -116,7 +120,9 @@ class Likelihood:
             κ.
         """
         tau = noise_scale**2
-        return float(self.of_parts(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau))
+        return (
+            float(self.of_parts(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau)) + self.chi2 / 2
+        )
 
     def parts(self, ratios: FloatArray) -> tuple[float, float]:
         """ln|K| and Q for amplitudes in units of κ².
@@ -146,7 +152,7 @@ class Likelihood:
     def of_parts(
         self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float
     ) -> FloatArray | float:
-        """ln L from ln|K| and Q.
+        """ln L from ln|K| and Q, up to a constant.
 
         Parameters
         ----------
@@ -155,7 +161,7 @@ class Likelihood:
         tau : float or array
             κ².
         """
-        return -self.n_data / 2 * np.log(tau) - logdet / 2 - (self.chi2 - gain) / (2 * tau) + self.chi2 / 2
+        return -self.n_data / 2 * np.log(tau) - logdet / 2 - (self.chi2 - gain) / (2 * tau)
 
     def scale(self, gain: float) -> float:
         """κ² where it is likeliest, for some ratios.
@@ -168,7 +174,7 @@ class Likelihood:
         return max((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
 
     def profile(self, ratios: FloatArray) -> float:
-        """ln L of ratios, with κ where it is likeliest.
+        """ln L of ratios, with κ where it is likeliest, up to the same constant.
 
         Parameters
         ----------

@@ -112,10 +112,8 @@ class _Grid:
 
     def _nothing(self):
         """ln of the likelihood of no background, summed over κ alike."""
-        if not self.likelihood.noise_scale:
-            return 0.0
         half, chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
-        return float(gammaln(half) - half * np.log(chi2) + chi2)
+        return float(gammaln(half) - half * np.log(chi2)) if self.likelihood.noise_scale else -chi2
 
 
 def _scales(likelihood, best):

@@ -107,5 +107,6 @@ def found(solution: Any, options: argparse.Namespace) -> Backgrounds:
             raise ModesError(f"degree {solution.modes.lmax} says nothing of a floor: take --lmax 3 or higher")
         results["floor"] = fit.background.floor(given)
         solution = fit.solve(fit.background.equations_of(given), floor=results["floor"])
+        solution = replace(solution, covariance_dof=given.covariance_dof)
         texts.insert(0, results["floor"].report())
     return Backgrounds(solution, results, tuple(texts))

@@ -104,6 +104,16 @@ def test_errors_that_are_wrong_pass_for_no_systematics():
     assert fixed.spin_error > 1.5 * found.spin_error
 
 
+def test_errors_that_are_wrong_by_any_factor_do_not_matter():
+    """The scale is estimated: errors a million times too small lose no digits."""
+    field = random_field(400, seed=6)
+    one = floor(fit.normal_equations(field, 4))
+    other = floor(fit.normal_equations(field.with_errors(field.sigma * 1e-7), 4))
+    for name in ("odd", "even", "spin_error", "parity_p_value", "log_likelihood"):
+        assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-5)
+    assert other.noise_scale == pytest.approx(1e7 * one.noise_scale, rel=1e-6)
+
+
 @pytest.mark.parametrize("strength", [1.0, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_coverage(strength):
     """100 skies, degree 4, noise and systematics of one size: spin and acceleration within their errors."""
