@@ -1,4 +1,7 @@
-"""The examples are tutorials and tests: each runs, prints what it should and draws its figure."""
+"""The examples are tutorials and tests: each runs, prints what it should and draws its figure.
+
+Those that take long are slow tests; all of them run when the documentation is built.
+"""
 
 import os
 import subprocess
@@ -45,6 +48,7 @@ def test_robust_fits(tmp_path):
     assert (tmp_path / "robust_fits.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_simulated_sky(tmp_path):
     text = run("simulated_sky.py", folder=tmp_path)
     assert "gums: ã = " in text
@@ -72,6 +76,7 @@ def test_redshift_dipoles(tmp_path):
     assert (tmp_path / "redshift_dipoles.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_velocity_or_hubble(tmp_path):
     text = run("velocity_or_hubble.py", folder=tmp_path)
     pulls = pulls_of(text)
@@ -84,6 +89,7 @@ def test_velocity_or_hubble(tmp_path):
     assert (tmp_path / "velocity_or_hubble.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_velocity_forecast(tmp_path):
     text = run("velocity_forecast.py", folder=tmp_path)
     rows = {tuple(line.split()[:2]): line.split()[3:] for line in text.splitlines() if line.startswith("DR")}
