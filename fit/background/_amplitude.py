@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from vsh.checks.arguments import between, choice
 from vsh.checks.frozen import Frozen
@@ -71,9 +72,8 @@ class Amplitude(Frozen):
         -------
         float
         """
-        x, mass = self._mass(prior, lowest)
-        share = np.r_[0.0, np.cumsum((mass[1:] + mass[:-1]) / 2 * np.diff(x))]
-        return float(np.interp(between("probability", probability, 0, 1), share / share[-1], x) ** 2)
+        x, share = self._shares(prior, lowest)
+        return float(np.interp(between("probability", probability, 0, 1), share, x) ** 2)
 
     def probability_below(self, amplitude: float, prior: Prior = "flat") -> float:
         """The probability of an amplitude below this one: the rank of a truth.
@@ -89,9 +89,7 @@ class Amplitude(Frozen):
         -------
         float
         """
-        x, mass = self._mass(prior, None)
-        share = np.r_[0.0, np.cumsum((mass[1:] + mass[:-1]) / 2 * np.diff(x))]
-        return float(np.interp(np.sqrt(amplitude), x, share / share[-1]))
+        return float(np.interp(np.sqrt(amplitude), *self._shares(prior)))
 
     def interval(self, probability: float = 0.68, prior: Prior = "flat") -> tuple[float, float]:
         """The likeliest amplitudes that together hold the true one with a probability; from zero where zero is likely.
@@ -108,7 +106,7 @@ class Amplitude(Frozen):
         tuple of two floats
             Of A.
         """
-        x, mass = self._mass(prior, None)
+        x, mass = self._mass(prior)
         dense = np.linspace(x[0], x[-1], 8 * len(x))
         mass = np.interp(dense, x, mass)
         order = np.argsort(-self.likelihood(dense**2), kind="stable")
@@ -116,7 +114,13 @@ class Amplitude(Frozen):
         inside = order[: np.searchsorted(share, between("probability", probability, 0, 1)) + 1]
         return float(dense[inside.min()] ** 2), float(dense[inside.max()] ** 2)
 
-    def _mass(self, prior, lowest):
+    def _shares(self, prior, lowest=None):
+        """√A and the probability below it."""
+        x, mass = self._mass(prior, lowest)
+        share = cumulative_trapezoid(mass, x, initial=0)
+        return x, share / share[-1]
+
+    def _mass(self, prior, lowest=None):
         """√A and the density of the posterior in it, not normalised."""
         power = _POWERS[choice("prior", prior, tuple(_POWERS))]
         x, density = self.root, np.exp(self.log_likelihood)

@@ -15,10 +15,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 from fit.background._equations import equations_of, fitted_degrees, places
+from fit.background._kernel import parts_of
 from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations
 from fit.storage import Result
@@ -87,17 +88,17 @@ def evidence(
     a(Spectrum)("spectrum", spectrum)
     tau = positive("noise_scale", noise_scale) ** 2
     matrices, sides = [each.matrix / tau for each, _ in groups], [each.rhs / tau for each, _ in groups]
-    where = groups[0][1]
-    if any(each.modes != groups[0][0].modes for each, _ in groups):
+    modes, where = groups[0][0].modes, groups[0][1]
+    if any(each.modes != modes for each, _ in groups):
         raise ParameterError("the normal equations go to different degrees: fit all of them to one")
-    variances = spectrum.variances(groups[0][0].modes)[where]
+    variances = spectrum.variances(modes)[where]
     matrix, rhs, own = sum(matrices), sum(sides), np.zeros(0)
     if varying is not None:
         a(Spectrum)("varying", varying)
         across = np.concatenate(matrices, axis=1)
         matrix = np.block([[matrix, across], [across.T, block_diag(*matrices)]])
         rhs = np.concatenate([rhs, *sides])
-        own = np.tile(varying.variances(groups[0][0].modes)[where], len(groups))
+        own = np.tile(varying.variances(modes)[where], len(groups))
     if amplitudes is None:
         return _log_evidence(matrix, rhs, np.concatenate([variances, own]))
     factors = _grid(amplitudes)
@@ -205,8 +206,8 @@ def compare(models: Mapping[str, Any]) -> Comparison:
     found = []
     for name, model in models.items():
         if isinstance(model, tuple) and 2 <= len(model) <= 4:
-            options = model[-1] if isinstance(model[-1], dict) else {}
-            model = evidence(*(model[:-1] if options or model[-1] == {} else model), **options)
+            *given, options = model if isinstance(model[-1], dict) else (*model, {})
+            model = evidence(*given, **options)
         found.append(number(f"the evidence of {name!r}", model))
     return Comparison(tuple(map(str, models)), np.array(found))
 
@@ -221,11 +222,8 @@ def _chosen(normal, degrees):
 
 
 def _log_evidence(matrix, rhs, variances):
-    root = np.sqrt(variances)
-    k = matrix * np.outer(root, root)
-    k[np.diag_indices_from(k)] += 1
-    factor, z = cho_factor(k, lower=True), root * rhs
-    return float(z @ cho_solve(factor, z) / 2 - np.log(np.diag(factor[0])).sum())
+    logdet, gain = parts_of(matrix, rhs, variances)
+    return (gain - logdet) / 2
 
 
 def _grid(amplitudes):

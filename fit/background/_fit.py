@@ -10,7 +10,7 @@ import numpy as np
 
 from fit.background._equations import equations_of, fitted_degrees, is_scaled, words_of
 from fit.background._likelihood import Likelihood
-from fit.background._posterior import posteriors_and_evidence
+from fit.background._posterior import posteriors
 from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations
 from fit.storage import Result
@@ -183,7 +183,7 @@ def fit(
     scaled = is_scaled(normal, noise_scale)
     likelihood = Likelihood(equations, listed, degrees, flat, scaled)
     best = likelihood.maximum()
-    found, evidence = posteriors_and_evidence(likelihood, best)
+    found, evidence = posteriors(likelihood, best)
     k = len(likelihood)
     error = float(np.sqrt(best.covariance[k, k]) / (2 * best.noise_scale)) if scaled else 0.0
     return Background(

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
 
 from fit.background._equations import equations_of, errors_of, fitted_degrees, is_scaled, places, words_of
-from fit.background._likelihood import Likelihood
+from fit.background._likelihood import Likelihood, parity_p_value
 from fit.background._posterior import posteriors
 from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations, gaussian_prior
@@ -35,8 +34,6 @@ class Floor(Result):
         68 % intervals: the likeliest values, from zero where zero is likely.
     parity_p_value : float
         Probability of as large a difference of the two where there is none, by the likelihood ratio.
-    spin_error, acceleration_error : float
-        What they imply in each component, √(3 s/8π). [µas/yr]
     degrees : tuple of int
         Which they were estimated from.
     noise_scale : float
@@ -54,8 +51,6 @@ class Floor(Result):
     odd_interval: tuple[float, float]
     even_interval: tuple[float, float]
     parity_p_value: float
-    spin_error: float
-    acceleration_error: float
     degrees: tuple[int, ...]
     noise_scale: float
     log_likelihood: float
@@ -64,6 +59,16 @@ class Floor(Result):
 
     def __repr__(self) -> str:
         return f"<Floor: spin ± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr, from degrees {words_of(self.degrees)}>"
+
+    @property
+    def spin_error(self) -> float:
+        """What the odd power implies for the spin in each component, √(3 s/8π). [µas/yr]"""
+        return first_degree(self.odd)
+
+    @property
+    def acceleration_error(self) -> float:
+        """What the even power implies for the acceleration in each component, √(3 s/8π). [µas/yr]"""
+        return first_degree(self.even)
 
     @property
     def spin_interval(self) -> tuple[float, float]:
@@ -150,8 +155,6 @@ class Floor(Result):
                 f"the floor was estimated from degrees {words_of(self.degrees)}, and these normal equations go to {modes.lmax}"
             )
         variances = self.spectrum.variances(modes)
-        # No power at all is a prior of no width; the data of such modes do not count.
-        variances = np.maximum(variances, 1e-12 * max(float(variances.max()), 1e-30))
         variances[~np.isin(modes.degrees, self.degrees)] = np.inf
         return gaussian_prior(modes, np.sqrt(variances))
 
@@ -263,13 +266,12 @@ def floor(
     likelihood = Likelihood(equations, [Spectrum.odd(), Spectrum.even()], degrees, free, scaled)
     best = likelihood.maximum()
     common = Likelihood(equations, [Spectrum.flat()], degrees, free, scaled).maximum()
-    gain = max(2 * (best.log_likelihood - common.log_likelihood), 0.0)
-    found = posteriors(likelihood, best, [0, 1])
+    found, _ = posteriors(likelihood, best)
     odd, even = (each.quantile(0.5, "root") for each in found)
     intervals = [each.interval(0.68, "root") for each in found]
     return Floor(
-        odd, even, intervals[0], intervals[1], float(chdtrc(1, gain)), first_degree(odd), first_degree(even), degrees,
-        best.noise_scale, best.log_likelihood, equations.n_data, errors_of(normal),
+        odd, even, intervals[0], intervals[1], parity_p_value(best, common), degrees, best.noise_scale, best.log_likelihood,
+        equations.n_data, errors_of(normal),
     )  # fmt: skip
 
 

@@ -17,10 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
-from scipy.linalg.lapack import dposv
 from scipy.optimize import minimize
+from scipy.special import chdtrc
 
 from fit.background._equations import places, words_of
+from fit.background._kernel import kernel, parts_of
 from fit.normal import NormalEquations
 from vsh.covariance import Spectrum
 from vsh.errors import DegeneracyError, ParameterError
@@ -131,23 +132,11 @@ class Likelihood:
         ----------
         ratios : (k,) array
             a = A/κ².
-
-        Raises
-        ------
-        DegeneracyError
-            If the normal matrix is not positive.
         """
         if self._eigen is not None:
-            values, squares = self._eigen
-            return float(np.log1p(ratios[0] * values).sum()), float(
-                np.sum(ratios[0] * squares / (1 + ratios[0] * values))
-            )
-        root, k = self._kernel(ratios)
-        side = root * self.rhs
-        factor, solved, failed = dposv(k, side, lower=1, overwrite_a=1)
-        if failed:  # cannot be: K is the identity and more
-            raise DegeneracyError("the normal matrix is not positive: it is no sum over sources")
-        return 2 * float(np.log(factor.diagonal()).sum()), float(side @ solved)
+            values, squares = ratios[0] * np.array(self._eigen)
+            return float(np.log1p(values).sum()), float(np.sum(squares / (1 + values)))
+        return parts_of(self.matrix, self.rhs, ratios @ self.shapes)
 
     def of_parts(
         self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float
@@ -194,9 +183,10 @@ class Likelihood:
                         options={"ftol": 1e-13, "gtol": 1e-7})  # fmt: skip
         ratios = self.unit * np.expm1(best.x)
         ratios[best.x < 1e-6] = 0.0  # rounding of the search is no background
-        tau = self.scale(self.parts(ratios)[1])
-        gain = max(self.profile(ratios) - self.profile(np.zeros(len(self))), 0.0)
-        return Maximum(ratios * tau, float(np.sqrt(tau)), gain, self._covariance(ratios, tau))
+        logdet, gain = self.parts(ratios)
+        tau = self.scale(gain)
+        above = max(float(self.of_parts(logdet, gain, tau)) - self.profile(np.zeros(len(self))), 0.0)
+        return Maximum(ratios * tau, float(np.sqrt(tau)), above, self._covariance(ratios, tau))
 
     def _loss(self, x):
         """−ln L by a = unit (eˣ − 1), which is linear next to zero and logarithmic far from it; and its gradient."""
@@ -205,13 +195,6 @@ class Likelihood:
         tau = self.scale(gain)
         slope = (by_logdet - by_gain / tau) / 2
         return -float(self.of_parts(logdet, gain, tau)), slope * self.unit * np.exp(x)
-
-    def _kernel(self, ratios):
-        """√D, and K in the order that LAPACK overwrites."""
-        root = np.sqrt(ratios @ self.shapes)
-        k = np.multiply(self.matrix, root[:, None] * root, order="F")
-        k.ravel("K")[:: len(k) + 1] += 1
-        return root, k
 
     def _slopes(self, ratios):
         """ln|K|, Q, and what they change by with each ratio."""
@@ -226,7 +209,7 @@ class Likelihood:
 
     def _solved(self, ratios):
         """L of K = L Lᵀ, L⁻¹ D^½ b', and the T = L⁻¹ D^½ N' of the information N' − TᵀT that is left."""
-        root, k = self._kernel(ratios)
+        root, k = kernel(self.matrix, ratios @ self.shapes)
         factor = cholesky(k, lower=True, overwrite_a=True, check_finite=False)
         sides = np.column_stack([root * self.rhs, root[:, None] * self.matrix])
         solved = solve_triangular(factor, sides, lower=True, check_finite=False)
@@ -252,6 +235,19 @@ class Likelihood:
         found = np.full((k + 1, k + 1), np.nan)
         found[known, known] = 2 * tau**2 * np.linalg.pinv(information[known, known] / scale) / scale
         return found
+
+
+def parity_p_value(apart: Maximum, together: Maximum) -> float:
+    """Probability that two parities of one power look as different as they do, by the likelihood ratio.
+
+    Parameters
+    ----------
+    apart : Maximum
+        With a power for each.
+    together : Maximum
+        With one for both.
+    """
+    return float(chdtrc(1, max(2 * (apart.log_likelihood - together.log_likelihood), 0.0)))
 
 
 def _eliminated(normal, first, where):

@@ -24,8 +24,10 @@ _DROP = 18.0
 _POINTS = 401
 
 
-def posteriors(likelihood: Likelihood, best: Maximum, which: Sequence[int]) -> list[Amplitude]:
-    """What the data say of some of the amplitudes, each with all others marginalised.
+def posteriors(
+    likelihood: Likelihood, best: Maximum, which: Sequence[int] | None = None
+) -> tuple[list[Amplitude], float]:
+    """What the data say of amplitudes, each with all others marginalised, and ln of the evidence relative to no background.
 
     Parameters
     ----------
@@ -33,30 +35,17 @@ def posteriors(likelihood: Likelihood, best: Maximum, which: Sequence[int]) -> l
         Of all amplitudes.
     best : Maximum
         Where it is largest.
-    which : list of int
-        Of which amplitudes.
+    which : list of int, optional
+        Of which amplitudes; all unless given.
 
     Notes
     -----
     The prior of the others is the uniform-shrinkage one, A/(A + u) uniform with u the amplitude seen at one standard error
-    (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ.
+    (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ. The evidence is the mean likelihood under the same.
     """
-    grid = _Grid(likelihood, best)
-    return [grid.of(k)[0] for k in which]
-
-
-def posteriors_and_evidence(likelihood: Likelihood, best: Maximum) -> tuple[list[Amplitude], float]:
-    """Those of all amplitudes, and ln of the mean likelihood under their priors, relative to no background.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Of all amplitudes.
-    best : Maximum
-        Where it is largest.
-    """
-    grid = _Grid(likelihood, best)
-    found = [grid.of(k) for k in range(len(likelihood))]
+    with blas_for(len(likelihood.rhs)):
+        grid = _Grid(likelihood, best)
+    found = [grid.of(k) for k in (range(len(likelihood)) if which is None else which)]
     return [each for each, _ in found], found[0][1]
 
 
@@ -67,8 +56,7 @@ class _Grid:
         self.likelihood, self.best = likelihood, best
         self.taus, self.weights = _scales(likelihood, best)
         self.spans = [_span(likelihood, best, k) for k in range(len(likelihood))]
-        with blas_for(len(likelihood.rhs)):
-            self.parts = _parts(likelihood, self.spans, self.taus)
+        self.parts = _parts(likelihood, self.spans, self.taus)
 
     def of(self, k: int) -> tuple[Amplitude, float]:
         """Amplitude k with all others marginalised, and the evidence.

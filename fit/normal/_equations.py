@@ -100,9 +100,9 @@ class NormalEquations(Frozen):
         )
 
     def _prior_with(self, other, sign):
-        if other.prior is None or self.prior is None:
-            return self.prior if other.prior is None else _nothing(other.prior)._combine(other.prior, sign)
-        return self.prior._combine(other.prior, sign)
+        if other.prior is None:
+            return self.prior
+        return (self.prior or _nothing(other.prior))._combine(other.prior, sign)
 
 
 def _nothing(like):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -141,7 +142,8 @@ def _floor(solution):
     return [said[0] + ":\n  " + "\n  ".join(said[1:])] if said else []
 
 
-def floor_words(solution: HarmonicSolution) -> list[str]:
+@lru_cache(maxsize=1)  # text and page ask one after the other
+def floor_words(solution: HarmonicSolution) -> tuple[str, ...]:
     """What the power of the higher degrees says of errors that sources share: a heading, then lines; none below degree 3.
 
     Parameters
@@ -152,11 +154,11 @@ def floor_words(solution: HarmonicSolution) -> list[str]:
     from fit.background import floor  # its integrals and searches are for reports alone
 
     if solution.modes.lmax < 3 or getattr(solution, "by_prior", None):
-        return []
+        return ()
     try:
         found = floor(solution, range(2, min(solution.modes.lmax, _FLOOR_LMAX) + 1))
     except VshError:  # replicates too few for a covariance, say
-        return []
+        return ()
     lines = [
         f"Errors that sources share, from the power of degrees {found.degrees[0]} to {found.degrees[-1]}; not in the errors above"
     ]
@@ -165,7 +167,7 @@ def floor_words(solution: HarmonicSolution) -> list[str]:
         ("acceleration", found.acceleration_error, found.acceleration_interval),
     ):
         lines.append(f"{name:14}± {error:.3f} µas/yr in each component ({low:.3f} … {high:.3f}, 68 %)")
-    return [*lines, "fit.solve(normal, floor=fit.background.floor(normal)), or --floor, puts them in"]
+    return (*lines, "fit.solve(normal, floor=fit.background.floor(normal)), or --floor, puts them in")
 
 
 def _degrees(solution):

@@ -131,9 +131,7 @@ class Covariance(Frozen):
         ParameterError
             If it is of another number of sources.
         """
-        n = len(self)
-        if len(field) != n:
-            raise ParameterError(f"the covariance is of {n} sources, the field of {len(field)}")
+        n = len(as_covariance(self, field))
         sigma = np.sqrt(np.diag(self.matrix)).reshape(2, n)
         cross = self.matrix[np.arange(n), np.arange(n) + n]
         return field.with_errors(sigma, cross / np.where(sigma.all(0), sigma[0] * sigma[1], 1.0))

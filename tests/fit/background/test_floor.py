@@ -143,6 +143,29 @@ def test_coverage(strength):
         assert np.mean(ratio) < 1.09  # 1.083 on an even sky, where the prior gives nothing back
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("power", [0.0, 12.0])
+def test_coverage_where_errors_are_wrong_by_place(power):
+    """100 skies, errors four times too small on half of each: after a robust fit and after a plain one, which covers a third."""
+    quasars, pulls = sim.quasars(1000, 7), {"plain": [], "floor": [], "robust": []}
+    for seed in range(100):
+        field = sim.observe(quasars, sim.systematics(power * Spectrum.flat(), seed + 500, lmax=3), seed, sigma=50.0)
+        field = field.with_errors(np.where(field.lon < np.pi, field.sigma / 4, field.sigma))
+        plain, robust = fit.fit_field(field, 3), fit.robust.student_t(field, 3).solution
+        for name, found, shared in (
+            ("plain", plain, None),
+            ("floor", plain, floor(plain)),
+            ("robust", robust, floor(robust)),
+        ):
+            solution = found if shared is None else fit.solve(fit.background.equations_of(found), floor=shared)
+            pulls[name].append([np.abs(v.value / v.sigma) for v in (solution.spin, solution.acceleration)])
+    inside = {name: np.mean(np.array(values) < 1) for name, values in pulls.items()}
+    assert inside["plain"] < 0.45
+    assert 0.63 < inside["robust"] < 0.77
+    assert 0.63 < inside["floor"] < 0.80
+    assert 0.92 < np.mean(np.array(pulls["robust"]) < 1.96) < 0.98
+
+
 def test_reports():
     found = floor(LOUD)
     assert "the two parities differ with a p-value of 0." in found.report()

@@ -69,6 +69,19 @@ def test_without_waves_intervals_begin_at_zero():
     assert np.mean([each.limit(0.95, "root") for each in found]) < np.mean([each.limit() for each in found])
 
 
+@pytest.mark.slow
+def test_errors_that_are_wrong_by_place():
+    """120 skies without waves, errors four times too small on half of each: the robust fit's intervals hold zero."""
+    quasars, away = sim.quasars(1000, 7), {"plain": 0, "robust": 0}
+    for seed in range(120):
+        field = sim.observe(quasars, sim.spin((3, -2, 1)), seed, sigma=50.0)
+        field = field.with_errors(np.where(field.lon < np.pi, field.sigma / 4, field.sigma))
+        for name, found in (("plain", fit.normal_equations(field, 2)), ("robust", fit.robust.student_t(field, 2))):
+            away[name] += wave_limit(found).amplitude.interval(0.95)[0] > 0
+    assert away["robust"] <= 9
+    assert away["plain"] <= 20
+
+
 def test_waves_are_recovered():
     found = wave_limit(injected(2.0, 3, sigma=20.0), (2, 3), systematics=[])
     low, high = found.amplitude.interval(0.95)
