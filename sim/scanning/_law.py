@@ -18,10 +18,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from sim.scanning._gaps import alive, check_gaps, draw_gaps
 from sim.scanning._precession import precession_speed
 from sim.scanning._sun import YEAR, sun_position, sun_rate
 from sim.scanning._transits import Transits
-from vsh.checks.arguments import between, generator, number, positive
+from vsh.checks.arguments import between, number, positive
 from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
@@ -33,6 +34,8 @@ from vsh.units import DEGREE
 MAX_YEARS = 100  # longer missions are typing errors
 #: Sources looked at together; each with every spin of the mission.
 BLOCK = 1000
+#: By how much the axis may leave a straight line within a spin before transits are looked for again. [rad]
+_BEND = 60 / 3600 * DEGREE
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +50,8 @@ class NominalScanningLaw(Frozen):
         Length of the mission.
     precession_phase, spin_phase, solar_aspect : float
         ν and Ω at the start, and ξ. [rad]
-    precessions : float
-        Of the spin axis about the Sun, a year.
-    spin_rate, basic_angle : float
-        [arcsec/s], and between the fields of view. [rad]
+    precessions, spin_rate, basic_angle : float
+        Of the axis about the Sun, a year; [arcsec/s]; and between the fields of view. [rad]
     half_height : float
         Of a field, across the scan [rad]; 0.342° gives the published counts with 6 % of dead time.
     pole_days : float
@@ -58,9 +59,11 @@ class NominalScanningLaw(Frozen):
     dead_time : float
         Fraction of the time that is lost, in gaps of some six hours.
     rng : Generator or int
-        Of the gaps; needed with a dead time.
+        Of those gaps; needed with a dead time.
     frame : str
         Of the positions whose transits are asked for.
+    gaps : sequence of (start, end)
+        More intervals without observations. [yr]
 
     Raises
     ------
@@ -87,12 +90,12 @@ class NominalScanningLaw(Frozen):
     dead_time: float = 0.0
     rng: Rng | None = None
     frame: str = "icrs"
+    gaps: tuple[tuple[float, float], ...] = ()
     remembered: dict = field(default_factory=dict, init=False, repr=False)
     _state: dict = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        positive("years, the length of a mission,", self.years)
-        if self.years > MAX_YEARS:
+        if positive("years, the length of a mission,", self.years) > MAX_YEARS:
             raise ParameterError(f"years, the length of a mission, must be at most {MAX_YEARS}, not {self.years}")
         for name in ("start", "precession_phase", "spin_phase", "pole_days"):
             number(name, getattr(self, name))
@@ -105,14 +108,21 @@ class NominalScanningLaw(Frozen):
         if self.dead_time and self.rng is None:
             raise ParameterError("a dead time needs rng, which draws its gaps")
         check_frame(self.frame)
+        gaps = [check_gaps(self.gaps)]
         self._integrate()
-        if self.dead_time:
-            self._state["gaps"] = self._draw_gaps()
+        if self.dead_time and self.rng is not None:
+            gaps.append(draw_gaps(self.years, self.dead_time, self.rng))
+        self._state["gaps"] = check_gaps(np.concatenate(gaps))
 
     @property
     def speed(self) -> float:
         """S, the speed of the axis among the stars in units of the Sun's."""
         return self._state["speed"]
+
+    @property
+    def lost(self) -> FloatArray:
+        """Starts and ends of all gaps, (k, 2). [yr]"""
+        return self._state["gaps"]
 
     def sun(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Direction of the Sun in the ecliptic, (3, n), and its distance [AU]; time in years.
@@ -167,11 +177,10 @@ class NominalScanningLaw(Frozen):
         Transits
         """
         lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
-        blocks = map_blocks(
+        parts = list(map_blocks(
             lambda part: (part.start, self.transits_of_block(lon[part], lat[part])),
             len(lon), BLOCK, threads, "transits" if progress else None,
-        )  # fmt: skip
-        parts = list(blocks)
+        ))  # fmt: skip
         names = ("time", "angle", "parallax_factor", "view", "across")
         source = [block.source + start for start, block in parts] or [np.zeros(0, int)]
         return Transits(
@@ -199,7 +208,7 @@ class NominalScanningLaw(Frozen):
         height = r.T @ z
         limit = np.sin(self.half_height)
         # Between spins the height is taken for linear, good to 20 arcsec; hence a margin, and a second look.
-        wide = limit * 1.03
+        wide = limit * 1.03 if self._state["bend"] < _BEND else limit + 1.5 * self._state["bend"]
         low, high = height < wide, height > -wide
         source, spin = np.nonzero((low[:, :-1] | low[:, 1:]) & (high[:, :-1] | high[:, 1:]))
         here = r[:, source]
@@ -209,19 +218,21 @@ class NominalScanningLaw(Frozen):
         h0, h1 = height[source, spin], height[source, spin + 1]
 
         found = []
-        for view in (1, -1):
+        # Where the azimuth of a source falls, a field may meet it twice in a spin.
+        for view, again in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
             # Where in the spin Ω(f) = 2π f meets the azimuth of the source less that of the field.
-            share = ((azimuth - view * self.basic_angle / 2) % (2 * np.pi)) / (2 * np.pi - turn)
+            share = ((azimuth - view * self.basic_angle / 2) % (2 * np.pi) + again * 2 * np.pi) / (2 * np.pi - turn)
             sine = h0 + share * (h1 - h0)
             hit = np.flatnonzero((share < 1) & (np.abs(sine) < wide))
             time = times[spin[hit]] + share[hit] * np.diff(times)[spin[hit]]
             found.append((source[hit], time, np.full(len(hit), view)))
         owner, time, views = (np.concatenate(each) for each in zip(*found, strict=True))
-        order = np.lexsort((time, owner))
-        owner, time, views = owner[order], time[order], views[order]
+        owner, time, views = (each[np.lexsort((time, owner))] for each in (owner, time, views))
+        if self._state["bend"] >= _BEND:
+            time = self._refined(r[:, owner], time, views)
         z, *_ = self._axes(time)
         across = np.arcsin(np.sum(r[:, owner] * z, 0))
-        keep = self._alive(time) & (np.abs(across) < self.half_height)
+        keep = alive(time, self._state["gaps"]) & (np.abs(across) < self.half_height)
         owner, time, views, z, across = owner[keep], time[keep], views[keep], z[:, keep], across[keep]
         here = r[:, owner]
         scan = np.cross(z, here, axis=0) / np.cos(across)
@@ -263,7 +274,18 @@ class NominalScanningLaw(Frozen):
         for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
             times -= (self._phase(times) - turns) / (rate + slow(times, 1))
         z, u, w = self._axes(times)
-        self._state.update(times=times, z=z, u=u, w=w)
+        bend = np.abs(np.diff(z, 2)).max() / 8 if z.shape[1] > 2 else 0.0
+        self._state.update(times=times, z=z, u=u, w=w, bend=bend)
+
+    def _refined(self, here, time, views):
+        """Times at which the fields really pass, by Newton steps: where a spin is long its axis does not move straight."""
+        last = np.nextafter(self.years, 0)
+        for _ in range(4):
+            _, u, w = self._axes(time)
+            azimuth = np.arctan2(np.sum(here * w, 0), np.sum(here * u, 0))
+            late = azimuth - self._phase(time) - views * self.basic_angle / 2
+            time = np.clip(time + ((late + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, last)
+        return time
 
     def _phase(self, time):
         """Ω, the phase of the spin. [rad]"""
@@ -278,22 +300,3 @@ class NominalScanningLaw(Frozen):
         z[2] += np.sin(xi) * np.sin(nu)
         u = np.cross(sun, z, axis=0) / np.sin(xi)
         return z, u, np.cross(z, u, axis=0)
-
-    def _draw_gaps(self):
-        """Starts and ends of the lost intervals, exponential in length about six hours, [yr]."""
-        rng = generator(self.rng)
-        mean = 0.25 / YEAR
-        number = max(1, round(self.years * self.dead_time / mean))
-        lengths = rng.exponential(mean, number)
-        lengths *= self.years * self.dead_time / lengths.sum()
-        # Free time is cut at random; gaps go into the cuts, so none overlaps another.
-        cuts = np.sort(rng.uniform(0, self.years * (1 - self.dead_time), number))
-        starts = cuts + np.cumsum(lengths) - lengths
-        return starts, starts + lengths
-
-    def _alive(self, time):
-        if "gaps" not in self._state:
-            return np.ones(time.shape, bool)
-        starts, ends = self._state["gaps"]
-        before = np.searchsorted(starts, time, side="right") - 1
-        return (before < 0) | (time >= ends[np.maximum(before, 0)])

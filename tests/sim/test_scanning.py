@@ -145,11 +145,45 @@ def test_dead_time_is_lost():
     lon, lat = sim.uniform_sky(2000, rng=1)
     lossy = NominalScanningLaw(dead_time=0.2, rng=5)
     assert len(lossy.transits(lon, lat)) / len(LAW.transits(lon, lat)) == pytest.approx(0.8, abs=0.02)
-    starts, ends = lossy._state["gaps"]
+    starts, ends = lossy.lost.T
     assert (ends - starts).sum() == pytest.approx(5 * 0.2)
     assert (starts[1:] >= ends[:-1]).all()
     with pytest.raises(ValueError, match="needs rng"):
         NominalScanningLaw(dead_time=0.1)
+
+
+def test_given_gaps_are_lost_too():
+    lon, lat = sim.uniform_sky(500, rng=1)
+    time = NominalScanningLaw(gaps=((2.0, 3.0), (0.0, 0.5), (2.1, 2.2))).transits(lon, lat).time
+    whole = LAW.transits(lon, lat).time
+    kept = (whole >= 0.5) & ((whole < 2.0) | (whole >= 3.0))
+    np.testing.assert_array_equal(time, whole[kept])
+    with pytest.raises(ValueError, match="a start and a later end"):
+        NominalScanningLaw(gaps=((2.0, 1.0),))
+
+
+def test_fields_pass_when_spins_are_long():
+    """A mission scaled to fewer sources turns slowly; its axis moves ten degrees in a spin."""
+    law = NominalScanningLaw(spin_rate=6.0, half_height=np.radians(3.42))
+    lon, lat = sim.uniform_sky(300, rng=1)
+    found = law.transits(lon, lat)
+    z, first, second = law.attitude(found.time)
+    here = triad(lon, lat)[2][:, found.source]
+    view = np.where(found.view > 0, first, second)
+    assert np.abs(np.sum(np.cross(z, view, axis=0) * here, 0)).max() < 1e-9
+    assert np.abs(np.sum(z * here, 0)).max() <= np.sin(law.half_height)
+    # None is missed: a fine grid of time crosses the fields as often.
+    time = np.arange(0.1, 4.9, 600 / (365.25 * 86400))
+    z, first, second = law.attitude(time)
+    for k in range(5):
+        r = triad(lon[k : k + 1], lat[k : k + 1])[2]
+        crossed = 0
+        for view in (first, second):
+            along = np.sum(np.cross(z, view, axis=0) * r, 0)
+            passed = (along[1:] * along[:-1] < 0) & (np.sum(view * r, 0)[1:] > 0)
+            crossed += np.sum(passed & (np.abs(np.sum(z * r, 0))[1:] < np.sin(law.half_height)))
+        mine = found.time[found.source == k]
+        assert np.sum((mine > 0.1) & (mine < 4.9)) == pytest.approx(crossed, abs=1)
     with pytest.raises(ValueError, match="at least 0 and below 1"):
         NominalScanningLaw(dead_time=1.5, rng=1)
 

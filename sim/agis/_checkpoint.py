@@ -1,0 +1,80 @@
+"""What an interrupted solution goes on from."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsh.errors import CheckpointError
+from vsh.system.files import atomic_write
+from vsh.types import PathName
+
+
+def key_of(things: Iterable[Any]) -> str:
+    """A hash of arrays and plain values.
+
+    Parameters
+    ----------
+    things : iterable
+        Whatever determines a result.
+
+    Returns
+    -------
+    str
+    """
+    digest = hashlib.sha256()
+    for each in things:
+        digest.update(np.ascontiguousarray(each).tobytes() if isinstance(each, np.ndarray) else repr(each).encode())
+    return digest.hexdigest()
+
+
+def save(path: PathName, key: str, state: dict[str, Any]) -> None:
+    """Write a state; whole, or not at all.
+
+    Parameters
+    ----------
+    path : path
+        Of a .npz file.
+    key : str
+        Of the problem it belongs to.
+    state : dict of arrays
+        All that the rest depends on.
+    """
+    with atomic_write(path) as new, new.open("wb") as file:
+        np.savez(file, key=np.array(key), **state)
+
+
+def load(path: PathName, key: str) -> dict[str, Any] | None:
+    """A state that was saved, or None where there is none.
+
+    Parameters
+    ----------
+    path : path
+        Of the file.
+    key : str
+        Of the problem.
+
+    Returns
+    -------
+    dict or None
+
+    Raises
+    ------
+    CheckpointError
+        If the file is of another problem, or damaged.
+    """
+    if not Path(path).exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = dict(file)
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
+        raise CheckpointError(f"{path} is damaged ({error}): delete it to begin anew") from error
+    if str(found.pop("key", "")) != key:
+        raise CheckpointError(f"{path} belongs to another solution: delete it to begin anew")
+    return found

@@ -1,0 +1,134 @@
+"""What a joint solution takes: known before the work begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.scanning import NominalScanningLaw
+from vsh.errors import ParameterError
+from vsh.system.memory import GIB, free_memory
+from vsh.types import ArrayLike
+from vsh.units import JULIAN_YEAR
+
+#: Parts that the transits are cut into for threads: fixed, so that their number changes no bit of a sum.
+PARTS = 8
+#: Bytes: of a transit while transits are sorted and afterwards; of a source; of a source and right-hand side; of a coefficient.
+_SORTING, _TRANSIT, _SOURCE, _COLUMN, _COEFFICIENT = 60, 28, 480, 40 * (PARTS + 8), 3 * (12 + 5) * 8
+#: CPU seconds (of a 2 GHz server core): of a million transits to follow, and for an iteration; of a million coefficients to solve for.
+_FOLLOW, _ITERATE, _SOLVE = 2.2, 0.085, 0.22
+#: Sources whose transits are counted for the estimate.
+_SAMPLE = 300
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a joint solution would take.
+
+    Attributes
+    ----------
+    transits, coefficients : float
+        How many observations (pairs along and across), and how many spline coefficients of each of three components.
+    memory : float
+        At its peak. [bytes]
+    setup_seconds, iteration_seconds : float
+        CPU time of one core; wall-clock time is about half of it on two cores. [s]
+    """
+
+    transits: float
+    coefficients: float
+    memory: float
+    setup_seconds: float
+    iteration_seconds: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.transits / 1e6:.1f} million transits, {3 * self.coefficients / 1e6:.1f} million coefficients of the attitude: "
+            f"{self.memory / GIB:.1f} GiB, {self.setup_seconds / 60:.1f} CPU minutes before the first iteration, "
+            f"{self.iteration_seconds:.1f} CPU seconds for each"
+        )
+
+
+def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float = 30.0, *, ccds: int = 1) -> Plan:
+    """What the joint solution of some sources would take.
+
+    Parameters
+    ----------
+    law : NominalScanningLaw
+        The scanning law.
+    lon, lat : (n,) arrays
+        Positions in its frame. [rad]
+    knots : float
+        Time between knots. [s]
+    ccds : {1, 9}
+        Observations in a transit.
+
+    Returns
+    -------
+    Plan
+        From constants measured on one machine; good to a factor of two on others.
+    """
+    n, k = np.size(lon), expected_transits(law, lon, lat) * ccds
+    coefficients = law.years * JULIAN_YEAR / knots + 3
+    memory = max(_SORTING * k, system_memory(n, coefficients, 1) + _TRANSIT * k)
+    setup = _FOLLOW * k / ccds / 1e6 + 4 * _ITERATE * k / 1e6 + _SOLVE * coefficients / 1e6
+    return Plan(k, coefficients, memory, setup, _ITERATE * k / 1e6 + 3 * _SOLVE * coefficients / 1e6)
+
+
+def expected_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:
+    """About how many transits some sources will have: those of a sample, times their number.
+
+    Parameters
+    ----------
+    law : NominalScanningLaw
+        The scanning law.
+    lon, lat : (n,) arrays
+        Positions. [rad]
+
+    Returns
+    -------
+    float
+    """
+    lon, lat = np.asarray(lon), np.asarray(lat)
+    some = np.linspace(0, len(lon) - 1, min(_SAMPLE, len(lon))).astype(int)
+    return 1.02 * len(law.transits(lon[some], lat[some])) * len(lon) / len(some)
+
+
+def system_memory(n_sources: int, coefficients: float, columns: int) -> float:
+    """Bytes of the normal equations, without the transits.
+
+    Parameters
+    ----------
+    n_sources : int
+        Sources.
+    coefficients : float
+        Of each of three components of the attitude.
+    columns : int
+        Right-hand sides at once.
+
+    Returns
+    -------
+    float
+    """
+    return n_sources * (_SOURCE + _COLUMN * columns) + coefficients * (_COEFFICIENT + 72 * (columns - 1))
+
+
+def check_memory(needed: float, what: str, remedy: str) -> None:
+    """Raise ParameterError if there is not as much memory.
+
+    Parameters
+    ----------
+    needed : float
+        [bytes]
+    what, remedy : str
+        For the message.
+
+    Raises
+    ------
+    ParameterError
+        If it would not do.
+    """
+    free = free_memory()
+    if needed > free:
+        raise ParameterError(f"{what} would need {needed / GIB:.1f} GiB, and {free / GIB:.1f} GiB are free: {remedy}")

@@ -1,0 +1,177 @@
+"""Motions that follow a global field, solved for inside the joint solution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsh.basis import harmonics
+from vsh.checks import arguments, arrays
+from vsh.checks.frozen import Frozen
+from vsh.errors import ParameterError
+from vsh.modes import Modes, as_modes
+from vsh.types import ArrayLike, BoolArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GlobalMotion(Frozen):
+    """A field of k parameters that the motions of some sources follow to within a scatter.
+
+    The parameters y are solved for with everything else: a source's motion is G y plus one of its own, of standard
+    deviation `scatter`. That is a penalty (µ − G y)ᵀ P (µ − G y) with P = 1/scatter²; y is eliminated from it.
+
+    Attributes
+    ----------
+    design : (n, 2, k) array
+        East and north motion of each source for each parameter of one; zero where P is.
+    weights : (n,) array
+        P: zero for sources whose motions are free, as of stars. [yr²/µas²]
+    names : tuple of str
+        Of the parameters.
+    spins : bool
+        Whether a rotation of the sky is among the parameters; if none is, sources that follow the field do not rotate.
+    """
+
+    design: FloatArray
+    weights: FloatArray
+    names: tuple[str, ...]
+    spins: bool
+
+    def check(self, n: int, solved: BoolArray) -> None:
+        """Raise ParameterError unless it is of n sources, enough of which are solved.
+
+        Parameters
+        ----------
+        n : int
+            Sources.
+        solved : (n,) bool array
+            Which are.
+
+        Raises
+        ------
+        ParameterError
+            If not.
+        """
+        if len(self.design) != n:
+            raise ParameterError(f"a global motion of {len(self.design)} sources, and scans of {n}")
+        if 2 * np.sum(solved & (self.weights > 0)) < len(self.names):
+            raise ParameterError(f"too few sources for {len(self.names)} global parameters")
+
+    @property
+    def normal(self) -> FloatArray:
+        """Gᵀ P G, (k, k)."""
+        return np.einsum("nik,n,nil->kl", self.design, self.weights, self.design)
+
+    def parameters(self, x: FloatArray) -> FloatArray:
+        """y for given parameters of the sources, (k, K).
+
+        Parameters
+        ----------
+        x : (n, 5, K) array
+            Of the sources.
+
+        Returns
+        -------
+        array
+        """
+        return np.linalg.solve(self.normal, np.einsum("nik,n,nir->kr", self.design, self.weights, x[:, 3:]))
+
+    def pull(self, x: FloatArray) -> FloatArray:
+        """P G y of the field that fits best, (n, 2, K).
+
+        Parameters
+        ----------
+        x : (n, 5, K) array
+            Of the sources.
+
+        Returns
+        -------
+        array
+        """
+        return self.weights[:, None, None] * np.einsum("nik,kr->nir", self.design, self.parameters(x))
+
+    def functional(self, k: int) -> FloatArray:
+        """The g of parameter k: y_k = Σ g x, (n, 5).
+
+        Parameters
+        ----------
+        k : int
+            Which.
+
+        Returns
+        -------
+        array
+        """
+        out = np.zeros((len(self.design), 5))
+        rows = np.linalg.solve(self.normal, np.eye(len(self.names))[k])
+        out[:, 3:] = self.weights[:, None] * np.einsum("nik,k->ni", self.design, rows)
+        return out
+
+    def reduced(self, formal: FloatArray) -> FloatArray:
+        """Gᵀ (P⁻¹ + Σ)⁻¹ G with the covariances Σ of the motions, (k, k): what the sources, each for itself, tell of y.
+
+        Parameters
+        ----------
+        formal : (n, 5, 5) array
+            Covariances.
+
+        Returns
+        -------
+        array
+        """
+        held = self.weights > 0
+        spread = formal[held][:, 3:, 3:] + (1 / self.weights[held])[:, None, None] * np.eye(2)
+        return np.einsum("nik,nij,njl->kl", self.design[held], np.linalg.inv(spread), self.design[held])
+
+
+def global_motion(
+    lon: ArrayLike,
+    lat: ArrayLike,
+    modes: Modes | int = 1,
+    *,
+    scatter: ArrayLike = 10.0,
+    spin: bool = True,
+    factors: ArrayLike | None = None,
+) -> GlobalMotion:
+    """Motions that follow vector spherical harmonics, or our own velocity.
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays
+        Positions of all sources. [rad]
+    modes : Modes, or the degree lmax
+        Of the field.
+    scatter : float or (n,) array
+        Of the motions about it; infinite for sources whose motions are free. [µas/yr]
+    spin : bool
+        With the rotation, so that the frame stays free; else only a frame in which sources do not rotate is left.
+    factors : (n,) array, optional
+        Three more parameters: a glide of each source times its factor, as of our velocity with 1/(4.74 d) [µas/yr per km/s].
+
+    Returns
+    -------
+    GlobalMotion
+
+    Raises
+    ------
+    ParameterError
+        If a scatter is not above zero, or shapes disagree.
+    """
+    lon, modes = arrays.dimension(1)("lon", lon), as_modes(modes)
+    lat = arrays.float_array("lat", lat, lon.shape)
+    spread = arrays.float_array("scatter", scatter, lon.shape, finite=False, broadcast=True)
+    if not (spread > 0).all():
+        raise ParameterError(f"{np.sum(~(spread > 0))} scatters of motions are not above zero")
+    field = harmonics(lon, lat, modes)
+    names = [str(mode) for mode in modes]
+    if not spin:
+        keep = np.ones(len(modes), bool)
+        keep[modes.slice_of("T", 1)] = False
+        field, names = field[keep], [name for name, kept in zip(names, keep, strict=True) if kept]
+    if factors is not None:
+        glide = harmonics(lon, lat, 1)[3:]
+        field = np.concatenate([field, glide * arrays.float_array("factors", factors, lon.shape)])
+        names += ["v(1,0)", "v(1,1,re)", "v(1,1,im)"]
+    weights = 1 / spread**2
+    return GlobalMotion(field.transpose(2, 1, 0) * (weights > 0)[:, None, None], weights, tuple(names), bool(spin))

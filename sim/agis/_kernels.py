@@ -1,0 +1,149 @@
+"""Passes over the observations, compiled (numba).
+
+Each follows a part of the transits in one thread, lets go of the interpreter, and returns sums of its own: whoever
+adds them up in the order of the parts gets the same bits from any number of threads. Several vectors go through one
+pass as the last axis, of length K; `lengths` is a tuple of K nothings, so that K is known when the loop is compiled.
+
+Transits are the columns of `Scans`, the table of the sources, and the knots' spacing and the middle of the mission. Indices
+are unsigned, which spares a look for negative ones: a quarter of the time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_FAST = {"cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "nogil": True}
+_ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
+
+
+@njit(inline="always")
+def _spline(f):
+    g = 1.0 - f
+    return (
+        g * g * g / 6.0, (4.0 - 6.0 * f * f + 3.0 * f * f * f) / 6.0,
+        (4.0 - 6.0 * g * g + 3.0 * g * g * g) / 6.0, f * f * f / 6.0,
+    )  # fmt: skip
+
+
+@njit(inline="always")
+def _axes(s, c, table, q):
+    """n and m on the sky, from the scan's angle and the source's sin α, cos α, sin δ, cos δ."""
+    sa, ca, sd, cd = table[q, 0], table[q, 1], table[q, 2], table[q, 3]
+    qx, qy = -sd * ca, -sd * sa
+    return (c * sa + s * qx, -c * ca + s * qy, s * cd, -s * sa + c * qx, s * ca + c * qy, c * cd)
+
+
+@njit(inline="always")
+def _add(out, k, axis, r, b, g):
+    out[k, axis, r] += b[0] * g
+    out[k + _ONE, axis, r] += b[1] * g
+    out[k + _TWO, axis, r] += b[2] * g
+    out[k + _THREE, axis, r] += b[3] * g
+
+
+@njit(inline="always")
+def _at(h, k, axis, r, b):
+    return b[0] * h[k, axis, r] + b[1] * h[k + _ONE, axis, r] + b[2] * h[k + _TWO, axis, r] + b[3] * h[k + _THREE, axis, r]
+
+
+@njit(**_FAST)
+def to_attitude(start, stop, first, lengths, x, out, transits):
+    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
+    for i in range(np.uintp(start), np.uintp(stop)):
+        q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
+        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
+        t = (knot[i] + f) * spacing - middle
+        b = _spline(f)
+        nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
+        for r in range(np.uintp(len(lengths))):
+            east, north = x[q, 0, r] + t * x[q, 3, r], x[q, 1, r] + t * x[q, 4, r]
+            along = table[q, 4] * (s * east + c * north + fal[i] * x[q, 2, r])
+            across = table[q, 5] * (s * north - c * east + fac[i] * x[q, 2, r])
+            _add(out, k, 0, r, b, mx * across - nx * along)
+            _add(out, k, 1, r, b, my * across - ny * along)
+            _add(out, k, 2, r, b, mz * across - nz * along)
+
+
+@njit(**_FAST)
+def to_sources(start, stop, lengths, h, out, transits):
+    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
+    for i in range(np.uintp(start), np.uintp(stop)):
+        q, k = np.uintp(source[i]), np.uintp(knot[i])
+        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
+        t = (knot[i] + f) * spacing - middle
+        b = _spline(f)
+        nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
+        for r in range(np.uintp(len(lengths))):
+            ex, ey, ez = _at(h, k, 0, r, b), _at(h, k, 1, r, b), _at(h, k, 2, r, b)
+            along = -table[q, 4] * (nx * ex + ny * ey + nz * ez)
+            across = table[q, 5] * (mx * ex + my * ey + mz * ez)
+            east, north = s * along - c * across, c * along + s * across
+            out[q, 0, r] += east
+            out[q, 1, r] += north
+            out[q, 2, r] += fal[i] * along + fac[i] * across
+            out[q, 3, r] += t * east
+            out[q, 4, r] += t * north
+
+
+@njit(**_FAST)
+def predict(start, stop, x, h, along, across, transits):
+    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
+    for i in range(np.uintp(start), np.uintp(stop)):
+        q, k = np.uintp(source[i]), np.uintp(knot[i])
+        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
+        t = (knot[i] + f) * spacing - middle
+        b = _spline(f)
+        ex, ey, ez = _at(h, k, 0, 0, b), _at(h, k, 1, 0, b), _at(h, k, 2, 0, b)
+        nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
+        east, north = x[q, 0, 0] + t * x[q, 3, 0], x[q, 1, 0] + t * x[q, 4, 0]
+        along[i] = s * east + c * north + fal[i] * x[q, 2, 0] - (nx * ex + ny * ey + nz * ez)
+        across[i] = s * north - c * east + fac[i] * x[q, 2, 0] + mx * ex + my * ey + mz * ez
+
+
+@njit(**_FAST)
+def adjoint(start, stop, first, along, across, out, attitude, transits):
+    """The weighted transpose of `predict`."""
+    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
+    for i in range(np.uintp(start), np.uintp(stop)):
+        q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
+        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
+        t = (knot[i] + f) * spacing - middle
+        b = _spline(f)
+        nx, ny, nz, mx, my, mz = _axes(s, c, table, q)
+        al, ac = table[q, 4] * along[i], table[q, 5] * across[i]
+        _add(attitude, k, 0, 0, b, mx * ac - nx * al)
+        _add(attitude, k, 1, 0, b, my * ac - ny * al)
+        _add(attitude, k, 2, 0, b, mz * ac - nz * al)
+        east, north = s * al - c * ac, c * al + s * ac
+        out[q, 0] += east
+        out[q, 1] += north
+        out[q, 2] += fal[i] * al + fac[i] * ac
+        out[q, 3] += t * east
+        out[q, 4] += t * north
+
+
+@njit(**_FAST)
+def blocks(start, stop, first, squares, band, transits):
+    """Lower triangles of the sources' blocks, (n, 5, 5), and the lower band of the attitude's matrix by columns."""
+    source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
+    a, d, n, m = np.empty(5), np.empty(5), np.empty(3), np.empty(3)
+    for i in range(start, stop):
+        row, k, block = table[source[i]], knot[i] - first, squares[source[i]]
+        s, c, f = np.float64(sin[i]), np.float64(cos[i]), np.float64(frac[i])
+        t = (knot[i] + f) * spacing - middle
+        a[0], a[1], a[2], a[3], a[4] = s, c, fal[i], t * s, t * c
+        d[0], d[1], d[2], d[3], d[4] = -c, s, fac[i], -t * c, t * s
+        for p in range(5):
+            for q in range(p + 1):
+                block[p, q] += row[4] * a[p] * a[q] + row[5] * d[p] * d[q]
+        b = _spline(f)
+        n[0], n[1], n[2], m[0], m[1], m[2] = _axes(s, c, table, source[i])
+        for p in range(3):
+            for q in range(3):
+                w = row[4] * n[p] * n[q] + row[5] * m[p] * m[q]
+                for u in range(4):
+                    for v in range(u + 1):
+                        distance = 3 * (u - v) + p - q
+                        if distance >= 0:
+                            band[3 * (k + v) + q, distance] += b[u] * b[v] * w

@@ -1,0 +1,55 @@
+"""A mission scaled to fewer sources, as in AGISLab (Holl, Lindegren & Hobbs 2012, A&A 543, A15)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sim.scanning import NominalScanningLaw
+from vsh.checks import arguments
+
+#: Quasars of the paper, at whose number nothing is scaled.
+FULL = 500_000
+
+
+def scaled(n: int, law: NominalScanningLaw | None = None, *, knots: float = 30.0, full: int = FULL) -> tuple[NominalScanningLaw, float]:  # fmt: skip
+    """A scanning law and knots with which n sources are seen as `full` ones are by the whole mission.
+
+    As many sources in a field, observations in an interval and transits of a source: with s = n/full the fields are
+    1/√s as wide and the satellite turns √s as fast, so that knots are 1/s as far apart.
+
+    Parameters
+    ----------
+    n : int
+        Sources there are.
+    law : NominalScanningLaw, optional
+        That of the whole mission; five years unless given.
+    knots : float
+        Of the whole mission. [s]
+    full : int
+        Sources of the whole mission.
+
+    Returns
+    -------
+    law : NominalScanningLaw
+    knots : float
+        [s]
+
+    Raises
+    ------
+    ParameterError
+        If n is not a whole number, or so small that a field would be wider than the sky.
+
+    Examples
+    --------
+    >>> law, knots = scaled(5000)
+    >>> round(law.spin_rate, 9), round(knots, 9)
+    (6.0, 3000.0)
+    """
+    share = arguments.whole("n", n) / arguments.whole("full", full)
+    law = NominalScanningLaw() if law is None else arguments.a(NominalScanningLaw)("law", law)
+    root = share**0.5
+    arguments.between("the half height of a field of the scaled mission", law.half_height / root, 0, 0.5)
+    # Gaps that were drawn are kept as they are.
+    kept = {"dead_time": 0.0, "rng": None, "gaps": tuple(map(tuple, law.lost))}
+    wide = replace(law, half_height=law.half_height / root, spin_rate=law.spin_rate * root, **kept)
+    return wide, arguments.positive("knots", knots) / share

@@ -1,0 +1,277 @@
+"""Transits of all sources in the order of time, with the weights of what they measure."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim.agis._cost import check_memory, expected_transits
+from sim.scanning import NominalScanningLaw
+from vsh.checks import arguments, arrays
+from vsh.checks.frozen import Frozen
+from vsh.errors import ParameterError
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.system.files import atomic_folder
+from vsh.system.progress import progress_bar
+from vsh.types import ArrayLike, FloatArray, IntArray, PathName
+from vsh.units import JULIAN_YEAR
+
+#: The nine CCDs of a row are passed so many seconds apart.
+CCDS, CCD_STEP = 9, 4.85
+#: Sources followed together, and transits sorted together.
+_SOURCES, _SORTED = 20_000, 4_000_000
+_RECORD = np.dtype([("time", "f8"), ("source", "i4"), ("sin", "f4"), ("cos", "f4"), ("along_factor", "f4"), ("across_factor", "f4")])  # fmt: skip
+_COLUMNS = ("source", "knot", "frac", "sin", "cos", "along_factor", "across_factor")
+
+
+@dataclass(frozen=True, eq=False)
+class Scans(Frozen):
+    """Transits in the order of time: 28 bytes each.
+
+    Attributes
+    ----------
+    lon, lat : (n,) arrays
+        Positions of the sources, in `frame`. [rad]
+    weights : (2, n) array
+        Of a transit along and across the scan, 1/σ². [1/µas²]
+    source, knot : (k,) int32 arrays
+        Whose transit it is, and in which interval between knots.
+    frac : (k,) float32 array
+        Where in that interval, from 0 to 1.
+    sin, cos : (k,) float32 arrays
+        Of the scan's position angle.
+    along_factor, across_factor : (k,) float32 arrays
+        Shift along and across the scan for a parallax of one.
+    intervals : int
+        Between knots of the attitude.
+    spacing, years : float
+        Of the knots; of the mission, whose middle is the reference epoch. [yr]
+    frame : str
+        Of the positions.
+    """
+
+    lon: FloatArray
+    lat: FloatArray
+    weights: FloatArray
+    source: IntArray
+    knot: IntArray
+    frac: FloatArray
+    sin: FloatArray
+    cos: FloatArray
+    along_factor: FloatArray
+    across_factor: FloatArray
+    intervals: int
+    spacing: float
+    years: float
+    frame: str = "icrs"
+    _found: dict = field(default_factory=dict, init=False, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    @property
+    def n_sources(self) -> int:
+        """How many sources, n."""
+        return len(self.lon)
+
+    @property
+    def middle(self) -> float:
+        """The reference epoch, since the start of the mission. [yr]"""
+        return self.years / 2
+
+    @property
+    def counts(self) -> IntArray:
+        """Transits of each source, (n,)."""
+        if "counts" not in self._found:
+            self._found["counts"] = np.bincount(self.source, minlength=self.n_sources)
+        return self._found["counts"]
+
+    def time(self, part: slice = slice(None)) -> FloatArray:
+        """Times of transits since the start of the mission. [yr]
+
+        Parameters
+        ----------
+        part : slice
+            Of the transits; all unless given.
+
+        Returns
+        -------
+        (k,) array
+        """
+        return (self.knot[part] + self.frac[part].astype(float)) * self.spacing
+
+
+@arguments.accepts(
+    law=arguments.a(NominalScanningLaw), lon=arrays.dimension(1), lat=arrays.dimension(1), knots=arguments.positive
+)
+def scans(
+    law: NominalScanningLaw,
+    lon: ArrayLike,
+    lat: ArrayLike,
+    sigma_along: ArrayLike,
+    sigma_across: ArrayLike | None,
+    knots: float = 30.0,
+    *,
+    ccds: int = 1,
+    folder: PathName | None = None,
+    threads: int | None = None,
+    progress: bool = False,
+) -> Scans:
+    """Every transit of some sources through a mission, in the order of time.
+
+    Parameters
+    ----------
+    law : NominalScanningLaw
+        Its gaps are those of the transits.
+    lon, lat : (n,) arrays
+        Positions in the law's frame. [rad]
+    sigma_along, sigma_across : float or (n,) array
+        Errors of a field-of-view transit along and across the scan; None, or infinite, where nothing is measured
+        across. [µas]
+    knots : float
+        Time between knots of the attitude. [s]
+    ccds : {1, 9}
+        Observations that a transit is made of: one, or one on each of nine CCDs, 4.85 s apart and with three times the
+        error.
+    folder : path, optional
+        Keep the transits there and map them into memory; they are read again where they are the same.
+    threads : int, optional
+        One a core unless given; changes nothing.
+    progress : bool
+        Show a bar, after two seconds.
+
+    Returns
+    -------
+    Scans
+
+    Raises
+    ------
+    ParameterError
+        If an error is not above zero, knots are longer than the mission, or the memory would not do.
+    """
+    n = len(lon)
+    shape = arrays.float_array("lat", lat, lon.shape).shape  # type: ignore[union-attr]
+    along = arrays.float_array("sigma_along", sigma_along, shape, broadcast=True)
+    across = np.inf if sigma_across is None else sigma_across
+    across = arrays.float_array("sigma_across", across, shape, finite=False, broadcast=True)
+    if not ((along > 0).all() and (across > 0).all()):
+        bad = int(np.sum(~(along > 0)) + np.sum(~(across > 0)))
+        raise ParameterError(f"{bad} errors of transits are not above zero")
+    arguments.choice("ccds", ccds, (1, CCDS))
+    spacing = knots / JULIAN_YEAR
+    if spacing >= law.years:
+        raise ParameterError(f"knots {knots:g} s apart are no knots in a mission of {law.years:g} years")
+    if n == 0:
+        raise ParameterError("scans need a source at least")
+    weights = np.stack([1 / along**2, 1 / across**2]) / ccds
+    fixed = {
+        "lon": np.array(lon, float), "lat": np.array(lat, float), "weights": weights,
+        "intervals": int(np.ceil(law.years / spacing)), "spacing": spacing, "years": law.years, "frame": law.frame,
+    }  # fmt: skip
+    key = _key(law, fixed, ccds)
+    if folder is None:
+        check_memory(2 * _RECORD.itemsize * expected_transits(law, lon, lat) * ccds, "transits", "give a folder= for them")  # type: ignore[arg-type]
+        return Scans(**fixed, **_sorted(_followed(law, lon, lat, ccds, threads, progress, None), fixed, None))
+    folder = Path(folder)
+    if not (folder / f"{key}.json").exists():
+        with atomic_folder(folder) as new:
+            _sorted(_followed(law, lon, lat, ccds, threads, progress, new), fixed, new)
+            for part in new.glob("part-*.npy"):
+                part.unlink()
+            (new / f"{key}.json").write_text(json.dumps({"sources": n, "knots": knots, "ccds": ccds}), encoding="utf-8")
+    return Scans(**fixed, **{name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in _COLUMNS})
+
+
+def _followed(law, lon, lat, ccds, threads, progress, folder):
+    """Transits of blocks of sources, each block in the order of time: arrays, or the files that hold them."""
+    turn = rotation_matrix("ecliptic", law.frame)
+    # Not over the edges of the mission: the end is an edge of the last interval.
+    last = np.nextafter(law.years, 0)
+    with progress_bar(total=len(lon), words="transits", shown=progress, unit=" sources") as bar:
+        for number, start in enumerate(range(0, len(lon), _SOURCES)):
+            here = slice(start, start + _SOURCES)
+            found = law.transits(lon[here], lat[here], threads=threads)
+            p, q, _ = triad(lon[here], lat[here])
+            out = np.empty((len(found), ccds), _RECORD)
+            steps = (np.arange(ccds) - (ccds - 1) / 2) * CCD_STEP / JULIAN_YEAR
+            out["time"] = np.clip(found.time[:, None] + steps, 0, last)
+            sin, cos = np.sin(found.angle), np.cos(found.angle)
+            sun, distance = law.sun(found.time)
+            sun = turn @ sun
+            east, north = (np.einsum("ij,ij->j", v[:, found.source], sun) for v in (p, q))
+            # As of the parallax along the scan: the Sun seen from 1 % beyond the Earth.
+            columns = (found.source + start, sin, cos, found.parallax_factor, 1.01 * distance * (sin * north - cos * east))  # fmt: skip
+            for name, column in zip(_RECORD.names[1:], columns, strict=True):
+                out[name] = column[:, None]
+            out = out.ravel()
+            out = out[np.argsort(out["time"], kind="stable")]
+            bar.update(len(p[0]))
+            if folder is None:
+                yield out
+            else:
+                np.save(folder / f"part-{number:05d}.npy", out)
+                yield np.load(folder / f"part-{number:05d}.npy", mmap_mode="r")
+
+
+def _sorted(parts, fixed, folder):
+    """All parts in one order of time: columns, in memory or as files of a folder."""
+    parts = list(parts)
+    total = sum(map(len, parts))
+    dtypes = {name: np.dtype("i4") if name in ("source", "knot") else np.dtype("f4") for name in _COLUMNS}
+    columns = {
+        name: np.empty(total, dtype)
+        if folder is None
+        else np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, (total,))
+        for name, dtype in dtypes.items()
+    }
+    edges = np.linspace(0, fixed["years"], total // _SORTED + 2)
+    edges[-1] = np.inf
+    done = 0
+    for low, high in pairwise(edges):
+        found = np.concatenate([part[slice(*np.searchsorted(part["time"], (low, high)))] for part in parts])
+        found = found[np.argsort(found["time"], kind="stable")]
+        here = slice(done, done + len(found))
+        place = found["time"] / fixed["spacing"]
+        columns["knot"][here] = np.minimum(place.astype("i4"), fixed["intervals"] - 1)
+        columns["frac"][here] = place - columns["knot"][here]
+        for name in _RECORD.names[1:]:
+            columns[name][here] = found[name]
+        done += len(found)
+    for column in columns.values():
+        if folder is not None:
+            column.flush()
+    return columns
+
+
+def _key(law, fixed, ccds):
+    """A hash of all that determines the transits."""
+    told = {each.name: getattr(law, each.name) for each in fields(law) if each.init and each.name != "rng"}
+    digest = hashlib.sha256(repr((told, fixed["spacing"], ccds)).encode())
+    for array in (law.lost, fixed["lon"], fixed["lat"], fixed["weights"]):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def plain(scans: Scans) -> dict[str, Any]:
+    """What a report says of scans: counts, knots, years.
+
+    Parameters
+    ----------
+    scans : Scans
+        Any.
+
+    Returns
+    -------
+    dict
+    """
+    return {
+        "sources": scans.n_sources, "transits": len(scans), "intervals": scans.intervals,
+        "knots_seconds": round(scans.spacing * JULIAN_YEAR, 6), "years": scans.years,
+    }  # fmt: skip

@@ -1,0 +1,207 @@
+"""What a joint solution found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from sim.signal import Signal, as_signal
+from vsh import Field
+from vsh.checks import arguments, arrays
+from vsh.checks.frozen import Frozen
+from vsh.coefficients import Coefficients
+from vsh.errors import ParameterError
+from vsh.modes import Modes
+from vsh.sky.sphere import triad
+from vsh.types import ArrayLike, BoolArray, FloatArray
+
+_COLUMNS = {"position": slice(0, 2), "motion": slice(3, 5)}
+
+
+@dataclass(frozen=True, eq=False)
+class AgisSolution(Frozen):
+    """Corrections to the parameters of sources and attitude: estimate less truth, where the observations were noise alone.
+
+    Attributes
+    ----------
+    sources : (n, 5) array
+        α*, δ, ϖ, µ_α*, µ_δ; nan for sources with too few transits. [µas, µas/yr]
+    attitude : (coefficients, 3) array
+        Of the spline, along the axes of `frame`. [µas]
+    iterations : int
+        Updates of the sources, the first among them.
+    converged : bool
+        By the rule that was asked for.
+    history : (iterations, p) array
+        Coefficients of the low degrees after each. [µas/yr]
+    updates : (iterations − 1,) array
+        Preconditioned residuals of the parallax, rms. [µas]
+    modes, formal_low : Modes, (p, p) array
+        Of the history; its covariance as quoted.
+    formal : (n, 5, 5) array
+        Covariances of each source for itself, the attitude taken for known: as quoted.
+    solved : (n,) bool array
+        Which sources have a solution.
+    lon, lat, frame
+        Of the sources.
+    global_parameters : (k,) array or None
+        Of a global motion.
+    notes : tuple of str
+        What became of it since.
+    """
+
+    sources: FloatArray
+    attitude: FloatArray
+    iterations: int
+    converged: bool
+    history: FloatArray
+    updates: FloatArray
+    modes: Modes
+    formal_low: FloatArray
+    formal: FloatArray
+    solved: BoolArray
+    lon: FloatArray
+    lat: FloatArray
+    frame: str
+    global_parameters: FloatArray | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def field(
+        self,
+        truth: Signal | Coefficients | None = None,
+        *,
+        sources: ArrayLike | None = None,
+        kind: Literal["motion", "position"] = "motion",
+        redshift: ArrayLike | None = None,
+        magnitude: ArrayLike | None = None,
+    ) -> Field:
+        """The motions, or the position offsets, of some sources with the errors that would be quoted.
+
+        Quoted errors are those of each source for itself, as catalogues have them: sources that share a piece of the attitude
+        share errors that these do not tell. `System.true_covariance` does.
+
+        Parameters
+        ----------
+        truth : Signal or Coefficients, optional
+            True motions to which the errors are added; none unless given. [µas/yr]
+        sources : indices or mask, optional
+            All unless given.
+        kind : {"motion", "position"}
+            Which two of the five parameters.
+        redshift, magnitude : (n,) arrays, optional
+            Of all sources.
+
+        Returns
+        -------
+        Field
+            Of the sources that are solved; a note counts the others.
+
+        Raises
+        ------
+        ParameterError
+            If the kind is unknown, or there are no such sources.
+        """
+        columns = _COLUMNS[arguments.choice("kind", kind, tuple(_COLUMNS))]
+        n = len(self.lon)
+        try:
+            chosen = np.arange(n) if sources is None else np.arange(n)[np.asarray(sources)]
+        except IndexError as error:
+            raise ParameterError(f"there are {n} sources: {error}") from None
+        kept = chosen[self.solved[chosen]]
+        if not len(kept):
+            raise ParameterError(f"none of {len(chosen)} sources is solved")
+        notes = [f"simulated: sources and attitude solved together in {self.iterations} iterations; errors are those of each source alone", *self.notes]  # fmt: skip
+        if not self.converged:
+            notes.append("the joint solution had not come to rest: large scales are not what they will be")
+        if len(kept) < len(chosen):
+            notes.append(f"left out {len(chosen) - len(kept)} of {len(chosen)} sources: too few transits for five parameters")
+        z, g = (
+            None if each is None else arrays.float_array(name, each, (n,), finite=False)[kept]
+            for name, each in (("redshift", redshift), ("magnitude", magnitude))
+        )
+        covariance = self.formal[kept][:, columns, columns]
+        sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+        motion = self.sources[kept][:, columns].T
+        if truth is not None:
+            motion = motion + as_signal(truth)(self.lon[kept], self.lat[kept], z)
+        rho = covariance[:, 0, 1] / (sigma[0] * sigma[1])
+        return Field(self.lon[kept], self.lat[kept], motion, sigma, rho, redshift=z, magnitude=g, frame=self.frame, notes=notes)  # fmt: skip
+
+    def rotated(self, orientation: ArrayLike, spin: ArrayLike, note: str = "") -> AgisSolution:
+        """The same solution in a frame turned back by ε₀ + ω t.
+
+        Parameters
+        ----------
+        orientation, spin : (3,) arrays
+            ε₀ and ω, taken away from positions and motions. [µas, µas/yr]
+        note : str
+            Why.
+
+        Returns
+        -------
+        AgisSolution
+        """
+        p, q, _ = triad(self.lon, self.lat)
+        sources = self.sources.copy()
+        for columns, name, given in ((slice(0, 2), "orientation", orientation), (slice(3, 5), "spin", spin)):
+            vector = arrays.float_array(name, given, (3,))
+            sources[:, columns] -= np.stack([vector @ q, -(vector @ p)], axis=1)
+        return replace(self, sources=sources, notes=(*self.notes, note) if note else self.notes)
+
+
+def rotate_frame(
+    solution: AgisSolution, vlbi: ArrayLike, quasars: ArrayLike | None = None, *, radio: ArrayLike = 100.0, own: ArrayLike = 10.0, rng: Any = None
+) -> tuple[AgisSolution, FloatArray, FloatArray]:
+    """The frame rotator that ends a solution: ε₀ from radio positions, ω with a glide from motions of quasars.
+
+    As Bachchan, Hobbs & Lindegren (2016, section 4): positions of VLBI quasars are known with an error, motions of quasars
+    are zero but for a glide and a scatter of their own.
+
+    Parameters
+    ----------
+    solution : AgisSolution
+        Whose frame is arbitrary.
+    vlbi, quasars : indices or masks
+        Sources with radio positions; whose motions count (all unless given).
+    radio, own : float
+        Errors of a radio position, and scatter of true motions, in each component. [µas, µas/yr]
+    rng : Generator or int, optional
+        Draws the radio positions' errors; none unless given.
+
+    Returns
+    -------
+    solution : AgisSolution
+        In the rotated frame.
+    rotation, errors : (6,) arrays
+        ε₀ and ω that were taken away, and their formal errors.
+
+    Raises
+    ------
+    ParameterError
+        If fewer than two sources determine either.
+    """
+    everything = np.arange(len(solution.lon))
+    found, sigma = [], []
+    chosen = (everything[np.asarray(vlbi)], everything if quasars is None else everything[np.asarray(quasars)])
+    for columns, which, spread in zip((slice(0, 2), slice(3, 5)), chosen, (radio, own), strict=True):
+        which = which[solution.solved[which]]
+        if len(which) < 3:
+            raise ParameterError(f"a frame rotator needs three solved sources of each kind, not {len(which)}")
+        spread = arguments.not_negative("radio or own", spread)
+        p, q, _ = triad(solution.lon[which], solution.lat[which])
+        design = [np.stack([q, -p], axis=1)]  # (3, 2, m)
+        if columns.start:
+            design.append(np.stack([p, q], axis=1))  # a glide g: g·p east, g·q north
+        rows = np.concatenate(design)
+        motion = solution.sources[which][:, columns].T
+        if columns.start == 0 and rng is not None:
+            motion = motion - spread * arguments.generator(rng).standard_normal(motion.shape)
+        weights = np.linalg.inv(solution.formal[which][:, columns, columns] + spread**2 * np.eye(2))
+        weighted = np.einsum("nij,pjn->pin", weights, rows)
+        covariance = np.linalg.inv(np.einsum("pin,qin->pq", weighted, rows))
+        found.append((covariance @ np.einsum("pin,in->p", weighted, motion))[:3])
+        sigma.append(np.sqrt(np.diag(covariance))[:3])
+    words = f"frame rotated: ε₀ = {np.round(found[0], 2).tolist()} µas, ω = {np.round(found[1], 3).tolist()} µas/yr taken away"
+    return solution.rotated(*found, words), np.concatenate(found), np.concatenate(sigma)
