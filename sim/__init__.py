@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from sim import astrometry, population, scanning, signal, variability
+from sim import agis, astrometry, population, scanning, signal, variability
 from sim.expected import expected_covariances
 from sim.mission import Mission
 from sim.noise import gaia_errors
@@ -15,6 +15,7 @@ from sim.population import (
     galaxies,
     plane_avoiding_sky,
     quasars,
+    stars,
     uniform_sky,
     vlbi_quasars,
 )
@@ -45,6 +46,7 @@ __all__ = [
     "Signal",
     "Variability",
     "acceleration",
+    "agis",
     "anisotropic_expansion",
     "astrometry",
     "clustered_galaxies",
@@ -71,6 +73,7 @@ __all__ = [
     "signal",
     "skies",
     "spin",
+    "stars",
     "systematics",
     "uniform_sky",
     "variability",

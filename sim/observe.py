@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from sim.agis import solve_mission
 from sim.astrometry import solve
 from sim.mission import Mission, as_mission
 from sim.noise import gaia_errors
@@ -33,6 +34,7 @@ def observe(
     rng: Rng,
     *,
     mission: Mission | NominalScanningLaw | None = None,
+    attitude: Literal["solved"] | float | None = None,
     variability: Variability | None = None,
     excess_noise: ArrayLike = 0.0,
     quote_variability: bool = False,
@@ -57,6 +59,10 @@ def observe(
     mission : Mission or NominalScanningLaw, optional
         Simulate every transit of every source over it, and solve for five parameters. A bare scanning law
         has the errors of `release` and an attitude known to 10 µas.
+    attitude : float or "solved", optional
+        In place of the mission's: known to so many µas, each source then solved for itself, which is right where stars
+        hold the attitude; or solved together with the sources (`sim.agis`), as if they were half a million. A mission of
+        five years unless one is given.
     variability : Variability, optional
         Variability of the photocentres, with a mission.
     excess_noise : float or (n,) array
@@ -102,8 +108,14 @@ def observe(
     """
     rng = generator(rng)
     n = len(population)
+    if attitude is not None:
+        given = as_mission(NominalScanningLaw() if mission is None else mission, release)
+        mission = replace(given, attitude=attitude)
     if mission is not None:
         mission = as_mission(mission, release)
+        if mission.is_solved:
+            field = _solved_together(population, as_signal(signal), rng, mission, variability, excess_noise, quote_variability, threads, progress)  # fmt: skip
+            return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
         errors, covariance, keep, notes = _through_mission(
             population, rng, mission, variability, excess_noise, quote_variability, threads, progress, (3, 4)
         )
@@ -237,6 +249,21 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
     if not keep.all():
         notes.append(f"left out {(~keep).sum()} of {len(keep)} sources: too few transits for five parameters")
     return errors[:, keep], covariance[keep], keep, notes
+
+
+def _solved_together(population, signal, rng, mission, variability, excess_noise, quote, threads, progress):
+    """Through a mission whose attitude is solved as well; neighbours share errors."""
+    if quote:
+        raise ParameterError("a joint solution quotes the errors of its measurements alone: quote_variability is for an attitude in µas")  # fmt: skip
+    mission.check_frame(population.frame)
+    error = mission.transit_error(population.magnitude, excess_noise)
+    solution, system, notes = solve_mission(
+        mission.scanning_law, population.lon, population.lat, error, rng,
+        variability=variability, knots=mission.knots, threads=threads, progress=progress,
+    )  # fmt: skip
+    field = solution.field(signal, redshift=population.redshift, magnitude=population.magnitude)
+    said = f"simulated: {len(system.scans)} transits in {mission.years:g} years, errors of {mission.release}"
+    return replace(field, notes=(said, *notes, *field.notes))
 
 
 def _field(population, signal, errors, covariance, notes):

@@ -1,12 +1,11 @@
 """Sources and attitude solved together, as Gaia's astrometric global iterative solution does (AGIS), at full scale."""
 
-from sim.agis._cost import Plan, plan
 from sim.agis._globals import GlobalMotion, global_motion
+from sim.agis._mission import joint_system, solve_mission
 from sim.agis._observations import observations, start_errors
-from sim.agis._scaled import scaled
-from sim.agis._scans import Scans, scans
-from sim.agis._solution import AgisSolution, rotate_frame
 from sim.agis._system import System
+from sim.agis.passes import Plan, Scans, plan, scaled, scans
+from sim.agis.results import AgisSolution, correlation_by_angle, ratio_by, rotate_frame
 
 __all__ = [
     "AgisSolution",
@@ -14,11 +13,15 @@ __all__ = [
     "Plan",
     "Scans",
     "System",
+    "correlation_by_angle",
     "global_motion",
+    "joint_system",
     "observations",
     "plan",
+    "ratio_by",
     "rotate_frame",
     "scaled",
     "scans",
+    "solve_mission",
     "start_errors",
 ]

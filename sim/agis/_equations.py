@@ -16,13 +16,11 @@ import re
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
-from sim.agis._cost import check_memory, system_memory
 from sim.agis._globals import GlobalMotion
-from sim.agis._scans import Scans
-from sim.agis._sparse import MAX_TRANSITS, SparsePasses
-from sim.agis._spline import smooth
-from vsh.errors import DegeneracyError, ParameterError
-from vsh.types import BoolArray, FloatArray
+from sim.agis.passes import Scans, check_memory, make_passes, smooth, system_memory
+from vsh.errors import DegeneracyError
+from vsh.types import FloatArray
+from vsh.units import JULIAN_YEAR
 
 #: A source is solved if it has more transits than parameters, and its block is no worse conditioned.
 _LEAST = 1e-6
@@ -57,6 +55,7 @@ class Equations:
         check_memory(system_memory(scans.n_sources, self.coefficients, 1), "the normal equations",
                      "take fewer sources, or knots farther apart")  # fmt: skip
         self.passes, blocks, band, self.solved = self._determined(threads, compiled)
+        self._check_numbers()
         blocks[~self.solved] = np.eye(5)
         self.formal = _inverse(blocks)
         self.blocks = blocks
@@ -94,7 +93,8 @@ class Equations:
         right : array
             Of the attitude.
         """
-        flat = np.asfortranarray(right.reshape(3 * self.coefficients, -1))
+        # A copy, which is overwritten: for one right-hand side the order of its axes is the same.
+        flat = np.array(right.reshape(3 * self.coefficients, -1), order="F")
         return cho_solve_banded((self.factor, True), flat, overwrite_b=True, check_finite=False).reshape(right.shape)
 
     def reduce(self, of_sources: FloatArray, of_attitude: FloatArray) -> FloatArray:
@@ -120,7 +120,9 @@ class Equations:
         z = self.start @ r
         if self.motion is not None:
             g = self.motion.design
-            low = np.linalg.solve(self._low_rank, np.einsum("mik,mir->kr", g, self.motion.weights[:, None, None] * z[:, 3:]))
+            low = np.linalg.solve(
+                self._low_rank, np.einsum("mik,mir->kr", g, self.motion.weights[:, None, None] * z[:, 3:])
+            )
             pulled = np.zeros_like(z)
             pulled[:, 3:] = self.motion.weights[:, None, None] * np.einsum("mik,kr->mir", g, low)
             z += self.start @ pulled
@@ -134,9 +136,13 @@ class Equations:
         array
             For an ε₀ of one µas, and an ω of one µas/yr.
         """
-        from vsh.sky.sphere import triad
-
-        p, q, _ = triad(self.scans.lon, self.scans.lat)
+        # Of the directions as the observations have them, in single precision.
+        sa, ca, sd, cd = (
+            each(angle).astype(np.float32).astype(float)
+            for angle in (self.scans.lon, self.scans.lat)
+            for each in (np.sin, np.cos)
+        )
+        p, q = np.stack([-sa, ca, np.zeros_like(sa)]), np.stack([-sd * ca, -sd * sa, cd])
         out = np.zeros((6, self.scans.n_sources, 5))
         # ε × r has the components ε·q east and −ε·p north.
         out[:3, :, 0], out[:3, :, 1] = q, -p
@@ -168,27 +174,26 @@ class Equations:
         basis = self.null_space()[: self.defect]
         basis[:, ~self.solved] = 0
         weighted = np.einsum("nij,knj->kni", self.blocks, basis)
-        rotation = np.linalg.solve(
-            np.einsum("kni,lni->kl", weighted, basis), np.einsum("kni,nir->kr", weighted, x)
-        )
+        rotation = np.linalg.solve(np.einsum("kni,lni->kl", weighted, basis), np.einsum("kni,nir->kr", weighted, x))
         return x - np.einsum("kr,kni->nir", rotation, basis), rotation
 
     def _check_data(self):
         scans = self.scans
-        if self.prior is not None:
-            return
-        if not (scans.weights[1] > 0).any():
+        if self.prior is None and not (scans.weights[1] > 0).any():
             raise DegeneracyError(
                 "no across-scan data: along the scan alone coefficient 0 of the attitude, and every other, is determined about "
                 "one axis of three. Give sigma_across, or a prior, to which the attitude is known from elsewhere"
             )
-        observed = len(scans) * (1 + (scans.weights[1] > 0).mean())
-        unknown = 5 * scans.n_sources + 3 * self.coefficients
-        if observed < unknown:
-            enough = scans.years * 365.25 * 86400 * 3 / max(observed - 5 * scans.n_sources, 1.0)
-            longer = f"knots of {enough:.0f} s or more, " if observed > 5 * scans.n_sources else ""
+
+    def _check_numbers(self):
+        """Raise DegeneracyError if the solved sources have fewer observations than there are unknowns."""
+        scans, n = self.scans, int(self.solved.sum())
+        observed = np.sum((scans.counts * (1 + (scans.weights[1] > 0)))[self.solved])
+        left, unknown = observed - 5 * n, 3 * self.coefficients
+        if self.prior is None and left < unknown:
+            longer = f"knots of {3 * scans.years * JULIAN_YEAR / left:.0f} s or more, " if left > 0 else ""
             raise DegeneracyError(
-                f"too few sources for the knots: {observed:.0f} observations of {scans.n_sources} sources for {unknown} unknowns "
+                f"too few sources for the knots: {observed:.0f} observations of {n} sources for {5 * n + unknown} unknowns "
                 f"({scans.intervals} intervals). Take {longer}more sources, sim.agis.scaled, or a prior"
             )
 
@@ -196,36 +201,19 @@ class Equations:
         """Passes, blocks and band of the sources that have transits enough."""
         scans = self.scans
         solved = scans.counts > 5
-        passes = self._passes(scans, solved, threads, compiled)
+        passes = make_passes(scans, solved, threads, compiled)
         blocks, band = passes.blocks()
         scale = np.sqrt(np.maximum(np.einsum("nii->ni", blocks), 1e-300))
         good = np.linalg.eigvalsh(blocks / (scale[:, :, None] * scale[:, None]))[:, 0] > _LEAST
         if (solved & ~good).any():
             solved &= good
-            passes = self._passes(scans, solved, threads, compiled)
+            passes = make_passes(scans, solved, threads, compiled)
             blocks, band = passes.blocks()
         if not solved.any():
             raise DegeneracyError(
                 f"none of {scans.n_sources} sources has transits enough for five parameters in {scans.years:g} years"
             )
         return passes, blocks, band, solved
-
-    @staticmethod
-    def _passes(scans, solved: BoolArray, threads, compiled):
-        sin_cos = [each(angle) for angle in (scans.lon, scans.lat) for each in (np.sin, np.cos)]
-        # Sources that are not solved weigh nothing, so that they tell the attitude nothing either.
-        table = np.stack([*sin_cos, *(scans.weights * solved)], axis=1).astype(np.float32)
-        if compiled is not False:
-            try:
-                from sim.agis._passes import CompiledPasses  # numba
-            except ImportError:
-                if compiled or len(scans) > MAX_TRANSITS:
-                    raise ParameterError(
-                        f"{len(scans)} transits are too many without numba: pip install 'vsh-astrometry[agis]'"
-                    ) from None
-            else:
-                return CompiledPasses(scans, table, threads)
-        return SparsePasses(scans, table)
 
     def _factored(self, band):
         try:

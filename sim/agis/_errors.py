@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.agis._iteration import Iteration
 from vsh.errors import ConvergenceError
+from vsh.system.parallel import blas_for
 from vsh.system.progress import progress_bar
 from vsh.types import FloatArray
 
@@ -51,12 +52,11 @@ def covariance_of(
         basis = equations.null_space()[: equations.defect]
         basis[:, ~equations.solved] = 0
         weighted = np.einsum("nij,knj->kni", equations.blocks, basis)
-        share = np.linalg.solve(
-            np.einsum("kni,lni->kl", weighted, basis), np.einsum("kni,nir->kr", basis, right)
-        )
+        share = np.linalg.solve(np.einsum("kni,lni->kl", weighted, basis), np.einsum("kni,nir->kr", basis, right))
         right -= np.einsum("kr,kni->nir", share, weighted)
     solved = np.empty_like(right)
-    with progress_bar(words="exact errors", shown=progress, unit=" iterations") as bar:
+    bar = progress_bar(words="exact errors", shown=progress, unit=" iterations")
+    with bar, blas_for(0):
         for start in range(0, right.shape[-1], TOGETHER):
             here = slice(start, start + TOGETHER)
             solved[..., here] = _solved(equations, np.ascontiguousarray(right[..., here]), tolerance, iterations, bar)

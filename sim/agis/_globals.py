@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsh.basis import harmonics
-from vsh.checks import arguments, arrays
+from vsh.checks import arrays
 from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
 from vsh.modes import Modes, as_modes

@@ -6,10 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from sim.agis.passes import Scans
 from vsh.basis import harmonics
-from vsh.errors import DegeneracyError
+from vsh.checks import arrays
+from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import Modes
-from vsh.types import ArrayLike, FloatArray
+from vsh.types import ArrayLike, FloatArray, IntArray
+
+#: Degrees that must come to rest.
+LOW_DEGREES = 3
 
 
 class MotionFit:
@@ -71,3 +76,93 @@ class MotionFit:
         out = np.zeros((self.equations.scans.n_sources, 5, len(rows)))
         out[self.sources, 3:] = rows.transpose(2, 1, 0)
         return out
+
+
+def low_fit(equations: Any, sources: IntArray) -> MotionFit:
+    """The fit whose coefficients must come to rest: to degree three, or as high as the sources determine.
+
+    Parameters
+    ----------
+    equations : Equations
+        Whose sources.
+    sources : (m,) int array
+        Which.
+
+    Returns
+    -------
+    MotionFit
+
+    Raises
+    ------
+    DegeneracyError
+        If they do not determine degree 1.
+    """
+    for degree in range(LOW_DEGREES, 0, -1):
+        if len(Modes(degree)) < 2 * equations.solved[sources].sum():
+            try:
+                return MotionFit(equations, Modes(degree), sources)
+            except DegeneracyError:
+                continue
+    raise DegeneracyError(f"{len(sources)} sources determine no spin and acceleration, by which iterations stop")
+
+
+def chosen(scans: Scans, sources: ArrayLike | None) -> IntArray:
+    """Indices of sources given by indices or a mask; all where none are given.
+
+    Parameters
+    ----------
+    scans : Scans
+        Of the sources.
+    sources : array or None
+        Which.
+
+    Returns
+    -------
+    int array
+
+    Raises
+    ------
+    ParameterError
+        If there are no such sources.
+    """
+    everything = np.arange(scans.n_sources)
+    if sources is None:
+        return everything
+    try:
+        return everything[np.asarray(sources)]
+    except IndexError as error:
+        raise ParameterError(f"there are {len(everything)} sources: {error}") from None
+
+
+def sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> IntArray:
+    """Indices of the sources at given positions; all where none are given.
+
+    Parameters
+    ----------
+    scans : Scans
+        Of the sources.
+    lon, lat : (m,) arrays or None
+        The very positions of some of them. [rad]
+
+    Returns
+    -------
+    int array
+
+    Raises
+    ------
+    ParameterError
+        If there is no source at a position.
+    """
+    if lon is None and lat is None:
+        return np.arange(scans.n_sources)
+    lon = arrays.dimension(1)("lon", lon)
+    lat = arrays.float_array("lat", lat, lon.shape)
+    if lon.shape == scans.lon.shape and (lon == scans.lon).all() and (lat == scans.lat).all():
+        return np.arange(scans.n_sources)
+    places = {place: i for i, place in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}
+    found = [places.get(place, -1) for place in zip(lon.tolist(), lat.tolist(), strict=True)]
+    if -1 in found:
+        raise ParameterError(
+            f"{found.count(-1)} of {len(found)} positions are of no source of the scans (first: {found.index(-1)})"
+        )
+    return np.array(found)

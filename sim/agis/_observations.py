@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.agis._scans import Scans
+from sim.agis.passes import Scans
 from sim.variability import Variability, markov_chain
 from vsh.basis import harmonics
 from vsh.checks import arguments

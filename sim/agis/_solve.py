@@ -10,7 +10,8 @@ import numpy as np
 from sim.agis._checkpoint import key_of, load, save
 from sim.agis._iteration import Iteration
 from sim.agis._motion_fit import MotionFit
-from sim.agis._solution import AgisSolution
+from sim.agis.results import AgisSolution
+from vsh.system.parallel import blas_for
 from vsh.system.progress import progress_bar
 from vsh.types import FloatArray, PathName
 
@@ -85,13 +86,17 @@ def solve_observations(
     history, updates = [fit.of(x[..., None])[:, 0]], []
     key = None
     if checkpoint is not None:
-        key = key_of((right, of_attitude, x, equations.prior, equations.smoothing, conjugate, fit.sources, len(fit.modes)))
+        key = key_of(
+            (right, of_attitude, x, equations.prior, equations.smoothing, conjugate, fit.sources, len(fit.modes))
+        )
         state = load(checkpoint, key)
         if state is not None:
             history, updates = list(state.pop("history")), list(state.pop("updates"))
             work.restore(state)
-    bar = progress_bar(total=iterations, words="joint solution", shown=progress, unit=" iterations", initial=len(history))
-    with bar:
+    bar = progress_bar(
+        total=iterations, words="joint solution", shown=progress, unit=" iterations", initial=len(history)
+    )
+    with bar, blas_for(0):  # its threads would wait for each other longer than they work
         while True:
             if watch is not None:
                 watch(len(history), x + work.x[..., 0])
@@ -102,7 +107,9 @@ def solve_observations(
             history.append(fit.of(x[..., None] + work.x)[:, 0])
             updates.append(float(np.sqrt(np.mean(work.z[equations.solved, 2] ** 2))))
             bar.update()
-            bar.set_postfix_str(f"low degrees moved by {_moved(history, sigma):.2g} σ in {min(REST, len(history) - 1)}", refresh=False)
+            bar.set_postfix_str(
+                f"low degrees moved by {_moved(history, sigma):.2g} σ in {min(REST, len(history) - 1)}", refresh=False
+            )
             if checkpoint is not None and len(history) % _EVERY == 0:
                 save(checkpoint, key, work.state() | {"history": np.array(history), "updates": np.array(updates)})  # type: ignore[arg-type]
     if checkpoint is not None:

@@ -11,19 +11,17 @@ import numpy as np
 from sim.agis._equations import Equations
 from sim.agis._errors import covariance_of
 from sim.agis._globals import GlobalMotion
-from sim.agis._motion_fit import MotionFit
-from sim.agis._scans import Scans
-from sim.agis._solution import AgisSolution
+from sim.agis._motion_fit import MotionFit, chosen, low_fit, sources_at
 from sim.agis._solve import solve_observations
+from sim.agis.passes import Scans
+from sim.agis.results import AgisSolution
 from vsh.checks import arguments, arrays
-from vsh.errors import DegeneracyError, ParameterError, VshWarning
+from vsh.errors import ParameterError, VshWarning
 from vsh.modes import Modes, as_modes
 from vsh.types import ArrayLike, FloatArray, PathName
 
 #: Second differences smaller than this are a statement on the attitude, not a bridge over gaps. [µas]
 ROUGH = 1e4
-#: Degrees that must come to rest.
-LOW_DEGREES = 3
 
 
 class System(Equations):
@@ -198,7 +196,7 @@ class System(Equations):
         found = solve_observations(
             self, *observed, start=shaped[0], attitude=shaped[1], known=known, first=first, conjugate=method == "conjugate",
             iterations=arguments.whole("iterations", iterations),
-            stop=None if stop is None else arguments.positive("stop", stop), fit=self._low_fit(self._indices(sources)),
+            stop=None if stop is None else arguments.positive("stop", stop), fit=low_fit(self, chosen(self.scans, sources)),
             watch=watch, checkpoint=checkpoint, progress=progress,
         )  # fmt: skip
         if not found.converged and stop is not None:
@@ -210,7 +208,9 @@ class System(Equations):
             )
         return found
 
-    def formal_covariance(self, modes: Modes | int, lon: ArrayLike | None = None, lat: ArrayLike | None = None) -> FloatArray:
+    def formal_covariance(
+        self, modes: Modes | int, lon: ArrayLike | None = None, lat: ArrayLike | None = None
+    ) -> FloatArray:
         """Covariance of a fit of harmonics to the motions as it would be quoted: sources for themselves, the attitude known.
 
         Parameters
@@ -232,7 +232,7 @@ class System(Equations):
         DegeneracyError
             If the sources do not determine the modes.
         """
-        return MotionFit(self, as_modes(modes), self._at(lon, lat)).formal
+        return MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat)).formal
 
     def true_covariance(
         self,
@@ -274,7 +274,7 @@ class System(Equations):
         ParameterError, DegeneracyError
             As for `formal_covariance`.
         """
-        fit = MotionFit(self, as_modes(modes), self._at(lon, lat))
+        fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
         g = fit.functionals(np.arange(len(fit.modes)))
         return covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
 
@@ -302,16 +302,6 @@ class System(Equations):
             raise ParameterError(f"functionals have the shape ({self.scans.n_sources}, 5, K), not {g.shape}")
         return covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
 
-    def _low_fit(self, sources):
-        """Of the highest degree that the sources determine, three at most."""
-        for degree in range(LOW_DEGREES, 0, -1):
-            if len(Modes(degree)) < 2 * self.solved[sources].sum():
-                try:
-                    return MotionFit(self, Modes(degree), sources)
-                except DegeneracyError:
-                    continue
-        raise DegeneracyError(f"{len(sources)} sources determine no spin and acceleration, by which iterations stop")
-
     def _observed(self, along, across):
         shape = (len(self.scans),)
         return arrays.float_array("along", along, shape), arrays.float_array("across", across, shape)
@@ -319,27 +309,3 @@ class System(Equations):
     def _shaped(self, sources, attitude):
         x = arrays.float_array("sources", sources, (self.scans.n_sources, 5))
         return x, arrays.float_array("attitude", attitude, (self.coefficients, 3))
-
-    def _indices(self, sources):
-        everything = np.arange(self.scans.n_sources)
-        if sources is None:
-            return everything
-        try:
-            return everything[np.asarray(sources)]
-        except IndexError as error:
-            raise ParameterError(f"there are {len(everything)} sources: {error}") from None
-
-    def _at(self, lon, lat):
-        """Indices of the sources at given positions."""
-        scans = self.scans
-        if lon is None and lat is None:
-            return np.arange(scans.n_sources)
-        lon = arrays.dimension(1)("lon", lon)
-        lat = arrays.float_array("lat", lat, lon.shape)
-        if lon.shape == scans.lon.shape and (lon == scans.lon).all() and (lat == scans.lat).all():
-            return np.arange(scans.n_sources)
-        places = {place: i for i, place in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}
-        found = [places.get(place, -1) for place in zip(lon.tolist(), lat.tolist(), strict=True)]
-        if -1 in found:
-            raise ParameterError(f"{found.count(-1)} of {len(found)} positions are of no source of the scans (first: {found.index(-1)})")  # fmt: skip
-        return np.array(found)

@@ -2,10 +2,11 @@
 
 from sim.population._clustered import clustered_galaxies
 from sim.population._draws import plane_avoiding_sky, quasar_magnitudes, quasar_redshifts, uniform_sky
-from sim.population._makers import galaxies, quasars, vlbi_quasars
+from sim.population._makers import STAR_COUNTS, galaxies, quasars, stars, vlbi_quasars
 from sim.population._population import Population, from_table
 
 __all__ = [
+    "STAR_COUNTS",
     "Population",
     "clustered_galaxies",
     "from_table",
@@ -14,6 +15,7 @@ __all__ = [
     "quasar_magnitudes",
     "quasar_redshifts",
     "quasars",
+    "stars",
     "uniform_sky",
     "vlbi_quasars",
 ]

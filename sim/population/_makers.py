@@ -11,6 +11,9 @@ from vsh.checks.arguments import generator
 from vsh.errors import ParameterError
 from vsh.types import FloatArray, Rng
 
+#: Magnitudes, and millions of stars that are brighter, over the whole sky.
+STAR_COUNTS = (10.0, 15.0, 18.0, 20.0), (0.34, 26.0, 250.0, 1000.0)
+
 
 @arguments.accepts(n=arguments.whole, rng=arguments.seed, max_magnitude=arguments.number)
 def quasars(
@@ -141,6 +144,59 @@ def galaxies(
         g = modulus + rng.normal(absolute, spread, n)
         redshift, magnitude = np.r_[redshift, z[g < max_magnitude]], np.r_[magnitude, g[g < max_magnitude]]
     return Population(lon, lat, magnitude[:n], redshift[:n])
+
+
+@arguments.accepts(
+    n=arguments.whole, rng=arguments.seed, min_magnitude=arguments.number, max_magnitude=arguments.number
+)
+def stars(
+    n: int,
+    rng: Rng,
+    sky: str | FloatArray = "uniform",
+    *,
+    min_magnitude: float = 12.0,
+    max_magnitude: float = 20.0,
+    map_frame: str = "icrs",
+) -> Population:
+    """n stars with the counts by magnitude of the whole sky: what holds the attitude of a real mission.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+    sky
+        As for `quasars`.
+    min_magnitude, max_magnitude : float
+        G, from 10 to 20.
+    map_frame : str
+        Of the axes of a map that is given.
+
+    Returns
+    -------
+    Population
+        In ICRS.
+
+    Raises
+    ------
+    ParameterError
+        If magnitudes do not rise from 10 to 20 at most, or the sky is unknown.
+
+    Notes
+    -----
+    0.34, 26, 250 and 1000 million stars are brighter than 10, 15, 18 and 20 (Perryman et al. 2001, A&A 369, 339, table 1);
+    in between the logarithm of the counts is taken for linear.
+    """
+    if not STAR_COUNTS[0][0] <= min_magnitude < max_magnitude <= STAR_COUNTS[0][-1]:
+        raise ParameterError(
+            f"magnitudes of stars rise between 10 and 20, not from {min_magnitude:g} to {max_magnitude:g}"
+        )
+    rng = generator(rng)
+    lon, lat = _positions(n, rng, sky, map_frame)
+    magnitudes, counts = STAR_COUNTS[0], np.log(STAR_COUNTS[1])
+    low, high = np.exp(np.interp((min_magnitude, max_magnitude), magnitudes, counts))
+    return Population(lon, lat, np.interp(np.log(rng.uniform(low, high, n)), counts, magnitudes))
 
 
 def _positions(n, rng, sky, map_frame):

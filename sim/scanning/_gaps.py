@@ -15,7 +15,7 @@ from vsh.types import BoolArray, FloatArray, Rng
 _MEAN = 0.25 / 365.25
 
 
-def check_gaps(gaps: Sequence[tuple[float, float]]) -> FloatArray:
+def check_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
     """Gaps in the order of time, (k, 2): starts, and ends that do not fall. [yr]
 
     Parameters

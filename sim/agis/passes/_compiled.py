@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.agis import _kernels
-from sim.agis._cost import PARTS
-from sim.agis._spline import BANDS
+from sim.agis.passes import _kernels
+from sim.agis.passes._cost import PARTS
+from sim.agis.passes._spline import BANDS
 from vsh.system.parallel import cores
 from vsh.types import FloatArray
 
@@ -101,9 +101,7 @@ class CompiledPasses:
         """
         along, across = np.empty((2, len(self.transits[0])))
         x, h = np.ascontiguousarray(x)[..., None], np.ascontiguousarray(h)[..., None]
-        self._map(
-            lambda start, stop, first, last: _kernels.predict(start, stop, x, h, along, across, self.transits)
-        )
+        self._map(lambda start, stop, first, last: _kernels.predict(start, stop, x, h, along, across, self.transits))
         return along, across
 
     def adjoint(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:

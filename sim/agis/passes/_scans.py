@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.agis._cost import check_memory, expected_transits
+from sim.agis.passes._cost import check_memory, expected_transits
 from sim.scanning import NominalScanningLaw
 from vsh.checks import arguments, arrays
 from vsh.checks.frozen import Frozen
@@ -28,6 +29,8 @@ CCDS, CCD_STEP = 9, 4.85
 #: Sources followed together, and transits sorted together.
 _SOURCES, _SORTED = 20_000, 4_000_000
 _RECORD = np.dtype([("time", "f8"), ("source", "i4"), ("sin", "f4"), ("cos", "f4"), ("along_factor", "f4"), ("across_factor", "f4")])  # fmt: skip
+#: The name of the file that tells which scans a folder holds.
+_KEY = re.compile(r"[0-9a-f]{16}\.json")
 _COLUMNS = ("source", "knot", "frac", "sin", "cos", "along_factor", "across_factor")
 
 
@@ -156,8 +159,8 @@ def scans(
     ParameterError
         If an error is not above zero, knots are longer than the mission, or the memory would not do.
     """
-    n = len(lon)
-    shape = arrays.float_array("lat", lat, lon.shape).shape  # type: ignore[union-attr]
+    lon = arrays.float_array("lon", lon)
+    lat, n, shape = arrays.float_array("lat", lat, lon.shape), len(lon), lon.shape
     along = arrays.float_array("sigma_along", sigma_along, shape, broadcast=True)
     across = np.inf if sigma_across is None else sigma_across
     across = arrays.float_array("sigma_across", across, shape, finite=False, broadcast=True)
@@ -171,15 +174,17 @@ def scans(
     if n == 0:
         raise ParameterError("scans need a source at least")
     weights = np.stack([1 / along**2, 1 / across**2]) / ccds
-    fixed = {
-        "lon": np.array(lon, float), "lat": np.array(lat, float), "weights": weights,
+    fixed: dict[str, Any] = {
+        "lon": lon.copy(), "lat": lat.copy(), "weights": weights,
         "intervals": int(np.ceil(law.years / spacing)), "spacing": spacing, "years": law.years, "frame": law.frame,
     }  # fmt: skip
     key = _key(law, fixed, ccds)
     if folder is None:
-        check_memory(2 * _RECORD.itemsize * expected_transits(law, lon, lat) * ccds, "transits", "give a folder= for them")  # type: ignore[arg-type]
+        check_memory(
+            2 * _RECORD.itemsize * expected_transits(law, lon, lat) * ccds, "transits", "give a folder= for them"
+        )
         return Scans(**fixed, **_sorted(_followed(law, lon, lat, ccds, threads, progress, None), fixed, None))
-    folder = Path(folder)
+    folder = _ours(Path(folder))
     if not (folder / f"{key}.json").exists():
         with atomic_folder(folder) as new:
             _sorted(_followed(law, lon, lat, ccds, threads, progress, new), fixed, new)
@@ -187,6 +192,17 @@ def scans(
                 part.unlink()
             (new / f"{key}.json").write_text(json.dumps({"sources": n, "knots": knots, "ccds": ccds}), encoding="utf-8")
     return Scans(**fixed, **{name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in _COLUMNS})
+
+
+def _ours(folder):
+    """The folder, if nothing else than scans is in it, which may be replaced."""
+    known = {f"{name}.npy" for name in _COLUMNS}
+    if folder.exists() and not folder.is_dir():
+        raise ParameterError(f"{folder} is a file, not a folder for scans")
+    others = [each.name for each in folder.iterdir() if each.name not in known and not _KEY.fullmatch(each.name)] if folder.exists() else []  # fmt: skip
+    if others:
+        raise ParameterError(f"{folder} holds other files ({others[0]}, …): name a new folder for scans")
+    return folder
 
 
 def _followed(law, lon, lat, ccds, threads, progress, folder):
@@ -257,21 +273,3 @@ def _key(law, fixed, ccds):
     for array in (law.lost, fixed["lon"], fixed["lat"], fixed["weights"]):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:16]
-
-
-def plain(scans: Scans) -> dict[str, Any]:
-    """What a report says of scans: counts, knots, years.
-
-    Parameters
-    ----------
-    scans : Scans
-        Any.
-
-    Returns
-    -------
-    dict
-    """
-    return {
-        "sources": scans.n_sources, "transits": len(scans), "intervals": scans.intervals,
-        "knots_seconds": round(scans.spacing * JULIAN_YEAR, 6), "years": scans.years,
-    }  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from sim.agis._spline import BANDS, values
+from sim.agis.passes._spline import BANDS, values
 from vsh.types import FloatArray
 
 #: Transits that a design matrix is made for; each takes 400 bytes.

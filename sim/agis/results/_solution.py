@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -116,7 +116,9 @@ class AgisSolution(Frozen):
         if not self.converged:
             notes.append("the joint solution had not come to rest: large scales are not what they will be")
         if len(kept) < len(chosen):
-            notes.append(f"left out {len(chosen) - len(kept)} of {len(chosen)} sources: too few transits for five parameters")
+            notes.append(
+                f"left out {len(chosen) - len(kept)} of {len(chosen)} sources: too few transits for five parameters"
+            )
         z, g = (
             None if each is None else arrays.float_array(name, each, (n,), finite=False)[kept]
             for name, each in (("redshift", redshift), ("magnitude", magnitude))
@@ -127,7 +129,7 @@ class AgisSolution(Frozen):
         if truth is not None:
             motion = motion + as_signal(truth)(self.lon[kept], self.lat[kept], z)
         rho = covariance[:, 0, 1] / (sigma[0] * sigma[1])
-        return Field(self.lon[kept], self.lat[kept], motion, sigma, rho, redshift=z, magnitude=g, frame=self.frame, notes=notes)  # fmt: skip
+        return Field(self.lon[kept], self.lat[kept], motion, sigma, rho, redshift=z, magnitude=g, frame=self.frame, notes=tuple(notes))  # fmt: skip
 
     def rotated(self, orientation: ArrayLike, spin: ArrayLike, note: str = "") -> AgisSolution:
         """The same solution in a frame turned back by ε₀ + ω t.
@@ -149,59 +151,3 @@ class AgisSolution(Frozen):
             vector = arrays.float_array(name, given, (3,))
             sources[:, columns] -= np.stack([vector @ q, -(vector @ p)], axis=1)
         return replace(self, sources=sources, notes=(*self.notes, note) if note else self.notes)
-
-
-def rotate_frame(
-    solution: AgisSolution, vlbi: ArrayLike, quasars: ArrayLike | None = None, *, radio: ArrayLike = 100.0, own: ArrayLike = 10.0, rng: Any = None
-) -> tuple[AgisSolution, FloatArray, FloatArray]:
-    """The frame rotator that ends a solution: ε₀ from radio positions, ω with a glide from motions of quasars.
-
-    As Bachchan, Hobbs & Lindegren (2016, section 4): positions of VLBI quasars are known with an error, motions of quasars
-    are zero but for a glide and a scatter of their own.
-
-    Parameters
-    ----------
-    solution : AgisSolution
-        Whose frame is arbitrary.
-    vlbi, quasars : indices or masks
-        Sources with radio positions; whose motions count (all unless given).
-    radio, own : float
-        Errors of a radio position, and scatter of true motions, in each component. [µas, µas/yr]
-    rng : Generator or int, optional
-        Draws the radio positions' errors; none unless given.
-
-    Returns
-    -------
-    solution : AgisSolution
-        In the rotated frame.
-    rotation, errors : (6,) arrays
-        ε₀ and ω that were taken away, and their formal errors.
-
-    Raises
-    ------
-    ParameterError
-        If fewer than two sources determine either.
-    """
-    everything = np.arange(len(solution.lon))
-    found, sigma = [], []
-    chosen = (everything[np.asarray(vlbi)], everything if quasars is None else everything[np.asarray(quasars)])
-    for columns, which, spread in zip((slice(0, 2), slice(3, 5)), chosen, (radio, own), strict=True):
-        which = which[solution.solved[which]]
-        if len(which) < 3:
-            raise ParameterError(f"a frame rotator needs three solved sources of each kind, not {len(which)}")
-        spread = arguments.not_negative("radio or own", spread)
-        p, q, _ = triad(solution.lon[which], solution.lat[which])
-        design = [np.stack([q, -p], axis=1)]  # (3, 2, m)
-        if columns.start:
-            design.append(np.stack([p, q], axis=1))  # a glide g: g·p east, g·q north
-        rows = np.concatenate(design)
-        motion = solution.sources[which][:, columns].T
-        if columns.start == 0 and rng is not None:
-            motion = motion - spread * arguments.generator(rng).standard_normal(motion.shape)
-        weights = np.linalg.inv(solution.formal[which][:, columns, columns] + spread**2 * np.eye(2))
-        weighted = np.einsum("nij,pjn->pin", weights, rows)
-        covariance = np.linalg.inv(np.einsum("pin,qin->pq", weighted, rows))
-        found.append((covariance @ np.einsum("pin,in->p", weighted, motion))[:3])
-        sigma.append(np.sqrt(np.diag(covariance))[:3])
-    words = f"frame rotated: ε₀ = {np.round(found[0], 2).tolist()} µas, ω = {np.round(found[1], 3).tolist()} µas/yr taken away"
-    return solution.rotated(*found, words), np.concatenate(found), np.concatenate(sigma)

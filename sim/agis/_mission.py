@@ -1,0 +1,101 @@
+"""A mission whose attitude is solved from what it sees: from a population to a joint solution."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sim.agis._globals import GlobalMotion
+from sim.agis._observations import observations
+from sim.agis._system import System
+from sim.agis.passes import FULL, scaled, scans
+from sim.agis.results import AgisSolution
+from sim.variability import Variability
+from vsh.checks.arguments import generator
+from vsh.types import ArrayLike, BoolArray, FloatArray, Rng
+
+#: Errors across the scan, in errors along: Gaia's windows are wider than long, and most are binned across.
+ACROSS = 5.0
+
+
+def joint_system(
+    law: Any, lon: FloatArray, lat: FloatArray, sigma: FloatArray, *, knots: float = 30.0, across: float = ACROSS,
+    ccds: int = 1, full: int | None = FULL, prior: float | None = None, smoothing: float = 1e6, motion: GlobalMotion | None = None,
+    folder: Any = None, threads: int | None = None, progress: bool = False,
+) -> tuple[System, list[str]]:  # fmt: skip
+    """The normal equations of a mission, scaled to the number of its sources.
+
+    Parameters
+    ----------
+    law : NominalScanningLaw
+        Of the whole mission.
+    lon, lat : (n,) arrays
+        Positions in its frame. [rad]
+    sigma : (n,) array
+        Errors of a transit along the scan. [µas]
+    knots : float
+        Of the whole mission. [s]
+    across : float
+        Errors across the scan, in those along.
+    ccds : {1, 9}
+        Observations in a transit.
+    full : int or None
+        Sources that the whole mission would have: with fewer its fields are wider and its knots farther apart, as in
+        AGISLab. None scales nothing.
+    prior, smoothing, motion
+        As of `System`.
+    folder, threads, progress
+        As of `scans`.
+
+    Returns
+    -------
+    system : System
+    notes : list of str
+        What a reader of the result should know.
+    """
+    n, notes = len(lon), []
+    if full is not None and n < full:
+        law, knots = scaled(n, law, knots=knots, full=full)
+        notes.append(f"mission scaled to {n} sources as if they were {full}: fields {np.degrees(2 * law.half_height):.2f}° high, knots {knots:.4g} s apart")  # fmt: skip
+    found = scans(law, lon, lat, sigma, across * np.asarray(sigma), knots, ccds=ccds, folder=folder, threads=threads, progress=progress)  # fmt: skip
+    return System(found, prior, smoothing=smoothing, motion=motion, threads=threads), notes
+
+
+def solve_mission(
+    law: Any, lon: FloatArray, lat: FloatArray, sigma: FloatArray, rng: Rng, *, variability: Variability | None = None,
+    variable: BoolArray | None = None, sources: ArrayLike | None = None, progress: bool = False, **options: Any,
+) -> tuple[AgisSolution, System, list[str]]:  # fmt: skip
+    """Observe the sources of a mission and solve for them and the attitude.
+
+    Parameters
+    ----------
+    law, lon, lat, sigma
+        As of `joint_system`.
+    rng : Generator or int
+        The source of all randomness.
+    variability, variable
+        As of `observations`.
+    sources : indices, optional
+        Whose large scales must come to rest; all unless given.
+    progress : bool
+        Show bars, after two seconds.
+    **options
+        Others of `joint_system`.
+
+    Returns
+    -------
+    solution : AgisSolution
+        In the frame in which its sources do not turn, on average, against the truth.
+    system : System
+    notes : list of str
+    """
+    system, notes = joint_system(law, lon, lat, sigma, progress=progress, **options)
+    along, across = observations(system.scans, generator(rng), variability=variability, variable=variable)
+    solution = system.solve(along, across, sources=sources, progress=progress)
+    if system.defect:
+        kept = np.where(system.solved[:, None], solution.sources, 0.0)[..., None]
+        _, rotation = system.without_null_space(kept)
+        rotation = np.concatenate([rotation[:, 0], np.zeros(6 - len(rotation))])
+        solution = solution.rotated(rotation[:3], rotation[3:])
+    return solution, system, notes

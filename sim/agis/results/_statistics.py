@@ -1,0 +1,122 @@
+"""What the errors of a joint solution are like: their size by magnitude and place, and what neighbours share."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from vsh.checks import arrays
+from vsh.errors import ParameterError
+from vsh.sky.sphere import triad
+from vsh.types import ArrayLike, FloatArray, IntArray
+
+#: Up to which angle neighbours are looked up; beyond, pairs with some of the sources are enough. [rad]
+_NEAR = 0.03
+_PIVOTS, _ROWS = 2000, 200
+
+
+def correlation_by_angle(
+    errors: ArrayLike, lon: ArrayLike, lat: ArrayLike, edges: ArrayLike, *, sigma: ArrayLike | None = None
+) -> tuple[FloatArray, IntArray]:
+    """Correlation of the errors of one parameter, in bins of the angle between two sources.
+
+    Parameters
+    ----------
+    errors : (n,) or (draws, n) array
+        Estimate less truth, of one or several draws of the noise.
+    lon, lat : (n,) arrays
+        Positions. [rad]
+    edges : (b + 1,) array
+        Of the bins, rising. [rad]
+    sigma : (n,) array, optional
+        Standard errors that the errors are divided by; their rms over ten draws or more unless given.
+
+    Returns
+    -------
+    correlation : (b,) array
+        Mean product of two errors over their standard errors; nan in bins without pairs. Its own error is about
+        1/√(pairs · draws) where pairs are far from each other, and larger where they share sources.
+    pairs : (b,) int array
+        Pairs of sources in each bin.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than ten draws and no sigma, or edges do not rise.
+
+    Notes
+    -----
+    Bins below 1.7° use all pairs, others those with at most 2000 of the sources, evenly picked.
+    """
+    lon, lat, edges = (arrays.dimension(1)(*each) for each in (("lon", lon), ("lat", lat), ("edges", edges)))
+    scaled = np.atleast_2d(arrays.float_array("errors", errors))
+    if scaled.shape[1:] != lon.shape or lat.shape != lon.shape:
+        raise ParameterError(f"errors have shape {scaled.shape}, expected (draws, {len(lon)})")
+    if len(edges) < 2 or (np.diff(edges) <= 0).any():
+        raise ParameterError("edges of bins of angle must rise")
+    if sigma is None:
+        if len(scaled) < 10:
+            raise ParameterError(f"{len(scaled)} draws do not tell the size of errors: give sigma")
+        sigma = np.sqrt(np.mean(scaled**2, axis=0))
+    scaled = scaled / arrays.float_array("sigma", sigma, lon.shape)
+    place = triad(lon, lat)[2].T
+    total, pairs = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1, int)
+
+    def count(angle, product):
+        where = np.searchsorted(edges, angle, side="right") - 1
+        inside = (where >= 0) & (where < len(total))
+        total[:] += np.bincount(where[inside], product[inside], len(total))
+        pairs[:] += np.bincount(where[inside], minlength=len(total))
+
+    near = edges[-1] <= _NEAR
+    if near:
+        first, second = cKDTree(place).query_pairs(2 * np.sin(edges[-1] / 2), output_type="ndarray").T
+        chord = np.linalg.norm(place[first] - place[second], axis=1)
+        count(2 * np.arcsin(chord / 2), np.mean(scaled[:, first] * scaled[:, second], axis=0))
+    else:
+        pivots = np.unique(np.linspace(0, len(lon) - 1, min(_PIVOTS, len(lon))).astype(int))
+        for start in range(0, len(pivots), _ROWS):
+            some = pivots[start : start + _ROWS]
+            product = scaled[:, some].T @ scaled / len(scaled)
+            angle = np.arccos(np.clip(place[some] @ place.T, -1, 1))
+            angle[np.arange(len(some)), some] = np.inf  # not with itself
+            count(angle.ravel(), product.ravel())
+    return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0), pairs
+
+
+def ratio_by(
+    errors: ArrayLike, sigma: ArrayLike, group: ArrayLike, n_groups: int | None = None
+) -> tuple[FloatArray, IntArray]:
+    """True over formal errors of groups of sources: the rms of error over standard error.
+
+    Parameters
+    ----------
+    errors : (n,) or (draws, n) array
+        Estimate less truth.
+    sigma : (n,) array
+        As quoted.
+    group : (n,) int array
+        Of each source, as a bin of magnitude or a pixel; negative for none.
+    n_groups : int, optional
+        How many; as many as there are unless given.
+
+    Returns
+    -------
+    ratio : (g,) array
+        nan for a group without sources.
+    counts : (g,) int array
+        Sources of each.
+
+    Raises
+    ------
+    ParameterError
+        If shapes disagree.
+    """
+    group = np.asarray(group)
+    square = np.mean((np.atleast_2d(arrays.float_array("errors", errors)) / arrays.float_array("sigma", sigma, group.shape)) ** 2, axis=0)  # fmt: skip
+    if square.shape != group.shape:
+        raise ParameterError(f"errors of {square.size} sources, and groups of {group.size}")
+    used = group >= 0
+    counts = np.bincount(group[used], minlength=n_groups or 0)
+    total = np.bincount(group[used], square[used], len(counts))
+    return np.sqrt(np.divide(total, counts, out=np.full(len(counts), np.nan), where=counts > 0)), counts
