@@ -25,7 +25,12 @@ def fit():
 
 def sim():
     """`vsh-sim`."""
-    _run("sim.command")
+    _run("sim.commands.simulate")
+
+
+def agis():
+    """`vsh-agis`."""
+    _run("sim.commands.agis")
 
 
 def redshift():

@@ -12,6 +12,7 @@ from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
 from sim.variability import Variability
 from vsh.checks import arguments
+from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
 from vsh.types import ArrayLike, FloatArray, Release
 
@@ -64,13 +65,17 @@ def expected_covariances(
     Raises
     ------
     ParameterError
-        If the kind is unknown.
+        If the kind is unknown, or the attitude is solved with the sources.
     FrameError
         If the sources are in another frame than the mission.
     """
     arguments.choice("kind", kind, tuple(_COLUMNS))
     mission = as_mission(mission, release)
     mission.check_frame(population.frame)
+    if isinstance(mission.attitude, str):
+        raise ParameterError(
+            "with an attitude that is solved sources share errors, which no covariance of one tells: see sim.agis.System"
+        )
     first, last = _COLUMNS[kind]
     columns = slice(first, last + 1)
     error = mission.transit_error(population.magnitude, excess_noise)

@@ -113,9 +113,6 @@ def observe(
         mission = replace(given, attitude=attitude)
     if mission is not None:
         mission = as_mission(mission, release)
-        if mission.is_solved:
-            field = _solved_together(population, as_signal(signal), rng, mission, variability, excess_noise, quote_variability, threads, progress)  # fmt: skip
-            return _with_redshifts(field, as_signal(signal), redshifts, redshift_error, rng)
         errors, covariance, keep, notes = _through_mission(
             population, rng, mission, variability, excess_noise, quote_variability, threads, progress, (3, 4)
         )
@@ -222,6 +219,8 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
     """Errors (2, k) and covariances (k, 2, 2) of two of the five parameters; which sources have them."""
     mission.check_frame(population.frame)
     columns = list(columns)
+    if mission.is_solved:
+        return _solved_together(population, rng, mission, variability, excess_noise, quote, threads, progress, columns)
     # A seed of its own for every block: threads may take them in any order.
     seeds = rng.spawn(-(-len(population) // BLOCK) + 1)
     shared = mission.attitude_noise(seeds[-1])
@@ -251,19 +250,22 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
     return errors[:, keep], covariance[keep], keep, notes
 
 
-def _solved_together(population, signal, rng, mission, variability, excess_noise, quote, threads, progress):
-    """Through a mission whose attitude is solved as well; neighbours share errors."""
+def _solved_together(population, rng, mission, variability, excess_noise, quote, threads, progress, columns):
+    """The same where the attitude is solved as well, so that neighbours share errors."""
     if quote:
-        raise ParameterError("a joint solution quotes the errors of its measurements alone: quote_variability is for an attitude in µas")  # fmt: skip
-    mission.check_frame(population.frame)
+        raise ParameterError(
+            "a joint solution quotes the errors of its measurements alone: quote_variability is for an attitude in µas"
+        )
     error = mission.transit_error(population.magnitude, excess_noise)
     solution, system, notes = solve_mission(
         mission.scanning_law, population.lon, population.lat, error, rng,
         variability=variability, knots=mission.knots, threads=threads, progress=progress,
     )  # fmt: skip
-    field = solution.field(signal, redshift=population.redshift, magnitude=population.magnitude)
+    keep = solution.solved
     said = f"simulated: {len(system.scans)} transits in {mission.years:g} years, errors of {mission.release}"
-    return replace(field, notes=(said, *notes, *field.notes))
+    # What a field of the solution says of itself.
+    notes = [said, *notes, *solution.field().notes]
+    return solution.sources[keep][:, columns].T, solution.formal[keep][:, columns][:, :, columns], keep, notes
 
 
 def _field(population, signal, errors, covariance, notes):

@@ -24,7 +24,7 @@ class StudyError(VshError, ValueError):
 #: Sections with their keys and defaults; None must be given.
 _SECTIONS = {
     "study": {"name": None, "seed": 1, "n_realisations": 100, "frame": "galactic", "lmax": 3},
-    "mission": {"years": 5.0, "dead_time": 0.06, "release": "DR4", "attitude": 10.0},
+    "mission": {"years": 5.0, "dead_time": 0.06, "release": "DR4", "attitude": 10.0, "knots": 30.0},
     "truth": {
         "orientation": [0.0, 0.0, 0.0],
         "spin": [0.0, 0.0, 0.0],
@@ -160,6 +160,10 @@ def _section(name, given, keys):
         if key == "velocity":
             section[key] = _velocity(value)
             continue
+        if key == "attitude" and isinstance(value, str):
+            if value != "solved":
+                raise StudyError(f'{name}: attitude is its error in µas, or "solved" with the sources, not {value!r}')
+            continue
         if wanted is float and isinstance(value, int) and not isinstance(value, bool):
             section[key] = value = float(value)
         if wanted is float and isinstance(value, float) and not np.isfinite(value):
@@ -204,6 +208,7 @@ def _check(sections):
         ("mission", "years", 1e-9),
         ("mission", "dead_time", 0),
         ("mission", "attitude", 0),
+        ("mission", "knots", 1e-9),
     ):
-        if not sections[section][key] >= least:
+        if sections[section][key] != "solved" and not sections[section][key] >= least:
             raise StudyError(f"{section}: {key} must be at least {least:g}, not {sections[section][key]}")

@@ -12,6 +12,7 @@ import fit
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
 from study.config import Study
+from study.joint import solved_errors
 from vsh import Field, Modes, Vector
 from vsh.cosmology import transverse_distance, with_redshift
 
@@ -28,7 +29,7 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
     index : int
         Of the case.
     files : dict of str to path
-        Its sources, from `study.prepare.prepared`.
+        Its sources, from `study.prepare.prepared`; or all of them under "joint", from `study.joint.prepared_sources`.
     number : int
         Of the realisation.
 
@@ -43,13 +44,18 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
         kind: np.random.default_rng([study.settings["seed"], 7, index, number, k]) for k, kind in enumerate(_KINDS)
     }
     fields, signals = {}, {}
-    for kind, path in files.items():
+    joint = "joint" in files
+    if joint:
+        stream = np.random.default_rng([study.settings["seed"], 7, index, number, len(_KINDS)])
+        fields = solved_errors(study, study.cases[index], files["joint"], stream)
+    for kind in list(fields if joint else files):
         signal = {
             "quasars": lambda: sim.spin(truth["spin"]) + sim.acceleration(truth["acceleration"]),
             "vlbi": lambda: sim.spin(truth["orientation"]),
             "galaxies": lambda: _galaxy_signal(study, index, frame, streams["galaxies"]),
         }[kind]()
-        fields[kind], signals[kind] = _draw(path, signal, frame, streams[kind]), signal
+        signals[kind] = signal
+        fields[kind] = _moved(fields[kind], signal) if joint else _draw(files[kind], signal, frame, streams[kind])
     values: dict[str, float] = {}
     sigma: dict[str, float] = {}
 
@@ -125,6 +131,11 @@ def _draw(path, signal, frame, rng):
         frame=frame,
         redshift_frame="true",
     )
+
+
+def _moved(errors, signal):
+    """True motions with errors that are given."""
+    return replace(errors, motion=errors.motion + signal(errors.lon, errors.lat, errors.redshift))
 
 
 def _as_seen(study, index, galaxies, signal, options, values, sigma):

@@ -10,6 +10,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from study.config import Study, StudyError
+from study.joint import prepared_sources
 from study.prepare import prepared
 from study.realise import realise
 from study.results import write_results
@@ -65,7 +66,12 @@ def run(
     count = n_realisations or study.n_realisations
     tasks = []
     for index, case in enumerate(study.cases):
-        files = {kind: prepared(study, case, kind, folder / "prepared", progress) for kind in case if kind != "name"}
+        if study.mission["attitude"] == "solved":
+            files = {"joint": prepared_sources(study, case, folder / "prepared", progress)}
+        else:
+            files = {
+                kind: prepared(study, case, kind, folder / "prepared", progress) for kind in case if kind != "name"
+            }
         tasks += [(index, files, number) for number in range(count) if not _path(folder, case, number).exists()]
     tasks.sort(key=lambda task: (task[2], task[0]))  # every case gets on alike
     _work(study, folder, tasks, workers or cores(), progress)

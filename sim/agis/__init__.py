@@ -1,23 +1,40 @@
 """Sources and attitude solved together, as Gaia's astrometric global iterative solution does (AGIS), at full scale."""
 
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
 from sim.agis._globals import GlobalMotion, global_motion
-from sim.agis._mission import joint_system, solve_mission
+from sim.agis._mission import in_own_frame, joint_system, solve_mission
+from sim.agis._mixture import KINDS, Mixture, mixture
 from sim.agis._observations import observations, start_errors
 from sim.agis._system import System
-from sim.agis.passes import Plan, Scans, plan, scaled, scans
+from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
 from sim.agis.results import AgisSolution, correlation_by_angle, ratio_by, rotate_frame
 
+if TYPE_CHECKING:
+    from sim.agis.results import plot_convergence, plot_correlation, plot_errors_by_magnitude, plot_ratio_map
+
 __all__ = [
+    "FULL",
+    "KINDS",
     "AgisSolution",
     "GlobalMotion",
+    "Mixture",
     "Plan",
     "Scans",
     "System",
     "correlation_by_angle",
     "global_motion",
+    "in_own_frame",
     "joint_system",
+    "mixture",
     "observations",
     "plan",
+    "plot_convergence",
+    "plot_correlation",
+    "plot_errors_by_magnitude",
+    "plot_ratio_map",
     "ratio_by",
     "rotate_frame",
     "scaled",
@@ -25,3 +42,13 @@ __all__ = [
     "solve_mission",
     "start_errors",
 ]
+
+# matplotlib and healpy are imported when a figure is asked for.
+__getattr__, _, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={"results": ["plot_convergence", "plot_correlation", "plot_errors_by_magnitude", "plot_ratio_map"]},
+)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from sim.agis._equations import Equations
 from sim.agis._iteration import Iteration
-from vsh.errors import ConvergenceError
+from sim.agis._motion_fit import MotionFit, sources_at
+from vsh.checks import arrays
+from vsh.errors import ConvergenceError, ParameterError
+from vsh.modes import Modes, as_modes
 from vsh.system.parallel import blas_for
 from vsh.system.progress import progress_bar
-from vsh.types import FloatArray
+from vsh.types import ArrayLike, FloatArray
 
 #: Functionals solved for together.
 TOGETHER = 3
@@ -18,33 +20,134 @@ TOGETHER = 3
 _REST = 10
 
 
-def covariance_of(
-    equations: Any, functionals: FloatArray, *, tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False
-) -> FloatArray:
-    """Covariance of linear functionals of the sources: gᵀ N⁺ g of each pair.
+class ExactErrors(Equations):
+    """Equations that tell the errors of what is made of their solution."""
 
-    Parameters
-    ----------
-    equations : Equations
-        The normal equations.
-    functionals : (n, 5, K) array
-        Σ g x is what is asked for. What the null space does to it is left out: the frame is taken for known.
-    tolerance : float
-        Relative growth of a variance in ten iterations at which it is taken for the whole.
-    iterations : int
-        At most.
-    progress : bool
-        Show a bar, after two seconds.
+    def formal_covariance(
+        self, modes: Modes | int, lon: ArrayLike | None = None, lat: ArrayLike | None = None
+    ) -> FloatArray:
+        """Covariance of a fit of harmonics to the motions as it would be quoted: sources for themselves, the attitude known.
 
-    Returns
-    -------
-    (K, K) array
+        Parameters
+        ----------
+        modes : Modes, or the degree lmax
+            Of the fit; p of them.
+        lon, lat : (m,) arrays, optional
+            Sources that are fitted, by the positions they were given with; all unless given. [rad]
 
-    Raises
-    ------
-    ConvergenceError
-        If the variances still grow; the message says how much they are at least.
-    """
+        Returns
+        -------
+        (p, p) array
+            [(µas/yr)²]
+
+        Raises
+        ------
+        ParameterError
+            If there is no source at a position.
+        DegeneracyError
+            If the sources do not determine the modes.
+        """
+        return MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat)).formal
+
+    def true_covariance(
+        self,
+        modes: Modes | int,
+        lon: ArrayLike | None = None,
+        lat: ArrayLike | None = None,
+        *,
+        tolerance: float = 1e-3,
+        iterations: int = 2000,
+        progress: bool = False,
+    ) -> FloatArray:
+        """Covariance that the same fit really has, with all that sources share through the attitude; exact, without noise drawn.
+
+        A solve by conjugate gradients for each mode: their running sum is a lower bound of the variance that only grows.
+
+        Parameters
+        ----------
+        modes : Modes, or the degree lmax
+            Of the fit; p of them.
+        lon, lat : (m,) arrays, optional
+            As for `formal_covariance`.
+        tolerance : float
+            Relative growth of a variance in ten iterations at which it is taken for the whole.
+        iterations : int
+            At most.
+        progress : bool
+            Show a bar, after two seconds.
+
+        Returns
+        -------
+        (p, p) array
+            Without what a rotation of the whole frame does, where nothing determines it: the toroidal degree 1 is then what
+            is left of spin when the frame has been rotated onto all sources. [(µas/yr)²]
+
+        Raises
+        ------
+        ConvergenceError
+            If the variances have not come to rest.
+        ParameterError, DegeneracyError
+            As for `formal_covariance`.
+        """
+        fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
+        g = fit.functionals(np.arange(len(fit.modes)))
+        return _covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
+
+    def covariance_of(self, functionals: ArrayLike, *, tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False) -> FloatArray:  # fmt: skip
+        """Covariance of any linear functionals Σ g x of the sources' parameters.
+
+        Parameters
+        ----------
+        functionals : (n, 5, K) array
+            The g.
+        tolerance, iterations, progress
+            As for `true_covariance`.
+
+        Returns
+        -------
+        (K, K) array
+
+        Raises
+        ------
+        ConvergenceError
+            If the variances have not come to rest.
+        """
+        g = arrays.float_array("functionals", functionals)
+        if g.ndim != 3 or g.shape[:2] != (self.scans.n_sources, 5):
+            raise ParameterError(f"functionals have the shape ({self.scans.n_sources}, 5, K), not {g.shape}")
+        return _covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
+
+    def global_covariances(
+        self, *, tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Covariances of the global parameters: as sources that know the attitude would give them, and as they are.
+
+        Parameters
+        ----------
+        tolerance, iterations, progress
+            As for `true_covariance`.
+
+        Returns
+        -------
+        formal, true : (k, k) arrays
+
+        Raises
+        ------
+        ParameterError
+            If there is no global motion.
+        ConvergenceError
+            If the variances have not come to rest.
+        """
+        if self.motion is None:
+            raise ParameterError("there are no global parameters: give System a motion")
+        g = np.stack([self.motion.functional(k) for k in range(len(self.motion.names))], axis=-1)
+        true = _covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
+        # What the sources' own motions leave of y: the mean of Gy + own is no y.
+        return np.linalg.inv(self._low_rank), true + np.linalg.inv(self.motion.normal)
+
+
+def _covariance_of(equations, functionals, *, tolerance, iterations, progress):
+    """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""
     right = functionals.copy()
     right[~equations.solved] = 0
     if equations.defect:

@@ -21,7 +21,7 @@ ACROSS = 5.0
 
 def joint_system(
     law: Any, lon: FloatArray, lat: FloatArray, sigma: FloatArray, *, knots: float = 30.0, across: float = ACROSS,
-    ccds: int = 1, full: int | None = FULL, prior: float | None = None, smoothing: float = 1e6, motion: GlobalMotion | None = None,
+    ccds: int = 1, full: int | None = FULL, number: int | None = None, prior: float | None = None, smoothing: float = 1e6, motion: GlobalMotion | None = None,
     folder: Any = None, threads: int | None = None, progress: bool = False,
 ) -> tuple[System, list[str]]:  # fmt: skip
     """The normal equations of a mission, scaled to the number of its sources.
@@ -43,6 +43,8 @@ def joint_system(
     full : int or None
         Sources that the whole mission would have: with fewer its fields are wider and its knots farther apart, as in
         AGISLab. None scales nothing.
+    number : int, optional
+        Sources that the mission is scaled by, as quasars where stars are seen beside them; all unless given.
     prior, smoothing, motion
         As of `System`.
     folder, threads, progress
@@ -54,7 +56,7 @@ def joint_system(
     notes : list of str
         What a reader of the result should know.
     """
-    n, notes = len(lon), []
+    n, notes = number or len(lon), []
     if full is not None and n < full:
         law, knots = scaled(n, law, knots=knots, full=full)
         notes.append(f"mission scaled to {n} sources as if they were {full}: fields {np.degrees(2 * law.half_height):.2f}° high, knots {knots:.4g} s apart")  # fmt: skip
@@ -93,9 +95,29 @@ def solve_mission(
     system, notes = joint_system(law, lon, lat, sigma, progress=progress, **options)
     along, across = observations(system.scans, generator(rng), variability=variability, variable=variable)
     solution = system.solve(along, across, sources=sources, progress=progress)
-    if system.defect:
-        kept = np.where(system.solved[:, None], solution.sources, 0.0)[..., None]
-        _, rotation = system.without_null_space(kept)
-        rotation = np.concatenate([rotation[:, 0], np.zeros(6 - len(rotation))])
-        solution = solution.rotated(rotation[:3], rotation[3:])
-    return solution, system, notes
+    return in_own_frame(system, solution), system, notes
+
+
+def in_own_frame(system: System, solution: AgisSolution) -> AgisSolution:
+    """The solution in the frame in which its sources do not turn, on average, against the truth.
+
+    Parameters
+    ----------
+    system : System
+        Whose solution it is.
+    solution : AgisSolution
+        In any frame.
+
+    Returns
+    -------
+    AgisSolution
+        The same where an attitude is known, and with it the frame.
+    """
+    if not system.defect:
+        return solution
+    kept = np.where(system.solved[:, None], solution.sources, 0.0)[..., None]
+    rotation = np.zeros(6)
+    rotation[: system.defect] = system.without_null_space(kept)[1][:, 0]
+    return solution.rotated(
+        rotation[:3], rotation[3:], "frame: that in which the sources do not turn against the truth"
+    )

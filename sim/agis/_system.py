@@ -8,23 +8,21 @@ from typing import Literal
 
 import numpy as np
 
-from sim.agis._equations import Equations
-from sim.agis._errors import covariance_of
+from sim.agis._errors import ExactErrors
 from sim.agis._globals import GlobalMotion
-from sim.agis._motion_fit import MotionFit, chosen, low_fit, sources_at
+from sim.agis._motion_fit import chosen, low_fit
 from sim.agis._solve import solve_observations
 from sim.agis.passes import Scans
 from sim.agis.results import AgisSolution
 from vsh.checks import arguments, arrays
 from vsh.errors import ParameterError, VshWarning
-from vsh.modes import Modes, as_modes
 from vsh.types import ArrayLike, FloatArray, PathName
 
 #: Second differences smaller than this are a statement on the attitude, not a bridge over gaps. [µas]
 ROUGH = 1e4
 
 
-class System(Equations):
+class System(ExactErrors):
     """The normal equations of sources and attitude, ready to be solved.
 
     Parameters
@@ -207,100 +205,6 @@ class System(Equations):
                 stacklevel=2,
             )
         return found
-
-    def formal_covariance(
-        self, modes: Modes | int, lon: ArrayLike | None = None, lat: ArrayLike | None = None
-    ) -> FloatArray:
-        """Covariance of a fit of harmonics to the motions as it would be quoted: sources for themselves, the attitude known.
-
-        Parameters
-        ----------
-        modes : Modes, or the degree lmax
-            Of the fit; p of them.
-        lon, lat : (m,) arrays, optional
-            Sources that are fitted, by the positions they were given with; all unless given. [rad]
-
-        Returns
-        -------
-        (p, p) array
-            [(µas/yr)²]
-
-        Raises
-        ------
-        ParameterError
-            If there is no source at a position.
-        DegeneracyError
-            If the sources do not determine the modes.
-        """
-        return MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat)).formal
-
-    def true_covariance(
-        self,
-        modes: Modes | int,
-        lon: ArrayLike | None = None,
-        lat: ArrayLike | None = None,
-        *,
-        tolerance: float = 1e-3,
-        iterations: int = 2000,
-        progress: bool = False,
-    ) -> FloatArray:
-        """Covariance that the same fit really has, with all that sources share through the attitude; exact, without noise drawn.
-
-        A solve by conjugate gradients for each mode: their running sum is a lower bound of the variance that only grows.
-
-        Parameters
-        ----------
-        modes : Modes, or the degree lmax
-            Of the fit; p of them.
-        lon, lat : (m,) arrays, optional
-            As for `formal_covariance`.
-        tolerance : float
-            Relative growth of a variance in ten iterations at which it is taken for the whole.
-        iterations : int
-            At most.
-        progress : bool
-            Show a bar, after two seconds.
-
-        Returns
-        -------
-        (p, p) array
-            Without what a rotation of the whole frame does, where nothing determines it: the toroidal degree 1 is then what
-            is left of spin when the frame has been rotated onto all sources. [(µas/yr)²]
-
-        Raises
-        ------
-        ConvergenceError
-            If the variances have not come to rest.
-        ParameterError, DegeneracyError
-            As for `formal_covariance`.
-        """
-        fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
-        g = fit.functionals(np.arange(len(fit.modes)))
-        return covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
-
-    def covariance_of(self, functionals: ArrayLike, *, tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False) -> FloatArray:  # fmt: skip
-        """Covariance of any linear functionals Σ g x of the sources' parameters.
-
-        Parameters
-        ----------
-        functionals : (n, 5, K) array
-            The g.
-        tolerance, iterations, progress
-            As for `true_covariance`.
-
-        Returns
-        -------
-        (K, K) array
-
-        Raises
-        ------
-        ConvergenceError
-            If the variances have not come to rest.
-        """
-        g = arrays.float_array("functionals", functionals)
-        if g.ndim != 3 or g.shape[:2] != (self.scans.n_sources, 5):
-            raise ParameterError(f"functionals have the shape ({self.scans.n_sources}, 5, K), not {g.shape}")
-        return covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
 
     def _observed(self, along, across):
         shape = (len(self.scans),)

@@ -118,7 +118,7 @@ def test_two_icrf_catalogues_differ_by_what_was_put_in(tmp_path):
 def test_a_selection_function_from_a_file(tmp_path, capsys):
     import healpy
 
-    from sim.command import main as simulate
+    from sim.commands.simulate import main as simulate
 
     density = np.where(np.abs(np.degrees(np.pi / 2 - healpy.pix2ang(16, np.arange(12 * 256))[0])) > 20, 1.0, 0.0)
     density[:3] = np.nan

@@ -5,7 +5,7 @@ import pytest
 from astropy.table import Table
 
 import sim
-from sim.command import main as simulate
+from sim.commands.simulate import main as simulate
 from study.command import main
 from study.gaia import read_gaia, run_gaia, subsets
 from vsh.catalogue import read_field, truth_of

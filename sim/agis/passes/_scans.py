@@ -184,14 +184,14 @@ def scans(
             2 * _RECORD.itemsize * expected_transits(law, lon, lat) * ccds, "transits", "give a folder= for them"
         )
         return Scans(**fixed, **_sorted(_followed(law, lon, lat, ccds, threads, progress, None), fixed, None))
-    folder = _ours(Path(folder))
-    if not (folder / f"{key}.json").exists():
-        with atomic_folder(folder) as new:
+    place = _ours(Path(folder))
+    if not (place / f"{key}.json").exists():
+        with atomic_folder(place) as new:
             _sorted(_followed(law, lon, lat, ccds, threads, progress, new), fixed, new)
             for part in new.glob("part-*.npy"):
                 part.unlink()
             (new / f"{key}.json").write_text(json.dumps({"sources": n, "knots": knots, "ccds": ccds}), encoding="utf-8")
-    return Scans(**fixed, **{name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in _COLUMNS})
+    return Scans(**fixed, **{name: np.load(place / f"{name}.npy", mmap_mode="r") for name in _COLUMNS})
 
 
 def _ours(folder):

@@ -165,7 +165,7 @@ def test_simulate_and_bin_on_real_redshifts(name, column, edges, tmp_path, capsy
 
 
 def test_the_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsys):
-    from sim.command import main as simulate
+    from sim.commands.simulate import main as simulate
 
     path = str(tmp_path / "galaxies.fits")
     arguments = [

@@ -211,7 +211,7 @@ def test_what_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch, c
     """Fault B7: 31 lines of traceback after the simulation."""
     import importlib.util
 
-    from sim.command import main as simulate
+    from sim.commands.simulate import main as simulate
 
     original = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pyarrow" else original(name))
@@ -222,7 +222,7 @@ def test_what_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch, c
 @pytest.mark.parametrize("ending", ["fits", "ecsv", "vot", "parquet", "csv"])
 def test_the_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
     """Fault B7: lost without a word in .csv and .vot."""
-    from sim.command import main as simulate
+    from sim.commands.simulate import main as simulate
     from vsh.catalogue import truth_of
 
     path = tmp_path / f"x.{ending}"
@@ -282,7 +282,7 @@ def test_twenty_kills_of_other_commands(name, tmp_path):
         str(galaxies),
         "--seed",
     ]
-    simulate = [sys.executable, "-m", "sim.command", *make]
+    simulate = [sys.executable, "-m", "sim.commands.simulate", *make]
     wanted = {}
     for seed in "12":
         subprocess.run([*simulate, seed], cwd=ROOT, check=True, capture_output=True)

@@ -49,6 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"crf3 is as it is: {', '.join(foreign)} cannot be chosen")
     elif options.number is None:
         options.number = 10_000
+    if options.attitude == "solved" and options.no_transits:
+        parser.error("--attitude solved needs transits, which --no-transits leaves out")
     if options.variability and options.no_transits:
         parser.error("--variability needs transits, which --no-transits leaves out")
     return running.guarded("vsh-sim", lambda: _run(options), options.threads)
@@ -216,7 +218,11 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--tau", type=parsing.positive, default=2.0, help="its correlation time, yr (default: 2)")
     parser.add_argument(
-        "--attitude", type=parsing.not_negative, default=10.0, metavar="SIGMA", help="noise, µas (default: 10)"
+        "--attitude",
+        type=_attitude,
+        default=10.0,
+        metavar="SIGMA|solved",
+        help="noise, µas (default: 10); or solved together with the sources, see vsh-agis",
     )
     parser.add_argument(
         "--excess-noise", type=parsing.not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
@@ -231,6 +237,10 @@ def make_parser() -> argparse.ArgumentParser:
     parsing.add_threads(parser)
     parser.add_argument("--version", action="version", version=f"vsh-sim {vsh.__version__}")
     return parser
+
+
+def _attitude(text):
+    return text if text == "solved" else parsing.not_negative(text)
 
 
 def _redshift_error(text):

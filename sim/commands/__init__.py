@@ -1,0 +1,1 @@
+"""The commands `vsh-sim` and `vsh-agis`."""

@@ -1,0 +1,126 @@
+"""Realisations whose attitude is solved together with the sources: one joint solution each (`sim.agis`)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import sim
+from sim import agis
+from study.config import Study, StudyError
+from vsh import Field
+from vsh.system.files import atomic_write
+
+
+def prepared_sources(study: Study, case: dict[str, Any], folder: Path, progress: bool = True) -> Path:
+    """The file with all sources of a case and the folder with their transits, made if they are not there.
+
+    Parameters
+    ----------
+    study : Study
+        The configuration.
+    case : dict
+        One of its cases.
+    folder : Path
+        Where to write.
+    progress : bool
+        Show a bar, after two seconds.
+
+    Returns
+    -------
+    Path
+        Of the file; its name is a hash of all that determines it.
+
+    Raises
+    ------
+    StudyError
+        If there are too few sources, or a number makes no sense.
+    """
+    wanted = {"sources": {key: value for key, value in case.items() if key != "name"}, "mission": study.mission, "seed": study.settings["seed"]}  # fmt: skip
+    key = hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()[:16]
+    path = folder / f"joint-{key}.npz"
+    if not path.exists():
+        mission = study.mission
+        # The streams of `study.prepare`: the same sky and gaps.
+        skies, chosen, gaps = np.random.default_rng(study.settings["seed"]).spawn(3)
+        law = sim.NominalScanningLaw(years=mission["years"], dead_time=mission["dead_time"], rng=gaps)
+        seen = sim.Mission(law, mission["release"], "solved", mission["knots"])
+        try:
+            quasars = sim.quasars(case["quasars"]["number"], skies, case["quasars"]["sky"])
+            galaxies, excess = None, 0.0
+            if "galaxies" in case:
+                told = case["galaxies"]
+                limits = {name: told[name] for name in ("min_redshift", "max_redshift")}
+                galaxies = sim.galaxies(told["number"], skies.spawn(1)[0], told["sky"], **limits)
+                excess = told["excess_noise"]
+            mixture = agis.mixture(seen, quasars, galaxies, excess_noise=excess)
+            vlbi = np.sort(chosen.choice(len(quasars), case["vlbi"]["number"], replace=False)) if "vlbi" in case else np.zeros(0, int)  # fmt: skip
+            agis.joint_system(law, mixture.lon, mixture.lat, mixture.sigma, knots=mission["knots"], number=len(quasars),
+                              folder=path.with_suffix(""), progress=progress)  # fmt: skip
+        except ValueError as error:
+            raise StudyError(f"case {case['name']}: {error}") from error
+        arrays = {name: getattr(mixture, name) for name in ("lon", "lat", "sigma", "magnitude", "redshift", "kind")}
+        with atomic_write(path) as new, new.open("wb") as file:
+            np.savez(file, vlbi=vlbi, gaps=law.lost, **arrays)
+    return path
+
+
+def solved_errors(study: Study, case: dict[str, Any], path: Path, rng: np.random.Generator) -> dict[str, Field]:
+    """One draw of all observations, solved: errors of motions, and of offsets from radio positions, by kind of source.
+
+    Parameters
+    ----------
+    study : Study
+        The configuration.
+    case : dict
+        The case.
+    path : Path
+        Of `prepared_sources`.
+    rng : Generator
+        The source of all randomness.
+
+    Returns
+    -------
+    dict of str to Field
+        Estimate less truth, in the study's frame, with the errors that would be quoted.
+    """
+    system, mixture, vlbi = _system(path, json.dumps(study.mission, sort_keys=True))
+    noise, radio = rng.spawn(2)
+    told = case["quasars"]
+    variability = sim.Variability(told["variability"], told["tau"]) if told["variability"] else None
+    observed = agis.observations(system.scans, noise, variability=variability, variable=mixture.are("quasars"))
+    solution = agis.in_own_frame(system, system.solve(*observed, sources=mixture.are("quasars")))
+    frame = study.settings["frame"]
+    columns = {"redshift": mixture.redshift, "magnitude": mixture.magnitude}
+    fields = {"quasars": solution.field(sources=mixture.are("quasars"))}
+    if "galaxies" in case:
+        fields["galaxies"] = replace(solution.field(sources=mixture.are("galaxies"), **columns), redshift_frame="true")
+    if "vlbi" in case:
+        offsets = solution.field(sources=vlbi, kind="position")
+        sigma = np.full(offsets.sigma.shape, case["vlbi"]["radio"])
+        # The radio positions scatter, and theirs are the errors that are quoted, as in `study.prepare`.
+        motion = offsets.motion + sigma * radio.standard_normal(sigma.shape)
+        fields["vlbi"] = replace(offsets, motion=motion, sigma=sigma, rho=np.zeros(len(offsets)))
+    return {kind: field.to_frame(frame) for kind, field in fields.items()}
+
+
+@lru_cache(maxsize=1)
+def _system(path, mission):
+    """The equations of a prepared file; its transits are mapped into memory."""
+    told = json.loads(mission)
+    with np.load(path, allow_pickle=False) as file:
+        arrays = dict(file)
+    vlbi, gaps = arrays.pop("vlbi"), arrays.pop("gaps")
+    mixture = agis.Mixture(**arrays)
+    law = sim.NominalScanningLaw(years=told["years"], gaps=tuple(map(tuple, gaps)))
+    system, _ = agis.joint_system(
+        law, mixture.lon, mixture.lat, mixture.sigma, knots=told["knots"], number=int(mixture.are("quasars").sum()),
+        folder=path.with_suffix(""), threads=1,
+    )  # fmt: skip
+    return system, mixture, vlbi
