@@ -17,6 +17,7 @@ from vsh.types import FloatArray, IntArray, Rng
 
 __all__ = [
     "Variability",
+    "chain_products",
     "markov_chain",
 ]
 
@@ -94,12 +95,44 @@ def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: 
         raise ParameterError("the times of a chain must rise")
     keep = np.where(first, 0.0, np.exp(-np.where(first, 0.0, gap) / tau))
     out = sigma * np.sqrt(1 - keep**2) * draws
-    # All chains take their j-th step together.
-    starts = np.flatnonzero(first)
-    rank = np.arange(len(times)) - np.repeat(starts, np.diff(np.r_[starts, len(times)]))
-    order = np.argsort(rank, kind="stable")
-    ends = np.cumsum(np.bincount(rank)) if len(times) else []
-    for begin, end in pairwise(ends):
-        step = order[begin:end]
+    for step in _steps(first):
         out[step] += keep[step] * out[step - 1]
     return out
+
+
+def chain_products(weights: FloatArray, source: IntArray, times: FloatArray, tau: float) -> FloatArray:
+    """Covariances of weighted sums of chains of unit variance: Σ over sources of aᵀ C a', C_ij = e^{−|t_i − t_j|/τ}.
+
+    Parameters
+    ----------
+    weights : (K, 2, k) array
+        a of each sum, for α* and δ, which vary independently.
+    source : (k,) int array
+        Rising.
+    times : (k,) array
+        Rising, within each source. [yr]
+    tau : float
+        Correlation time. [yr]
+
+    Returns
+    -------
+    (K, K) array
+    """
+    first = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
+    keep = np.where(first, 0.0, np.exp(-np.where(first, 0.0, np.diff(times, prepend=0.0)) / tau))
+    # What all earlier observations of a source amount to at each: one step of the chain after the other.
+    earlier = np.zeros_like(weights)
+    for step in _steps(first):
+        earlier[..., step] = keep[step] * (earlier[..., step - 1] + weights[..., step - 1])
+    both = np.einsum("aik,bik->ab", weights, earlier)
+    return np.einsum("aik,bik->ab", weights, weights) + both + both.T
+
+
+def _steps(first):
+    """Indices of all second observations of a source, then of all third ones, …: chains take their j-th step together."""
+    starts = np.flatnonzero(first)
+    rank = np.arange(len(first)) - np.repeat(starts, np.diff(np.r_[starts, len(first)]))
+    order = np.argsort(rank, kind="stable")
+    ends = np.cumsum(np.bincount(rank)) if len(first) else []
+    for begin, end in pairwise(ends):
+        yield order[begin:end]

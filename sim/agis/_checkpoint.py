@@ -71,7 +71,7 @@ def load(path: PathName, key: str) -> dict[str, Any] | None:
     if not Path(path).exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
             found = dict(file)
     except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
         raise CheckpointError(f"{path} is damaged ({error}): delete it to begin anew") from error

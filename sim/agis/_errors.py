@@ -7,6 +7,7 @@ import numpy as np
 from sim.agis._equations import Equations
 from sim.agis._iteration import Iteration
 from sim.agis._motion_fit import MotionFit, sources_at
+from sim.variability import Variability, chain_products
 from vsh.checks import arrays
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.modes import Modes, as_modes
@@ -55,6 +56,8 @@ class ExactErrors(Equations):
         lon: ArrayLike | None = None,
         lat: ArrayLike | None = None,
         *,
+        variability: Variability | None = None,
+        variable: ArrayLike | None = None,
         tolerance: float = 1e-3,
         iterations: int = 2000,
         progress: bool = False,
@@ -69,6 +72,8 @@ class ExactErrors(Equations):
             Of the fit; p of them.
         lon, lat : (m,) arrays, optional
             As for `formal_covariance`.
+        variability, variable
+            As for `covariance_of`.
         tolerance : float
             Relative growth of a variance in ten iterations at which it is taken for the whole.
         iterations : int
@@ -91,15 +96,22 @@ class ExactErrors(Equations):
         """
         fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
         g = fit.functionals(np.arange(len(fit.modes)))
-        return _covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
+        return self._covariance(g, tolerance, iterations, progress, variability, variable)
 
-    def covariance_of(self, functionals: ArrayLike, *, tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False) -> FloatArray:  # fmt: skip
+    def covariance_of(
+        self, functionals: ArrayLike, *, variability: Variability | None = None, variable: ArrayLike | None = None,
+        tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False,
+    ) -> FloatArray:  # fmt: skip
         """Covariance of any linear functionals Σ g x of the sources' parameters.
 
         Parameters
         ----------
         functionals : (n, 5, K) array
             The g.
+        variability : Variability, optional
+            Of photocentres: what it adds to the errors of a solution that does not know of it.
+        variable : (n,) bool array, optional
+            Which sources vary; all unless given.
         tolerance, iterations, progress
             As for `true_covariance`.
 
@@ -115,7 +127,7 @@ class ExactErrors(Equations):
         g = arrays.float_array("functionals", functionals)
         if g.ndim != 3 or g.shape[:2] != (self.scans.n_sources, 5):
             raise ParameterError(f"functionals have the shape ({self.scans.n_sources}, 5, K), not {g.shape}")
-        return _covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
+        return self._covariance(g, tolerance, iterations, progress, variability, variable)
 
     def global_covariances(
         self, *, tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False
@@ -141,32 +153,53 @@ class ExactErrors(Equations):
         if self.motion is None:
             raise ParameterError("there are no global parameters: give System a motion")
         g = np.stack([self.motion.functional(k) for k in range(len(self.motion.names))], axis=-1)
-        true = _covariance_of(self, g, tolerance=tolerance, iterations=iterations, progress=progress)
+        true = self._covariance(g, tolerance, iterations, progress)
         # What the sources' own motions leave of y: the mean of Gy + own is no y.
         return np.linalg.inv(self._low_rank), true + np.linalg.inv(self.motion.normal)
 
+    def _covariance(self, functionals, tolerance, iterations, progress, variability=None, variable=None):
+        """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""
+        right = self._seen(functionals)
+        solved = np.empty_like(right)
+        bar = progress_bar(words="exact errors", shown=progress, unit=" iterations")
+        with bar, blas_for(0):
+            for start in range(0, right.shape[-1], TOGETHER):
+                here = slice(start, start + TOGETHER)
+                solved[..., here] = _solved(self, np.ascontiguousarray(right[..., here]), tolerance, iterations, bar)
+        k = right.shape[-1]
+        out = right.reshape(-1, k).T @ solved.reshape(-1, k)
+        if variability is not None and variability.sigma > 0:
+            out += self._varying(solved, variability, variable)
+        return (out + out.T) / 2
 
-def _covariance_of(equations, functionals, *, tolerance, iterations, progress):
-    """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""
-    right = functionals.copy()
-    right[~equations.solved] = 0
-    if equations.defect:
-        # g of x without its rotation: the transpose of what takes the rotation out.
-        basis = equations.null_space()[: equations.defect]
-        basis[:, ~equations.solved] = 0
-        weighted = np.einsum("nij,knj->kni", equations.blocks, basis)
-        share = np.linalg.solve(np.einsum("kni,lni->kl", weighted, basis), np.einsum("kni,nir->kr", basis, right))
-        right -= np.einsum("kr,kni->nir", share, weighted)
-    solved = np.empty_like(right)
-    bar = progress_bar(words="exact errors", shown=progress, unit=" iterations")
-    with bar, blas_for(0):
-        for start in range(0, right.shape[-1], TOGETHER):
-            here = slice(start, start + TOGETHER)
-            solved[..., here] = _solved(equations, np.ascontiguousarray(right[..., here]), tolerance, iterations, bar)
-    # As matrices of BLAS: the functionals are few.
-    k = right.shape[-1]
-    out = right.reshape(-1, k).T @ solved.reshape(-1, k)
-    return (out + out.T) / 2
+    def _seen(self, functionals):
+        """Functionals of parameters from which the null space is taken out, by the blocks as weights."""
+        right = functionals.copy()
+        right[~self.solved] = 0
+        if self.defect:
+            basis = self.null_space()[: self.defect]
+            basis[:, ~self.solved] = 0
+            weighted = np.einsum("nij,knj->kni", self.blocks, basis)
+            share = np.linalg.solve(np.einsum("kni,lni->kl", weighted, basis), np.einsum("kni,nir->kr", basis, right))
+            right -= np.einsum("kr,kni->nir", share, weighted)
+        return right
+
+    def _varying(self, solved, variability, variable):
+        """What photocentres that vary add: Σ over sources of aᵀ C a, a how much each observation counts in a functional."""
+        scans = self.scans
+        order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
+        if variable is not None:
+            order = order[np.asarray(variable, bool)[scans.source[order]]]
+        owner, time = scans.source[order], scans.time()[order]
+        weights = scans.weights[:, owner] * self.solved[owner]
+        sin, cos = (column[order].astype(float) for column in (scans.sin, scans.cos))
+        shares = []
+        for x in np.moveaxis(solved, -1, 0):
+            attitude = self.attitude_of(-self.passes.to_attitude(np.ascontiguousarray(x)[..., None])[..., 0])
+            along, across = (w * seen[order] for w, seen in zip(weights, self.passes.predict(x, attitude), strict=True))
+            shares += [np.stack([along * sin - across * cos, along * cos + across * sin])]
+        found = chain_products(np.array(shares), owner, time, variability.tau)
+        return variability.sigma**2 * found
 
 
 def _solved(equations, right, tolerance, iterations, bar):

@@ -70,12 +70,9 @@ def solve_observations(
     passes = equations.passes
     x = start
     if first == "sources":
-        seen = passes.predict(x, attitude)
-        of_sources, _ = passes.adjoint(along - seen[0], across - seen[1])
+        of_sources, _ = passes.adjoint(*_left(passes, along, across, x, attitude))
         x = x + equations.precondition((of_sources - _held(equations, x))[..., None])[..., 0]
-    seen = passes.predict(x, np.zeros_like(attitude))
-    of_sources, of_attitude = passes.adjoint(along - seen[0], across - seen[1])
-    del seen
+    of_sources, of_attitude = passes.adjoint(*_left(passes, along, across, x, np.zeros_like(attitude)))
     if known is not None:
         of_attitude += known / equations.prior**2
     right = equations.reduce(of_sources, of_attitude) - _held(equations, x)
@@ -124,6 +121,14 @@ def solve_observations(
         equations.formal, equations.solved, scans.lon, scans.lat, scans.frame,
         equations.motion.parameters((x + solved)[..., None])[:, 0] if equations.motion is not None else None,
     )  # fmt: skip
+
+
+def _left(passes, along, across, x, attitude):
+    """What parameters leave of the observations; no larger arrays than these two."""
+    seen = passes.predict(x, attitude)
+    for observed, predicted in zip((along, across), seen, strict=True):
+        np.subtract(observed, predicted, out=predicted)
+    return seen
 
 
 def _held(equations, x):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 import sim
@@ -13,7 +16,31 @@ from vsh.units import JULIAN_YEAR
 _ANGLES = np.array([0.0, 0.15, 0.37, 0.73, 1.0, 1.5, 3.0, 7.0])
 
 
-def report(system, solution, notes, mixture, options, exact):
+def report(
+    system: agis.System,
+    solution: agis.AgisSolution,
+    notes: list[str],
+    mixture: agis.Mixture,
+    options: Any,
+    exact: dict[str, Any],
+) -> str:
+    """What is printed.
+
+    Parameters
+    ----------
+    system : System
+        The equations.
+    solution : AgisSolution
+        What was found.
+    notes : list of str
+        On scaling and frame.
+    mixture : Mixture
+        The sources.
+    options : argparse.Namespace
+        Of the command.
+    exact : dict
+        Formal and true errors by name; perhaps none.
+    """
     scans = system.scans
     counts = ", ".join(f"{np.sum(mixture.are(kind))} {kind}" for kind in agis.KINDS if mixture.are(kind).any())
     sigma = np.sqrt(np.einsum("nii->ni", solution.formal))
@@ -33,7 +60,7 @@ def report(system, solution, notes, mixture, options, exact):
         if here.any():
             found = np.sqrt(np.mean((solution.sources[here] / sigma[here]) ** 2, axis=0))
             lines.append(f"{kind:12}" + "".join(f"{x:8.3f}" for x in found))
-    if solution.global_parameters is not None:
+    if solution.global_parameters is not None and system.motion is not None:
         lines += [
             "",
             f"Global parameters [{'km/s for v, else ' if options.motions == 'velocity' else ''}µas/yr], truth 0",
@@ -50,7 +77,26 @@ def report(system, solution, notes, mixture, options, exact):
     return "\n".join(lines) + "\n"
 
 
-def write(folder, text, system, solution, mixture, options):
+def write(
+    folder: Path, text: str, system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture, options: Any
+) -> None:
+    """Write report, motions, sources, convergence and figures.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to.
+    text : str
+        The report.
+    system : System
+        The equations.
+    solution : AgisSolution
+        What was found.
+    mixture : Mixture
+        The sources.
+    options : argparse.Namespace
+        Of the command.
+    """
     import matplotlib as mpl
 
     from vsh import catalogue, tables

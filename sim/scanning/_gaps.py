@@ -39,7 +39,7 @@ def check_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
     return np.stack([found[:, 0], np.maximum.accumulate(found[:, 1])], axis=1)
 
 
-def draw_gaps(years: float, dead_time: float, rng: Rng) -> FloatArray:
+def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
     """Lost intervals, exponential in length about six hours, (k, 2). [yr]
 
     Parameters
@@ -49,12 +49,19 @@ def draw_gaps(years: float, dead_time: float, rng: Rng) -> FloatArray:
     dead_time : float
         The fraction of it that is lost.
     rng : Generator or int
-        The source of all randomness.
+        The source of all randomness; it must be given.
 
     Returns
     -------
     array
+
+    Raises
+    ------
+    ParameterError
+        If there is no rng.
     """
+    if rng is None:
+        raise ParameterError("a dead time needs rng, which draws its gaps")
     rng = generator(rng)
     number = max(1, round(years * dead_time / _MEAN))
     lengths = rng.exponential(_MEAN, number)

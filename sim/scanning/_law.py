@@ -105,14 +105,11 @@ class NominalScanningLaw(Frozen):
         between("basic_angle", self.basic_angle, 0, np.pi)
         if not 0 <= number("dead_time", self.dead_time) < 1:
             raise ParameterError(f"dead_time is a fraction, at least 0 and below 1, not {self.dead_time}")
-        if self.dead_time and self.rng is None:
-            raise ParameterError("a dead time needs rng, which draws its gaps")
         check_frame(self.frame)
-        gaps = [check_gaps(self.gaps)]
+        given = check_gaps(self.gaps)
+        drawn = draw_gaps(self.years, self.dead_time, self.rng) if self.dead_time else given[:0]
+        self._state["gaps"] = check_gaps(np.concatenate([given, drawn]))
         self._integrate()
-        if self.dead_time and self.rng is not None:
-            gaps.append(draw_gaps(self.years, self.dead_time, self.rng))
-        self._state["gaps"] = check_gaps(np.concatenate(gaps))
 
     @property
     def speed(self) -> float:

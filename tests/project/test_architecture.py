@@ -25,6 +25,7 @@ HEAVY = {
     "healpy": ["vsh/sky/pixels.py"],
     "ducc0": ["vsh/transform.py"],
     "emcee": ["fit/sampling/_chain.py"],
+    "numba": ["sim/agis/passes/_kernels.py"],
     "corner": ["fit/*/_plot.py"],
     "arviz": ["fit/posterior/_posterior.py"],
     "matplotlib": [
@@ -42,7 +43,7 @@ HEAVY = {
 }  # fmt: skip
 #: What a function may import instead of its file: what is heavy, and what is imported only if it is asked for.
 LATE = re.compile(
-    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|importlib|multiprocessing|threadpoolctl|tqdm|platform|tomllib)\b"
+    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|importlib|multiprocessing|threadpoolctl|tqdm|platform|tomllib|resource)\b"
 )
 
 

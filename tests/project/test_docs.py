@@ -15,11 +15,21 @@ DOCS = ROOT / "docs"
 PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]
 PAGES = [path for path in PAGES if "_build" not in path.parts and "gallery" not in path.parts]
 COMMANDS = {
-    "vsh-fit": "fit.commands.fit", "vsh-sim": "sim.commands.simulate", "vsh-redshift": "fit.commands.redshift",
+    "vsh-fit": "fit.commands.fit", "vsh-sim": "sim.commands.simulate", "vsh-agis": "sim.commands.agis", "vsh-redshift": "fit.commands.redshift",
     "vsh-correlate": "fit.commands.correlate", "vsh-study": "study.command", "vsh-archive": "vsh.commands.archive",
 }  # fmt: skip
 #: Faces whose names are used inside the project only.
-INTERNAL = {"fit.sums", "fit.sampling", "fit.commands", "vsh.checks", "vsh.system", "vsh.commands"}
+INTERNAL = {
+    "sim.agis.passes",
+    "sim.agis.results",
+    "sim.commands",
+    "fit.sums",
+    "fit.sampling",
+    "fit.commands",
+    "vsh.checks",
+    "vsh.system",
+    "vsh.commands",
+}
 
 
 def name(path):

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
+from typing import Any
+
+resource: Any
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None
 
 GIB = 2**30
 
@@ -34,9 +41,7 @@ def free_memory() -> float:
 
 
 def _left_of_limit():
-    try:
-        import resource
-    except ImportError:  # Windows
+    if resource is None:
         return float("inf")
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY:

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from vsh.types import FloatArray
+
 _FAST: dict[str, Any] = {"cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "nogil": True}
 _ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
@@ -53,7 +55,26 @@ def _at(h, k, axis, r, b):
 
 
 @njit(**_FAST)
-def to_attitude(start, stop, first, lengths, x, out, transits):
+def to_attitude(
+    start: int, stop: int, first: int, lengths: tuple, x: FloatArray, out: FloatArray, transits: tuple
+) -> None:
+    """Add Cᵀ x: what sources say of the attitude.
+
+    Parameters
+    ----------
+    start, stop : int
+        Which transits.
+    first : int
+        The knot that the output begins with.
+    lengths : tuple of K nothings
+        How many vectors.
+    x : (n, 5, K) array
+        Of the sources.
+    out : (knots + 3, 3, K) array
+        Of the attitude.
+    transits : tuple
+        As above.
+    """
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
@@ -71,7 +92,22 @@ def to_attitude(start, stop, first, lengths, x, out, transits):
 
 
 @njit(**_FAST)
-def to_sources(start, stop, lengths, h, out, transits):
+def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatArray, transits: tuple) -> None:
+    """Add C h: what the attitude says of sources.
+
+    Parameters
+    ----------
+    start, stop : int
+        Which transits.
+    lengths : tuple of K nothings
+        How many vectors.
+    h : (coefficients, 3, K) array
+        Of the attitude.
+    out : (n, 5, K) array
+        Of the sources.
+    transits : tuple
+        As above.
+    """
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i])
@@ -92,7 +128,22 @@ def to_sources(start, stop, lengths, h, out, transits):
 
 
 @njit(**_FAST)
-def predict(start, stop, x, h, along, across, transits):
+def predict(
+    start: int, stop: int, x: FloatArray, h: FloatArray, along: FloatArray, across: FloatArray, transits: tuple
+) -> None:
+    """Set what parameters make of the observations.
+
+    Parameters
+    ----------
+    start, stop : int
+        Which transits.
+    x, h : (n, 5, 1) and (coefficients, 3, 1) arrays
+        Of sources and attitude.
+    along, across : (k,) arrays
+        Set from start to stop.
+    transits : tuple
+        As above.
+    """
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i])
@@ -107,8 +158,31 @@ def predict(start, stop, x, h, along, across, transits):
 
 
 @njit(**_FAST)
-def adjoint(start, stop, first, along, across, out, attitude, transits):
-    """The weighted transpose of `predict`."""
+def adjoint(
+    start: int,
+    stop: int,
+    first: int,
+    along: FloatArray,
+    across: FloatArray,
+    out: FloatArray,
+    attitude: FloatArray,
+    transits: tuple,
+) -> None:
+    """Add the weighted transpose of `predict`.
+
+    Parameters
+    ----------
+    start, stop : int
+        Which transits.
+    first : int
+        The knot that the output begins with.
+    along, across : (k,) arrays
+        Of the observations.
+    out, attitude : (n, 5) and (knots + 3, 3, 1) arrays
+        Of sources and attitude.
+    transits : tuple
+        As above.
+    """
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
@@ -129,8 +203,22 @@ def adjoint(start, stop, first, along, across, out, attitude, transits):
 
 
 @njit(**_FAST)
-def blocks(start, stop, first, squares, band, transits):
-    """Lower triangles of the sources' blocks, (n, 5, 5), and the lower band of the attitude's matrix by columns."""
+def blocks(start: int, stop: int, first: int, squares: FloatArray, band: FloatArray, transits: tuple) -> None:
+    """Add lower triangles of the sources' blocks, and the lower band of the attitude's matrix by columns.
+
+    Parameters
+    ----------
+    start, stop : int
+        Which transits.
+    first : int
+        The knot that the output begins with.
+    squares : (n, 5, 5) array
+        Of the sources.
+    band : (3 (knots + 3), 12) array
+        Of the attitude.
+    transits : tuple
+        As above.
+    """
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     a, d, n, m = np.empty(5), np.empty(5), np.empty(3), np.empty(3)
     for i in range(start, stop):

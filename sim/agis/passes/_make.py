@@ -16,16 +16,44 @@ class Passes(Protocol):
     """What passes over the observations of some transits do; x are of sources, h of the attitude."""
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
-        """Cᵀ x: (n, 5, K) → (coefficients, 3, K)."""
+        """Cᵀ x, (coefficients, 3, K).
+
+        Parameters
+        ----------
+        x : (n, 5, K) array
+            Of the sources.
+        """
+        ...
 
     def to_sources(self, h: FloatArray) -> FloatArray:
-        """C h: (coefficients, 3, K) → (n, 5, K)."""
+        """C h, (n, 5, K).
+
+        Parameters
+        ----------
+        h : (coefficients, 3, K) array
+            Of the attitude.
+        """
+        ...
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n, 5) and (coefficients, 3) → along and across, (k,) each."""
+        """What parameters make of the observations: along and across, (k,) each.
+
+        Parameters
+        ----------
+        x, h : (n, 5) and (coefficients, 3) arrays
+            Of sources and attitude.
+        """
+        ...
 
     def adjoint(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Its weighted transpose."""
+        """Its weighted transpose, (n, 5) and (coefficients, 3).
+
+        Parameters
+        ----------
+        along, across : (k,) arrays
+            Of the observations.
+        """
+        ...
 
     def blocks(self) -> tuple[FloatArray, FloatArray]:
         """S as (n, 5, 5), and the lower band of A."""

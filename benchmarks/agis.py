@@ -1,0 +1,211 @@
+"""Joint solutions of sources and attitude: true errors, iterations, cost. The numbers of docs/agis.md.
+
+python benchmarks/agis.py errors [N]        true over formal errors by attitude, stars, knots, global parameters
+python benchmarks/agis.py carlo [N] [DRAWS] the same for two of them by Monte Carlo
+python benchmarks/agis.py iterations [N]    to 1 and 0.01 µas, and to the rule on low degrees
+python benchmarks/agis.py correlation [N] [DRAWS]
+python benchmarks/agis.py full SKY [N]      a whole mission: CPU seconds, memory, iterations, figures in agis_SKY/
+python benchmarks/agis.py kernels           time of a pass, with and without numba
+"""
+
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import sim
+from sim import agis
+from vsh import Modes
+
+LAW = sim.NominalScanningLaw(dead_time=0.06, rng=2)
+MISSION = sim.Mission(LAW, "paper")
+
+
+def system(n, sky="uniform", *, equal=None, stars=0, star_error=100.0, knots=30.0, spread=None, **options):
+    """The equations of n quasars, perhaps with stars, scaled to half a million; and which are quasars."""
+    mixture = agis.mixture(
+        MISSION,
+        sim.quasars(n, 1, sky),
+        stars=sim.stars(stars, 5) if stars else None,
+        star_error=star_error if stars else None,
+    )
+    sigma = np.where(mixture.are("quasars"), equal, mixture.sigma) if equal else mixture.sigma
+    if spread is not None:
+        options["motion"] = agis.global_motion(mixture.lon, mixture.lat, 1, scatter=spread)
+    made, _ = agis.joint_system(LAW, mixture.lon, mixture.lat, sigma, knots=knots, number=n, **options)
+    return made, mixture.are("quasars")
+
+
+def ratio(made, quasars):
+    """True over formal error of the acceleration, and the iterations that took."""
+    from sim.agis._motion_fit import MotionFit
+
+    fit = MotionFit(made, Modes(1), np.flatnonzero(quasars))
+    true = made.covariance_of(fit.functionals([3, 4, 5]))
+    return np.sqrt(np.trace(true) / np.trace(fit.formal[3:, 3:]))
+
+
+def errors(n=10_000):
+    told = [
+        ("known to 10 µas, even sky", {"prior": 10.0}), ("known to 10 µas, IGQL-like", {"sky": "igql", "prior": 10.0}),
+        ("known to 100 µas, IGQL-like", {"sky": "igql", "prior": 100.0}), ("known to 1000 µas, IGQL-like", {"sky": "igql", "prior": 1000.0}),
+        ("solved, quasars of equal weight, even sky", {"equal": 500.0}), ("solved, by magnitude, even sky", {}),
+        ("solved, GUMS-like", {"sky": "gums"}), ("solved, IGQL-like", {"sky": "igql"}),
+        ("the same, knots of 90 s", {"sky": "igql", "knots": 90.0}), ("the same, knots of 300 s", {"sky": "igql", "knots": 300.0}),
+        ("knots of 300 s, even sky", {"knots": 300.0}),
+        ("one star of 100 µas a quasar, even sky", {"stars": n}), ("the same, IGQL-like", {"sky": "igql", "stars": n}),
+        ("five of 300 µas, IGQL-like", {"sky": "igql", "stars": 5 * n, "star_error": 300.0}),
+        ("one of 1000 µas, IGQL-like", {"sky": "igql", "stars": n, "star_error": 1000.0}),
+    ]  # fmt: skip
+    for name, options in told:
+        start = time.process_time()
+        print(f"{name:45}{ratio(*system(n, **options)):8.3f}{time.process_time() - start:8.0f} CPU s", flush=True)
+    for spread in (0.1, 10.0):
+        made, _ = system(n, spread=spread)
+        formal, true = made.global_covariances()
+        found = np.sqrt(np.trace(true[3:, 3:]) / np.trace(formal[3:, 3:]))
+        print(f"{f'global glide, motions to {spread:g} µas/yr':45}{found:8.3f}", flush=True)
+
+
+def carlo(n=10_000, draws=200):
+    """Scatter of the acceleration over draws of the noise, beside the exact error."""
+    from sim.agis._motion_fit import MotionFit
+
+    for name, options in (("equal weights", {"equal": 500.0}), ("by magnitude", {})):
+        made, quasars = system(n, **options)
+        fit = MotionFit(made, Modes(1), np.flatnonzero(quasars))
+        exact = made.covariance_of(fit.functionals([3, 4, 5]))
+        found = []
+        for seed in range(draws):
+            solution = made.solve(*agis.observations(made.scans, [9, seed]), stop=0.02)
+            found.append(fit.of(solution.sources[..., None])[3:, 0])
+        scatter, formal = np.mean(np.square(found), axis=0), np.diag(fit.formal)[3:]
+        print(f"{name}: scatter/formal {np.sqrt(scatter.sum() / formal.sum()):.3f} ± {np.sqrt(scatter.sum() / formal.sum()) / np.sqrt(6 * draws):.3f}"
+              f" ({draws} draws), exact {np.sqrt(np.trace(exact) / formal.sum()):.3f}", flush=True)  # fmt: skip
+
+
+def iterations(n=5000):
+    """Zero noise, from the paper's start errors."""
+    for sky in ("gums", "igql"):
+        made, _ = system(n, sky)
+        silent = np.zeros((2, len(made.scans)))
+        start, attitude = agis.start_errors(made.scans, 1)
+        for first, method in (("attitude", "conjugate"), ("attitude", "simple"), ("sources", "conjugate")):
+            sizes = []
+
+            def watch(_, x, sizes=sizes, made=made):
+                left = made.without_null_space(x[..., None])[0][made.solved]
+                sizes.append(np.sqrt(np.mean(left[:, :3] ** 2)))
+
+            found = made.solve(
+                *silent,
+                start=start,
+                attitude=attitude,
+                first=first,
+                method=method,
+                iterations=100,
+                stop=None,
+                watch=watch,
+            )
+            sizes = np.array(sizes)
+            reached = [int(np.argmax(sizes < limit)) if (sizes < limit).any() else None for limit in (100.0, 1.0, 0.01)]
+            away = np.abs(found.history - found.history[-1]) / np.sqrt(np.diag(found.formal_low))
+            low = int(np.max(np.flatnonzero(away.max(axis=1) > 0.05), initial=-1)) + 2
+            print(f"{sky} {first} first, {method}: rms of positions and parallaxes below 100, 1, 0.01 µas after {reached} iterations "
+                  f"(last {sizes[-1]:.2g} µas); degrees 1 to 3 within 0.05 σ of the end from {low} on", flush=True)  # fmt: skip
+        noisy = made.solve(*agis.observations(made.scans, 3), start=start, attitude=attitude, iterations=1000)
+        quiet = made.solve(*silent, start=start, attitude=attitude, iterations=1000)
+        print(
+            f"{sky} sources first, to the rule: {quiet.iterations} without noise, {noisy.iterations} with", flush=True
+        )
+
+
+def correlation(n=5000, draws=200):
+    """Of parallax errors of neighbours, in heights of a field, and at the basic angle."""
+    made, _ = system(n)
+    root = np.sqrt(agis.FULL / n)
+    near = np.radians(np.array([0.0, 0.1, 0.25, 0.5, 0.7, 1.0, 2.0])) * root
+    basic = np.radians(106.5) + np.radians(np.array([-0.35, 0.35])) * root
+    found = []
+    for seed in range(draws):
+        solution = made.solve(*agis.observations(made.scans, [9, seed]), stop=0.02)
+        found.append(solution.sources[:, 2])
+    for edges in (near, basic):
+        values, pairs = agis.correlation_by_angle(found, made.scans.lon, made.scans.lat, edges)
+        for low, high, value, count in zip(edges, edges[1:], values, pairs, strict=False):
+            print(
+                f"{np.degrees(low) / root:8.2f} to {np.degrees(high) / root:7.2f}°: {value:+.4f} ({count} pairs)",
+                flush=True,
+            )
+
+
+def full(sky, n=agis.FULL):
+    """A whole mission to the rule on low degrees."""
+    cpu = [time.process_time()]
+
+    def lap(words):
+        cpu.append(time.process_time())
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+        print(f"{words:14}{cpu[-1] - cpu[-2]:8.1f} CPU s, peak {peak:.2f} GiB", flush=True)
+
+    folder = Path(f"agis_{sky}_{n}")
+    quasars = sim.quasars(n, 1, sky)
+    sigma = MISSION.transit_error(quasars.magnitude)
+    law, knots = (LAW, 30.0) if n >= agis.FULL else agis.scaled(n, LAW)
+    print(agis.plan(law, quasars.lon, quasars.lat, knots))
+    scans = agis.scans(law, quasars.lon, quasars.lat, sigma, 5 * sigma, knots, folder=folder / "scans")
+    lap("transits")
+    made = agis.System(scans)
+    lap("equations")
+    observed, (start, attitude) = agis.observations(scans, 3), agis.start_errors(scans, 4)
+    lap("observations")
+    seconds = []
+    solution = made.solve(
+        *observed, start=start, attitude=attitude, iterations=1000, checkpoint=folder / "checkpoint.npz",
+        watch=lambda *_: seconds.append(time.process_time()),
+    )  # fmt: skip
+    lap("solution")
+    print(
+        f"{solution.iterations} iterations, {np.median(np.diff(seconds)):.2f} CPU s each; {time.process_time() / 60:.1f} CPU minutes in all"
+    )
+    solution = agis.in_own_frame(made, solution)
+    for low, high in ((0, 16), (16, 17), (17, 18), (18, 19), (19, 19.5), (19.5, 20)):
+        here = made.solved & (quasars.magnitude >= low) & (quasars.magnitude < high)
+        pulls = solution.sources[here] / np.sqrt(np.einsum("nii->ni", solution.formal[here]))
+        print(f"G {low:g} to {high:g}: true/formal {np.sqrt(np.mean(pulls**2, axis=0)).round(3)}")
+    from vsh.sky.plot import save_figures
+
+    save_figures(
+        {
+            "convergence": agis.plot_convergence(solution),
+            "errors": agis.plot_errors_by_magnitude(solution, quasars.magnitude),
+            "map": agis.plot_ratio_map(solution, 16),
+        },
+        folder,
+    )
+    if sky != "igql":
+        print(f"true/formal of the acceleration {ratio(made, np.ones(n, bool)):.3f}")
+        lap("exact errors")
+
+
+def kernels(n=5000):
+    """One iteration by the compiled passes and by the sparse matrix."""
+    for compiled in (True, False):
+        made, _ = system(n)
+        passes = agis.System(made.scans, compiled=compiled, threads=1).passes
+        x = np.ones((n, 5, 1))
+        times = []
+        for _ in range(5):
+            start = time.process_time()
+            passes.to_sources(passes.to_attitude(x))
+            times.append(time.process_time() - start)
+        print(
+            f"{'numba' if compiled else 'sparse'}: {1e9 * min(times) / len(made.scans):.0f} ns a transit and iteration"
+        )
+
+
+if __name__ == "__main__":
+    what = {each.__name__: each for each in (errors, carlo, iterations, correlation, full, kernels)}
+    what[sys.argv[1]](*(int(x) if x.isdecimal() else x for x in sys.argv[2:]))
