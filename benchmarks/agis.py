@@ -17,7 +17,7 @@ import numpy as np
 
 import sim
 from sim import agis
-from vsh import Modes
+from vsh import Coefficients, Modes
 
 LAW = sim.NominalScanningLaw(dead_time=0.06, rng=2)
 MISSION = sim.Mission(LAW, "paper")
@@ -190,6 +190,42 @@ def full(sky, n=agis.FULL):
         lap("exact errors")
 
 
+def paper(n=20_000, draws=100):
+    """Cases A to D: rms over components of the acceleration, scaled to half a million quasars [µas/yr]."""
+    from sim.agis._motion_fit import MotionFit
+    from study.published import published
+
+    cases = {"A": ("gums", 0.0, 2.0), "B": ("gums", 100.0, 2.0), "C": ("gums", 100.0, 10.0), "D": ("igql", 0.0, 2.0)}
+    modes, scale = Modes(1), np.sqrt(n / agis.FULL)
+    unit = [Coefficients(modes, row).glide for row in np.eye(6)[3:]]
+    turn = np.stack(unit, axis=1)  # coefficients to components
+
+    def size(covariance):
+        return scale * np.sqrt(np.trace(turn @ covariance @ turn.T) / 3)
+
+    print("case  paper: formal, Std, ratio;  here: formal, Std known to 10 µas, exact, ratio;  solved: exact, ratio")
+    for case, (sky, sigma, tau) in cases.items():
+        variability = sim.Variability(sigma, tau) if sigma else None
+        table = published(case)
+        theirs = [np.sqrt(np.mean([table[f"a_{axis}"][k] ** 2 for axis in "xyz"])) for k in (2, 1)]
+        known, _ = system(n, sky, prior=10.0)
+        fit = MotionFit(known, modes, np.arange(n))
+        g = fit.functionals([3, 4, 5])
+        found = []
+        for seed in range(draws):
+            rng = np.random.default_rng([3, seed])
+            observed = agis.observations(known.scans, rng, variability=variability)
+            about = 10.0 * rng.standard_normal((known.coefficients, 3))
+            solution = known.solve(*observed, known=about, iterations=4, stop=None)
+            found.append(fit.of(solution.sources[..., None])[3:, 0])
+        formal, scatter = size(fit.formal[3:, 3:]), size(np.mean([np.outer(x, x) for x in found], axis=0))
+        exact = size(known.covariance_of(g, variability=variability))
+        solved, _ = system(n, sky)
+        true = size(solved.covariance_of(g, variability=variability))
+        print(f"{case}     {theirs[0]:.3f} {theirs[1]:.3f} {theirs[1] / theirs[0]:.2f};   {formal:.3f} {scatter:.3f} {exact:.3f} {exact / formal:.3f}"
+              f" ({draws} draws ± {100 / np.sqrt(6 * draws):.0f} %);   {true:.3f} {true / formal:.2f}", flush=True)  # fmt: skip
+
+
 def kernels(n=5000):
     """One iteration by the compiled passes and by the sparse matrix."""
     for compiled in (True, False):
@@ -207,5 +243,5 @@ def kernels(n=5000):
 
 
 if __name__ == "__main__":
-    what = {each.__name__: each for each in (errors, carlo, iterations, correlation, full, kernels)}
+    what = {each.__name__: each for each in (errors, carlo, iterations, correlation, full, paper, kernels)}
     what[sys.argv[1]](*(int(x) if x.isdecimal() else x for x in sys.argv[2:]))
