@@ -86,9 +86,10 @@ def carlo(n=10_000, draws=200):
               f" ({draws} draws), exact {np.sqrt(np.trace(exact) / formal.sum()):.3f}", flush=True)  # fmt: skip
 
 
-def iterations(n=5000):
-    """Zero noise, from the paper's start errors."""
-    for sky in ("gums", "igql"):
+def iterations(n=5000, *skies):
+    """Zero noise, from the paper's start errors; skies are even, GUMS-like and IGQL-like unless named."""
+    skies = skies or ("uniform", "gums", "igql")
+    for sky in skies:
         made, _ = system(n, sky)
         silent = np.zeros((2, len(made.scans)))
         start, attitude = agis.start_errors(made.scans, 1)
@@ -127,11 +128,16 @@ def correlation(n=5000, draws=200):
     made, _ = system(n)
     root = np.sqrt(agis.FULL / n)
     near = np.radians(np.array([0.0, 0.1, 0.25, 0.5, 0.7, 1.0, 2.0])) * root
-    basic = np.radians(106.5) + np.radians(np.array([-0.35, 0.35])) * root
+    basic = np.radians(106.5) + np.radians(np.array([-0.15, 0.15])) * root
     found = []
     for seed in range(draws):
         solution = made.solve(*agis.observations(made.scans, [9, seed]), stop=0.02)
         found.append(solution.sources[:, 2])
+    from vsh.sky.plot import save_figures
+
+    fine = np.radians(np.r_[0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.5, 2.0, 3.0]) * root
+    values = agis.correlation_by_angle(found, made.scans.lon, made.scans.lat, fine)
+    save_figures({"correlation": agis.plot_correlation(fine / root, *values, draws=draws)}, Path("."))
     for edges in (near, basic):
         values, pairs = agis.correlation_by_angle(found, made.scans.lon, made.scans.lat, edges)
         for low, high, value, count in zip(edges, edges[1:], values, pairs, strict=False):

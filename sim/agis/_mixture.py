@@ -57,6 +57,7 @@ class Mixture(Frozen):
         return self.kind == KINDS.index(arguments.choice("kind", kind, KINDS))
 
 
+@arguments.accepts(mission=arguments.a(Mission), quasars=arguments.a(Population))
 def mixture(
     mission: Mission, quasars: Population, galaxies: Population | None = None, stars: Population | None = None, *,
     excess_noise: ArrayLike = 0.0, star_error: float | None = None,

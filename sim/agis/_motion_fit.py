@@ -106,34 +106,6 @@ def low_fit(equations: Any, sources: IntArray) -> MotionFit:
     raise DegeneracyError(f"{len(sources)} sources determine no spin and acceleration, by which iterations stop")
 
 
-def chosen(scans: Scans, sources: ArrayLike | None) -> IntArray:
-    """Indices of sources given by indices or a mask; all where none are given.
-
-    Parameters
-    ----------
-    scans : Scans
-        Of the sources.
-    sources : array or None
-        Which.
-
-    Returns
-    -------
-    int array
-
-    Raises
-    ------
-    ParameterError
-        If there are no such sources.
-    """
-    everything = np.arange(scans.n_sources)
-    if sources is None:
-        return everything
-    try:
-        return everything[np.asarray(sources)]
-    except IndexError as error:
-        raise ParameterError(f"there are {len(everything)} sources: {error}") from None
-
-
 def sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> IntArray:
     """Indices of the sources at given positions; all where none are given.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sim.agis._errors import ExactErrors
 from sim.agis._globals import GlobalMotion
-from sim.agis._motion_fit import chosen, low_fit
+from sim.agis._motion_fit import low_fit
 from sim.agis._solve import solve_observations
 from sim.agis.passes import Scans
 from sim.agis.results import AgisSolution
@@ -194,7 +194,7 @@ class System(ExactErrors):
         found = solve_observations(
             self, *observed, start=shaped[0], attitude=shaped[1], known=known, first=first, conjugate=method == "conjugate",
             iterations=arguments.whole("iterations", iterations),
-            stop=None if stop is None else arguments.positive("stop", stop), fit=low_fit(self, chosen(self.scans, sources)),
+            stop=None if stop is None else arguments.positive("stop", stop), fit=low_fit(self, arrays.indices("sources", sources, n)),
             watch=watch, checkpoint=checkpoint, progress=progress,
         )  # fmt: skip
         if not found.converged and stop is not None:

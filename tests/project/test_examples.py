@@ -4,6 +4,7 @@ Those that take long are slow tests; all of them run when the documentation is b
 """
 
 import os
+import re
 import subprocess
 import sys
 
@@ -142,6 +143,15 @@ def test_shared_errors(tmp_path):
     assert plain_quoted < 0.2 * plain_true
     assert 0.75 < quoted / true < 1.3
     assert (tmp_path / "shared_errors.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_joint_solution(tmp_path):
+    text = run("joint_solution.py", folder=tmp_path)
+    assert "10.0: 1.0," in text
+    assert 1.7 < float(re.search(r"solved from the quasars alone: (\S+)", text)[1]) < 2.3
+    for name in ("joint_solution", "joint_convergence", "joint_errors"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
 def test_vlbi_backgrounds(tmp_path):

@@ -23,6 +23,7 @@ from fit.correlation import (
 from fit.posterior import Flat, Normal, grid
 from fit.redshift import binned, equal_information, permutation_test
 from fit.secular_parallax import hubble_constant, observer_velocity
+from sim import agis
 from vsh import Coefficients, Field, Modes, Vector, cosmology, covariance
 from vsh.basis import harmonics
 from vsh.catalogue import match, read_field
@@ -38,6 +39,11 @@ FIELD = sim.observe(sim.galaxies(60, 1), sim.spin((1, 2, 3)), 2, sigma=10.0)
 BINS = binned(FIELD, 1, 2)
 NORMAL = fit.normal_equations(FIELD, 1)
 NORMAL_3 = fit.normal_equations(FIELD, 3)
+LAW = sim.NominalScanningLaw(years=1.0)
+SCANS = agis.scans(LAW, FIELD.lon, FIELD.lat, 100.0, 500.0, 4 * 86400.0)
+SYSTEM = agis.System(SCANS)
+NOISE = agis.observations(SCANS, 1)
+SOLVED = SYSTEM.solve(*NOISE)
 #: A call that works; each of its arguments is replaced by each of the values below.
 CALLS = {
     fit.normal_equations: (FIELD, 1), fit.solve: (NORMAL,), fit.fit_field: (FIELD, 1), fit.solve_frame: (FIELD,),
@@ -64,6 +70,13 @@ CALLS = {
     Spectrum.given: (np.ones(3), np.ones(3)), Spectrum.power_law: (-1.0,), Spectrum.waves: (70.0,), Covariance: (np.eye(4),),
     covariance.of_errors: (FIELD,), covariance.from_function: (FIELD, np.cos), covariance.from_spectrum: (FIELD, Spectrum.flat(), 2),
     covariance.from_blocks: ([([0, 1], 1.0)], 3),
+    sim.stars: (10, 1), agis.scans: (LAW, FIELD.lon, FIELD.lat, 100.0, 500.0, 4 * 86400.0), agis.System: (SCANS, 10.0),
+    agis.observations: (SCANS, 1), agis.start_errors: (SCANS, 1), agis.scaled: (5000,), agis.plan: (LAW, FIELD.lon, FIELD.lat, 30.0),
+    agis.global_motion: (FIELD.lon, FIELD.lat, 1), agis.correlation_by_angle: (np.ones((10, 60)), FIELD.lon, FIELD.lat, [0.0, 1.0]),
+    agis.ratio_by: (np.ones(60), np.ones(60), np.zeros(60, int)), agis.mixture: (sim.Mission(LAW), sim.quasars(10, 1)),
+    SYSTEM.solve: NOISE, SYSTEM.predict: (np.zeros((60, 5)), np.zeros((SYSTEM.coefficients, 3))), SYSTEM.adjoint: NOISE,
+    SYSTEM.formal_covariance: (1, FIELD.lon, FIELD.lat), SYSTEM.true_covariance: (1, FIELD.lon, FIELD.lat),
+    SYSTEM.covariance_of: (np.ones((60, 5, 1)),), agis.rotate_frame: (SOLVED, np.arange(20)), SOLVED.rotated: ((1, 2, 3), (1, 2, 3)),
     positive: ("x", 1), not_negative: ("x", 1), number: ("x", 1), between: ("x", 1, 0, 2), whole: ("x", 1), choice: ("x", 1, (1,)),
 }  # fmt: skip
 BAD = [None, np.nan, np.inf, -1, 0, 0.5, "word", b"bytes", [], [1, 2], {}, object(), True, np.nan * np.ones(3),

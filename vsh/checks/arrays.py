@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from vsh.errors import ParameterError
-from vsh.types import ArrayLike, FloatArray
+from vsh.errors import ParameterError, first_line
+from vsh.types import ArrayLike, FloatArray, IntArray
 
 
 def float_array(
@@ -75,6 +75,40 @@ def covariance(name: str, value: Any, size: int) -> FloatArray:
     if (np.abs(found - found.T) > 1e-8 * np.outer(scale, scale) + 1e-300).any():
         raise ParameterError(f"{name} is not symmetric")
     return read_only(found)
+
+
+def indices(name: str, value: Any, n: int) -> IntArray:
+    """Indices of some of n things, given by indices, a mask or a slice; all where None is given.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What was given.
+    n : int
+        How many there are.
+
+    Raises
+    ------
+    ParameterError
+        If there are no such things.
+
+    Examples
+    --------
+    >>> indices("sources", [True, False, True], 3)
+    array([0, 2])
+    """
+    everything = np.arange(n)
+    if value is None:
+        return everything
+    try:
+        found = everything[value if isinstance(value, slice) else np.asarray(value)]
+    except (IndexError, TypeError, ValueError) as error:
+        raise ParameterError(f"{name} are indices or a mask of {n}: {first_line(error)}") from None
+    if found.ndim != 1:
+        raise ParameterError(f"{name} are indices or a mask of {n}, one after the other, not of shape {found.shape}")
+    return found
 
 
 def read_only(array: ArrayLike) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.scanning import NominalScanningLaw
+from vsh.checks import arguments, arrays
 from vsh.errors import ParameterError
 from vsh.system.memory import GIB, free_memory
 from vsh.types import ArrayLike
@@ -50,6 +51,9 @@ class Plan:
         )
 
 
+@arguments.accepts(
+    law=arguments.a(NominalScanningLaw), lon=arrays.dimension(1), lat=arrays.dimension(1), knots=arguments.positive
+)
 def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float = 30.0, *, ccds: int = 1) -> Plan:
     """What the joint solution of some sources would take.
 
@@ -68,7 +72,17 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
     -------
     Plan
         From constants measured on one machine; good to a factor of two on others.
+
+    Raises
+    ------
+    ParameterError
+        If there are no sources, or positions do not match.
     """
+    lon = arrays.float_array("lon", lon)
+    arrays.float_array("lat", lat, lon.shape)
+    if not len(lon):
+        raise ParameterError("a plan needs a source at least")
+    arguments.choice("ccds", ccds, (1, 9))
     n, k = np.size(lon), expected_transits(law, lon, lat) * ccds
     coefficients = law.years * JULIAN_YEAR / knots + 3
     memory = max(_SORTING * k, system_memory(n, coefficients, 1) + _TRANSIT * k)

@@ -17,7 +17,17 @@ from numba import njit
 
 from vsh.types import FloatArray
 
-_FAST: dict[str, Any] = {"cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "nogil": True}
+_FAST: dict[str, Any] = {"fastmath": {"contract", "reassoc", "nsz"}, "nogil": True}
+
+
+def _compile(function: Any) -> Any:
+    """A kernel, kept on disk for the next time where there is a folder to write to."""
+    try:
+        return njit(function, cache=True, **_FAST)
+    except RuntimeError:
+        return njit(function, **_FAST)
+
+
 _ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 
 
@@ -54,7 +64,7 @@ def _at(h, k, axis, r, b):
     )
 
 
-@njit(**_FAST)
+@_compile
 def to_attitude(
     start: int, stop: int, first: int, lengths: tuple, x: FloatArray, out: FloatArray, transits: tuple
 ) -> None:
@@ -91,7 +101,7 @@ def to_attitude(
             _add(out, k, 2, r, b, mz * across - nz * along)
 
 
-@njit(**_FAST)
+@_compile
 def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatArray, transits: tuple) -> None:
     """Add C h: what the attitude says of sources.
 
@@ -127,7 +137,7 @@ def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatA
             out[q, 4, r] += t * north
 
 
-@njit(**_FAST)
+@_compile
 def predict(
     start: int, stop: int, x: FloatArray, h: FloatArray, along: FloatArray, across: FloatArray, transits: tuple
 ) -> None:
@@ -157,7 +167,7 @@ def predict(
         across[i] = s * north - c * east + fac[i] * x[q, 2, 0] + mx * ex + my * ey + mz * ez
 
 
-@njit(**_FAST)
+@_compile
 def adjoint(
     start: int,
     stop: int,
@@ -202,7 +212,7 @@ def adjoint(
         out[q, 4] += t * north
 
 
-@njit(**_FAST)
+@_compile
 def blocks(start: int, stop: int, first: int, squares: FloatArray, band: FloatArray, transits: tuple) -> None:
     """Add lower triangles of the sources' blocks, and the lower band of the attitude's matrix by columns.
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sim.agis.results._solution import AgisSolution
-from vsh.checks import arguments
+from vsh.checks import arguments, arrays
 from vsh.errors import ParameterError
 from vsh.sky.sphere import triad
 from vsh.types import ArrayLike, FloatArray
@@ -50,9 +50,10 @@ def rotate_frame(
     ParameterError
         If fewer than two sources determine either.
     """
-    everything = np.arange(len(solution.lon))
+    arguments.a(AgisSolution)("solution", solution)
     found, sigma = [], []
-    chosen = (everything[np.asarray(vlbi)], everything if quasars is None else everything[np.asarray(quasars)])
+    n = len(solution.lon)
+    chosen = arrays.indices("vlbi", vlbi, n), arrays.indices("quasars", quasars, n)
     for columns, which, spread in zip((slice(0, 2), slice(3, 5)), chosen, (radio, own), strict=True):
         which = which[solution.solved[which]]
         if len(which) < 3:

@@ -105,10 +105,7 @@ class AgisSolution(Frozen):
         """
         columns = _COLUMNS[arguments.choice("kind", kind, tuple(_COLUMNS))]
         n = len(self.lon)
-        try:
-            chosen = np.arange(n) if sources is None else np.arange(n)[np.asarray(sources)]
-        except IndexError as error:
-            raise ParameterError(f"there are {n} sources: {error}") from None
+        chosen = arrays.indices("sources", sources, n)
         kept = chosen[self.solved[chosen]]
         if not len(kept):
             raise ParameterError(f"none of {len(chosen)} sources is solved")

@@ -112,11 +112,19 @@ def ratio_by(
     ParameterError
         If shapes disagree.
     """
-    group = np.asarray(group)
-    square = np.mean((np.atleast_2d(arrays.float_array("errors", errors)) / arrays.float_array("sigma", sigma, group.shape)) ** 2, axis=0)  # fmt: skip
-    if square.shape != group.shape:
-        raise ParameterError(f"errors of {square.size} sources, and groups of {group.size}")
+    group = _groups(group)
+    values = np.atleast_2d(arrays.float_array("errors", errors))
+    if values.shape[1:] != group.shape:
+        raise ParameterError(f"errors of {values.shape[-1]} sources, and groups of {group.size}")
+    square = np.mean((values / arrays.float_array("sigma", sigma, group.shape)) ** 2, axis=0)
     used = group >= 0
     counts = np.bincount(group[used], minlength=n_groups or 0)
     total = np.bincount(group[used], square[used], len(counts))
     return np.sqrt(np.divide(total, counts, out=np.full(len(counts), np.nan), where=counts > 0)), counts
+
+
+def _groups(group):
+    found = arrays.dimension(1)("group", group)
+    if not (np.isfinite(found).all() and (found == np.floor(found)).all() and (found < 1e9).all()):
+        raise ParameterError("groups are whole numbers")
+    return found.astype(int)
