@@ -16,9 +16,11 @@ from vsh.units import JULIAN_YEAR
 #: Parts that the transits are cut into for threads: fixed, so that their number changes no bit of a sum.
 PARTS = 8
 #: Bytes: of a transit while transits are sorted and afterwards; of a source; of a source and right-hand side; of a coefficient.
-_SORTING, _TRANSIT, _SOURCE, _COLUMN, _COEFFICIENT = 60, 28, 480, 40 * (PARTS + 8), 3 * (12 + 5) * 8
+_SORTING, _TRANSIT, _SOURCE, _COLUMN, _COEFFICIENT = 60, 64, 1440, 40 * (PARTS + 8), 3 * (12 + 5) * 8
+#: And of the libraries. [bytes]
+_BASE = 3e8
 #: CPU seconds (of a 2 GHz server core): of a million transits to follow, and for an iteration; of a million coefficients to solve for.
-_FOLLOW, _ITERATE, _SOLVE = 2.2, 0.085, 0.22
+_FOLLOW, _ITERATE, _SOLVE = 4.0, 0.085, 0.3
 #: Sources whose transits are counted for the estimate.
 _SAMPLE = 300
 
@@ -85,9 +87,9 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
     arguments.choice("ccds", ccds, (1, 9))
     n, k = np.size(lon), expected_transits(law, lon, lat) * ccds
     coefficients = law.years * JULIAN_YEAR / knots + 3
-    memory = max(_SORTING * k, system_memory(n, coefficients, 1) + _TRANSIT * k)
-    setup = _FOLLOW * k / ccds / 1e6 + 4 * _ITERATE * k / 1e6 + _SOLVE * coefficients / 1e6
-    return Plan(k, coefficients, memory, setup, _ITERATE * k / 1e6 + 3 * _SOLVE * coefficients / 1e6)
+    memory = _BASE + max(_SORTING * k, system_memory(n, coefficients, 1) + _TRANSIT * k)
+    setup = (_FOLLOW / ccds + 5 * _ITERATE) * k / 1e6 + _SOLVE * coefficients / 1e6
+    return Plan(k, coefficients, memory, setup, _ITERATE * k / 1e6 + _SOLVE * coefficients / 1e6)
 
 
 def expected_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:

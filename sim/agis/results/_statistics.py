@@ -112,14 +112,14 @@ def ratio_by(
     ParameterError
         If shapes disagree.
     """
-    group = _groups(group)
+    labels: IntArray = _groups(group)
     values = np.atleast_2d(arrays.float_array("errors", errors))
-    if values.shape[1:] != group.shape:
-        raise ParameterError(f"errors of {values.shape[-1]} sources, and groups of {group.size}")
-    square = np.mean((values / arrays.float_array("sigma", sigma, group.shape)) ** 2, axis=0)
-    used = group >= 0
-    counts = np.bincount(group[used], minlength=n_groups or 0)
-    total = np.bincount(group[used], square[used], len(counts))
+    if values.shape[1:] != labels.shape:
+        raise ParameterError(f"errors of {values.shape[-1]} sources, and groups of {labels.size}")
+    square = np.mean((values / arrays.float_array("sigma", sigma, labels.shape)) ** 2, axis=0)
+    used = labels >= 0
+    counts = np.bincount(labels[used], minlength=n_groups or 0)
+    total = np.bincount(labels[used], square[used], len(counts))
     return np.sqrt(np.divide(total, counts, out=np.full(len(counts), np.nan), where=counts > 0)), counts
 
 
