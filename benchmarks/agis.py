@@ -5,6 +5,8 @@ python benchmarks/agis.py carlo [N] [DRAWS] the same for two of them by Monte Ca
 python benchmarks/agis.py iterations [N]    to 1 and 0.01 µas, and to the rule on low degrees
 python benchmarks/agis.py correlation [N] [DRAWS]
 python benchmarks/agis.py full SKY [N]      a whole mission: CPU seconds, memory, iterations, figures in agis_SKY/
+python benchmarks/agis.py paper [N] [DRAWS] the cases of the paper
+python benchmarks/agis.py level [N]         a second level: iterations and cost
 python benchmarks/agis.py kernels           time of a pass, with and without numba
 """
 
@@ -232,6 +234,52 @@ def paper(n=20_000, draws=100):
               f" ({draws} draws ± {100 / np.sqrt(6 * draws):.0f} %);   {true:.3f} {true / formal:.2f}", flush=True)  # fmt: skip
 
 
+def level(n=5000, degree=6):
+    """A second level of harmonics in positions, parallaxes and motions: iterations and CPU seconds, for one solution and for thirty."""
+    from sim.agis._iteration import Iteration
+    from sim.agis._motion_fit import MotionFit
+    from vsh.basis import harmonics, scalar_harmonics
+
+    made, quasars = system(n, "igql")
+    field, scalar = (
+        harmonics(made.scans.lon, made.scans.lat, degree),
+        scalar_harmonics(made.scans.lon, made.scans.lat, degree),
+    )
+    basis = np.zeros((n, 5, 2 * len(field) + len(scalar)))
+    basis[:, :2, : len(field)] = field.transpose(2, 1, 0)
+    basis[:, 3:, len(field) : 2 * len(field)] = field.transpose(2, 1, 0)
+    basis[:, 2, 2 * len(field) :] = scalar.T
+    # Not the null space, which is none of the second level's business.
+    basis = made.without_null_space(basis)[0]
+    start = time.process_time()
+    flat = basis.reshape(5 * n, -1)
+    applied = np.concatenate(
+        [made.apply(np.ascontiguousarray(basis[..., k : k + 3])) for k in range(0, basis.shape[-1], 3)], axis=-1
+    )
+    coarse = np.linalg.pinv(flat.T @ applied.reshape(5 * n, -1), rcond=1e-10, hermitian=True)
+    setup = time.process_time() - start
+
+    class Second:
+        apply = staticmethod(made.apply)
+
+        @staticmethod
+        def precondition(r):
+            below = (flat @ (coarse @ (flat.T @ r.reshape(5 * n, -1)))).reshape(r.shape)
+            return made.precondition(r) + below
+
+    g = made._seen(MotionFit(made, Modes(1), np.flatnonzero(quasars)).functionals([3]))
+    for name, equations in (("one level", made), ("two levels", Second)):
+        work, start = Iteration(equations, g), time.process_time()
+        steps = 0
+        while work.residual > 1e-4:
+            work.step()
+            steps += 1
+        cost = time.process_time() - start
+        more = setup if equations is Second else 0.0
+        print(f"{name}: {steps} iterations, {cost:.1f} CPU s, and {more:.1f} to set up {basis.shape[-1]} vectors; "
+              f"one solution {cost + more:.1f}, thirty {30 * cost + more:.1f} CPU s")  # fmt: skip
+
+
 def kernels(n=5000):
     """One iteration by the compiled passes and by the sparse matrix."""
     for compiled in (True, False):
@@ -249,5 +297,5 @@ def kernels(n=5000):
 
 
 if __name__ == "__main__":
-    what = {each.__name__: each for each in (errors, carlo, iterations, correlation, full, paper, kernels)}
+    what = {each.__name__: each for each in (errors, carlo, iterations, correlation, full, paper, level, kernels)}
     what[sys.argv[1]](*(int(x) if x.isdecimal() else x for x in sys.argv[2:]))
