@@ -8,8 +8,8 @@ import numpy as np
 
 from sim.agis._globals import GlobalMotion
 from sim.agis._observations import observations
-from sim.agis._system import System
-from sim.agis.passes import FULL, scaled, scans
+from sim.agis._system import ROUGH, System
+from sim.agis.passes import FULL, check_memory, plan, scaled, scans
 from sim.agis.results import AgisSolution
 from sim.variability import Variability
 from vsh.checks.arguments import generator
@@ -60,6 +60,14 @@ def joint_system(
     if full is not None and n < full:
         law, knots = scaled(n, law, knots=knots, full=full)
         notes.append(f"mission scaled to {n} sources as if they were {full}: fields {np.degrees(2 * law.half_height):.2f}° high, knots {knots:.4g} s apart")  # fmt: skip
+    told = plan(law, lon, lat, knots, ccds=ccds)
+    # All of it before the work begins; transits on disk need no memory of their own.
+    check_memory(told.memory - (28 * told.transits if folder else 0.0), "the joint solution",
+                 "take fewer sources, or knots farther apart")  # fmt: skip
+    if smoothing < ROUGH:
+        notes.append(
+            f"smoothing of {smoothing:g} µas is a statement on the attitude: errors hold only where it bends no more"
+        )
     found = scans(law, lon, lat, sigma, across * np.asarray(sigma), knots, ccds=ccds, folder=folder, threads=threads, progress=progress)  # fmt: skip
     return System(found, prior, smoothing=smoothing, motion=motion, threads=threads), notes
 

@@ -55,7 +55,6 @@ def _run(options):
         excess_noise=215.0,
         star_error=options.star_error,
     )
-    quasars = mixture.are("quasars")
     full = agis.FULL if options.scale else None
     if options.plan:
         wide, knots = _scaled(law, options.quasars, options, full)
@@ -64,6 +63,17 @@ def _run(options):
     # What a killed run goes on from.
     work = Path(f"{options.output}.unfinished")
     work.mkdir(parents=True, exist_ok=True)
+    try:
+        _solve(options, law, mixture, full, work, (noise, start, chosen, radio))
+    finally:
+        with suppress(OSError):  # not empty: a checkpoint, or somebody else's files
+            work.rmdir()
+
+
+def _solve(options, law, mixture, full, work, streams):
+    """The joint solution, from transits to a folder of results."""
+    noise, start, chosen, radio = streams
+    quasars = mixture.are("quasars")
     system, notes = agis.joint_system(
         law, mixture.lon, mixture.lat, mixture.sigma, knots=options.knots, across=options.across, ccds=options.ccds, full=full, number=options.quasars,
         prior=None if options.attitude == "solved" else options.attitude, smoothing=options.smoothing,
@@ -91,8 +101,6 @@ def _run(options):
         listed = [x.name for x in folder.iterdir()]
     (work / "checkpoint.npz").unlink()
     shutil.rmtree(work / "scans", ignore_errors=True)
-    with suppress(OSError):  # somebody else's files are in it
-        work.rmdir()
     running.say(text)
     running.say(running.written(options.output, listed))
 

@@ -104,6 +104,20 @@ def test_bad_usage(options, words, capsys):
     assert words in capsys.readouterr().err
 
 
+def test_memory_is_looked_at_before_the_work(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("sim.agis.passes._cost.free_memory", lambda: 2.0**28)
+    assert run(tmp_path) == 1
+    assert "the joint solution would need" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rough_smoothing_is_said_and_too_few_sources(tmp_path, capsys):
+    assert run(tmp_path, "--smoothing", "1000") == 0
+    assert "smoothing of 1000 µas is a statement on the attitude" in capsys.readouterr().out
+    assert main(["--quasars", "5", "--output", str(tmp_path / "few")]) == 1
+    assert "5 sources are too few to stand for 500000" in capsys.readouterr().err
+
+
 def test_too_few_sources_is_one_line(tmp_path, capsys):
     assert run(tmp_path, "--no-scaling") == 1
     said = capsys.readouterr().err
