@@ -39,7 +39,7 @@ def plot_convergence(solution: AgisSolution, stop: float = 0.05) -> Figure:
     ax.semilogy(steps[: len(size)], size[: len(away)], color="0.6", linestyle="--", label="parallax updates, rms")
     ax.axhline(stop, color="0.3", linewidth=0.8)
     ax.annotate(f"{stop:g}", (1, stop), xytext=(0, 3), textcoords="offset points", color="0.3", fontsize=11)
-    ax.legend(frameon=False, fontsize=11)
+    ax.legend(frameon=False, fontsize=11, ncols=4, loc="lower left", bbox_to_anchor=(-0.05, 1.0))
     return _finished(figure, ax, "iteration", "distance from the last, in formal errors")
 
 
