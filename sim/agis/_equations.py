@@ -79,6 +79,10 @@ class Equations:
         ----------
         x : (n, 5, K) array
             Of the sources.
+
+        Returns
+        -------
+        (n, 5, K) array
         """
         out = self._tighter @ x - self.passes.to_sources(self.attitude_of(self.passes.to_attitude(x)))
         if self.motion is not None:
@@ -92,6 +96,10 @@ class Equations:
         ----------
         right : array
             Of the attitude.
+
+        Returns
+        -------
+        array of the same shape
         """
         # A copy, which is overwritten: for one right-hand side the order of its axes is the same.
         flat = np.array(right.reshape(3 * self.coefficients, -1), order="F")
@@ -106,6 +114,10 @@ class Equations:
             g_s.
         of_attitude : (coefficients, 3) array
             g_a.
+
+        Returns
+        -------
+        (n, 5) array
         """
         return of_sources - self.passes.to_sources(self.attitude_of(of_attitude)[..., None])[..., 0]
 
@@ -116,6 +128,10 @@ class Equations:
         ----------
         r : (n, 5, K) array
             A residual.
+
+        Returns
+        -------
+        (n, 5, K) array
         """
         z = self.start @ r
         if self.motion is not None:
