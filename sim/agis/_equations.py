@@ -77,13 +77,15 @@ class Equations:
 
         Parameters
         ----------
-        x : (n, 5, K) array
+        x : (n, 5) or (n, 5, K) array
             Of the sources.
 
         Returns
         -------
-        (n, 5, K) array
+        array of the same shape
         """
+        if x.ndim == 2:
+            return self.apply(x[..., None])[..., 0]
         out = self._tighter @ x - self.passes.to_sources(self.attitude_of(self.passes.to_attitude(x)))
         if self.motion is not None:
             out[:, 3:] -= self.motion.pull(x)

@@ -32,6 +32,8 @@ def test_six_eigenvalues_are_zero_and_the_seventh_is_not(system):
     values = np.linalg.eigvalsh(matrix)
     assert np.abs(values[:6]).max() < 1e-12 * values[-1]
     assert values[6] > 1e-6 * values[-1]
+    one = np.random.default_rng(1).standard_normal((60, 5))
+    np.testing.assert_allclose(system.apply(one).ravel(), matrix @ one.ravel(), atol=1e-12)
     null = system.null_space().reshape(6, -1)
     assert np.abs(matrix @ null.T).max() < 1e-9 * np.abs(matrix).max()
 
