@@ -69,7 +69,10 @@ def plot_errors_by_magnitude(solution: AgisSolution, magnitude: ArrayLike, sourc
         ax.errorbar((edges[:-1] + edges[1:]) / 2, ratio, ratio / np.sqrt(2 * np.maximum(counts, 1)), marker="o", markersize=4, label=name, color=_COLOURS[column])  # fmt: skip
     ax.axhline(1, color="0.3", linewidth=0.8)
     ax.set_yscale("log")
-    ax.yaxis.set_major_formatter(plt.ScalarFormatter())
+    low, high = ax.get_ylim()
+    ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= tick <= high]
+    ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.set_yticks([], minor=True)
     ax.legend(frameon=False, fontsize=11)
     return _finished(figure, ax, "G", "true / formal error")
 
