@@ -93,6 +93,13 @@ def test_the_frame_rotator_finds_the_frame(system, observed):
     assert (sigma[:3] < 30).all()
     np.testing.assert_allclose(back.sources, turned.rotated(rotation[:3], rotation[3:]).sources)
     assert "frame rotated" in back.notes[-1]
+    # An acceleration is fitted with the spin, and turns nothing on half a sky either.
+    glide = np.zeros((300, 5))
+    glide[:, 3:] = sim.acceleration((300.0, -200.0, 100.0))(own.lon, own.lat, None).T
+    half = own.lon < np.pi
+    moved = dataclasses.replace(own, sources=own.sources + glide)
+    still, drifting = (agis.rotate_frame(each, np.arange(0, 300, 3), half)[1] for each in (own, moved))
+    np.testing.assert_allclose(drifting, still, atol=1e-8)
     with pytest.raises(ParameterError, match="three solved sources of each kind, not 2"):
         agis.rotate_frame(own, [1, 2])
 
