@@ -40,6 +40,7 @@ def test_every_kind_of_source_is_fitted(finished):
     assert abs(rows["a_x"]["mean"] - 4.3) < 12 * rows["a_x"]["sigma"]
 
 
+@pytest.mark.slow
 def test_the_same_bytes_again_and_by_more_workers(finished, tmp_path):
     study.run(study.load(TOLD), tmp_path / "again", workers=2, progress=False)
     assert files_of(tmp_path / "again") == files_of(finished)

@@ -129,6 +129,7 @@ def test_killed_and_resumed_is_the_same_to_the_last_bit(tmp_path, system, observ
         system.solve(*observed, checkpoint=path)
 
 
+@pytest.mark.slow
 def test_killed_by_the_system_too(tmp_path):
     """A process killed in its iterations; another goes on, and ends in the bytes of one that was not."""
     script = textwrap.dedent("""
@@ -230,14 +231,14 @@ def test_sources_are_told_by_their_positions(system):
 
 def test_observe_with_a_solved_attitude():
     """The whole chain: scaled to half a million, errors larger than quoted, the same for the same seed."""
-    quasars = sim.quasars(2000, 1)
+    quasars = sim.quasars(800, 1)
     field = sim.observe(quasars, sim.acceleration((5.0, 0.0, 0.0)), 2, attitude="solved")
-    assert any("mission scaled to 2000 sources" in note for note in field.notes)
-    assert fit.fit_field(field, 1).chi2 / (2 * 2000) > 1.2
+    assert any("mission scaled to 800 sources" in note for note in field.notes)
+    assert fit.fit_field(field, 1).chi2 / (2 * 800) > 1.1
     again = sim.observe(quasars, sim.acceleration((5.0, 0.0, 0.0)), 2, attitude="solved", threads=1)
     np.testing.assert_array_equal(again.motion, field.motion)
-    offsets = sim.observe_offsets(sim.vlbi_quasars(quasars, 500, 1), sim.spin((0, 0, 0)), 3, sim.Mission(sim.NominalScanningLaw(), "DR4", "solved"))  # fmt: skip
-    assert len(offsets) == 500
+    offsets = sim.observe_offsets(sim.vlbi_quasars(quasars, 200, 1), sim.spin((0, 0, 0)), 3, sim.Mission(sim.NominalScanningLaw(), "DR4", "solved"))  # fmt: skip
+    assert len(offsets) == 200
     with pytest.raises(ParameterError, match="quote_variability is for an attitude in µas"):
         sim.observe(quasars, sim.spin((0, 0, 0)), 2, attitude="solved", quote_variability=True)
     with pytest.raises(ParameterError, match="attitude must be one of 'solved'"):
