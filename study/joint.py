@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,8 @@ import numpy as np
 import sim
 from sim import agis
 from study.config import Study, StudyError
+from study.prepare import galaxies_of, kept, streams_and_law
 from vsh import Field
-from vsh.system.files import atomic_write
 
 
 def prepared_sources(study: Study, case: dict[str, Any], folder: Path, progress: bool = True) -> Path:
@@ -43,32 +42,29 @@ def prepared_sources(study: Study, case: dict[str, Any], folder: Path, progress:
         If there are too few sources, or a number makes no sense.
     """
     wanted = {"sources": {key: value for key, value in case.items() if key != "name"}, "mission": study.mission, "seed": study.settings["seed"]}  # fmt: skip
-    key = hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()[:16]
-    path = folder / f"joint-{key}.npz"
-    if not path.exists():
-        mission = study.mission
-        # The streams of `study.prepare`: the same sky and gaps.
-        skies, chosen, gaps = np.random.default_rng(study.settings["seed"]).spawn(3)
-        law = sim.NominalScanningLaw(years=mission["years"], dead_time=mission["dead_time"], rng=gaps)
-        seen = sim.Mission(law, mission["release"], "solved", mission["knots"])
-        try:
-            quasars = sim.quasars(case["quasars"]["number"], skies, case["quasars"]["sky"])
-            galaxies, excess = None, 0.0
-            if "galaxies" in case:
-                told = case["galaxies"]
-                limits = {name: told[name] for name in ("min_redshift", "max_redshift")}
-                galaxies = sim.galaxies(told["number"], skies.spawn(1)[0], told["sky"], **limits)
-                excess = told["excess_noise"]
-            mixture = agis.mixture(seen, quasars, galaxies, excess_noise=excess)
-            vlbi = np.sort(chosen.choice(len(quasars), case["vlbi"]["number"], replace=False)) if "vlbi" in case else np.zeros(0, int)  # fmt: skip
-            agis.joint_system(law, mixture.lon, mixture.lat, mixture.sigma, knots=mission["knots"], number=len(quasars),
-                              folder=path.with_suffix(""), progress=progress)  # fmt: skip
-        except ValueError as error:
-            raise StudyError(f"case {case['name']}: {error}") from error
-        arrays = {name: getattr(mixture, name) for name in ("lon", "lat", "sigma", "magnitude", "redshift", "kind")}
-        with atomic_write(path) as new, new.open("wb") as file:
-            np.savez(file, vlbi=vlbi, gaps=law.lost, **arrays)
-    return path
+    return kept(folder, "joint", wanted, lambda path: _make(study, case, path.with_suffix(""), progress))
+
+
+def _make(study, case, scans, progress):
+    """The sources of a case, and the folder of their transits."""
+    mission = study.mission
+    skies, chosen, law = streams_and_law(study)
+    seen = sim.Mission(law, mission["release"], "solved", mission["knots"])
+    try:
+        quasars = sim.quasars(case["quasars"]["number"], skies, case["quasars"]["sky"])
+        galaxies, excess = None, 0.0
+        if "galaxies" in case:
+            galaxies, excess = galaxies_of(case, skies), case["galaxies"]["excess_noise"]
+        mixture = agis.mixture(seen, quasars, galaxies, excess_noise=excess)
+        vlbi = np.zeros(0, int)
+        if "vlbi" in case:
+            vlbi = np.sort(chosen.choice(len(quasars), case["vlbi"]["number"], replace=False))
+        agis.joint_system(law, mixture.lon, mixture.lat, mixture.sigma, knots=mission["knots"], number=len(quasars),
+                          folder=scans, progress=progress)  # fmt: skip
+    except ValueError as error:
+        raise StudyError(f"case {case['name']}: {error}") from error
+    arrays = {each.name: getattr(mixture, each.name) for each in fields(mixture)}
+    return arrays | {"vlbi": vlbi, "gaps": law.lost}
 
 
 def solved_errors(study: Study, case: dict[str, Any], path: Path, rng: np.random.Generator) -> dict[str, Field]:
@@ -98,16 +94,16 @@ def solved_errors(study: Study, case: dict[str, Any], path: Path, rng: np.random
     solution = agis.in_own_frame(system, system.solve(*observed, sources=mixture.are("quasars")))
     frame = study.settings["frame"]
     columns = {"redshift": mixture.redshift, "magnitude": mixture.magnitude}
-    fields = {"quasars": solution.field(sources=mixture.are("quasars"))}
+    found = {"quasars": solution.field(sources=mixture.are("quasars"))}
     if "galaxies" in case:
-        fields["galaxies"] = replace(solution.field(sources=mixture.are("galaxies"), **columns), redshift_frame="true")
+        found["galaxies"] = replace(solution.field(sources=mixture.are("galaxies"), **columns), redshift_frame="true")
     if "vlbi" in case:
         offsets = solution.field(sources=vlbi, kind="position")
         sigma = np.full(offsets.sigma.shape, case["vlbi"]["radio"])
         # The radio positions scatter, and theirs are the errors that are quoted, as in `study.prepare`.
         motion = offsets.motion + sigma * radio.standard_normal(sigma.shape)
-        fields["vlbi"] = replace(offsets, motion=motion, sigma=sigma, rho=np.zeros(len(offsets)))
-    return {kind: field.to_frame(frame) for kind, field in fields.items()}
+        found["vlbi"] = replace(offsets, motion=motion, sigma=sigma, rho=np.zeros(len(offsets)))
+    return {kind: field.to_frame(frame) for kind, field in found.items()}
 
 
 @lru_cache(maxsize=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -46,33 +47,83 @@ def prepared(
     if kind == "galaxies":  # how they are seen is no matter of theirs
         wanted["sources"] = {key: value for key, value in case[kind].items() if key != "redshifts"} | {"columns": 2}
     wanted |= {"frame": study.settings["frame"]} | ({"quasars": case["quasars"]} if kind == "vlbi" else {})
+    return kept(folder, kind, wanted, lambda _: _make(study, case, kind, progress))
+
+
+def kept(folder: Path, kind: str, wanted: dict[str, Any], make: Callable[[Path], dict[str, Any]]) -> Path:
+    """A file of arrays, made if it is not there.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to write.
+    kind : str
+        What its name begins with.
+    wanted : dict
+        All that determines it, as plain values, of which its name is a hash.
+    make : function of the path
+        Makes the arrays.
+
+    Returns
+    -------
+    Path
+    """
     key = hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()[:16]
     path = folder / f"{kind}-{key}.npz"
     if not path.exists():
-        arrays = _make(study, case, kind, progress)
+        arrays = make(path)
         with atomic_write(path) as new, new.open("wb") as file:
             np.savez(file, **arrays)
     return path
 
 
-def _make(study, case, kind, progress):
-    seed, mission = study.settings["seed"], study.mission
+def streams_and_law(study: Study) -> tuple[np.random.Generator, np.random.Generator, sim.NominalScanningLaw]:
+    """The streams of positions and of chosen sources, the same in all cases, and the scanning law with its gaps.
+
+    Parameters
+    ----------
+    study : Study
+        The configuration.
+
+    Returns
+    -------
+    skies, chosen : Generators
+    law : NominalScanningLaw
+    """
     # A stream for each thing, the same in all cases: what differs between them is what they say.
-    skies, chosen, gaps = np.random.default_rng(seed).spawn(3)
-    law = sim.NominalScanningLaw(years=mission["years"], dead_time=mission["dead_time"], rng=gaps)
+    skies, chosen, gaps = np.random.default_rng(study.settings["seed"]).spawn(3)
+    mission = study.mission
+    return skies, chosen, sim.NominalScanningLaw(years=mission["years"], dead_time=mission["dead_time"], rng=gaps)
+
+
+def galaxies_of(case: dict[str, Any], skies: np.random.Generator) -> sim.Population:
+    """The galaxies of a case.
+
+    Parameters
+    ----------
+    case : dict
+        With galaxies.
+    skies : Generator
+        Of `streams_and_law`.
+
+    Returns
+    -------
+    Population
+    """
+    told = case["galaxies"]
+    limits = {name: told[name] for name in ("min_redshift", "max_redshift")}
+    return sim.galaxies(told["number"], skies.spawn(1)[0], told["sky"], **limits)
+
+
+def _make(study, case, kind, progress):
+    mission = study.mission
+    skies, chosen, law = streams_and_law(study)
     quasars, options = case["quasars"], {"progress": progress}
     seen = sim.Mission(law, mission["release"], mission["attitude"])
     try:
         if kind == "galaxies":
-            sources = case["galaxies"]
-            population = sim.galaxies(
-                sources["number"],
-                skies.spawn(1)[0],
-                sources["sky"],
-                min_redshift=sources["min_redshift"],
-                max_redshift=sources["max_redshift"],
-            )
-            options["excess_noise"] = sources["excess_noise"]
+            population = galaxies_of(case, skies)
+            options["excess_noise"] = case["galaxies"]["excess_noise"]
         else:
             population = sim.quasars(quasars["number"], skies, quasars["sky"])
             if kind == "vlbi":

@@ -246,7 +246,7 @@ BREAKS = [
         "sim/agis/_globals.py",
         "out[:, 3:] = self.weights[:, None] * np.einsum",
         "out[:, 3:] = np.einsum",
-        "test_agis_solutions.py",
+        "test_agis_globals.py",
     ),
     (
         "sim/agis/_errors.py",

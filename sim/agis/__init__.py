@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 from sim.agis._globals import GlobalMotion, global_motion
-from sim.agis._mission import in_own_frame, joint_system, solve_mission
+from sim.agis._mission import as_whole, in_own_frame, joint_system, solve_mission
 from sim.agis._mixture import KINDS, Mixture, mixture
 from sim.agis._observations import observations, start_errors
 from sim.agis._system import System
@@ -24,6 +24,7 @@ __all__ = [
     "Plan",
     "Scans",
     "System",
+    "as_whole",
     "correlation_by_angle",
     "global_motion",
     "in_own_frame",

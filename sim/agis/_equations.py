@@ -155,11 +155,7 @@ class Equations:
             For an ε₀ of one µas, and an ω of one µas/yr.
         """
         # Of the directions as the observations have them, in single precision.
-        sa, ca, sd, cd = (
-            each(angle).astype(np.float32).astype(float)
-            for angle in (self.scans.lon, self.scans.lat)
-            for each in (np.sin, np.cos)
-        )
+        sa, ca, sd, cd = self.scans.directions.astype(float)
         p, q = np.stack([-sa, ca, np.zeros_like(sa)]), np.stack([-sd * ca, -sd * sa, cd])
         out = np.zeros((6, self.scans.n_sources, 5))
         # ε × r has the components ε·q east and −ε·p north.
@@ -189,11 +185,22 @@ class Equations:
         """
         if not self.defect:
             return x, np.zeros((0, x.shape[-1]))
+        basis, weighted, normal = self.rotations()
+        rotation = np.linalg.solve(normal, np.einsum("kni,nir->kr", weighted, x))
+        return x - np.einsum("kr,kni->nir", rotation, basis), rotation
+
+    def rotations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The null space of the sources that are solved; times the blocks S; and the product of the two.
+
+        Returns
+        -------
+        basis, weighted : (defect, n, 5) arrays
+        normal : (defect, defect) array
+        """
         basis = self.null_space()[: self.defect]
         basis[:, ~self.solved] = 0
         weighted = np.einsum("nij,knj->kni", self.blocks, basis)
-        rotation = np.linalg.solve(np.einsum("kni,lni->kl", weighted, basis), np.einsum("kni,nir->kr", weighted, x))
-        return x - np.einsum("kr,kni->nir", rotation, basis), rotation
+        return basis, weighted, np.einsum("kni,lni->kl", weighted, basis)
 
     def _check_data(self):
         scans = self.scans

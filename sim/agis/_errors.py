@@ -177,10 +177,8 @@ class ExactErrors(Equations):
         right = functionals.copy()
         right[~self.solved] = 0
         if self.defect:
-            basis = self.null_space()[: self.defect]
-            basis[:, ~self.solved] = 0
-            weighted = np.einsum("nij,knj->kni", self.blocks, basis)
-            share = np.linalg.solve(np.einsum("kni,lni->kl", weighted, basis), np.einsum("kni,nir->kr", basis, right))
+            basis, weighted, normal = self.rotations()
+            share = np.linalg.solve(normal, np.einsum("kni,nir->kr", basis, right))
             right -= np.einsum("kr,kni->nir", share, weighted)
         return right
 

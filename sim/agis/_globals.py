@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class GlobalMotion(Frozen):
         if 2 * np.sum(solved & (self.weights > 0)) < len(self.names):
             raise ParameterError(f"too few sources for {len(self.names)} global parameters")
 
-    @property
+    @cached_property
     def normal(self) -> FloatArray:
         """Gᵀ P G, (k, k)."""
         return np.einsum("nik,n,nil->kl", self.design, self.weights, self.design)

@@ -56,13 +56,10 @@ def joint_system(
     notes : list of str
         What a reader of the result should know.
     """
-    n, notes = number or len(lon), []
-    if full is not None and n < full:
-        law, knots = scaled(n, law, knots=knots, full=full)
-        notes.append(f"mission scaled to {n} sources as if they were {full}: fields {np.degrees(2 * law.half_height):.2f}° high, knots {knots:.4g} s apart")  # fmt: skip
+    law, knots, notes = as_whole(law, number or len(lon), knots, full)
     told = plan(law, lon, lat, knots, ccds=ccds)
     # All of it before the work begins; transits on disk need no memory of their own.
-    check_memory(told.memory - (28 * told.transits if folder else 0.0), "the joint solution",
+    check_memory(told.memory_on_disk if folder else told.memory, "the joint solution",
                  "take fewer sources, or knots farther apart")  # fmt: skip
     if smoothing < ROUGH:
         notes.append(
@@ -70,6 +67,36 @@ def joint_system(
         )
     found = scans(law, lon, lat, sigma, across * np.asarray(sigma), knots, ccds=ccds, folder=folder, threads=threads, progress=progress)  # fmt: skip
     return System(found, prior, smoothing=smoothing, motion=motion, threads=threads), notes
+
+
+def as_whole(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[Any, float, list[str]]:
+    """The law and knots of a mission, scaled if it has fewer sources than the whole one.
+
+    Parameters
+    ----------
+    law : NominalScanningLaw
+        Of the whole mission.
+    n : int
+        Sources that there are.
+    knots : float
+        Of the whole mission. [s]
+    full : int or None
+        Sources that the whole mission would have; None scales nothing.
+
+    Returns
+    -------
+    law : NominalScanningLaw
+    knots : float
+        [s]
+    notes : list of str
+        What was done, or nothing.
+    """
+    if full is None or n >= full:
+        return law, knots, []
+    law, knots = scaled(n, law, knots=knots, full=full)
+    height = np.degrees(2 * law.half_height)
+    said = f"mission scaled to {n} sources as if they were {full}: fields {height:.2f}° high, knots {knots:.4g} s apart"
+    return law, knots, [said]
 
 
 def solve_mission(

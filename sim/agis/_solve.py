@@ -90,6 +90,11 @@ def solve_observations(
         if state is not None:
             history, updates = list(state.pop("history")), list(state.pop("updates"))
             work.restore(state)
+
+    def keep():
+        if checkpoint is not None and key is not None:
+            save(checkpoint, key, work.state() | {"history": np.array(history), "updates": np.array(updates)})
+
     bar = progress_bar(
         total=iterations, words="joint solution", shown=progress, unit=" iterations", initial=len(history)
     )
@@ -107,10 +112,9 @@ def solve_observations(
             bar.set_postfix_str(
                 f"low degrees moved by {_moved(history, sigma):.2g} σ in {min(REST, len(history) - 1)}", refresh=False
             )
-            if checkpoint is not None and len(history) % _EVERY == 0:
-                save(checkpoint, key, work.state() | {"history": np.array(history), "updates": np.array(updates)})  # type: ignore[arg-type]
-    if checkpoint is not None:
-        save(checkpoint, key, work.state() | {"history": np.array(history), "updates": np.array(updates)})  # type: ignore[arg-type]
+            if len(history) % _EVERY == 0:
+                keep()
+    keep()
     solved = work.x[..., 0]
     h = equations.attitude_of(of_attitude - passes.to_attitude(work.x)[..., 0])
     done = x + solved

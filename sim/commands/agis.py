@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -17,7 +16,6 @@ from sim import agis
 from sim.commands._agis_parser import make_parser
 from sim.commands._agis_results import report, write
 from vsh.commands import outputs, parsing, running
-from vsh.errors import VshWarning
 from vsh.units import AU_PER_YEAR
 
 
@@ -57,7 +55,7 @@ def _run(options):
     )
     full = agis.FULL if options.scale else None
     if options.plan:
-        wide, knots = _scaled(law, options.quasars, options, full)
+        wide, knots, _ = agis.as_whole(law, options.quasars, options.knots, full)
         running.say(agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds))
         return
     # What a killed run goes on from.
@@ -86,12 +84,10 @@ def _solve(options, law, mixture, full, work, streams):
     known = None
     if system.prior is not None:  # what is known of the attitude is off by as much
         known = system.prior * start.standard_normal(attitude.shape)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", VshWarning)  # the report says it
-        solution = system.solve(
-            *observed, start=sources, attitude=attitude, known=known, first=options.first, method=options.method,
-            iterations=options.iterations, stop=options.stop, sources=quasars, checkpoint=work / "checkpoint.npz", progress=True,
-        )  # fmt: skip
+    solution = system.solve(
+        *observed, start=sources, attitude=attitude, known=known, first=options.first, method=options.method,
+        iterations=options.iterations, stop=options.stop, sources=quasars, checkpoint=work / "checkpoint.npz", progress=True,
+    )  # fmt: skip
     solution, rotated = _framed(system, solution, options, quasars, chosen, radio)
     exact = _exact(system, mixture) if options.exact else {}
     text = report(system, solution, notes + rotated, mixture, options, exact)
@@ -103,10 +99,6 @@ def _solve(options, law, mixture, full, work, streams):
     shutil.rmtree(work / "scans", ignore_errors=True)
     running.say(text)
     running.say(running.written(options.output, listed))
-
-
-def _scaled(law, n, options, full):
-    return agis.scaled(n, law, knots=options.knots, full=full) if full and n < full else (law, options.knots)
 
 
 def _global(options, mixture):

@@ -17,6 +17,8 @@ from vsh.units import JULIAN_YEAR
 PARTS = 8
 #: Bytes: of a transit while transits are sorted and afterwards; of a source; of a source and right-hand side; of a coefficient.
 _SORTING, _TRANSIT, _SOURCE, _COLUMN, _COEFFICIENT = 60, 64, 1440, 40 * (PARTS + 8), 3 * (12 + 5) * 8
+#: Bytes of a transit as it is kept.
+_KEPT = 28
 #: And of the libraries. [bytes]
 _BASE = 3e8
 #: CPU seconds (of a 2 GHz server core): of a million transits to follow, and for an iteration; of a million coefficients to solve for.
@@ -44,6 +46,11 @@ class Plan:
     memory: float
     setup_seconds: float
     iteration_seconds: float
+
+    @property
+    def memory_on_disk(self) -> float:
+        """The same where transits are kept on disk and mapped. [bytes]"""
+        return self.memory - _KEPT * self.transits
 
     def __str__(self) -> str:
         return (

@@ -82,8 +82,7 @@ def make_passes(scans: Scans, solved: BoolArray, threads: int | None = None, com
     ParameterError
         If numba is wanted and missing, or there are too many transits to do without.
     """
-    sin_cos = [each(angle) for angle in (scans.lon, scans.lat) for each in (np.sin, np.cos)]
-    table = np.stack([*sin_cos, *(scans.weights * solved)], axis=1).astype(np.float32)
+    table = np.stack([*scans.directions, *(scans.weights * solved).astype(np.float32)], axis=1)
     if compiled is not False:
         try:
             from sim.agis.passes._compiled import CompiledPasses  # numba

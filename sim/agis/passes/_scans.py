@@ -90,6 +90,12 @@ class Scans(Frozen):
         return self.years / 2
 
     @property
+    def directions(self) -> FloatArray:
+        """sin α, cos α, sin δ and cos δ of each source, in single precision, (4, n)."""
+        found = [each(angle) for angle in (self.lon, self.lat) for each in (np.sin, np.cos)]
+        return np.array(found, np.float32)
+
+    @property
     def counts(self) -> IntArray:
         """Transits of each source, (n,)."""
         if "counts" not in self._found:

@@ -34,23 +34,6 @@ def values(fraction: FloatArray) -> FloatArray:
     return np.stack([g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]) / 6
 
 
-def linear(intervals: int, spacing: float, middle: float) -> FloatArray:
-    """Coefficients of the spline that is the time since the middle of the mission, (intervals + 3,). [yr]
-
-    Parameters
-    ----------
-    intervals : int
-        Between knots.
-    spacing, middle : float
-        Of the knots; of the mission. [yr]
-
-    Returns
-    -------
-    array
-    """
-    return (np.arange(intervals + 3) - 1) * spacing - middle
-
-
 def smooth(band: FloatArray, weight: float) -> None:
     """Add to the normal equations a penalty on second differences of the coefficients.
 
