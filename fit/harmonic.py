@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc, fdtrc
@@ -29,11 +30,18 @@ class HarmonicSolution(LinearSolution):
     errors_from: str
     #: Of a covariance that was not estimated from replicates.
     covariance_dof: float = float("inf")
+    #: Of the coefficients.
+    unit: str = "µas/yr"
 
     @property
     def modes(self) -> Modes:
         """The Modes that were fitted."""
         return self.coefficients.modes
+
+    @property
+    def n_sources(self) -> int:
+        """How many sources were fitted."""
+        return self.n_data // self.modes.components
 
     @property
     def scaled(self) -> HarmonicSolution:
@@ -50,12 +58,12 @@ class HarmonicSolution(LinearSolution):
         """The coefficients as an array, (p,). [µas/yr]"""
         return self.coefficients.values
 
-    def model(self, field: Field) -> FloatArray:
-        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
+    def model(self, field: Any) -> FloatArray:
+        """What the solution predicts at the sources of a field, (2, n), or (n,) of a scalar field. [µas/yr]
 
         Parameters
         ----------
-        field : Field
+        field : Field or ScalarField
             The sources.
 
         Returns
@@ -67,12 +75,12 @@ class HarmonicSolution(LinearSolution):
     @property
     def spin(self) -> Vector:
         """The spin ω of the frame, a Vector. [µas/yr]"""
-        return self._vector("T")
+        return self._first_degree("T", FIRST_DEGREE)
 
     @property
     def acceleration(self) -> Vector:
         """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
-        return self._vector("S")
+        return self._first_degree("S", FIRST_DEGREE)
 
     def power(self, kind: Kind, l: int, *, debiased: bool = True) -> float:
         """Power of one kind and degree, ∫ |V_l|² dΩ. [(µas/yr)²]
@@ -201,12 +209,12 @@ class HarmonicSolution(LinearSolution):
         values, covariance = self.of_degree(kind, l)
         return float(values @ np.linalg.solve(covariance, values))
 
-    def _vector(self, kind):
-        # The rows of FIRST_DEGREE are orthogonal, but not of one length: the inverse, then.
-        inverse = np.linalg.inv(FIRST_DEGREE)
+    def _first_degree(self, kind, rows, unit="µas/yr"):
+        # The rows are orthogonal, but not of one length: the inverse, then.
+        inverse = np.linalg.inv(rows)
         degree = self.modes.slice_of(kind, 1)
         covariance = inverse @ self.covariance[degree, degree] @ inverse.T
-        return Vector(inverse @ self.coefficients.values[degree], covariance, self.frame)
+        return Vector(inverse @ self.coefficients.values[degree], covariance, self.frame, unit)
 
     def _weighted_covariance(self, kind, l):
         return self._power_weights(l)[:, None] * self.of_degree(kind, l)[1]

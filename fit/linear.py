@@ -58,6 +58,11 @@ class LinearSolution(Result):
         """
 
     @property
+    def n_sources(self) -> int:
+        """How many sources were fitted."""
+        return self.n_data // 2
+
+    @property
     def sigma(self) -> FloatArray:
         """Standard error of each parameter, (p,)."""
         return np.sqrt(np.diag(self.covariance))

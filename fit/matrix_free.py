@@ -66,7 +66,7 @@ class MatrixFreeSolution(HarmonicSolution):
     condition: float = 1.0
 
     def __repr__(self) -> str:
-        return f"<MatrixFreeSolution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}>"
+        return f"<MatrixFreeSolution: degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}>"
 
     @property
     def covariance(self) -> FloatArray:
@@ -91,7 +91,7 @@ class MatrixFreeSolution(HarmonicSolution):
         """
         lines = [
             f"Vector spherical harmonics to degree {self.modes.lmax}, matrix-free",
-            f"sources        {self.n_data // 2}",
+            f"sources        {self.n_sources}",
             f"frame          {self.frame}",
             f"χ²/dof         {self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}",
             "",

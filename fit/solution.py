@@ -5,14 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from fit.harmonic import HarmonicSolution
 from fit.storage import Result, coefficient_columns, count, decoded, encoded, exact, number, words
 from vsh import tables
 from vsh.checks.arrays import covariance, float_array
 from vsh.coefficients import Coefficients
-from vsh.modes import Modes
+from vsh.modes import Modes, ScalarModes
+from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
 from vsh.types import Figure, FloatArray, Kind, Table
+from vsh.vector import Vector
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,7 +61,7 @@ class Solution(HarmonicSolution):
     unshrunk: Solution | None = None
 
     def __repr__(self) -> str:
-        return f"<Solution: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}, errors from {self.errors_from}>"
+        return f"<{type(self).__name__}: degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors from {self.errors_from}>"
 
     def report(self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
         """A page of text, as `fit.report` makes it.
@@ -98,7 +102,7 @@ class Solution(HarmonicSolution):
         Table
         """
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
-        return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
+        return tables.table_of(columns, {"frame": self.frame}, self._pack()[2])
 
     def _repr_html_(self) -> str:
         from fit.output import html_of
@@ -171,14 +175,57 @@ class Solution(HarmonicSolution):
     @classmethod
     def _unpack(cls, columns, rest):
         float_array("value", columns["value"])
-        return cls(*cls._plain(columns, rest))
+        return cls(Coefficients(Modes(rest["lmax"]), columns["value"]), *cls._plain(columns, rest))
 
     @staticmethod
     def _plain(columns, rest):
-        """What every solution is made of, in the order of its attributes."""
-        coefficients = Coefficients(Modes(rest["lmax"]), columns["value"])
-        return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
+        """What every solution has besides its coefficients, in the order of its attributes."""
+        return (columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
                 words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]), number(rest["by_prior"]), decoded(rest["unshrunk"]))  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScalarSolution(Solution):
+    """Coefficients of a scalar field with their covariance.
+
+    Attributes
+    ----------
+    coefficients : ScalarCoefficients
+        The best fit. [`unit`]
+    covariance : (p, p) array
+        As of a `Solution`. [the square of `unit`]
+    n_data : int
+        How many numbers were fitted: one a source.
+    unit : str
+        Of the values; "" of pure numbers.
+    chi2, frame, notes, errors_from, covariance_dof, by_prior, unshrunk
+        As of a `Solution`.
+    """
+
+    unit: str = ""
+
+    @property
+    def mean(self) -> tuple[float, float]:
+        """The mean over the sky with its standard error, f_00/√4π; of a fit of degree 0 the weighted mean of the sources."""
+        value, variance = self.coefficients.values[0], self.covariance[0, 0]
+        return float(value / np.sqrt(4 * np.pi)), float(np.sqrt(variance / (4 * np.pi)))
+
+    @property
+    def dipole(self) -> Vector:
+        """d of the part d·r, a Vector in `unit`."""
+        return self._first_degree("F", DIPOLE, self.unit)
+
+    def _repr_html_(self) -> str:
+        return Result._repr_html_(self)
+
+    def _pack(self):
+        columns, rest, _ = super()._pack()
+        return columns, rest | {"unit": self.unit}, {}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        coefficients = ScalarCoefficients(ScalarModes(rest["lmax"]), columns["value"])
+        return cls(coefficients, *cls._plain(columns, rest), str(rest["unit"]))
 
 
 class AboutSolution(Result):

@@ -11,16 +11,19 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.linalg.lapack import dpocon
 
 from fit.normal import NormalEquations, normal_equations
-from fit.solution import Solution
+from fit.solution import ScalarSolution, Solution
 from vsh import Coefficients, Field
 from vsh.checks import arguments
 from vsh.checks.notes import spoken
+from vsh.checks.nouns import modes_for
+from vsh.checks.weighed import Weighed
 from vsh.covariance import Covariance
 from vsh.errors import DegeneracyError, ParameterError
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes, ScalarModes
+from vsh.scalars import ScalarCoefficients, ScalarField
 from vsh.types import FloatArray
 
-_LOST = "warning: motions are a million times their errors, so χ² is lost to rounding: take a model away first"
+_LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
 MAX_CONDITION = 1e10
 
@@ -50,6 +53,7 @@ def solve(
     Returns
     -------
     Solution
+        A ScalarSolution of a scalar field.
 
     Raises
     ------
@@ -88,28 +92,29 @@ def solve(
     if chi2 < 1e-11 * normal.chi2_null and normal.n_data > len(normal.modes):
         # The difference of two numbers that are equal to eleven digits.
         chi2, notes = max(chi2, 0.0), (*notes, _LOST)
-    return Solution(
-        Coefficients(normal.modes, values),
-        (covariance + covariance.T) / 2,
-        chi2=chi2,
-        n_data=normal.n_data,
-        frame=normal.frame or "icrs",
-        notes=notes,
-        by_prior=by_prior,
-    )
+    about: dict[str, Any] = {
+        "covariance": (covariance + covariance.T) / 2, "chi2": chi2, "n_data": normal.n_data,
+        "frame": normal.frame or "icrs", "notes": notes, "by_prior": by_prior,
+    }  # fmt: skip
+    if isinstance(normal.modes, ScalarModes):
+        return ScalarSolution(ScalarCoefficients(normal.modes, values), **about, unit=normal.unit or "")
+    return Solution(Coefficients(normal.modes, values), **about)
 
 
 def fit_field(
-    field: Field | Iterable[Field], modes: Modes | int, *, covariance: Covariance | FloatArray | None = None
+    field: Field | ScalarField | Iterable[Field],
+    modes: Modes | int,
+    *,
+    covariance: Covariance | FloatArray | None = None,
 ) -> Solution:
     """Fit all modes to a degree to a field: normal equations, solved.
 
     Parameters
     ----------
-    field : Field or iterable of Fields
+    field : Field, ScalarField, or iterable of Fields
         The sources.
     modes : Modes, or the degree lmax
-        What to fit.
+        What to fit; ScalarModes of a ScalarField.
     covariance : Covariance or (2n, 2n) array, optional
         As for `normal_equations`.
 
@@ -122,9 +127,10 @@ def fit_field(
     DegeneracyError
         If the sources cannot tell the modes apart.
     """
-    modes = as_modes(modes)
-    if isinstance(field, Field) and 2 * len(field) < len(modes):
-        raise DegeneracyError(_too_few(len(field), modes))
+    if isinstance(field, Weighed):
+        modes = modes_for(field, modes)
+        if modes.components * len(field) < len(modes):
+            raise DegeneracyError(_too_few(len(field), modes))
     return solve(normal_equations(field, modes, covariance=covariance))
 
 
@@ -156,7 +162,7 @@ def _factor(normal, max_condition):
 
 def _raise_degenerate(normal, condition, max_condition, weakest):
     raise DegeneracyError(
-        _too_few(normal.n_data // 2, normal.modes, f" (condition {condition:.1e} > {max_condition:.0e}{weakest})")
+        _too_few(normal.n_sources, normal.modes, f" (condition {condition:.1e} > {max_condition:.0e}{weakest})")
     )
 
 

@@ -9,7 +9,6 @@ from scipy.special import ndtri
 
 from fit.harmonic import HarmonicSolution
 from fit.quality import normal_deviate
-from vsh.modes import KINDS
 
 __all__ = [
     "Degree",
@@ -44,7 +43,7 @@ class Degree(NamedTuple):
 
 
 def spectrum(solution: HarmonicSolution) -> list[Degree]:
-    """Every kind and degree of a solution, a list of Degree: T first, then S.
+    """Every kind and degree of a solution, a list of Degree: T first, then S; from degree 0 on of a scalar field.
 
     Parameters
     ----------
@@ -55,7 +54,8 @@ def spectrum(solution: HarmonicSolution) -> list[Degree]:
     -------
     list[Degree]
     """
-    return [_degree(solution, kind, l) for kind in KINDS for l in range(1, solution.modes.lmax + 1)]
+    modes = solution.modes
+    return [_degree(solution, kind, l) for kind in modes.kinds for l in range(modes.lowest, modes.lmax + 1)]
 
 
 def wilson_hilferty(w: float, n: float) -> float:

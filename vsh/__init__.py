@@ -25,7 +25,8 @@ from vsh.errors import (
     VshWarning,
 )
 from vsh.field import Field
-from vsh.modes import Mode, Modes
+from vsh.modes import Mode, Modes, ScalarModes
+from vsh.scalars import ScalarCoefficients, ScalarField
 from vsh.vector import Vector
 
 if TYPE_CHECKING:
@@ -47,6 +48,9 @@ __all__ = [
     "ModesError",
     "NothingLeftError",
     "ParameterError",
+    "ScalarCoefficients",
+    "ScalarField",
+    "ScalarModes",
     "TableError",
     "Vector",
     "VshError",

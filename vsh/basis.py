@@ -17,7 +17,7 @@ import numpy as np
 
 from vsh.checks import arguments, arrays
 from vsh.errors import ParameterError
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.sphere import multiples, sin_cos
 from vsh.types import FloatArray
 
@@ -30,13 +30,13 @@ def harmonics(lon: FloatArray, lat: FloatArray, modes: Modes | int) -> FloatArra
     ----------
     lon, lat : (n,) arrays
         Positions [rad]
-    modes : Modes, or the degree lmax
+    modes : Modes or ScalarModes, or the degree lmax of vector fields
         Which modes, in which order; p of them.
 
     Returns
     -------
-    (p, 2, n) array
-        East and north component of every mode at every source, for a coefficient of one.
+    (p, 2, n) array; (p, 1, n) of scalar modes
+        East and north component, or the value, of every mode at every source, for a coefficient of one.
 
     Raises
     ------
@@ -49,9 +49,11 @@ def harmonics(lon: FloatArray, lat: FloatArray, modes: Modes | int) -> FloatArra
     >>> harmonics(np.zeros(5), np.zeros(5), Modes(3)).shape
     (30, 2, 5)
     """
-    modes = as_modes(modes)
+    modes = modes if isinstance(modes, Modes) else as_modes(modes)
     if lon.shape != lat.shape:
         raise ParameterError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
+    if isinstance(modes, ScalarModes):
+        return scalar_harmonics(lon, lat, modes.lmax)[:, None]
     toroidal = toroidal_harmonics(lon, lat, modes.lmax)
     return np.concatenate([toroidal, spheroidal_twin(toroidal)])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from vsh.basis import harmonics
 from vsh.checks.arrays import float_array
 from vsh.checks.frozen import Frozen
 from vsh.errors import ModesError
-from vsh.modes import KINDS, Modes, as_modes
+from vsh.modes import Modes, as_modes
 from vsh.system.parallel import map_blocks
 from vsh.types import ArrayLike, FloatArray, Kind
 
@@ -50,8 +51,10 @@ class Coefficients(Frozen):
     modes: Modes
     values: FloatArray
 
+    _kind: ClassVar[type[Modes]] = Modes
+
     def __post_init__(self) -> None:
-        modes = as_modes(self.modes)
+        modes = as_modes(self.modes, self._kind)
         object.__setattr__(self, "modes", modes)
         # nan stands for coefficients to come, in predictions.
         values = np.array(float_array("the coefficients", self.values, finite=False))
@@ -97,7 +100,7 @@ class Coefficients(Frozen):
         Parameters
         ----------
         kind : {"T", "S"}
-            Toroidal or spheroidal.
+            Toroidal or spheroidal; "F" of a scalar field.
         l : int
             The degree.
 
@@ -121,7 +124,7 @@ class Coefficients(Frozen):
         array
         """
         lon, lat = np.broadcast_arrays(np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float))
-        out = np.empty((2, lon.size))
+        out = np.empty((self.modes.components, lon.size))
         block = max(1, min(8192, 2**24 // len(self.modes)))  # at most 256 MiB of basis
 
         def fill(part):
@@ -144,22 +147,22 @@ class Coefficients(Frozen):
         -------
         Coefficients
         """
-        modes = as_modes(lmax)
+        modes = as_modes(lmax, self._kind)
         values = np.zeros(len(modes))
-        for kind in KINDS:
-            for l in range(1, min(modes.lmax, self.modes.lmax) + 1):
+        for kind in modes.kinds:
+            for l in range(modes.lowest, min(modes.lmax, self.modes.lmax) + 1):
                 values[modes.slice_of(kind, l)] = self.values[self.modes.slice_of(kind, l)]
-        return Coefficients(modes, values)
+        return type(self)(modes, values)
 
     def __add__(self, other: Coefficients) -> Coefficients:
         """The sum of two fields; the lower degree is padded."""
-        if not isinstance(other, Coefficients):
+        if type(other) is not type(self):
             return NotImplemented
         lmax = max(self.modes.lmax, other.modes.lmax)
-        return Coefficients(Modes(lmax), self.to_degree(lmax).values + other.to_degree(lmax).values)
+        return type(self)(self._kind(lmax), self.to_degree(lmax).values + other.to_degree(lmax).values)
 
     def __mul__(self, factor: float) -> Coefficients:
         """The field times a number."""
-        return Coefficients(self.modes, self.values * float(factor))
+        return type(self)(self.modes, self.values * float(factor))
 
     __rmul__ = __mul__

@@ -12,12 +12,15 @@ import numpy as np
 
 from vsh.coefficients import Coefficients
 from vsh.errors import ModesError
-from vsh.modes import Mode, Modes
+from vsh.modes import Mode, Modes, ScalarModes
+from vsh.scalars import ScalarCoefficients
 from vsh.types import ArrayLike, ComplexArray
 
 __all__ = [
     "from_healpy",
     "from_icrf3",
+    "scalar_from_healpy",
+    "scalar_to_healpy",
     "to_healpy",
     "to_icrf3",
 ]
@@ -118,14 +121,8 @@ def to_healpy(coefficients: Coefficients) -> ComplexArray:
         In healpy's order, for ``healpy.alm2map_spin(alm, nside, 1, lmax)`` and for
         ducc0's spin 1.
     """
-    lmax = coefficients.modes.lmax
-    alm = np.zeros((2, (lmax + 1) * (lmax + 2) // 2), complex)
     t, s = np.split(coefficients.values, 2)
-    for row, values in ((alm[0], s), (alm[1], -t)):
-        place, is_im = _healpy_order(lmax)
-        row.real[place[~is_im]] = values[~is_im]
-        row.imag[place[is_im]] = values[is_im]
-    return alm
+    return np.stack([_to_alm(s, coefficients.modes), _to_alm(-t, coefficients.modes)])
 
 
 def from_healpy(alm: ArrayLike) -> Coefficients:
@@ -146,18 +143,78 @@ def from_healpy(alm: ArrayLike) -> Coefficients:
         If the alm are not two rows of a triangular length.
     """
     alm = np.asarray(alm)
-    lmax = int(np.sqrt(2 * alm.shape[-1])) - 1
-    if alm.ndim != 2 or alm.shape[0] != 2 or (lmax + 1) * (lmax + 2) // 2 != alm.shape[1]:
+    lmax = _lmax_of(alm)
+    if alm.ndim != 2 or alm.shape[0] != 2 or lmax is None:
         raise ModesError(f"alm of shape {alm.shape} are not E and B to some degree, (2, (lmax + 1)(lmax + 2)/2)")
-    place, is_im = _healpy_order(lmax)
-    e, b = (np.where(is_im, row[place].imag, row[place].real) for row in alm)
-    return Coefficients(Modes(lmax), np.concatenate([-b, e]))
+    modes = Modes(lmax)
+    e, b = (_from_alm(row, modes) for row in alm)
+    return Coefficients(modes, np.concatenate([-b, e]))
+
+
+def scalar_to_healpy(coefficients: ScalarCoefficients) -> ComplexArray:
+    """alm of a scalar field: f^R + i f^I, as they are.
+
+    Parameters
+    ----------
+    coefficients : ScalarCoefficients
+        The field.
+
+    Returns
+    -------
+    ((lmax + 1)(lmax + 2)/2,) complex array
+        In healpy's order, for ``healpy.alm2map``.
+    """
+    return _to_alm(coefficients.values, coefficients.modes)
+
+
+def scalar_from_healpy(alm: ArrayLike) -> ScalarCoefficients:
+    """Coefficients from alm of a scalar field: the inverse of `scalar_to_healpy`.
+
+    Parameters
+    ----------
+    alm : (k,) complex array
+        In healpy's order.
+
+    Returns
+    -------
+    ScalarCoefficients
+
+    Raises
+    ------
+    ModesError
+        If the alm are no row of a triangular length.
+    """
+    alm = np.asarray(alm)
+    lmax = _lmax_of(alm)
+    if alm.ndim != 1 or lmax is None:
+        raise ModesError(f"alm of shape {alm.shape} are not those of a scalar field, ((lmax + 1)(lmax + 2)/2,)")
+    modes = ScalarModes(lmax)
+    return ScalarCoefficients(modes, _from_alm(alm, modes))
+
+
+def _lmax_of(alm):
+    lmax = int(np.sqrt(2 * alm.shape[-1])) - 1 if alm.ndim else -1
+    return lmax if lmax >= 0 and (lmax + 1) * (lmax + 2) // 2 == alm.shape[-1] else None
+
+
+def _to_alm(values, modes):
+    alm = np.zeros((modes.lmax + 1) * (modes.lmax + 2) // 2, complex)
+    place, is_im = _healpy_order(modes.lmax, modes.lowest)
+    alm.real[place[~is_im]] = values[~is_im]
+    alm.imag[place[is_im]] = values[is_im]
+    return alm
+
+
+def _from_alm(alm, modes):
+    place, is_im = _healpy_order(modes.lmax, modes.lowest)
+    return np.where(is_im, alm[place].imag, alm[place].real)
 
 
 @lru_cache(maxsize=8)
-def _healpy_order(lmax):
+def _healpy_order(lmax, lowest):
     """For each mode of one kind: its place in an alm array, and whether it is an imaginary part."""
-    l = np.repeat(np.arange(1, lmax + 1), 2 * np.arange(1, lmax + 1) + 1)
-    within = np.arange(len(l)) - (l * l - 1)
+    degrees = np.arange(lowest, lmax + 1)
+    l = np.repeat(degrees, 2 * degrees + 1)
+    within = np.arange(len(l)) - (l * l - lowest**2)
     m = (within + 1) // 2
     return m * (2 * lmax + 1 - m) // 2 + l, (within > 0) & (within % 2 == 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,9 +21,7 @@ from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Field(Weighed):
-    """Proper motions of n sources, with their errors.
-
-    A field is checked once, here. Its arrays are read-only.
+    """Proper motions of n sources, with their errors; checked once, here. Its arrays are read-only.
 
     Attributes
     ----------
@@ -69,6 +67,9 @@ class Field(Weighed):
     distance: FloatArray | None = None
     distance_error: FloatArray | None = None
     redshift_frame: str | None = None
+
+    components: ClassVar[int] = 2
+    unit: ClassVar[str] = "µas/yr"
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
@@ -160,12 +161,32 @@ class Field(Weighed):
         FieldError
             If the sources have no positions, or no errors and none are given.
         """
+        if getattr(sources, "components", 2) != 2:
+            raise FieldError("a ScalarField has no motions, and no errors of motions")
         if isinstance(sources, Field):
             return sources if sigma is None else sources.with_errors(np.broadcast_to(sigma, (2, len(sources))))
         return cls(**still_columns(sources, sigma), frame=getattr(sources, "frame", "icrs"))
 
     def __len__(self) -> int:
         return self.lon.size
+
+    @property
+    def data(self) -> FloatArray:
+        """The motions, (2, n): what is fitted. [µas/yr]"""
+        return self.motion
+
+    @property
+    def weights(self) -> FloatArray:
+        """The inverse covariance [[a, c], [c, b]] of each source, (3, n): a, b, c. [(yr/µas)²]"""
+        a, b = 1 / self.sigma**2
+        c = -self.rho / (self.sigma[0] * self.sigma[1])
+        return np.stack([a, b, c]) / (1 - self.rho**2)
+
+    @property
+    def whitened(self) -> FloatArray:
+        """The motions decorrelated and in units of their errors, L⁻¹ µ with L Lᵀ = C, (2, n)."""
+        (s1, s2), rho, (east, north) = self.sigma, self.rho, self.motion
+        return np.stack([east / s1, (north / s2 - rho * east / s1) / np.sqrt(1 - rho**2)])
 
     def __repr__(self) -> str:
         known = [name for name in (*MEASURED, "name") if getattr(self, name) is not None]

@@ -1,14 +1,17 @@
-"""The order in which the parameters of a vector field are stored, said once.
+"""The order in which the parameters of a field on the sphere are stored, said once.
 
-A real field of degree 1 … lmax has ``2 lmax (lmax + 2)`` parameters, kept as::
+The parameters of a real field are kept as::
 
     [
         (kind, l, m, part)
-        for kind in KINDS
-        for l in range(1, lmax + 1)
+        for kind in modes.kinds
+        for l in range(modes.lowest, lmax + 1)
         for m in range(l + 1)
         for part in ("re", "im")[: 1 + (m > 0)]
     ]
+
+A vector field has two kinds from degree 1 on, toroidal and spheroidal: ``2 lmax (lmax + 2)`` parameters. A scalar field
+has one from degree 0 on: ``(lmax + 1)²``.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import index
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,7 +28,7 @@ from vsh.types import FloatArray, IntArray, Kind
 
 
 class Mode(NamedTuple):
-    """One real parameter: toroidal ("T") or spheroidal ("S"), degree, order, part."""
+    """One real parameter: toroidal ("T"), spheroidal ("S") or of a scalar field ("F"), degree, order, part."""
 
     kind: str
     l: int
@@ -43,17 +46,26 @@ KINDS: tuple[Kind, Kind] = ("T", "S")
 
 @dataclass(frozen=True)
 class Modes:
-    """All modes up to degree `lmax`, in storage order.
+    """All modes of a vector field up to degree `lmax`, in storage order.
 
     Parameters
     ----------
     lmax : int
         The highest degree, at least 1.
 
+    Attributes
+    ----------
+    kinds : tuple of str
+        In storage order: "T", toroidal, and "S", spheroidal.
+    lowest : int
+        The lowest degree.
+    components : int
+        How many numbers the field has at each place: east and north.
+
     Raises
     ------
     ModesError
-        If `lmax` is not a whole number of at least 1.
+        If `lmax` is not a whole number of at least `lowest`.
 
     Examples
     --------
@@ -68,21 +80,25 @@ class Modes:
 
     lmax: int
 
+    kinds: ClassVar[tuple[Kind, ...]] = KINDS
+    lowest: ClassVar[int] = 1
+    components: ClassVar[int] = 2
+
     def __post_init__(self) -> None:
         try:
             lmax = index(self.lmax)
         except TypeError:
-            lmax = 0
-        if lmax < 1:
-            raise ModesError(f"lmax must be a whole number of at least 1, not {self.lmax!r}")
+            lmax = -1
+        if lmax < self.lowest:
+            raise ModesError(f"lmax must be a whole number of at least {self.lowest}, not {self.lmax!r}")
         object.__setattr__(self, "lmax", lmax)
 
     def __len__(self) -> int:
-        return 2 * self.lmax * (self.lmax + 2)
+        return len(self.kinds) * ((self.lmax + 1) ** 2 - self.lowest**2)
 
     def __iter__(self) -> Iterator[Mode]:
-        for kind in KINDS:
-            for l in range(1, self.lmax + 1):
+        for kind in self.kinds:
+            for l in range(self.lowest, self.lmax + 1):
                 yield Mode(kind, l, 0)
                 for m in range(1, l + 1):
                     yield Mode(kind, l, m, "re")
@@ -91,22 +107,19 @@ class Modes:
     @property
     def degrees(self) -> IntArray:
         """The degree l of each mode, a (p,) array."""
-        l = np.arange(1, self.lmax + 1)
-        return np.tile(np.repeat(l, 2 * l + 1), 2)
+        l = np.arange(self.lowest, self.lmax + 1)
+        return np.tile(np.repeat(l, 2 * l + 1), len(self.kinds))
 
     @property
     def norm2(self) -> FloatArray:
         """∫ |V_i|² dΩ of each mode, a (p,) array: 1, and 2 where the mode stands for ±m."""
-        degrees = self.degrees
-        zonal = np.flatnonzero(np.diff(degrees, prepend=-1))
-        # Degree lmax of T may meet degree 1 of S, or be it.
-        zonal = np.union1d(zonal, [0, len(self) // 2])
-        out = np.full(len(self), 2.0)
-        out[zonal] = 1.0
-        return out
+        l = np.arange(self.lowest, self.lmax + 1)
+        out = np.full(len(self) // len(self.kinds), 2.0)
+        out[l * l - self.lowest**2] = 1.0
+        return np.tile(out, len(self.kinds))
 
     def index(self, mode: tuple[str, int, int, str]) -> int:
-        """Where `mode` is stored; degrees below l fill the first l² - 1 places of its kind.
+        """Where `mode` is stored; degrees below l fill the first l² − lowest² places of its kind.
 
         Parameters
         ----------
@@ -119,20 +132,25 @@ class Modes:
             If there is no such mode.
         """
         kind, l, m, part = mode
-        if kind not in KINDS or not 1 <= l <= self.lmax or not 0 <= m <= l or part not in ("re", "im"):
-            raise ModesError(f"{tuple(mode)} is no mode of degree 1 … {self.lmax}")
+        if kind not in self.kinds:
+            raise ModesError(
+                f"{type(self).__name__} are of kind {' and '.join(self.kinds)}, not {kind!r}"
+                + (": a scalar field has no spin and no acceleration" if kind in KINDS else "")
+            )
+        if not self.lowest <= l <= self.lmax or not 0 <= m <= l or part not in ("re", "im"):
+            raise ModesError(f"{tuple(mode)} is no mode of degree {self.lowest} … {self.lmax}")
         if m == 0 and part == "im":
             raise ModesError(f"order 0 has no imaginary part: {tuple(mode)}")
         within = 2 * m - (m > 0) + (part == "im")
-        return (kind == "S") * len(self) // 2 + l * l - 1 + within
+        return self.kinds.index(kind) * len(self) // len(self.kinds) + l * l - self.lowest**2 + within
 
     def slice_of(self, kind: Kind, l: int) -> slice:
         """The slice that holds every order of one degree of one kind.
 
         Parameters
         ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
+        kind : str
+            One of `kinds`.
         l : int
             The degree.
 
@@ -144,22 +162,63 @@ class Modes:
         return slice(start, start + 2 * l + 1)
 
 
-def as_modes(modes: Modes | int) -> Modes:
-    """Modes, or the degree lmax in their place.
+@dataclass(frozen=True)
+class ScalarModes(Modes):
+    """All modes of a scalar field up to degree `lmax`, in storage order: f_00, f_10, f_11 re, f_11 im, …
+
+    Parameters
+    ----------
+    lmax : int
+        The highest degree, at least 0.
+
+    Attributes
+    ----------
+    kinds : tuple of str
+        "F", alone.
+    lowest : int
+        0, the mean.
+    components : int
+        1.
+
+    Raises
+    ------
+    ModesError
+        If `lmax` is not a whole number of at least 0.
+
+    Examples
+    --------
+    >>> [str(mode) for mode in ScalarModes(1)]
+    ['f(0,0)', 'f(1,0)', 'f(1,1,re)', 'f(1,1,im)']
+    """
+
+    kinds: ClassVar[tuple[Kind, ...]] = ("F",)
+    lowest: ClassVar[int] = 0
+    components: ClassVar[int] = 1
+
+
+def as_modes(modes: Modes | int, kind: type[Modes] = Modes) -> Modes:
+    """Modes of vector fields, or of another kind; or the degree lmax in their place.
 
     Parameters
     ----------
     modes : Modes or int
         Or the degree lmax.
+    kind : type
+        `Modes` or `ScalarModes`.
 
     Raises
     ------
     ModesError
-        If it is neither.
+        If it is neither, or modes of the other kind of field.
 
     Examples
     --------
     >>> as_modes(2) == as_modes(Modes(2))
     True
     """
-    return modes if isinstance(modes, Modes) else Modes(modes)
+    if not isinstance(modes, Modes):
+        return kind(modes)
+    if type(modes) is not kind:
+        what = "a scalar field is" if kind is ScalarModes else "vector fields, such as motions, are"
+        raise ModesError(f"{what} expanded in {kind.__name__}, not in {type(modes).__name__}")
+    return modes

@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from vsh.checks import arguments
 from vsh.coefficients import Coefficients
 from vsh.errors import FrameError, ModesError
-from vsh.modes import KINDS
 from vsh.sky.frames import rotation_matrix
 from vsh.types import ArrayLike, FloatArray
 
@@ -32,7 +31,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
 
     Parameters
     ----------
-    coefficients : Coefficients
+    coefficients : Coefficients or ScalarCoefficients
         The field. [µas/yr]
     to : str or (3, 3) array
         "icrs", "galactic", "ecliptic", or the matrix A of r' = A r.
@@ -43,7 +42,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
 
     Returns
     -------
-    Coefficients, or (Coefficients, (p, p) array) where a covariance was given
+    Coefficients, of the kind that was given; or they and a (p, p) array where a covariance was given
 
     Raises
     ------
@@ -63,15 +62,15 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     turned = None if covariance is None else np.array(covariance, float)
     if turned is not None and turned.shape != (len(modes), len(modes)):
         raise ModesError(f"the covariance has shape {turned.shape}, expected {(len(modes), len(modes))}")
-    for l in range(1, modes.lmax + 1):
+    for l in range(modes.lowest, modes.lmax + 1):
         block = degree_matrix(l, vector)
-        for kind in KINDS:
+        for kind in modes.kinds:
             degree = modes.slice_of(kind, l)
             values[degree] = block @ values[degree]
             if turned is not None:
                 turned[degree] = block @ turned[degree]
                 turned[:, degree] = turned[:, degree] @ block.T
-    rotated = Coefficients(modes, values)
+    rotated = type(coefficients)(modes, values)
     return rotated if turned is None else (rotated, turned)
 
 

@@ -6,14 +6,17 @@ short array out of bounds, and go on over the pole in silence.
 
 from __future__ import annotations
 
+from typing import cast
+
 import ducc0
 import numpy as np
 
 from vsh.checks import arguments, arrays
 from vsh.coefficients import Coefficients
-from vsh.conventions import from_healpy, to_healpy
+from vsh.conventions import from_healpy, scalar_from_healpy, scalar_to_healpy, to_healpy
 from vsh.errors import FieldError
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes, ScalarModes, as_modes
+from vsh.scalars import ScalarCoefficients
 from vsh.system.parallel import cores
 from vsh.types import ArrayLike, FloatArray
 
@@ -37,7 +40,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
 
     Parameters
     ----------
-    coefficients : Coefficients
+    coefficients : Coefficients or ScalarCoefficients
         The field. [µas/yr]
     lon, lat : (n,) arrays
         Positions [rad]
@@ -46,7 +49,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
 
     Returns
     -------
-    (2, n) array
+    (2, n) array; (n,) of a scalar field
         East and north component. [µas/yr]
 
     Raises
@@ -54,16 +57,16 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
     FieldError
         If positions are not finite, differ in number, or lie beyond a pole.
     """
-    loc = _locations(lon, lat)
-    south, east = ducc0.sht.synthesis_general(
-        alm=to_healpy(coefficients),
-        spin=1,
+    loc, scalar = _locations(lon, lat), isinstance(coefficients.modes, ScalarModes)
+    found = ducc0.sht.synthesis_general(
+        alm=scalar_to_healpy(cast(ScalarCoefficients, coefficients))[None] if scalar else to_healpy(coefficients),
+        spin=0 if scalar else 1,
         lmax=coefficients.modes.lmax,
         loc=loc,
         epsilon=EPSILON,
         nthreads=cores(threads),
     )
-    return np.stack([east, -south])
+    return found[0] if scalar else np.stack([found[1], -found[0]])
 
 
 @arguments.accepts(lon=arrays.float_array, lat=arrays.float_array, motion=arrays.float_array)
@@ -74,11 +77,11 @@ def adjoint(
 
     Parameters
     ----------
-    modes : Modes, or the degree lmax
+    modes : Modes or ScalarModes, or the degree lmax of vector fields
         The modes V_i; p of them.
     lon, lat : (n,) arrays
         Positions [rad]
-    motion : (2, n) array
+    motion : (2, n) array; (1, n) for scalar modes
         East and north component.
     threads : int, optional
         How many; one a core unless given.
@@ -91,7 +94,7 @@ def adjoint(
     Raises
     ------
     FieldError
-        As in `synthesis`, and if motion is not (2, n).
+        As in `synthesis`, and if motion has another shape.
 
     Examples
     --------
@@ -102,19 +105,19 @@ def adjoint(
     >>> bool(g[0] > 0.3), bool(abs(g[1:]).max() < 1e-12)
     (True, True)
     """
-    loc, modes = _locations(lon, lat), as_modes(modes)
-    motion = np.asarray(motion, float)
-    if motion.shape != (2, len(loc)):
-        raise FieldError(f"motion has shape {motion.shape}, expected {(2, len(loc))}")
+    loc, modes = _locations(lon, lat), modes if isinstance(modes, Modes) else as_modes(modes)
+    motion, scalar = np.asarray(motion, float), isinstance(modes, ScalarModes)
+    if motion.shape != (modes.components, len(loc)):
+        raise FieldError(f"motion has shape {motion.shape}, expected {(modes.components, len(loc))}")
     alm = ducc0.sht.adjoint_synthesis_general(
-        map=np.stack([-motion[1], motion[0]]),
-        spin=1,
+        map=motion if scalar else np.stack([-motion[1], motion[0]]),
+        spin=0 if scalar else 1,
         lmax=modes.lmax,
         loc=loc,
         epsilon=EPSILON,
         nthreads=cores(threads),
     )
-    return modes.norm2 * from_healpy(alm).values
+    return modes.norm2 * (scalar_from_healpy(alm[0]) if scalar else from_healpy(alm)).values
 
 
 def fourier_moments(

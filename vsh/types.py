@@ -41,8 +41,8 @@ ComplexArray: TypeAlias = NDArray[Any]
 #: A source of randomness: NumPy's generator, or a number (or a sequence of them) that seeds one.
 Rng: TypeAlias = np.random.Generator | int | list[int]
 PathName: TypeAlias = str | PathLike[str]
-#: Toroidal or spheroidal.
-Kind: TypeAlias = Literal["T", "S"]
+#: Toroidal or spheroidal; "F" of a scalar field.
+Kind: TypeAlias = Literal["T", "S", "F"]
 OnBad: TypeAlias = Literal["raise", "drop"]
 Release: TypeAlias = Literal["DR3", "DR4", "DR5", "paper"]
 #: astropy's Quantity, which is not imported for its name.

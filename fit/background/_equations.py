@@ -40,6 +40,10 @@ def equations_of(found: Any) -> NormalEquations:
         If a solution's covariance is singular, of too few replicates say.
     """
     found = _about(found)
+    if isinstance(found, NormalEquations | HarmonicSolution) and found.modes.components != 2:
+        raise ParameterError(
+            "backgrounds are fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field has neither"
+        )
     if isinstance(found, NormalEquations):
         return found if found.prior is None else found - found.prior
     if not isinstance(found, HarmonicSolution):

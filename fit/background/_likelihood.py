@@ -259,7 +259,7 @@ def _eliminated(normal, first, where):
     scale = np.sqrt(np.maximum(np.diag(inner), 0))
     if not (scale > 0).all() or np.linalg.eigvalsh(inner / np.outer(scale, scale))[0] < 1e-10:
         raise DegeneracyError(
-            f"{normal.n_data // 2} sources do not determine the {len(first)} coefficients that are fitted freely"
+            f"{normal.n_sources} sources do not determine the {len(first)} coefficients that are fitted freely"
         )
     factor = cho_factor(inner)
     known = cho_solve(factor, np.column_stack([across, normal.rhs[first]]))

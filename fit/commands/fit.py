@@ -61,7 +61,7 @@ def _run(options, words):
     import matplotlib
 
     matplotlib.use("agg")  # files, no windows
-    refused, used = dropped(solution.notes), solution.n_data // 2
+    refused, used = dropped(solution.notes), solution.n_sources
     counts = {"rows": used + clipped + refused, "rows_used": used, "rows_refused": refused, "rows_clipped": clipped}
     meta = running.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
     if options.output:

@@ -29,7 +29,7 @@ class Prediction(Solution):
     """A solution without coefficients: they are nan, its covariance is that of the fit to come."""
 
     def __repr__(self) -> str:
-        return f"<Prediction: degree {self.modes.lmax}, {self.n_data // 2} sources, {self.frame}>"
+        return f"<Prediction: degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}>"
 
     @property
     def efficiency(self) -> float:
@@ -146,7 +146,7 @@ def compare_cuts(
         found = predict(reweighted(field, case), modes)
         worst, pair = found.largest
         rows.append((
-            name, found.n_data // 2, *(np.sqrt(np.mean(getattr(found, v).sigma ** 2)) for v in ("spin", "acceleration")),
+            name, found.n_sources, *(np.sqrt(np.mean(getattr(found, v).sigma ** 2)) for v in ("spin", "acceleration")),
             worst, " ".join(pair), found.efficiency,
         ))  # fmt: skip
     names = ("case", "sources", "sigma_spin", "sigma_acceleration", "largest_correlation", "of", "efficiency")

@@ -12,7 +12,7 @@ from vsh.checks.arrays import float_array
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
 from vsh.errors import FrameError, ModesError
-from vsh.modes import as_modes
+from vsh.modes import ScalarModes, as_modes
 from vsh.types import ArrayLike, FloatArray
 
 
@@ -38,6 +38,8 @@ class NormalEquations(Frozen):
         The notes of the fields.
     prior : NormalEquations or None
         What of N, b and χ² is no data, but was assumed.
+    unit : str or None
+        Of the values that were summed; None fits any (a prior).
     """
 
     modes: Modes
@@ -48,9 +50,16 @@ class NormalEquations(Frozen):
     frame: str | None = None
     notes: tuple[str, ...] = ()
     prior: NormalEquations | None = None
+    unit: str | None = "µas/yr"
 
     def __repr__(self) -> str:
-        return f"<NormalEquations: {self.n_data} numbers, degree {self.modes.lmax}, {self.frame or 'any frame'}>"
+        what = "scalar, " if isinstance(self.modes, ScalarModes) else ""
+        return f"<NormalEquations: {self.n_data} numbers, {what}degree {self.modes.lmax}, {self.frame or 'any frame'}>"
+
+    @property
+    def n_sources(self) -> int:
+        """How many sources went in."""
+        return self.n_data // self.modes.components
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         return self._combine(other, +1)
@@ -80,8 +89,10 @@ class NormalEquations(Frozen):
         if not isinstance(other, NormalEquations):
             return NotImplemented
         if other.modes != self.modes:
+            raise ModesError(f"cannot add normal equations of {self.modes} and {other.modes}: fit both to one degree")
+        if None not in (self.unit, other.unit) and self.unit != other.unit:
             raise ModesError(
-                f"cannot add normal equations of degree {self.modes.lmax} and {other.modes.lmax}: fit both to one degree"
+                f"cannot add normal equations of values in {self.unit or 'no unit'} and {other.unit or 'no unit'}"
             )
         if None not in (self.frame, other.frame) and self.frame != other.frame:
             raise FrameError(
@@ -97,6 +108,7 @@ class NormalEquations(Frozen):
             self.frame or other.frame,
             merge_notes(self.notes, other.notes),
             self._prior_with(other, sign),
+            other.unit if self.unit is None else self.unit,
         )
 
     def _prior_with(self, other, sign):
@@ -116,7 +128,7 @@ def gaussian_prior(
 
     Parameters
     ----------
-    modes : Modes, or the degree lmax
+    modes : Modes or ScalarModes, or the degree lmax of vector fields
         What to fit.
     sigma : float or (p,) array
         Standard deviations; inf says nothing [µas/yr]
@@ -134,11 +146,11 @@ def gaussian_prior(
     ModesError
         If a sigma is not positive.
     """
-    modes = as_modes(modes)
+    modes = modes if isinstance(modes, Modes) else as_modes(modes)
     sigma = float_array("sigma", sigma, (len(modes),), finite=False, broadcast=True)
     mean = float_array("mean", mean, (len(modes),), broadcast=True)
     if not (sigma > 0).all():
         raise ModesError("the standard deviations of a prior must be positive")
     weight = 1 / sigma**2
-    assumed = NormalEquations(modes, np.diag(weight), weight * mean, float(weight @ mean**2), 0, frame)
+    assumed = NormalEquations(modes, np.diag(weight), weight * mean, float(weight @ mean**2), 0, frame, unit=None)
     return replace(assumed, prior=assumed)

@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 
 from fit.normal._equations import NormalEquations
-from fit.storage import Result, count, exact, number, words
-from fit.sums import Rings, fourier_sums
+from fit.normal._moments_table import packed, shapes, unpacked
+from fit.storage import Result
+from fit.sums import Rings, fourier_sums, rings_of
 from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
-from vsh.errors import FrameError, ModesError, NothingLeftError, TableError
+from vsh.checks.nouns import modes_for
+from vsh.errors import FrameError, ModesError, NothingLeftError
 from vsh.field import Field
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.parts import Parts
+from vsh.scalars import ScalarField
 from vsh.sky.frames import check_frame
 from vsh.types import ComplexArray, Figure, FloatArray
 
@@ -34,19 +37,21 @@ class Moments(Result):
     ----------
     lmax : int
         The highest degree.
-    weights : (3, 2 lmax + 1, 4 lmax + 1) complex array
+    weights : (3, 2 lmax + 1, 4 lmax + 1) complex array; (1, …) of a scalar field
         Σ w e^{−i(Mα + nδ)} of the inverse covariance [[a, c], [c, b]], w = a, b, c, for M = 0 … 2 lmax and
         n = −2 lmax … 2 lmax. [(yr/µas)²]
-    motions : (2, lmax + 1, 2 lmax + 1) complex array
+    motions : (2, lmax + 1, 2 lmax + 1) complex array; (1, …) of a scalar field
         The same of the two components of C⁻¹ µ, to lmax. [yr/µas]
     chi2_null : float
         Σ µᵀ C⁻¹ µ, the χ² of fitting nothing.
     n_data : int
-        How many numbers went in: two a source.
+        How many numbers went in: two a source, one of a scalar field.
     frame : str
         Of the axes.
     notes : tuple of str
         The notes of the fields.
+    unit : str
+        Of the values that were summed.
 
     Examples
     --------
@@ -66,6 +71,7 @@ class Moments(Result):
     n_data: int
     frame: str = "icrs"
     notes: tuple[str, ...] = ()
+    unit: str = "µas/yr"
 
     def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up.
@@ -75,22 +81,31 @@ class Moments(Result):
         ModesError
             If the moments do not go with the degree.
         """
-        lmax = as_modes(self.lmax).lmax
-        shapes = {"weights": (3, 2 * lmax + 1, 4 * lmax + 1), "motions": (2, lmax + 1, 2 * lmax + 1)}
-        for name, shape in shapes.items():
+        lmax = self.kind(self.lmax).lmax
+        for name, shape in zip(("weights", "motions"), shapes(self.kind, lmax), strict=True):
             if (found := np.asarray(getattr(self, name), complex)).shape != shape:
                 raise ModesError(f"the moments of {name} of degree {lmax} have the shape {shape}, not {found.shape}")
             object.__setattr__(self, name, found)
         check_frame(self.frame)
         super().__post_init__()
 
+    @property
+    def kind(self) -> type[Modes]:
+        """What they are for: `Modes`, or `ScalarModes` of a scalar field."""
+        return ScalarModes if len(self.weights) == 1 else Modes
+
+    @property
+    def n_sources(self) -> int:
+        """How many sources went in."""
+        return self.n_data // self.kind.components
+
     @classmethod
-    def of(cls, field: Field | Parts, lmax: Modes | int, *, threads: int | None = None) -> Moments:
+    def of(cls, field: Field | ScalarField | Parts, lmax: Modes | int, *, threads: int | None = None) -> Moments:
         """The moments of sources.
 
         Parameters
         ----------
-        field : Field or Parts
+        field : Field, ScalarField or Parts
             The sources. Parts are summed where they are.
         lmax : int, or Modes
             The highest degree.
@@ -106,12 +121,13 @@ class Moments(Result):
         ParameterError
             If the sources are no Field and no Parts.
         """
-        lmax = as_modes(lmax).lmax
+        lmax = modes_for(field, lmax).lmax
         if isinstance(field, Parts):
             return field.sum(partial(cls.of, lmax=lmax), roles=(), words="moments")
-        if not len(arguments.a(Field, Parts)("field", field)):
+        if not len(arguments.a(Field, ScalarField, Parts)("field", field)):
             raise NothingLeftError("the field is empty: there are no sources to use")
-        return cls(lmax, *fourier_sums(field, lmax, threads), 2 * len(field), field.frame, field.notes)
+        sums = fourier_sums(field, lmax, threads)
+        return cls(lmax, *sums, field.components * len(field), field.frame, field.notes, field.unit)
 
     def __repr__(self) -> str:
         return f"<Moments: {self.n_data} numbers, to degree {self.lmax}, {self.frame}>"
@@ -144,7 +160,7 @@ class Moments(Result):
         ModesError
             If it is above theirs.
         """
-        lmax = as_modes(lmax).lmax
+        lmax = as_modes(lmax, self.kind).lmax
         cut = lmax - self.lmax
         if cut > 0:
             raise ModesError(
@@ -174,8 +190,8 @@ class Moments(Result):
         ModesError
             If the degree is above theirs.
         """
-        modes = Modes(self.lmax) if modes is None else as_modes(modes)
-        cut, rings = self.to_degree(modes.lmax), Rings(modes.lmax)
+        modes = as_modes(self.lmax if modes is None else modes, self.kind)
+        cut, rings = self.to_degree(modes.lmax), rings_of(modes)
         return NormalEquations(
             modes,
             rings.matrix(cut.weights),
@@ -184,6 +200,7 @@ class Moments(Result):
             self.n_data,
             self.frame,
             self.notes,
+            unit=self.unit,
         )
 
     def add_note(self, *notes: str) -> Moments:
@@ -211,10 +228,9 @@ class Moments(Result):
             Half the trace of the inverse covariances, at longitudes from 0 on; below zero beside what is sharp.
             [(yr/µas)² a steradian]
         """
-        rings = Rings(self.lmax)
-        a, b, _ = rings.on_grid(self.weights)
-        area = np.cos(rings.lat) * 2 * np.pi**2 / (a.shape[0] * a.shape[1])
-        return rings.lat, (a + b) / 2 / area[:, None]
+        rings, components = Rings(self.lmax), self.kind.components
+        weight = rings.on_grid(self.weights)[:components].mean(0)
+        return rings.lat, weight / (np.cos(rings.lat) * 2 * np.pi**2 / weight.size)[:, None]
 
     def report(self) -> str:
         """What the moments hold, as text.
@@ -223,12 +239,12 @@ class Moments(Result):
         -------
         str
         """
-        weight = self.weights[:2, 0].sum(0)[2 * self.lmax].real / self.n_data
+        weight = self.weights[: self.kind.components, 0].sum(0)[2 * self.lmax].real / self.n_data
         lines = [
-            f"Moments of {self.n_data // 2} sources to degree {self.lmax} ({self.frame} axes): "
+            f"Moments of {self.n_sources} sources to degree {self.lmax} ({self.frame} axes): "
             f"{(self.weights.nbytes + self.motions.nbytes) / 1e3:.4g} kB",
-            f"weighted mean error  {1 / np.sqrt(weight) if weight > 0 else np.inf:.4g} µas/yr",
-            f"χ² of no motion      {self.chi2_null:.6g} of {self.n_data} numbers",
+            f"weighted mean error  {1 / np.sqrt(weight) if weight > 0 else np.inf:.4g} {self.unit}",
+            f"χ² of nothing        {self.chi2_null:.6g} of {self.n_data} numbers",
             *(f"  - {note}" for note in self.notes),
         ]
         return "\n".join(lines) + "\n"
@@ -245,43 +261,11 @@ class Moments(Result):
         return plot_moments(self)
 
     def _pack(self):
-        kinds, m, n, values = [], [], [], []
-        for name, moments, half in (("abc", self.weights, 2 * self.lmax), ("en", self.motions, self.lmax)):
-            for kind, each in zip(name, moments, strict=True):
-                grid = np.indices(each.shape)
-                kinds += [kind] * each.size
-                m.append(grid[0].ravel())
-                n.append(grid[1].ravel() - half)
-                values.append(each.ravel())
-        found = np.concatenate(values)
-        columns = {
-            "of": kinds,
-            "m": np.concatenate(m),
-            "n": np.concatenate(n),
-            "real": found.real,
-            "imaginary": found.imag,
-        }
-        rest = {"lmax": self.lmax, "chi2_null": exact(self.chi2_null), "n_data": self.n_data, "frame": self.frame}
-        return columns, rest | {"notes": list(map(str, self.notes))}, {}
+        return packed(self)
 
     @classmethod
     def _unpack(cls, columns, rest):
-        lmax = as_modes(rest["lmax"]).lmax
-        values = np.asarray(columns["real"], float) + 1j * np.asarray(columns["imaginary"], float)
-        if not np.isfinite(values).all():
-            raise TableError("moments that are not finite")
-        shapes = ((3, 2 * lmax + 1, 4 * lmax + 1), (2, lmax + 1, 2 * lmax + 1))
-        split = int(np.prod(shapes[0]))
-        weights, motions = values[:split].reshape(shapes[0]), values[split:].reshape(shapes[1])
-        return cls(
-            lmax,
-            weights,
-            motions,
-            number(rest["chi2_null"]),
-            count(rest["n_data"]),
-            rest["frame"],
-            words(rest["notes"]),
-        )
+        return cls(**unpacked(columns, rest))
 
     def _combine(self, other, sign):
         if not isinstance(other, Moments):
@@ -291,6 +275,8 @@ class Moments(Result):
                 f"cannot add moments in {self.frame} and {other.frame} axes: "
                 f'take one field .to_frame("{self.frame}") first'
             )
+        if (self.kind, self.unit) != (other.kind, other.unit):
+            raise ModesError(f"cannot add moments of values in {self.unit or 'no unit'} and {other.unit or 'no unit'}")
         lmax = min(self.lmax, other.lmax)
         one, two = self.to_degree(lmax), other.to_degree(lmax)
         sums = {

@@ -31,5 +31,5 @@ def plot_moments(moments: Any) -> Figure:
     image = draw_map(axes, weight[ring, column], vmin=0, vmax=np.percentile(weight[ring, column], 99))
     bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
     bar.set_label("weight of the sources  [(yr/µas)² a steradian]", fontsize=12)
-    axes.set_title(f"{moments.n_data // 2} sources, to degree {moments.lmax}", pad=16)
+    axes.set_title(f"{moments.n_sources} sources, to degree {moments.lmax}", pad=16)
     return axes.figure

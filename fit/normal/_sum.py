@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 from os import PathLike
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,12 +13,16 @@ from fit.normal._dense import WhiteRows
 from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
 from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
+from vsh.checks import arguments
 from vsh.checks.arguments import choice
+from vsh.checks.nouns import modes_for
+from vsh.checks.weighed import Weighed
 from vsh.covariance import Covariance
 from vsh.errors import FieldError, ModesError
 from vsh.field import Field
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes
 from vsh.parts import Parts
+from vsh.scalars import ScalarField
 from vsh.types import FloatArray
 
 #: A normal matrix beyond this is refused. [bytes]
@@ -26,7 +30,7 @@ MEMORY = 8 * 2**30
 
 
 def normal_equations(
-    field: Field | Parts | Iterable[Field],
+    field: Field | ScalarField | Parts | Iterable[Field],
     modes: Modes | int,
     *,
     method: Literal["auto", "design-matrix", "compressed"] = "auto",
@@ -37,10 +41,10 @@ def normal_equations(
 
     Parameters
     ----------
-    field : Field, Parts or iterable of Fields
+    field : Field, ScalarField, Parts or iterable of Fields
         The sources. Parts are summed where they are, and send the moments of their sources.
     modes : Modes, or the degree lmax
-        What to fit.
+        What to fit; ScalarModes of a ScalarField.
     method : {"auto", "design-matrix", "compressed"}
         "design-matrix" sums the design matrix, exact to rounding; "compressed" sums the moments of
         the weights and is as good to 1e-12, in a time that hardly grows with the degree.
@@ -78,32 +82,38 @@ def normal_equations(
     >>> np.allclose(whole.matrix, normal_equations([field[:30], field[30:]], Modes(2)).matrix)
     True
     """
-    modes = as_modes(modes)
     choice("method", method, ("auto", "design-matrix", "compressed"))
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or parts")
+    if not isinstance(field, Weighed | Parts):
+        return _of_stream(
+            field, partial(normal_equations, modes=modes, method=method, threads=threads, covariance=covariance)
+        )
+    modes = modes_for(field, modes)
     if len(modes) ** 2 * 8 > MEMORY:
         raise ModesError(
             f"degree {modes.lmax} has {len(modes)} coefficients, whose normal matrix takes "
             f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax, or use fit.solve_matrix_free"
         )
     if covariance is not None:
-        return WhiteRows.of(cast(Field, field), modes, covariance).normal_equations()
+        return WhiteRows.of(arguments.a(Field)("field", field), modes, covariance).normal_equations()
     if isinstance(field, Parts):
         if modes.lmax == 1 or method == "design-matrix":
             return field.sum(partial(normal_equations, modes=modes, method=method), roles=(), words="normal equations")
         return field.sum(partial(Moments.of, lmax=modes.lmax), roles=(), words="normal equations").normal_equations()
-    if not isinstance(field, Field):
-        if isinstance(field, np.ndarray) or not hasattr(field, "__iter__"):
-            raise FieldError(f"a Field, or a stream of them, is wanted, not {type(field).__name__}")
-        total: Any = sum(normal_equations(each, modes, method=method, threads=threads) for each in field)
-        if isinstance(total, int):
-            raise FieldError("the stream of fields is empty: there are no sources to use")
-        return total
-    if method == "auto" and modes.lmax == 1:
+    if method == "auto" and modes == Modes(1):
         sums = dipole_sums(field)
     elif method == "compressed" or (method == "auto" and len(field) > design_matrix_up_to(modes)):
         sums = compressed_sums(field, modes, threads)
     else:
         sums = design_matrix_sums(field, modes, threads)
-    return NormalEquations(modes, *sums, 2 * len(field), field.frame, field.notes)
+    return NormalEquations(modes, *sums, field.components * len(field), field.frame, field.notes, unit=field.unit)
+
+
+def _of_stream(fields, work):
+    if isinstance(fields, np.ndarray) or not hasattr(fields, "__iter__"):
+        raise FieldError(f"a Field, a ScalarField, or a stream of them, is wanted, not {type(fields).__name__}")
+    total: Any = sum(map(work, fields))
+    if isinstance(total, int):
+        raise FieldError("the stream of fields is empty: there are no sources to use")
+    return total

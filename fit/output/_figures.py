@@ -9,16 +9,19 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fit.harmonic import HarmonicSolution
+from fit.output._rows import squared
 from fit.spectrum import spectrum
+from vsh.checks.weighed import Weighed
 from vsh.field import Field
 from vsh.modes import KINDS
 from vsh.parts import Parts, as_parts
+from vsh.scalars import ScalarField
 from vsh.sky.pixels import pixels_of
 from vsh.sky.plot import draw_map, sky_axes
 from vsh.types import Figure
 
-_COLOURS = {"T": "#c55a11", "S": "#0b5394"}
-_NAMES = {"T": "toroidal", "S": "spheroidal"}
+_COLOURS = {"T": "#c55a11", "S": "#0b5394", "F": "#0b5394"}
+_NAMES = {"T": "toroidal", "S": "spheroidal", "F": "scalar"}
 
 
 def plot_spectrum(solution: HarmonicSolution) -> Figure:
@@ -35,7 +38,7 @@ def plot_spectrum(solution: HarmonicSolution) -> Figure:
     """
     figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
     rows = spectrum(solution)
-    for kind, side in (("T", -1), ("S", 1)):
+    for kind, side in zip(solution.modes.kinds, (-1, 1), strict=False):
         degrees = [row for row in rows if row.kind == kind]
         l = np.array([row.l for row in degrees])
         power, error = (np.array([getattr(row, x) for row in degrees]) for x in ("power", "error"))
@@ -52,7 +55,7 @@ def plot_spectrum(solution: HarmonicSolution) -> Figure:
     if len(rows) <= 40:
         axes.set_xticks(np.unique([row.l for row in rows]))
     axes.set_xlabel("degree", fontsize=13)
-    axes.set_ylabel("power  [(µas/yr)²]", fontsize=13)
+    axes.set_ylabel(f"power  {squared(solution)}", fontsize=13)
     axes.tick_params(labelsize=11)
     axes.legend(frameon=False, fontsize=11)
     axes.spines[["top", "right"]].set_visible(False)
@@ -105,7 +108,7 @@ def plot_correlation(solution: Any) -> Figure:
     step = max(1, len(names) // 32)
     axes.set_xticks(range(0, len(names), step), names[::step], rotation=90, fontsize=11 if len(names) < 20 else 8)
     axes.set_yticks(range(0, len(names), step), names[::step], fontsize=11 if len(names) < 20 else 8)
-    if hasattr(solution, "modes"):
+    if isinstance(solution, HarmonicSolution) and len(solution.modes.kinds) == 2:
         half = len(names) / 2 - 0.5
         axes.axhline(half, color="0.4", linewidth=0.8)
         axes.axvline(half, color="0.4", linewidth=0.8)
@@ -115,14 +118,16 @@ def plot_correlation(solution: Any) -> Figure:
     return figure
 
 
-def plot_residuals(solution: HarmonicSolution, field: Field | Parts, *, nside: int | None = None) -> Figure:
-    """Mean normalised residual χ²/2 in each HEALPix pixel: 1 where the errors are right.
+def plot_residuals(
+    solution: HarmonicSolution, field: Field | ScalarField | Parts, *, nside: int | None = None
+) -> Figure:
+    """Mean normalised residual of each HEALPix pixel, χ² over the components of a source: 1 where the errors are right.
 
     Parameters
     ----------
     solution : Solution
         What was found.
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         In the solution's frame.
     nside : int, optional
         Of the pixels; at least ten sources in each on average unless given.
@@ -131,17 +136,19 @@ def plot_residuals(solution: HarmonicSolution, field: Field | Parts, *, nside: i
     -------
     matplotlib figure
     """
-    nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_data / 240)) / 2, 0, 6))
+    nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_sources / 120)) / 2, 0, 6))
     work = partial(_residual_sums, solution=solution, nside=nside)
-    chi2, sources = as_parts(field).sum(work, roles=(), words="residuals")
+    chi2, sources = as_parts(field, Weighed).sum(work, roles=(), words="residuals")
     with np.errstate(divide="ignore", invalid="ignore"):
-        decades = np.log10(chi2 / 2 / sources)
+        decades = np.log10(chi2 / solution.modes.components / sources)
     reach = max(0.3, float(np.nanpercentile(np.abs(decades[np.isfinite(decades)]), 98)))
     axes = sky_axes(solution.frame)
     axes.set_facecolor("0.8")  # no sources is no value
     image = draw_map(axes, decades, cmap="RdBu_r", vmin=-reach, vmax=reach)
     bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
-    bar.set_label("log₁₀ of the mean χ²/2 of a source (0: errors are right)", fontsize=12)
+    bar.set_label(
+        f"log₁₀ of the mean χ²{'/2' * (solution.modes.components == 2)} of a source (0: errors are right)", fontsize=12
+    )
     axes.set_title(f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°", pad=16)
     return axes.figure
 

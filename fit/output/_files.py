@@ -11,6 +11,7 @@ from fit.harmonic import HarmonicSolution
 from vsh import tables
 from vsh.field import Field
 from vsh.parts import Parts, sample_of
+from vsh.scalars import ScalarField
 from vsh.types import Figure, PathName
 
 
@@ -31,14 +32,14 @@ def write_correlation(solution: HarmonicSolution, path: PathName, meta: dict[str
     tables.write(path, columns, meta)
 
 
-def draw_figures(solution: HarmonicSolution, field: Field | Parts) -> dict[str, Figure]:
+def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts) -> dict[str, Figure]:
     """The sky, the spectrum, the correlations and the residuals: a dict of matplotlib figures.
 
     Parameters
     ----------
     solution : Solution
         What was found.
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         The sources.
 
     Returns
@@ -47,25 +48,27 @@ def draw_figures(solution: HarmonicSolution, field: Field | Parts) -> dict[str, 
     """
     from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
     from vsh.sky.plot import plot_field
+    from vsh.sky.scalar_plot import plot_scalar_field
 
-    title = f"{solution.n_data // 2} sources and the field fitted to degree {solution.modes.lmax}"
-    seen = field if isinstance(field, Field) else sample_of(field)
+    title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
+    seen: Any = sample_of(field) if isinstance(field, Parts) else field
+    draw: Any = plot_scalar_field if isinstance(seen, ScalarField) else plot_field
     return {
-        "sky": plot_field(seen, solution.coefficients, title=title),
+        "sky": draw(seen, solution.coefficients, title=title),
         "spectrum": plot_spectrum(solution),
         "correlation": plot_correlation(solution),
         "residuals": plot_residuals(solution, field),
     }
 
 
-def write_figures(solution: HarmonicSolution, field: Field | Parts, folder: PathName) -> list[Path]:
+def write_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts, folder: PathName) -> list[Path]:
     """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths.
 
     Parameters
     ----------
     solution : Solution
         What was found.
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         The sources.
     folder : str or Path
         Where to write.
@@ -79,14 +82,14 @@ def write_figures(solution: HarmonicSolution, field: Field | Parts, folder: Path
     return save_figures(draw_figures(solution, field), folder)
 
 
-def write_html(solution: HarmonicSolution, field: Field | Parts, path: PathName, **about: Any) -> None:
+def write_html(solution: HarmonicSolution, field: Field | ScalarField | Parts, path: PathName, **about: Any) -> None:
     """Write a self-contained page with everything; `about` as for `fit.output.html_report`, `further` more figures by name.
 
     Parameters
     ----------
     solution : Solution
         What was found.
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         The sources.
     path : str or Path
         The file.

@@ -11,8 +11,19 @@ from string import Template
 from typing import Any
 
 from fit.harmonic import HarmonicSolution
-from fit.output._report import AGREE, floor_words, warnings_of
-from fit.output._rows import amplitude, cell, components, direction, is_scaled, power_rows, vector_rows, vectors_of
+from fit.output._report import AGREE, floor_words, warnings_of, what_of
+from fit.output._rows import (
+    amplitude,
+    cell,
+    components,
+    direction,
+    is_scaled,
+    power_rows,
+    squared,
+    vector_rows,
+    vectors_of,
+)
+from fit.solution import ScalarSolution
 from vsh.types import Figure, Table
 
 _PAGE = Template("""<!doctype html>
@@ -93,7 +104,7 @@ def html_report(
     source: str = "",
     provenance: dict[str, Any] | None = None,
     command: Sequence[str] | None = None,
-    title: str = "Vector spherical harmonics of proper motions",
+    title: str | None = None,
     sections: Mapping[str, Table] | None = None,
     captions: Mapping[str, str] | None = None,
 ) -> str:
@@ -115,7 +126,7 @@ def html_report(
         Files, counts, versions.
     command : list of str, optional
         That repeats the run.
-    title : str
+    title : str, optional
         Of the page.
     sections : dict of str to astropy Table, optional
         Further tables by their headings.
@@ -131,8 +142,9 @@ def html_report(
     parts += [f"<h2>{escape(heading)}</h2>" + _section(table) for heading, table in (sections or {}).items()]
     parts += ["<h2>Figures</h2>", *(_figure(name, figure, captions or {}) for name, figure in figures.items())]
     parts += [_coefficients(solution), _notes(solution), _provenance(provenance or {}, command)]
+    title = title or what_of(solution)
     lead = (
-        f"{escape(source)} — {solution.n_data // 2} sources, degree 1 to {solution.modes.lmax} ({len(solution.modes)} coefficients), "
+        f"{escape(source)} — {solution.n_sources} sources, degree {solution.modes.lowest} to {solution.modes.lmax} ({len(solution.modes)} coefficients), "
         f"{escape(solution.frame)} axes"
     )
     return _PAGE.substitute(title=escape(title), lead=lead, body="\n".join(filter(None, parts)))
@@ -140,10 +152,13 @@ def html_report(
 
 def _cards(solution):
     cells = []
-    for name, vector in (("Acceleration", solution.acceleration), ("Spin", solution.spin)):
+    if isinstance(solution, ScalarSolution):
+        value, error = solution.mean
+        cells.append(f'<div class="card">Mean<b>{value:.4g} ± {error:.2g} {escape(solution.unit)}</b></div>')
+    for name, vector in reversed(vectors_of(solution).items()):
         galactic = vector.to_frame("galactic")
         cells.append(
-            f'<div class="card">{name}<b>{escape(amplitude(vector, 2))} µas/yr</b>'
+            f'<div class="card">{name.capitalize()}<b>{escape(amplitude(vector, 2))} {escape(solution.unit)}</b>'
             f'<span class="faint">{escape(direction(galactic))}; noise-debiased {vector.debiased_amplitude:.2f}</span></div>'
         )
     cells.append(
@@ -168,14 +183,20 @@ def _vectors(solution, truth):
         for name in vectors_of(solution)
         for row in vector_rows({name: vectors_of(solution)[name]}, truth)
     ]
-    heads = ["[µas/yr]", "x", "y", "z", "amplitude"]
+    if not rows:
+        return ""
+    heads = [f"[{escape(solution.unit)}]", "x", "y", "z", "amplitude"]
     found = floor_words(solution)
     shared = (
         f'<p class="faint">{escape(found[0])}: {escape("; ".join(found[1:-1]))}. {escape(found[-1])}.</p>'
         if found
         else ""
     )
-    return "<h2>Spin and acceleration</h2>" + _table(heads, [[escape(cell) for cell in row] for row in rows]) + shared
+    return (
+        f"<h2>{' and '.join(vectors_of(solution)).capitalize()}</h2>"
+        + _table(heads, [[escape(cell) for cell in row] for row in rows])
+        + shared
+    )
 
 
 def _check(check):
@@ -212,7 +233,16 @@ def _powers(solution):
         for row in power_rows(solution)
     ]
     scaled = ["p, errors scaled"] if both else []
-    heads = ["degree", "power [(µas/yr)²]", "noise-debiased", "±", "p-value", *scaled, "z", "M&amp;K Z"]
+    heads = [
+        "degree",
+        f"power {escape(squared(solution))}",
+        "noise-debiased",
+        "±",
+        "p-value",
+        *scaled,
+        "z",
+        "M&amp;K Z",
+    ]
     return "<h2>Power by degree</h2><p class='faint'>Click a heading to sort.</p>" + _table(heads, rows, sortable=True)
 
 
@@ -221,7 +251,7 @@ def _coefficients(solution):
         [str(mode), f"{value:+.5g}", f"{error:.3g}", f"{value / error:+.2f}"]
         for mode, value, error in zip(solution.modes, solution.coefficients.values, solution.sigma, strict=True)
     ]
-    heads = ["coefficient", "value [µas/yr]", "σ", "value/σ"]
+    heads = ["coefficient", f"value [{escape(solution.unit)}]", "σ", "value/σ"]
     table = _table(heads, rows, sortable=True)
     return f"<h2>Coefficients</h2><details><summary>{len(rows)} coefficients</summary>{table}</details>"
 

@@ -7,8 +7,9 @@ from html import escape
 
 from fit.harmonic import HarmonicSolution
 from fit.output._rows import power_rows, vector_rows, vectors_of
+from fit.solution import ScalarSolution
 
-_SYMBOLS = {"spin": r"\omega", "acceleration": r"\tilde a"}
+_SYMBOLS = {"spin": r"$\omega$", "acceleration": r"$\tilde a$", "dipole": "dipole"}
 
 
 def html_of(solution: HarmonicSolution) -> str:
@@ -33,7 +34,7 @@ def html_of(solution: HarmonicSolution) -> str:
     )
     notes = "".join(f"<li>{escape(str(note))}</li>" for note in solution.notes)
     return (
-        f"<p><b>Vector spherical harmonics</b>, degree 1 to {solution.modes.lmax}: {solution.n_data // 2} sources, "
+        f"<p><b>Vector spherical harmonics</b>, degree 1 to {solution.modes.lmax}: {solution.n_sources} sources, "
         f"{escape(solution.frame)} axes, χ²/dof {solution.reduced_chi2:.3f}, errors from {escape(solution.errors_from)}</p>"
         f"<table><tr><th>[µas/yr]</th><th>x</th><th>y</th><th>z</th><th>amplitude</th></tr>{rows}</table>"
         "<table><tr><th>degree</th><th>power [(µas/yr)²]</th><th>noise-debiased</th><th>±</th><th>p-value</th></tr>"
@@ -46,7 +47,7 @@ def _cells(cells):
 
 
 def latex_of(solution: HarmonicSolution) -> str:
-    """Spin, acceleration and powers as a LaTeX table (booktabs).
+    """Spin, acceleration, or mean and dipole of a scalar field, and powers as a LaTeX table (booktabs).
 
     Parameters
     ----------
@@ -57,10 +58,15 @@ def latex_of(solution: HarmonicSolution) -> str:
     -------
     str
     """
-    lines = [r"\begin{tabular}{lcccc}", r"\toprule", r" & $x$ & $y$ & $z$ & amplitude \\", r"\midrule"]
+    unit = _tex(solution.unit).replace("µas/yr", r"\textmu as\,yr$^{-1}$").replace("µ", r"\textmu ")
+    lines = [r"\begin{tabular}{lcccc}", r"\toprule"]
+    if isinstance(solution, ScalarSolution):
+        value, error = solution.mean
+        lines.append(rf"mean [{unit}] & ${value:.4g} \pm {error:.2g}$ & & & \\")
+    lines += [r" & $x$ & $y$ & $z$ & amplitude \\", r"\midrule"]
     for row in vector_rows(vectors_of(solution)):
         cells = [f"${_tex(cell)}$" for cell in (*row.cells, row.amplitude)]
-        lines.append(rf"${_SYMBOLS[row.name]}$ [\textmu as\,yr$^{{-1}}$] & " + " & ".join(cells) + r" \\")
+        lines.append(rf"{_SYMBOLS[row.name]} [{unit}] & " + " & ".join(cells) + r" \\")
     lines += [r"\midrule", r" & power & noise-debiased & error & $p$-value \\", r"\midrule"]
     for power in power_rows(solution):
         shown = (power.power, power.debiased, power.error, power.p_value)

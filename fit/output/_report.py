@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from fit.harmonic import HarmonicSolution
-from fit.output._rows import components, direction, is_scaled, power_rows, vector_rows, vectors_of
+from fit.output._rows import components, direction, is_scaled, power_rows, squared, vector_rows, vectors_of
+from fit.solution import ScalarSolution
 from vsh.checks.notes import printable
 from vsh.errors import ParameterError, VshError
 
@@ -61,18 +62,31 @@ def report(
 
 def _heading(solution, source):
     modes = solution.modes
-    lines = ["Vector spherical harmonics of proper motions", "─" * WIDTH]
+    lines = [what_of(solution), "─" * WIDTH]
     if source:
         lines.append(f"catalogue      {printable(source)}")
     lines += [
-        f"sources        {solution.n_data // 2}",
+        f"sources        {solution.n_sources}",
         f"frame          {solution.frame}",
-        f"degree         1 to {modes.lmax}: {len(modes)} coefficients",
+        f"degree         {modes.lowest} to {modes.lmax}: {len(modes)} coefficients",
     ]
     if np.isfinite(solution.chi2):
         lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}")
     lines += [f"{label:15}{text}" for label, text in warnings_of(solution)]
     return "\n".join(lines)
+
+
+def what_of(solution: HarmonicSolution) -> str:
+    """The title of a report.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    """
+    if isinstance(solution, ScalarSolution):
+        return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
+    return "Vector spherical harmonics of proper motions"
 
 
 def warnings_of(solution: HarmonicSolution) -> list[tuple[str, str]]:
@@ -91,7 +105,7 @@ def warnings_of(solution: HarmonicSolution) -> list[tuple[str, str]]:
         found.append(("warning", said))
         if solution.quality.factor > 1:
             found.append(("", "the errors below are not scaled by that; p-values are given for both"))
-    lost = [l for l in range(1, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
+    lost = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
     if lost:
         found.append(
             (
@@ -123,9 +137,15 @@ def _predicted(solution):
 
 def _vectors(solution, truth):
     rows = list(vector_rows(vectors_of(solution), truth))
+    lines = []
+    if isinstance(solution, ScalarSolution):
+        value, error = solution.mean
+        lines = [f"{'mean':14}{value:+.4g} ± {error:.2g} {solution.unit}"]
+    if not rows:
+        return "\n".join(lines)
     wide = max(16, *(len(cell) + 2 for row in rows for cell in row.cells))  # large values do not run together
     last = max(22, *(len(row.amplitude) + 2 for row in rows))
-    lines = [f"{'[µas/yr]':14}" + "".join(f"{axis:>{wide}}" for axis in "xyz") + f"{'amplitude':>{last}}"]
+    lines.append(f"{f'[{solution.unit}]':14}" + "".join(f"{axis:>{wide}}" for axis in "xyz") + f"{'amplitude':>{last}}")
     for row in rows:
         label = f"  {row.name}" if row.is_truth else row.name
         lines.append(f"{label:14}" + "".join(f"{cell:>{wide}}" for cell in row.cells) + f"{row.amplitude:>{last}}")
@@ -153,7 +173,7 @@ def floor_words(solution: HarmonicSolution) -> tuple[str, ...]:
     """
     from fit.background import floor  # its integrals and searches are for reports alone
 
-    if solution.modes.lmax < 3 or getattr(solution, "by_prior", None):
+    if solution.modes.lmax < 3 or solution.modes.components != 2 or getattr(solution, "by_prior", None):
         return ()
     try:
         found = floor(solution, range(2, min(solution.modes.lmax, _FLOOR_LMAX) + 1))
@@ -174,7 +194,7 @@ def _degrees(solution):
     both = is_scaled(solution)
     law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
     lines = [
-        "Power by degree, ∫|V|²dΩ [(µas/yr)²]: as fitted, noise-debiased, its error; the p-value of as much",
+        f"Power by degree, ∫{'|V|' if solution.modes.components == 2 else 'f'}²dΩ {squared(solution)}: as fitted, noise-debiased, its error; the p-value of as much",
         f"from noise alone ({law}) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
         *(["p scaled: with errors multiplied by √(χ²/dof)"] if both else []),
         f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}"
@@ -204,11 +224,11 @@ def report_check(check: Any) -> str:
     if check.largest < AGREE:
         return (
             f"Cross-check: plain least squares of degree 1 by two solvers without a common formula, on the same "
-            f"{check.frame.n_data // 2} sources,\nwith the catalogue's errors: they agree to {check.largest:.0e} σ. "
+            f"{check.frame.n_sources} sources,\nwith the catalogue's errors: they agree to {check.largest:.0e} σ. "
             "It tests the solvers, not the errors above."
         )
     lines = [
-        f"CROSS-CHECK FAILED: degree 1 on the same {check.frame.n_data // 2} sources by two solvers differs by {check.largest:.1e} σ",
+        f"CROSS-CHECK FAILED: degree 1 on the same {check.frame.n_sources} sources by two solvers differs by {check.largest:.1e} σ",
         f"{'[µas/yr]':26}{'x':>16}{'y':>16}{'z':>16}",
     ]
     for name in ("spin", "acceleration"):

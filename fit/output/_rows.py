@@ -9,6 +9,7 @@ import numpy as np
 
 from fit.harmonic import HarmonicSolution
 from fit.quality import printed_p_value as p_value
+from fit.solution import ScalarSolution
 from fit.spectrum import spectrum
 from vsh.types import FloatArray
 from vsh.vector import Vector
@@ -64,7 +65,7 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
 
 
 def vectors_of(solution: HarmonicSolution) -> dict[str, Vector]:
-    """Spin and acceleration of a solution by name.
+    """Spin and acceleration of a solution by name; the dipole of a scalar field.
 
     Parameters
     ----------
@@ -75,7 +76,20 @@ def vectors_of(solution: HarmonicSolution) -> dict[str, Vector]:
     -------
     dict[str, Vector]
     """
+    if isinstance(solution, ScalarSolution):
+        return {"dipole": solution.dipole} if solution.modes.lmax > 0 else {}
     return {"spin": solution.spin, "acceleration": solution.acceleration}
+
+
+def squared(solution: HarmonicSolution) -> str:
+    """The unit of powers, in brackets; nothing of pure numbers.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    """
+    return f"[({solution.unit})²]" if solution.unit else ""
 
 
 def pulls(vector: Vector, true: Vector) -> FloatArray:

@@ -20,11 +20,13 @@ from fit.resample._resampled import Resampled
 from fit.solve import solve
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.checks.nouns import modes_for
 from vsh.covariance import Covariance
 from vsh.errors import DegeneracyError
 from vsh.field import Field
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes
 from vsh.parts import Parts
+from vsh.scalars import ScalarField
 from vsh.sky.pixels import pixels_of
 from vsh.system.progress import progress_bar
 from vsh.types import FloatArray, Rng
@@ -34,13 +36,13 @@ MEMORY = 4 * 2**30
 
 
 @arguments.accepts(
-    field=arguments.a(Field, Parts),
+    field=arguments.a(Field, ScalarField, Parts),
     nside=arguments.whole,
     n_replicates=partial(arguments.whole, least=2),
     rng=arguments.seed,
 )
 def block_bootstrap(
-    field: Field | Parts,
+    field: Field | ScalarField | Parts,
     modes: Modes | int,
     nside: int,
     n_replicates: int,
@@ -67,7 +69,7 @@ def block_bootstrap(
     DegeneracyError
         If fewer than two blocks hold sources, or their matrices do not fit into memory.
     """
-    modes = as_modes(modes)
+    modes = modes_for(field, modes)
     rng = generator(rng)
     p, blocks = len(modes), normals_of_blocks(field, modes, nside, progress, covariance)
     if len(blocks) * p * p * 8 > MEMORY:
@@ -87,9 +89,9 @@ def block_bootstrap(
     return Resampled("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-@arguments.accepts(field=arguments.a(Field, Parts), nside=arguments.whole)
+@arguments.accepts(field=arguments.a(Field, ScalarField, Parts), nside=arguments.whole)
 def jackknife(
-    field: Field | Parts,
+    field: Field | ScalarField | Parts,
     modes: Modes | int,
     nside: int,
     *,
@@ -100,7 +102,7 @@ def jackknife(
 
     Parameters
     ----------
-    field : Field
+    field : Field, ScalarField or Parts
         The sources.
     modes : Modes, or the degree lmax
         What to fit.
@@ -123,7 +125,7 @@ def jackknife(
     DegeneracyError
         If fewer than two blocks hold sources, or the fit is degenerate without one of them.
     """
-    modes = as_modes(modes)
+    modes = modes_for(field, modes)
     blocks = normals_of_blocks(field, modes, nside, progress, covariance)
     whole_sky = blocks.rows.normal_equations() if blocks.rows is not None else normal_equations(field, modes)
     replicates = np.empty((len(blocks), len(modes)))
@@ -139,7 +141,7 @@ class normals_of_blocks:
 
     Parameters
     ----------
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         The sources. Parts are gone through once, and send the sums of each block that they have sources in.
     modes : Modes
         What to fit.
@@ -157,7 +159,12 @@ class normals_of_blocks:
     """
 
     def __init__(
-        self, field: Field | Parts, modes: Modes, nside: int, progress: bool = True, covariance: Any = None
+        self,
+        field: Field | ScalarField | Parts,
+        modes: Modes,
+        nside: int,
+        progress: bool = True,
+        covariance: Any = None,
     ) -> None:
         self.rows = None if covariance is None else WhiteRows.of(cast(Field, field), modes, covariance)
         self.field, self.modes, self.words, self.progress = field, modes, f"blocks, nside {nside}", progress

@@ -20,11 +20,14 @@ from fit.solve import solve
 from vsh.basis import harmonics
 from vsh.checks import arguments
 from vsh.checks.arguments import choice, generator
+from vsh.checks.nouns import modes_for
+from vsh.checks.weighed import Weighed, weighed
 from vsh.covariance import Covariance
 from vsh.errors import ParameterError
 from vsh.field import Field
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
+from vsh.scalars import ScalarField
 from vsh.system.parallel import map_blocks
 from vsh.system.progress import progress_bar
 from vsh.types import FloatArray, Rng
@@ -35,9 +38,11 @@ LARGE, SOURCES_PER_COEFFICIENT = 20_000, 100
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
 
 
-@arguments.accepts(field=arguments.a(Field, Parts), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed)
+@arguments.accepts(
+    field=arguments.a(Field, ScalarField, Parts), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed
+)
 def bootstrap(
-    field: Field | Parts,
+    field: Field | ScalarField | Parts,
     modes: Modes | int,
     n_replicates: int,
     rng: Rng,
@@ -52,7 +57,7 @@ def bootstrap(
 
     Parameters
     ----------
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         The sources. Parts are gone through twice.
     modes : Modes, or the degree lmax
         What to fit.
@@ -84,15 +89,15 @@ def bootstrap(
     -----
     One step is the score bootstrap of Kline & Santos (2012, J. Econometric Methods 1, 23).
     """
-    modes, rng = as_modes(modes), generator(rng)
+    modes, rng = modes_for(field, modes), generator(rng)
     choice("method", method, ("auto", "full", "one-step"))
     if covariance is not None:
         return _of_rows(WhiteRows.of(cast(Field, field), modes, covariance), n_replicates, rng, progress)
     solution = solve(normal_equations(field, modes))
-    large = solution.n_data // 2 >= max(LARGE, SOURCES_PER_COEFFICIENT * len(modes))
+    large = solution.n_sources >= max(LARGE, SOURCES_PER_COEFFICIENT * len(modes))
     if method == "one-step" or (method == "auto" and (large or isinstance(field, Parts))):
-        return _one_step(as_parts(field), solution, n_replicates, rng, progress)
-    if not isinstance(field, Field):
+        return _one_step(as_parts(field, Weighed), solution, n_replicates, rng, progress)
+    if isinstance(field, Parts):
         raise ParameterError('a catalogue in parts is drawn in one step: method="one-step"')
     replicates = np.empty((n_replicates, len(modes)))
     for replicate in progress_bar(replicates, words="bootstrap", shown=progress):
@@ -127,9 +132,8 @@ def _drawn_scores(field: Field, solution: Solution, n_replicates: int, seed: int
         # Seeded by the sources: the same draws however many threads, parts or workers there are.
         digest = blake2b(some.lon.tobytes() + some.lat.tobytes(), digest_size=16).digest()
         rng = np.random.default_rng([seed, int.from_bytes(digest, "big")])
-        (a, b, c), (east, north) = some.weights, solution.residuals(some).motion
-        basis = harmonics(some.lon, some.lat, solution.modes)
-        scores = basis[:, 0] * (a * east + c * north) + basis[:, 1] * (c * east + b * north)
+        score = weighed(some.weights, solution.residuals(some).data)
+        scores = np.einsum("pkn,kn->pn", harmonics(some.lon, some.lat, solution.modes), score)
         # Single precision, relative to the largest: a millionth of what the draws scatter by.
         size = np.abs(scores).max(1, keepdims=True)
         scores /= np.where(size > 0, size, 1.0)
@@ -140,9 +144,11 @@ def _drawn_scores(field: Field, solution: Solution, n_replicates: int, seed: int
     return sum(map_blocks(block, len(field), size), np.zeros((n_replicates, len(solution.modes))))
 
 
-@arguments.accepts(field=arguments.a(Field, Parts), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed)
+@arguments.accepts(
+    field=arguments.a(Field, ScalarField, Parts), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed
+)
 def parametric_bootstrap(
-    field: Field | Parts,
+    field: Field | ScalarField | Parts,
     modes: Modes | int,
     n_replicates: int,
     rng: Rng,
@@ -163,7 +169,7 @@ def parametric_bootstrap(
     -------
     Resampled
     """
-    modes = as_modes(modes)
+    modes = modes_for(field, modes)
     solution = solve(normal_equations(field, modes, covariance=covariance))
     draws = generator(rng).standard_normal((n_replicates, len(modes)))
     replicates = solution.coefficients.values + draws @ np.linalg.cholesky(solution.covariance).T

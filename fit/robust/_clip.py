@@ -7,17 +7,21 @@ from functools import partial
 from typing import cast
 
 import numpy as np
+from scipy.special import chdtr, chdtri
 
 from fit.normal import normal_equations
 from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from vsh.checks import arguments
 from vsh.checks.arguments import positive
+from vsh.checks.nouns import modes_for
+from vsh.checks.weighed import Weighed
 from vsh.covariance import Covariance, as_covariance
 from vsh.errors import ConvergenceError
 from vsh.field import Field
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes
 from vsh.parts import Parts, as_parts, median
+from vsh.scalars import ScalarField
 from vsh.types import BoolArray, FloatArray
 
 
@@ -87,9 +91,11 @@ class Clipped(AboutSolution):
         return self.factor**4
 
 
-@arguments.accepts(field=arguments.a(Field, Parts), threshold=arguments.positive, max_rounds=arguments.whole)
+@arguments.accepts(
+    field=arguments.a(Field, ScalarField, Parts), threshold=arguments.positive, max_rounds=arguments.whole
+)
 def clip(
-    field: Field | Parts,
+    field: Field | ScalarField | Parts,
     modes: Modes | int,
     kappa: float = 3.0,
     threshold: float | None = None,
@@ -101,11 +107,12 @@ def clip(
 
     The distance is X = √(Δᵀ C⁻¹ Δ), Δ the residual of a source, C its covariance. Every
     round looks at all sources again, so one left out may come back. For Gaussian errors
-    κ times the median leaves out a fraction 2^(−κ²) of good sources.
+    κ times the median leaves out a fraction 2^(−κ²) of good sources; of a scalar field the limit is the one that leaves
+    out as many (κ = 3: 3.1 standard errors).
 
     Parameters
     ----------
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         The sources. Parts are gone through four times a round, twice with a threshold.
     modes : Modes, or the degree lmax
         What to fit.
@@ -138,28 +145,36 @@ def clip(
     1 − q e^−q/(1 − e^−q). Both hold for Gaussian errors, of the size quoted or all wrong by one factor; the
     square root of the first is 1.006, 1.108, 1.308 for κ = 3, 2, 1.5 (pulls within 5 % of 1).
     """
-    modes = as_modes(modes)
+    modes = modes_for(field, modes)
     shared = None if covariance is None else as_covariance(covariance, field)
-    sky = as_parts(field if shared is None else shared.own_errors(cast(Field, field)))
+    sky = as_parts(field if shared is None else shared.own_errors(cast(Field, field)), Weighed)
     given = positive("kappa", kappa) if threshold is None else threshold
     normal = normal_equations(field, modes, covariance=shared)
-    n_sources = n_kept = normal.n_data // 2
+    n_sources = n_kept = normal.n_sources
+    components = modes.components
+    in_medians = (
+        float(np.sqrt(chdtri(components, 2.0 ** -(kappa**2)) / chdtri(components, 0.5))) if threshold is None else 1.0
+    )
     kept, before, seen = None, None, set()
     for rounds in range(1, max_rounds + 1):
         solution = solve(normal)
         distances = partial(_distances, solution=solution)
         if sky.in_memory is not None:  # once a round, for the median and the choice alike
             distances = partial(_known, values=distances(sky.in_memory))
-        limit = float(kappa * median(sky, distances, f"clip, round {rounds}") if threshold is None else threshold)
+        limit = threshold or in_medians * float(median(sky, distances, f"clip, round {rounds}"))
         chosen = sky.sum(partial(_within, distances=distances, limit=limit), roles=(), words=f"clip, round {rounds}")
         if chosen["mark"] == kept or (kept is None and chosen["sources"] == n_sources):
-            q = given**2 * (np.log(2) if threshold is None else 0.5)
-            # For Gaussian errors the median of X² is 2 ln 2 times what is right, whatever their scale.
-            rule = f"κ = {kappa:g} times the median" if threshold is None else "the given threshold"
+            # For Gaussian errors the median tells their scale, and so how many σ the limit is.
+            q = (chdtri(components, 2.0 ** -(given**2)) if threshold is None else given**2) / 2
+            rule = (
+                f"κ = {kappa:g}{'' if components == 2 else f', {in_medians:.3g}'} times the median"
+                if threshold is None
+                else "the given threshold"
+            )
             said = f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rule}; {rounds} rounds)"
             mask = distances(sky.in_memory) <= limit if sky.in_memory is not None else None
             return _corrected(solution, mask, rounds, limit, q, said, n_sources - n_kept)
-        if 2 * chosen["sources"] < len(modes):
+        if components * chosen["sources"] < len(modes):
             raise ConvergenceError(
                 f"the clip keeps {chosen['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
                 f"take a larger {'kappa' if threshold is None else 'threshold'} than {given:g}"
@@ -187,7 +202,7 @@ def clip(
 
 def _corrected(solution, kept, rounds, limit, q, said, n_clipped):
     """The clipped solution, its errors and χ² corrected for the choice by residuals up to X²/2 = q."""
-    variance, share = truncation(q)
+    variance, share = truncation(q, solution.modes.components)
     if variance > 1.001:
         said += f"; errors multiplied by {np.sqrt(variance):.3f} and χ² divided by {share:.3f} for that choice"
     solution = replace(
@@ -237,19 +252,21 @@ class _Mark(int):
         return _Mark(int.__add__(self, other) % 2**64)
 
 
-def truncation(q: float) -> tuple[float, float]:
-    """What a cut at X²/2 = q does to Gaussian residuals of two components: factors on variance and on χ².
+def truncation(q: float, components: int = 2) -> tuple[float, float]:
+    """What a cut at X²/2 = q does to Gaussian residuals: factors on variance and on χ².
 
     Parameters
     ----------
     q : float
         The limit on X²/2.
+    components : int
+        Of a residual: two of a motion, one of a scalar.
 
     Examples
     --------
     >>> [round(float(np.sqrt(truncation(kappa**2 * np.log(2))[0])), 3) for kappa in (3, 2.5, 2, 1.5)]
     [1.006, 1.03, 1.108, 1.308]
     """
-    beyond = np.exp(-q)
-    kept, slope = -np.expm1(-q), -np.expm1(-q) - q * beyond
+    # For two, 1 − e^{−q} and 1 − (1 + q) e^{−q}.
+    kept, slope = chdtr(components, 2 * q), chdtr(components + 2, 2 * q)
     return float(kept / slope), float(slope / kept)

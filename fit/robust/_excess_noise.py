@@ -115,7 +115,7 @@ def excess_noise(
 
 def _scores(field, solution):
     ones = np.ones(len(field))
-    return solution.residuals(field).motion, ones, ones
+    return solution.residuals(field).data, ones, ones
 
 
 @dataclass(frozen=True)

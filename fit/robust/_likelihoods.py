@@ -25,10 +25,11 @@ _LOW, _HIGH = np.log([0.5, 200.0])
 
 @dataclass(frozen=True)
 class StudentT:
-    """Weights of the bivariate t distribution and their slopes by X²."""
+    """Weights of the t distribution of so many components, and their slopes by X²."""
 
     nu: float
     estimated: bool
+    components: int = 2
 
     def __call__(self, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """u and its slope, (n,) each.
@@ -38,7 +39,7 @@ class StudentT:
         x2 : (n,) array
             X².
         """
-        u = (self.nu + 2) / (self.nu + x2)
+        u = (self.nu + self.components) / (self.nu + x2)
         return u, -u / (self.nu + x2)
 
     def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
@@ -56,7 +57,7 @@ class StudentT:
         if not self.estimated:
             return self
         n, logs = sky.sum(partial(_log_terms, share=share), roles=(), words=words)
-        return replace(self, nu=_likeliest_nu(logs / n))
+        return replace(self, nu=_likeliest_nu(logs / n, self.components))
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class Permissive:
     """Weights of Sivia's likelihood and their slopes by X²."""
 
     nu: None = None
+    components: int = 2
 
     def __call__(self, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """u and its slope, (n,) each.
@@ -74,7 +76,7 @@ class Permissive:
             X².
         """
         q = np.maximum(x2 / 2, 1e-8)
-        i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (1.5, 2.5, 3.5))
+        i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (self.components + 1) / 2 + np.arange(3))
         return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
 
     def fitted(self, sky: Parts, share: Share, words: str) -> Permissive:
@@ -99,7 +101,7 @@ class Share:
     weight : function
         X² → u and its slope.
     leverage : float
-        By which u tr W is multiplied for the share: p/2 over Σ u tr W.
+        By which u tr W is multiplied for the share: p over Σ u tr W and the components.
     """
 
     solution: Solution
@@ -107,7 +109,7 @@ class Share:
     leverage: float
 
     def __call__(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """X² over one less the share, u and its slope, each (n,); and the residuals, (2, n).
+        """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n).
 
         Parameters
         ----------
@@ -126,7 +128,7 @@ class Share:
             if np.max(np.abs(step)) < 1e-13:
                 break
         x2 = chi2 / (1 - own)
-        return x2, *self.weight(x2), residual.motion
+        return x2, *self.weight(x2), residual.data
 
 
 def _log_terms(field, share):
@@ -136,13 +138,13 @@ def _log_terms(field, share):
     return len(field), np.array([np.log1p(x2 / nu).sum() for nu in nus])
 
 
-def _likeliest_nu(mean_logs):
-    """ν of the bivariate t distribution, p(X²) ∝ (1 + X²/ν)^{−(ν+2)/2}, that makes the X² likeliest."""
+def _likeliest_nu(mean_logs, components):
+    """ν of the t distribution of k components, p(X²) ∝ (1 + X²/ν)^{−(ν+k)/2}, that makes the X² likeliest."""
     terms = chebyshev.chebfit(_NODES, mean_logs, len(_NODES) - 1)
 
     def loss(log_nu):
         nu = np.exp(log_nu)
-        constant = gammaln((nu + 2) / 2) - gammaln(nu / 2) - np.log(nu)
-        return -(constant - (nu + 2) / 2 * chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms))
+        constant = gammaln((nu + components) / 2) - gammaln(nu / 2) - components / 2 * np.log(nu)
+        return -(constant - (nu + components) / 2 * chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms))
 
     return float(np.exp(minimize_scalar(loss, bounds=(_LOW, _HIGH), method="bounded").x))

@@ -17,10 +17,13 @@ from fit.solution import AboutSolution, Solution
 from fit.solve import solve
 from fit.sums import sandwich
 from vsh.checks import arguments
+from vsh.checks.nouns import modes_for
+from vsh.checks.weighed import Weighed
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
+from vsh.scalars import ScalarField
 from vsh.types import FloatArray, IntArray
 
 #: Rounds after which leverages are held fixed.
@@ -78,16 +81,24 @@ class Reweighted(AboutSolution):
 
 
 @arguments.accepts(
-    field=arguments.a(Field, Parts), nu=arguments.positive, tolerance=arguments.positive, max_rounds=arguments.whole
+    field=arguments.a(Field, ScalarField, Parts),
+    nu=arguments.positive,
+    tolerance=arguments.positive,
+    max_rounds=arguments.whole,
 )
 def student_t(
-    field: Field | Parts, modes: Modes | int, *, nu: float | None = None, tolerance: float = 1e-4, max_rounds: int = 500
+    field: Field | ScalarField | Parts,
+    modes: Modes | int,
+    *,
+    nu: float | None = None,
+    tolerance: float = 1e-4,
+    max_rounds: int = 500,
 ) -> Reweighted:
-    """Fit with a bivariate Student-t likelihood of each source's residual.
+    """Fit with a Student-t likelihood of each source's residual, both components of a motion together.
 
     Parameters
     ----------
-    field : Field or Parts
+    field : Field, ScalarField or Parts
         The sources. Parts are gone through twice a round.
     modes : Modes, or the degree lmax
         What to fit.
@@ -112,25 +123,27 @@ def student_t(
 
     Notes
     -----
-    Weights u = (ν + 2)/(ν + X²): Lange, Little & Taylor (1989, JASA 84, 881), with X² divided by one less the
+    Weights u = (ν + k)/(ν + X²) for k components: Lange, Little & Taylor (1989, JASA 84, 881), with X² divided by one less the
     source's leverage, so that ν is estimated from residuals as large as the errors. The covariance is a
     sandwich, source by source: right for symmetric errors of any distribution at any place (pulls within
     5 % at degree 6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that
     neighbours share.
     """
-    modes, sky = as_modes(modes), as_parts(field)
-    weight = StudentT(4.0 if nu is None else nu, estimated=nu is None)
+    modes, sky = modes_for(field, modes), as_parts(field, Weighed)
+    weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)
     return _reweighted(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
 
 
-@arguments.accepts(field=arguments.a(Field, Parts), tolerance=arguments.positive, max_rounds=arguments.whole)
+@arguments.accepts(
+    field=arguments.a(Field, ScalarField, Parts), tolerance=arguments.positive, max_rounds=arguments.whole
+)
 def permissive(
-    field: Field | Parts, modes: Modes | int, *, tolerance: float = 1e-4, max_rounds: int = 500
+    field: Field | ScalarField | Parts, modes: Modes | int, *, tolerance: float = 1e-4, max_rounds: int = 500
 ) -> Reweighted:
     """Fit taking every error for a lower bound: Sivia's conservative formulation.
 
     The true errors are s ≥ 1 times the stated ones, with probability density 1/s². For two
-    components with a common s the likelihood is ∫₀¹ t² exp(−X² t²/2) dt.
+    components with a common s the likelihood is ∫₀¹ t² exp(−X² t²/2) dt, for one of a scalar ∫₀¹ t exp(−X² t²/2) dt.
 
     Parameters
     ----------
@@ -151,15 +164,23 @@ def permissive(
     Sivia & Skilling (2006, Data Analysis, sect. 8.3.1), there for one component. The covariance is the same
     sandwich as that of `student_t`.
     """
-    modes, sky = as_modes(modes), as_parts(field)
-    return _reweighted(sky, modes, Permissive(), "Sivia's conservative likelihood", tolerance, max_rounds, 0.5)
+    modes, sky = modes_for(field, modes), as_parts(field, Weighed)
+    return _reweighted(
+        sky,
+        modes,
+        Permissive(components=modes.components),
+        "Sivia's conservative likelihood",
+        tolerance,
+        max_rounds,
+        0.5,
+    )
 
 
 def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
     """Iterate the weighted fit until no coefficient moves by `tolerance` of its error."""
     normal, information = sky.sum(partial(_plain, modes=modes), roles=(), words=name)
     plain = solution = solve(normal)
-    values, leverage = plain.values, len(modes) / 2 / information
+    values, leverage = plain.values, len(modes) / modes.components / information
     for rounds in range(1, max_rounds + 1):
         words = f"{name}, round {rounds}"
         weight = weight.fitted(sky, Share(solution, weight, leverage), words)
@@ -167,7 +188,7 @@ def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
         found = sky.sum(partial(_weighted, share=share, modes=modes), roles=(), words=words)
         solution = solve(found["normal"])
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
-            leverage = len(modes) / 2 / found["information"]
+            leverage = len(modes) / modes.components / found["information"]
         moved = np.max(np.abs(solution.values - values) / plain.sigma)
         values = solution.values
         if moved < tolerance:
@@ -217,8 +238,8 @@ def _weighted(field, share, modes):
 
 def _scores(field, share):
     x2, u, slope, residual = share(field)
-    # ∂(uΔ)/∂Δ is u on average across Δ and u + 2u'X² along it.
-    return residual, u, u + slope * x2
+    # ∂(uΔ)/∂Δ is u across Δ and u + 2u'X² along it: their mean over the components.
+    return residual, u, u + 2 / field.components * slope * x2
 
 
 def _facts(field, share):

@@ -36,7 +36,7 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
         lines.append(f"catalogue      {printable(source)}")
     quality = solution.quality
     lines += [
-        f"sources        {solution.n_data // 2}",
+        f"sources        {solution.n_sources}",
         f"frame          {solution.frame}",
         f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights"
         + (", beside the flow" if solution.flow is not None else ""),

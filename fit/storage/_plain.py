@@ -40,8 +40,8 @@ def same(one: Any, two: Any) -> bool:
         )
     if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
         return bool(np.isnan(two))
-    if hasattr(one, "__dataclass_fields__") and type(one) is type(two):
-        return all(same(getattr(one, name), getattr(two, name)) for name in one.__dataclass_fields__)
+    if is_dataclass(one) and not isinstance(one, type) and type(one) is type(two):
+        return all(same(getattr(one, each.name), getattr(two, each.name)) for each in fields(one))
     return bool(one == two)
 
 

@@ -2,7 +2,7 @@
 
 from fit.sums._design_matrix import design_matrix_sums, design_matrix_up_to
 from fit.sums._dipole import dipole_sums
-from fit.sums._rings import Rings, compressed_sums, fourier_sums
+from fit.sums._rings import Rings, compressed_sums, fourier_sums, rings_of
 from fit.sums._sandwich import leverage, outer_products, sandwich, weighted_matrix, weighted_sums
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "fourier_sums",
     "leverage",
     "outer_products",
+    "rings_of",
     "sandwich",
     "weighted_matrix",
     "weighted_sums",

@@ -5,24 +5,25 @@ Exact to rounding at any degree, and the reference for the faster ways.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from vsh.basis import toroidal_harmonics
-from vsh.field import Field
-from vsh.modes import Modes
+from vsh.basis import scalar_harmonics, toroidal_harmonics
+from vsh.modes import Modes, ScalarModes
 from vsh.system.parallel import map_blocks
 from vsh.types import FloatArray
 
 
-def design_matrix_sums(field: Field, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
+def design_matrix_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
     """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up.
 
     Parameters
     ----------
-    field : Field
+    field : Field or ScalarField
         The sources.
-    modes : Modes
-        What to fit, or the degree lmax.
+    modes : Modes or ScalarModes
+        What to fit.
     threads : int, optional
         One a core unless given.
 
@@ -37,7 +38,7 @@ def design_matrix_sums(field: Field, modes: Modes, threads: int | None = None) -
     size = max(256, min(2**16, 2**22 // p))
     matrix, rhs, chi2_null = np.zeros((p, p)), np.zeros(p), 0.0
     for n, b, chi2 in map_blocks(
-        lambda part: _block(field[part], modes.lmax), len(field), size, threads, "normal equations"
+        lambda part: _block(field[part], modes), len(field), size, threads, "normal equations"
     ):
         matrix += n
         rhs += b
@@ -45,14 +46,17 @@ def design_matrix_sums(field: Field, modes: Modes, threads: int | None = None) -
     return matrix, rhs, chi2_null
 
 
-def _block(field, lmax):
+def _block(field, modes):
     """N, b and Σ yᵀ C⁻¹ y of a few sources, from the basis in units of each source's error."""
+    if isinstance(modes, ScalarModes):
+        a, y = scalar_harmonics(field.lon, field.lat, modes.lmax) / field.sigma, field.values / field.sigma
+        return a @ a.T, a @ y, float(y @ y)
     s1, s2 = field.sigma
     root = np.sqrt(1 - field.rho**2)
     # L⁻¹ with L Lᵀ = C: rows (east, 0) and (mix, north).
     east, north, mix = 1 / s1, 1 / (s2 * root), -field.rho / (s1 * root)
 
-    toroidal = toroidal_harmonics(field.lon, field.lat, lmax)
+    toroidal = toroidal_harmonics(field.lon, field.lat, modes.lmax)
     t_east, t_north = toroidal[:, 0], toroidal[:, 1]
     half, n = t_east.shape
     a = np.empty((2 * half, 2, n))
@@ -84,4 +88,4 @@ def design_matrix_up_to(modes: Modes) -> int:
     -------
     int
     """
-    return max(1000, 2**18 // modes.lmax**2)
+    return max(1000, 2**18 // max(modes.lmax, 1) ** 2)

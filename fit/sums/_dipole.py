@@ -7,17 +7,18 @@ interpreter round than they gain (docs/performance.md).
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from vsh.coefficients import FIRST_DEGREE
-from vsh.field import Field
 from vsh.types import FloatArray
 
 #: Sources in a block: all of its scratch, 1 MiB a dozen rows, stays in the cache.
 BLOCK = 2**14
 
 
-def dipole_sums(field: Field) -> tuple[FloatArray, FloatArray, float]:
+def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
     """N, b and Σ yᵀ C⁻¹ y of degree 1: what `fit.normal_equations` adds up.
 
     Parameters

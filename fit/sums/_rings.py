@@ -21,8 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from vsh.basis import toroidal_harmonics
-from vsh.modes import Mode, Modes
+from vsh.basis import scalar_harmonics, toroidal_harmonics
+from vsh.checks.weighed import weighed
+from vsh.modes import Mode, Modes, ScalarModes
 from vsh.system.parallel import map_blocks
 from vsh.types import ComplexArray, FloatArray
 
@@ -49,8 +50,19 @@ def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tup
     chi2_null : float
     """
     weights, motions, chi2_null = fourier_sums(field, modes.lmax, threads)
-    rings = Rings(modes.lmax)
+    rings = rings_of(modes)
     return rings.matrix(weights), rings.rhs(motions), chi2_null
+
+
+def rings_of(modes: Modes) -> Rings:
+    """The rings on which moments for these modes are put back.
+
+    Parameters
+    ----------
+    modes : Modes or ScalarModes
+        What to fit.
+    """
+    return (ScalarRings if isinstance(modes, ScalarModes) else Rings)(modes.lmax)
 
 
 def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
@@ -58,7 +70,7 @@ def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[Com
 
     Parameters
     ----------
-    field : Field
+    field : Field or ScalarField
         The sources.
     lmax : int
         The highest degree.
@@ -67,9 +79,9 @@ def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[Com
 
     Returns
     -------
-    weights : (3, 2L + 1, 4L + 1) complex array
+    weights : (3, 2L + 1, 4L + 1) complex array; (1, …) of a scalar field
         Fourier moments of a, b, c for M = 0 … 2L and n = −2L … 2L.
-    motions : (2, L + 1, 2L + 1) complex array
+    motions : (2, L + 1, 2L + 1) complex array; (1, …) of a scalar field
         Those of the weighted motions for M = 0 … L and n = −L … L.
     chi2_null : float
         Σ yᵀ C⁻¹ y.
@@ -83,29 +95,34 @@ def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[Com
     return weights, motions, chi2_null
 
 
-def _weighted(field):
-    """The weights (3, n), the weighted motions (2, n), and the χ² of the motions."""
-    weights = field.weights
-    (a, b, c), (east, north) = weights, field.motion
-    motions = np.stack([a * east + c * north, c * east + b * north])
-    return weights, motions, np.vdot(motions, field.motion)
-
-
 def _moments(field, lmax):
     """Fourier moments of a, b, c for 0 ≤ M ≤ 2L, of the motions for 0 ≤ M ≤ L; and χ²."""
     from vsh.transform import fourier_moments
 
-    weights, motions, chi2 = _weighted(field)
+    weights = field.weights
+    motions = weighed(weights, field.data)
+    chi2 = np.vdot(motions, field.data)
     # Two real fields travel as one complex one.
-    packed = np.empty((3, len(field)), complex)
-    packed.real, packed.imag = [weights[0], weights[2], motions[0]], [weights[1], np.zeros(len(field)), motions[1]]
+    columns = np.concatenate([weights, motions])
+    pairs = [(0, 1), (2, None), (3, 4)] if len(weights) == 3 else [(0, 1)]
+    packed = np.zeros((len(pairs), len(field)), complex)
+    for row, (real, imaginary) in zip(packed, pairs, strict=True):
+        row.real = columns[real]
+        if imaginary is not None:
+            row.imag = columns[imaginary]
     f = fourier_moments(field.lon, field.lat, packed, 2 * lmax)
     mirrored = np.conj(f[:, ::-1, ::-1])
     real, imag = (f + mirrored) / 2, (f - mirrored) / 2j
-    half = 2 * lmax
-    weights = np.stack([real[0], imag[0], real[1]])[:, half:]
-    motions = np.stack([real[2], imag[2]])[:, half : half + lmax + 1, lmax:-lmax]
-    return weights, motions, chi2
+    found = np.stack(
+        [
+            part[row]
+            for row, pair in enumerate(pairs)
+            for part, k in zip((real, imag), pair, strict=True)
+            if k is not None
+        ]
+    )
+    half, near = 2 * lmax, slice(lmax, 3 * lmax + 1)
+    return found[: len(weights), half:], found[len(weights) :, half : half + lmax + 1, near], chi2
 
 
 class Rings:
@@ -122,6 +139,7 @@ class Rings:
         self.m = np.array([m for _, m in pairs])
         self.re = np.array([modes.index(Mode("T", l, m)) for l, m in pairs])
         self.im = self.re + 1  # where m > 0
+        self.size = len(modes) // 2
         self.b = toroidal[self.re, 0]
         self.a = np.where(self.m[:, None] > 0, toroidal[np.minimum(self.im, len(toroidal) - 1), 1], 0.0)
 
@@ -182,7 +200,7 @@ class Rings:
             Those of the weighted motions.
         """
         east, north = (z[self.m] for z in self.spectra(motions, turns_over=True))
-        out = np.zeros((2, self.lmax * (self.lmax + 2)))
+        out = np.zeros((2, self.size))
         positive = self.m > 0
         for row, (e, n) in zip(out, ((east, north), (north, -east)), strict=True):  # S·z = T·(Jᵀz)
             row[self.re] = np.sum(self.b * e.real - self.a * n.imag, axis=1)
@@ -205,7 +223,7 @@ class Rings:
         """
         spectra = np.stack([ee, en, ne, nn])
         real, sine = spectra.real, -spectra.imag  # Σ w cos Mα, Σ w sin Mα
-        out = np.zeros(2 * (self.lmax * (self.lmax + 2),))
+        out = np.zeros((self.size, self.size))
         for m in range(self.lmax + 1):
             mine = self.m == m
             left = np.concatenate([self.b[mine], self.a[mine]], axis=1)
@@ -233,4 +251,46 @@ class Rings:
                 rows, columns = (self.re if i == "re" else self.im)[mine], self.re if j == "re" else self.im
                 there = slice(None) if j == "re" else self.m > 0
                 out[np.ix_(rows, columns[there])] = block[:, there]
+        return out
+
+
+class ScalarRings(Rings):
+    """The same for scalar fields: their harmonics are those of an east component alone, B cos mα and −B sin mα."""
+
+    def __init__(self, lmax: int) -> None:
+        self.lmax = lmax
+        count = 2 * lmax + 1
+        self.lat = -np.pi / 2 + (np.arange(count) + 0.5) * np.pi / count
+        modes = ScalarModes(lmax)
+        pairs = [(l, m) for m in range(lmax + 1) for l in range(m, lmax + 1)]
+        self.m = np.array([m for _, m in pairs])
+        self.re = np.array([modes.index(Mode("F", l, m)) for l, m in pairs])
+        self.im = self.re + 1  # where m > 0
+        self.size = len(modes)
+        self.b = scalar_harmonics(np.zeros(count), self.lat, lmax)[self.re]
+        self.a = np.zeros_like(self.b)
+
+    def matrix(self, weights: ComplexArray) -> FloatArray:
+        """N from the moments of the weights.
+
+        Parameters
+        ----------
+        weights : (1, 2L + 1, 4L + 1) complex array
+            Fourier moments of the weights.
+        """
+        (w,) = self.spectra(weights, turns_over=False)
+        return self.form(w, 0 * w, 0 * w, 0 * w)
+
+    def rhs(self, motions: ComplexArray) -> FloatArray:
+        """b from the moments of the weighted values.
+
+        Parameters
+        ----------
+        motions : (1, L + 1, 2L + 1) complex array
+            Those of the weighted values.
+        """
+        values = self.spectra(motions, turns_over=False)[0][self.m]
+        out, positive = np.zeros(self.size), self.m > 0
+        out[self.re] = np.sum(self.b * values.real, axis=1)
+        out[self.im[positive]] = np.sum(self.b * values.imag, axis=1)[positive]
         return out

@@ -16,6 +16,7 @@ import numpy as np
 from fit.sums._design_matrix import design_matrix_up_to
 from fit.sums._rings import compressed_sums
 from vsh.basis import harmonics
+from vsh.checks.weighed import weighed
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, added
@@ -33,13 +34,13 @@ class _Weighted:
     lon: FloatArray
     lat: FloatArray
     weights: FloatArray
-    motion: FloatArray
+    data: FloatArray
 
     def __len__(self):
         return self.lon.size
 
     def __getitem__(self, part):
-        return _Weighted(self.lon[part], self.lat[part], self.weights[:, part], self.motion[:, part])
+        return _Weighted(self.lon[part], self.lat[part], self.weights[:, part], self.data[:, part])
 
 
 def weighted_sums(
@@ -64,17 +65,15 @@ def weighted_sums(
     rhs : (p,) array
     square : float
     """
-    sources = _Weighted(field.lon, field.lat, np.asarray(weights, float), field.motion)
+    sources = _Weighted(field.lon, field.lat, np.asarray(weights, float), field.data)
     if len(sources) > design_matrix_up_to(modes):
         return compressed_sums(sources, modes, threads)
 
     def block(part):
-        basis = harmonics(field.lon[part], field.lat[part], modes)
-        (a, b, c), y = sources.weights[:, part], sources.motion[:, part]
-        turned = np.stack([a * basis[:, 0] + c * basis[:, 1], c * basis[:, 0] + b * basis[:, 1]], axis=1)
-        flat = turned.reshape(len(modes), -1)
-        square = np.sum(a * y[0] ** 2 + b * y[1] ** 2 + 2 * c * y[0] * y[1])
-        return basis.reshape(len(modes), -1) @ flat.T, flat @ y.ravel(), float(square)
+        basis, some = harmonics(field.lon[part], field.lat[part], modes), sources[part]
+        flat = weighed(some.weights, basis).reshape(len(modes), -1)
+        square = np.vdot(some.data, weighed(some.weights, some.data))
+        return basis.reshape(len(modes), -1) @ flat.T, flat @ some.data.ravel(), float(square)
 
     return reduce(added, map_blocks(block, len(sources), max(64, 2**21 // len(modes)), threads))
 
@@ -109,7 +108,7 @@ def leverage(
     total: tuple[int, float] | None = None,
     threads: int | None = None,
 ) -> FloatArray:
-    """How much of its own fitted motion each source makes, (n,): between 0 and 1, p/2n on average.
+    """How much of its own fitted motion each source makes, (n,): between 0 and 1, p/2n on average (p/n of scalars).
 
     Parameters
     ----------
@@ -136,25 +135,23 @@ def leverage(
     addition theorem.
     """
     p = len(modes)
-    weights = field.weights * factors
-    trace = weights[0] + weights[1]
+    weights, components = field.weights * factors, field.components
+    trace = weights[:components].sum(0)
     n_sources, whole = (len(field), trace.sum()) if total is None else total
     if n_sources * p * p > EXACT:
-        return np.minimum(p * trace / whole / 2, 0.9)
+        return np.minimum(p * trace / whole / components, 0.9)
 
     def block(part):
         basis = harmonics(field.lon[part], field.lat[part], modes)
-        a, b, c = weights[:, part]
         left = np.tensordot(inverse, basis, 1)
-        return (a * np.sum(left[:, 0] * basis[:, 0], 0) + b * np.sum(left[:, 1] * basis[:, 1], 0)
-                + 2 * c * np.sum(left[:, 0] * basis[:, 1], 0)) / 2  # fmt: skip
+        return np.einsum("pkn,pkn->n", left, weighed(weights[:, part], basis)) / components
 
     found = np.concatenate(list(map_blocks(block, len(field), max(64, 2**20 // p), threads)))
     return np.clip(found, 0.0, 0.9)
 
 
 def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
-    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n): what the scores ψ = factors C⁻¹Δ scatter by.
+    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n), or (1, n) of scalars: what the scores ψ = factors C⁻¹Δ scatter by.
 
     Parameters
     ----------
@@ -169,8 +166,10 @@ def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> F
     -------
     array
     """
-    a, b, c = field.weights
-    east, north = a * residual[0] + c * residual[1], c * residual[0] + b * residual[1]
+    score = weighed(field.weights, residual)
+    if len(score) == 1:
+        return score**2 * factors**2
+    east, north = score
     return np.stack([east * east, north * north, east * north]) * factors**2
 
 

@@ -6,7 +6,7 @@ import vsh_tools
 from conftest import random_field
 
 import fit
-from vsh import Modes
+from vsh import Modes, ScalarField, ScalarModes
 from vsh.covariance import VASILIEV_BAUMGARDT_2021, from_function, of_errors
 
 
@@ -52,4 +52,19 @@ def test_dense_covariance(lmax):
         theirs.covariance[np.ix_(order, order)] / np.outer(sigma, sigma),
         atol=1e-10,
     )
+    assert ours.chi2 == pytest.approx(theirs.chi2, rel=1e-10)
+
+
+@pytest.mark.parametrize("lmax", range(7))
+def test_scalars(lmax):
+    rng = np.random.default_rng(lmax)
+    lon, lat = rng.uniform(0, 2 * np.pi, 2000), np.arcsin(rng.uniform(-0.6, 1, 2000))
+    sigma = 10 ** rng.uniform(0, 2, 2000)
+    values = sigma * rng.normal(size=2000)
+    theirs = vsh_tools.fit_ssh(lon, lat, values, lmax, sigma=sigma, method="chunked")
+    ours = fit.fit_field(ScalarField(lon, lat, values, sigma), lmax)
+    order = [theirs.coefficient_names.index("y" + their_name(mode)[1:]) for mode in ScalarModes(lmax)]
+    errors = np.sqrt(np.diag(theirs.covariance))[order]
+    np.testing.assert_allclose(ours.values / errors, theirs.coefficients[order] / errors, atol=1e-10)
+    np.testing.assert_allclose(ours.sigma, errors, rtol=1e-10)
     assert ours.chi2 == pytest.approx(theirs.chi2, rel=1e-10)

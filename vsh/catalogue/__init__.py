@@ -5,6 +5,7 @@ from vsh.catalogue._icrf import read_icrf
 from vsh.catalogue._match import match
 from vsh.catalogue._parts import parts
 from vsh.catalogue._read import iter_fields, read_field, write_field
+from vsh.catalogue._scalars import read_scalars
 from vsh.catalogue._sources import read_sources
 from vsh.catalogue._truth import truth_of
 from vsh.catalogue._units import unit_factor
@@ -18,6 +19,7 @@ __all__ = [
     "parts",
     "read_field",
     "read_icrf",
+    "read_scalars",
     "read_sources",
     "truth_of",
     "unit_factor",

@@ -259,7 +259,8 @@ def a(*kinds: type) -> Check:
     def check(name, value):
         if not isinstance(value, kinds):
             wanted = " or ".join(kind.__name__ for kind in kinds)
-            raise ParameterError(f"{name} must be {wanted}, not {type(value).__name__}")
+            why = ": it holds numbers, not motions" if type(value).__name__ == "ScalarField" else ""
+            raise ParameterError(f"{name} must be {wanted}, not {type(value).__name__}{why}")
         return value
 
     return check

@@ -6,7 +6,8 @@ from typing import Any
 
 from vsh.errors import ParameterError
 from vsh.field import Field
-from vsh.modes import Modes, as_modes
+from vsh.modes import Modes, ScalarModes, as_modes
+from vsh.scalars import ScalarField
 
 
 def modes(name: str, value: Any) -> Modes:
@@ -20,6 +21,29 @@ def modes(name: str, value: Any) -> Modes:
         What was given.
     """
     return as_modes(value)
+
+
+def modes_for(field: Any, value: Any) -> Modes:
+    """The modes in which a field is expanded: `ScalarModes` of a ScalarField, `Modes` of anything else.
+
+    Parameters
+    ----------
+    field : Field, ScalarField or Parts
+        The sources.
+    value : Modes, ScalarModes, or a degree
+        What was given.
+
+    Raises
+    ------
+    ModesError
+        If it is none, or those of the other kind of field.
+
+    Examples
+    --------
+    >>> modes_for(None, 2)
+    Modes(lmax=2)
+    """
+    return as_modes(value, ScalarModes if isinstance(field, ScalarField) else Modes)
 
 
 def fields(name: str, value: Any) -> Any:

@@ -93,6 +93,7 @@ def invalid_rows(
     further: Mapping[str, BoolArray] | None = None,
     placeholders: BoolArray | None = None,
     turns: int = 2,
+    what: str = "proper motion",
 ) -> dict[str, BoolArray]:
     """Why sources cannot be used: each source under its first reason.
 
@@ -100,7 +101,7 @@ def invalid_rows(
     ----------
     lon, lat : (n,) arrays
         Positions. [rad]
-    motion, sigma : (2, n) arrays
+    motion, sigma : (components, n) arrays
         Motions and their errors. [µas/yr]
     rho : (n,) array
         Their correlation.
@@ -110,6 +111,8 @@ def invalid_rows(
         Where a number stands for none.
     turns : int
         How often longitudes may go round.
+    what : str
+        What the sources have.
 
     Returns
     -------
@@ -121,12 +124,12 @@ def invalid_rows(
         reasons["a value such as -9999 that marks missing data"] = placeholders
     reasons = reasons | {
         "position not finite": ~(np.isfinite(lon) & np.isfinite(lat)),
-        "proper motion not finite": ~np.isfinite(motion).all(0),
+        f"{what} not finite": ~np.isfinite(motion).all(0),
         "error not finite": ~np.isfinite(sigma).all(0),
         "correlation not finite": ~np.isfinite(rho),
         "σ ≤ 0": ~(sigma > SIGMA_RANGE[0]).all(0),
         "σ too large for a number": ~(sigma < SIGMA_RANGE[1]).all(0),
-        "proper motion too large for a number": ~(np.abs(motion) < SIGMA_RANGE[1]).all(0),
+        f"{what} too large for a number": ~(np.abs(motion) < SIGMA_RANGE[1]).all(0),
         "ρ² ≥ 1 − 1e-6": ~(rho * rho < RHO2_LIMIT),
         "|dec| > 90°": ~(np.abs(lat) <= np.pi / 2 * (1 + 1e-14)),
         f"ra outside −{360 * turns}° … {360 * turns}°": ~(np.abs(lon) <= 2 * np.pi * turns * (1 + 1e-14)),

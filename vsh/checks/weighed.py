@@ -1,6 +1,8 @@
-"""Motions and their errors: weights, χ², sums over both components."""
+"""Values and their errors: weights, χ², sums over the components of each source."""
 
 from __future__ import annotations
+
+from typing import ClassVar
 
 import numpy as np
 
@@ -9,54 +11,72 @@ from vsh.types import FloatArray
 
 
 class Weighed(Frozen):
-    """What a noun with motions and errors knows of their weights.
+    """What a noun with values and errors knows of their weights; each source has `components` of them.
 
     Attributes
     ----------
-    motion, sigma : (2, n) arrays
-        [µas/yr]
-    rho : (n,) array
+    components : int
+        Two of a motion, one of a scalar.
+    data : (components, n) array
+        The values.
+    weights : (3, n) or (1, n) array
+        The inverse covariance of each source: a, b, c of [[a, c], [c, b]], or a alone.
     """
 
-    motion: FloatArray
-    sigma: FloatArray
-    rho: FloatArray
+    components: ClassVar[int]
+
+    @property
+    def data(self) -> FloatArray:
+        """The values of each source, (components, n)."""
+        raise NotImplementedError
 
     @property
     def weights(self) -> FloatArray:
-        """The inverse covariance [[a, c], [c, b]] of each source, (3, n): a, b, c. [(yr/µas)²]"""
-        a, b = 1 / self.sigma**2
-        c = -self.rho / (self.sigma[0] * self.sigma[1])
-        return np.stack([a, b, c]) / (1 - self.rho**2)
-
-    @property
-    def whitened(self) -> FloatArray:
-        """The motions decorrelated and in units of their errors, L⁻¹ µ with L Lᵀ = C, (2, n)."""
-        (s1, s2), rho, (east, north) = self.sigma, self.rho, self.motion
-        return np.stack([east / s1, (north / s2 - rho * east / s1) / np.sqrt(1 - rho**2)])
+        """The inverse covariance of each source, (3, n) or (1, n)."""
+        raise NotImplementedError
 
     def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """xᵀ C⁻¹ y of each source, (n,), for two sets of motions (2, n).
+        """xᵀ C⁻¹ y of each source, (n,), for two sets of values.
 
         Parameters
         ----------
-        x, y : (2, n) arrays
-            Motions. [µas/yr]
+        x, y : (components, n) arrays
+            Values, motions say. [µas/yr]
 
         Returns
         -------
         array
         """
-        a, b, c = self.weights
-        return a * x[0] * y[0] + b * x[1] * y[1] + c * (x[0] * y[1] + x[1] * y[0])
+        return np.sum(x * weighed(self.weights, y), axis=0)
 
     @property
     def chi2(self) -> FloatArray:
-        """µᵀ C⁻¹ µ of each source: the χ² of its motion against none, (n,)."""
-        return self.inner(self.motion, self.motion)
+        """µᵀ C⁻¹ µ of each source: the χ² of its value against none, (n,)."""
+        return self.inner(self.data, self.data)
 
     @property
     def information(self) -> FloatArray:
-        """The trace of each source's inverse covariance, (n,): its weight in sums over both components. [(yr/µas)²]"""
-        a, b, _ = self.weights
-        return a + b
+        """The trace of each source's inverse covariance, (n,): its weight in sums over all components. [(yr/µas)²]"""
+        return self.weights[: self.components].sum(0)
+
+
+def weighed(weights: FloatArray, values: FloatArray) -> FloatArray:
+    """W x of each source.
+
+    Parameters
+    ----------
+    weights : (3, n) or (1, n) array
+        a, b, c of the symmetric matrices [[a, c], [c, b]]; or numbers, of scalars.
+    values : (…, 2, n) or (…, 1, n) array
+        x.
+
+    Examples
+    --------
+    >>> weighed(np.array([[2.0], [3.0], [0.5]]), np.array([[1.0], [2.0]])).ravel()
+    array([3. , 6.5])
+    """
+    if len(weights) == 1:
+        return weights * values
+    a, b, c = weights
+    x, y = values[..., 0, :], values[..., 1, :]
+    return np.stack([a * x + c * y, c * x + b * y], axis=-2)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from vsh.checks.columns import MEASURED
+from vsh.checks.weighed import Weighed
 from vsh.errors import FieldError, NothingLeftError, ParameterError
 from vsh.field import Field
 from vsh.parts._engines import Engine, Here
@@ -182,10 +183,10 @@ class Parts:
         return getattr(next(iter(self)), role) is not None
 
     @property
-    def in_memory(self) -> Field | None:
+    def in_memory(self) -> Any:
         """The field itself, where it is all in one and in memory; None otherwise."""
         (first, *others) = self.pieces or (None,)
-        return first if isinstance(first, Field) and not others and not self.steps else None
+        return first if isinstance(first, Weighed) and not others and not self.steps else None
 
     def counted(self) -> int:
         """How many sources there are; reads all of them.
@@ -197,13 +198,15 @@ class Parts:
         return self.sum(len, roles=(), words="counting")
 
 
-def as_parts(field: Any) -> Parts:
+def as_parts(field: Any, kind: type = Field) -> Parts:
     """Parts as they are; a Field, or Fields in a list, as parts.
 
     Parameters
     ----------
     field : Parts, Field, or list or tuple of Fields
         The sources.
+    kind : type
+        Of the fields; Weighed where a ScalarField will do as well.
 
     Returns
     -------
@@ -216,8 +219,8 @@ def as_parts(field: Any) -> Parts:
     """
     if isinstance(field, Parts):
         return field
-    fields = (field,) if isinstance(field, Field) else tuple(field) if isinstance(field, list | tuple) else ()
-    if not fields or not all(isinstance(each, Field) for each in fields):
+    fields = (field,) if isinstance(field, kind) else tuple(field) if isinstance(field, list | tuple) else ()
+    if not fields or not all(isinstance(each, kind) for each in fields):
         raise FieldError(f"a Field, a list of Fields, or parts of a catalogue, are wanted, not {type(field).__name__}")
     return Parts(fields, itself)
 

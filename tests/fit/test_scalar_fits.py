@@ -1,0 +1,197 @@
+"""Fits of scalar fields: the same chain as for motions."""
+
+import contextlib
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.special import chdtri
+
+import fit
+from fit.resample import block_bootstrap, bootstrap, jackknife, parametric_bootstrap
+from fit.robust._clip import truncation
+from vsh import (
+    ConvergenceError,
+    FieldError,
+    Modes,
+    ModesError,
+    ParameterError,
+    ScalarCoefficients,
+    ScalarField,
+    ScalarModes,
+)
+
+
+def sky(n=2000, seed=1, lmax=2, tails=False, unit="µas"):
+    rng = np.random.default_rng(seed)
+    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-0.7, 1, n))
+    truth = ScalarCoefficients(lmax, np.random.default_rng(9).normal(0, 10, len(ScalarModes(lmax))))
+    sigma = rng.uniform(5, 30, n)
+    noise = rng.standard_t(3, n) if tails else rng.normal(size=n)
+    return ScalarField(lon, lat, truth.at(lon, lat) + sigma * noise, sigma, unit), truth
+
+
+def test_degree_zero_is_the_weighted_mean():
+    field, _ = sky()
+    weights = 1 / field.sigma**2
+    mean, error = fit.fit_field(field, 0).mean
+    assert mean == pytest.approx(np.average(field.values, weights=weights), rel=1e-13)
+    assert error == pytest.approx(1 / np.sqrt(weights.sum()), rel=1e-13)
+
+
+@pytest.mark.parametrize("lmax", [0, 1, 4, 9])
+def test_three_ways_to_the_same_equations(lmax):
+    field, _ = sky()
+    one = fit.normal_equations(field, lmax, method="design-matrix")
+    two = fit.normal_equations(field, ScalarModes(lmax), method="compressed")
+    three = fit.Moments.of(field, lmax + 1).normal_equations(lmax)
+    parts = fit.normal_equations([field[:700], field[700:]], lmax)
+    for other in (two, three, parts):
+        assert_allclose(other.matrix, one.matrix, atol=1e-12 * one.matrix.max())
+        assert_allclose(other.rhs, one.rhs, atol=1e-12 * np.abs(one.rhs).max())
+        assert other.chi2_null == pytest.approx(one.chi2_null, rel=1e-12)
+        assert (other.n_sources, other.unit, other.modes) == (2000, "µas", ScalarModes(lmax))
+
+
+def test_truth_and_errors():
+    pulls, chi2 = [], []
+    for seed in range(300):
+        field, truth = sky(300, seed)
+        found = fit.fit_field(field, 2)
+        pulls.append((found.values - truth.values) / found.sigma)
+        chi2.append(found.chi2 / found.dof)
+        assert found.dof == 300 - 9
+    assert np.std(pulls) == pytest.approx(1, abs=0.04)
+    assert abs(np.mean(pulls)) < 0.06
+    assert np.mean(chi2) == pytest.approx(1, abs=0.02)
+
+
+def test_without_a_signal_p_values_are_uniform():
+    rng = np.random.default_rng(1)
+    field, _ = sky(200)
+    p = []
+    for _ in range(400):
+        noise = field.minus(field.values - field.sigma * rng.normal(size=200))
+        p.append([row.p_value for row in fit.spectrum.spectrum(fit.fit_field(noise, 2))])
+    for column in np.array(p).T:
+        assert np.mean(column < 0.1) == pytest.approx(0.1, abs=0.05)
+
+
+def test_clip_leaves_out_as_many_as_of_motions_and_corrects_for_it():
+    pulls, shares, chi2 = [], [], []
+    for seed in range(200):
+        field, truth = sky(500, seed)
+        noise = field.minus(truth.at(field.lon, field.lat))
+        found = fit.clip(noise, 1, threshold=1.5)
+        pulls.append(found.solution.values / found.solution.sigma)
+        chi2.append(found.solution.reduced_chi2)
+        with contextlib.suppress(ConvergenceError):  # one source more or less, now and then
+            shares.append(fit.clip(noise, 0, kappa=2.0).n_clipped / 500)
+    assert len(shares) > 150
+    assert np.mean(shares) == pytest.approx(2**-4, abs=0.006)
+    assert np.std(pulls) == pytest.approx(1, abs=0.06)
+    assert np.mean(chi2) == pytest.approx(1, abs=0.03)
+    assert "κ = 3, 4.58 times the median" in fit.clip(noise, 0, kappa=3.0).solution.notes[-1]
+
+
+def test_truncation_of_one_component():
+    x = np.random.default_rng(1).normal(size=2_000_000)
+    limit = float(chdtri(1, 0.1))
+    kept = x**2 < limit
+    variance, share = truncation(limit / 2, 1)
+    assert share == pytest.approx(np.mean(x[kept] ** 2), abs=3e-3)
+    assert variance == pytest.approx(1 / share)
+
+
+def test_robust_fits_and_resampling_bring_errors_of_the_scatter():
+    """Errors of heavy tails: plain ones are too small, those of residuals and replicates are right."""
+    pulls = {"plain": [], "student": [], "permissive": [], "bootstrap": [], "one step": [], "jackknife": []}
+    for seed in range(60):
+        field, truth = sky(400, seed, lmax=1, tails=True)
+        plain = fit.fit_field(field, 1)
+        found = {
+            "plain": plain, "student": fit.robust.student_t(field, 1).solution,
+            "permissive": fit.robust.permissive(field, 1).solution,
+            "bootstrap": bootstrap(field, 1, 60, seed, progress=False).resampled_solution,
+            "one step": bootstrap(field, 1, 60, seed, method="one-step", progress=False).resampled_solution,
+            "jackknife": jackknife(field, 1, 2, progress=False).resampled_solution,
+        }  # fmt: skip
+        for name, solution in found.items():
+            pulls[name].append((solution.values - truth.values) / solution.sigma)
+    assert np.std(pulls["plain"]) > 1.4
+    for name in ("student", "permissive", "bootstrap", "one step", "jackknife"):
+        assert np.std(pulls[name]) == pytest.approx(1, abs=0.12), name
+
+
+def test_other_replicates():
+    field, _ = sky(600)
+    solution = fit.fit_field(field, 1)
+    for found in (parametric_bootstrap(field, 1, 2000, 1), block_bootstrap(field, 1, 4, 500, 1, progress=False)):
+        assert_allclose(found.sigma / solution.sigma, 1, atol=0.25)
+        assert found.resampled_solution.mean[1] > 0
+
+
+def test_moments_add_and_are_written(tmp_path):
+    field, _ = sky()
+    both = fit.Moments.of(field[:500], 3) + fit.Moments.of(field[500:], 2)
+    both.write(tmp_path / "moments.fits")
+    assert fit.storage.read(tmp_path / "moments.fits") == both
+    assert both.kind is ScalarModes
+    assert both.n_sources == 2000
+    assert "µas" in both.report()
+    with pytest.raises(ModesError, match="cannot add moments of values in µas and mag"):
+        _ = both + fit.Moments.of(sky(unit="mag")[0], 2)
+
+
+def test_report_page_table(tmp_path):
+    field, _ = sky(unit="mag")
+    solution = fit.fit_field(field, 2)
+    text = solution.report()
+    assert "Spherical harmonics of a scalar field, in mag" in text
+    assert "mean  " in text
+    assert "F0" in text
+    assert "µas" not in text
+    assert "spin" not in text
+    assert "degree         0 to 2: 9 coefficients" in fit.fit_field(field, 2).report()
+    assert "mean [mag]" in solution.latex()
+    figures = fit.output.draw_figures(solution, field)
+    assert set(figures) == {"sky", "spectrum", "correlation", "residuals"}
+    page = fit.output.html_report(solution, figures)
+    assert "µas" not in page
+    assert "mag" in page
+    solution.write(tmp_path / "solution.ecsv")
+    assert fit.storage.read(tmp_path / "solution.ecsv") == solution
+    assert "mean  " in fit.fit_field(field, 0).report()
+
+
+def test_units_do_not_mix():
+    with pytest.raises(ModesError, match="µas and mag"):
+        _ = fit.normal_equations(sky()[0], 1) + fit.normal_equations(sky(unit="mag")[0], 1)
+    prior = fit.gaussian_prior(ScalarModes(1), 5.0)
+    solution = fit.solve(fit.normal_equations(sky()[0], 1), prior)
+    assert solution.unit == "µas"
+    assert solution.by_prior > 0
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda f: fit.robust.excess_noise(f, 1), "holds numbers, not motions"),
+        (lambda f: fit.solve_frame(f), "not a ScalarField"),
+        (lambda f: fit.cross_check(f), "holds numbers, not motions"),
+        (lambda f: fit.solve_matrix_free(f, 3), "not ScalarField"),
+        (lambda f: fit.background.floor(fit.normal_equations(f, 3)), "a scalar field has neither"),
+        (lambda f: fit.background.wave_limit(fit.fit_field(f, 3)), "a scalar field has neither"),
+        (lambda f: fit.correlation.predict(f, 2), "has no motions"),
+        (lambda f: fit.correlation.leakage(f, 1, 3), "has no motions"),
+        (lambda f: fit.redshift.binned(f, 2, 2), "not ScalarField"),
+        (lambda f: fit.secular_parallax.observer_velocity(f, 70), "holds numbers, not motions"),
+        (lambda f: fit.resample.compare_blocks(f, 1), "holds numbers, not motions"),
+        (lambda f: fit.normal_equations(f, 2, covariance=np.eye(4000)), "holds numbers, not motions"),
+        (lambda f: fit.fit_field(f, Modes(2)), "expanded in ScalarModes"),
+        (lambda f: fit.fit_field(f, 1).spin, "no spin and no acceleration"),
+    ],
+)  # fmt: skip
+def test_who_takes_none_says_why(call, said):
+    with pytest.raises((FieldError, ModesError, ParameterError), match=said):
+        call(sky()[0])

@@ -1,0 +1,10 @@
+"""Scalar fields on the sky: parallaxes, differences of magnitudes or colours, ratios of errors."""
+
+from vsh.scalars._coefficients import DIPOLE, ScalarCoefficients
+from vsh.scalars._field import ScalarField
+
+__all__ = [
+    "DIPOLE",
+    "ScalarCoefficients",
+    "ScalarField",
+]
