@@ -91,7 +91,7 @@ def test_clip_leaves_out_as_many_as_of_motions_and_corrects_for_it():
     assert np.mean(shares) == pytest.approx(2**-4, abs=0.006)
     assert np.std(pulls) == pytest.approx(1, abs=0.06)
     assert np.mean(chi2) == pytest.approx(1, abs=0.03)
-    assert "κ = 3, 4.58 times the median" in fit.clip(noise, 0, kappa=3.0).solution.notes[-1]
+    assert "κ = 3, 4.59 times the median" in fit.clip(noise, 0, kappa=3.0).solution.notes[-1]
 
 
 def test_truncation_of_one_component():
