@@ -51,3 +51,18 @@ def study():
 def archive():
     """`vsh-archive`."""
     _run("vsh.commands.archive")
+
+
+def pairs():
+    """`vsh-pairs`."""
+    _run("fit.commands.pairs")
+
+
+def compare():
+    """`vsh-compare`."""
+    _run("fit.commands.compare")
+
+
+def forecast():
+    """`vsh-forecast`."""
+    _run("study.forecast.command")

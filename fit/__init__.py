@@ -15,7 +15,7 @@ from fit.solution import Solution
 from fit.solve import fit_field, solve
 
 if TYPE_CHECKING:
-    from fit import background, correlation, output, posterior, redshift, resample, secular_parallax
+    from fit import background, correlation, output, pairs, posterior, redshift, resample, secular_parallax
 
 __all__ = [
     "Clipped",
@@ -34,6 +34,7 @@ __all__ = [
     "gaussian_prior",
     "normal_equations",
     "output",
+    "pairs",
     "posterior",
     "redshift",
     "report",
@@ -47,7 +48,7 @@ __all__ = [
 ]
 
 # Imported when first asked for: emcee, healpy and matplotlib come with them.
-_LATER = ["background", "correlation", "output", "posterior", "redshift", "resample", "secular_parallax"]
+_LATER = ["background", "correlation", "output", "pairs", "posterior", "redshift", "resample", "secular_parallax"]
 __getattr__, _, _ = lazy_loader.attach(__name__, _LATER)
 
 

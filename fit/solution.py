@@ -12,7 +12,6 @@ from fit.storage import Result, coefficient_columns, count, decoded, encoded, ex
 from vsh import tables
 from vsh.checks.arrays import covariance, float_array
 from vsh.coefficients import Coefficients
-from vsh.modes import Modes, ScalarModes
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
 from vsh.types import Figure, FloatArray, Kind, Table
@@ -60,6 +59,8 @@ class Solution(HarmonicSolution):
     by_prior: float = 0.0
     unshrunk: Solution | None = None
 
+    _coefficients = Coefficients
+
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors from {self.errors_from}>"
 
@@ -102,7 +103,8 @@ class Solution(HarmonicSolution):
         Table
         """
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
-        return tables.table_of(columns, {"frame": self.frame}, self._pack()[2])
+        units = dict.fromkeys(("value", "sigma"), "uas / yr") if self.unit == Solution.unit else {}
+        return tables.table_of(columns, {"frame": self.frame}, units)
 
     def _repr_html_(self) -> str:
         from fit.output import html_of
@@ -175,12 +177,13 @@ class Solution(HarmonicSolution):
     @classmethod
     def _unpack(cls, columns, rest):
         float_array("value", columns["value"])
-        return cls(Coefficients(Modes(rest["lmax"]), columns["value"]), *cls._plain(columns, rest))
+        return cls(*cls._plain(columns, rest))
 
-    @staticmethod
-    def _plain(columns, rest):
-        """What every solution has besides its coefficients, in the order of its attributes."""
-        return (columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
+    @classmethod
+    def _plain(cls, columns, rest):
+        """What every solution is made of, in the order of its attributes."""
+        coefficients = cls._coefficients(rest["lmax"], columns["value"])
+        return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
                 words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]), number(rest["by_prior"]), decoded(rest["unshrunk"]))  # fmt: skip
 
 
@@ -204,6 +207,8 @@ class ScalarSolution(Solution):
 
     unit: str = ""
 
+    _coefficients = ScalarCoefficients
+
     @property
     def mean(self) -> tuple[float, float]:
         """The mean over the sky with its standard error, f_00/√4π; of a fit of degree 0 the weighted mean of the sources."""
@@ -224,8 +229,7 @@ class ScalarSolution(Solution):
 
     @classmethod
     def _unpack(cls, columns, rest):
-        coefficients = ScalarCoefficients(ScalarModes(rest["lmax"]), columns["value"])
-        return cls(coefficients, *cls._plain(columns, rest), str(rest["unit"]))
+        return cls(*cls._plain(columns, rest), str(rest["unit"]))
 
 
 class AboutSolution(Result):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -51,7 +50,7 @@ class Coefficients(Frozen):
     modes: Modes
     values: FloatArray
 
-    _kind: ClassVar[type[Modes]] = Modes
+    _kind = Modes
 
     def __post_init__(self) -> None:
         modes = as_modes(self.modes, self._kind)

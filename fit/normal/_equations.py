@@ -89,7 +89,10 @@ class NormalEquations(Frozen):
         if not isinstance(other, NormalEquations):
             return NotImplemented
         if other.modes != self.modes:
-            raise ModesError(f"cannot add normal equations of {self.modes} and {other.modes}: fit both to one degree")
+            mine, theirs = (
+                each.lmax if type(self.modes) is type(other.modes) else each for each in (self.modes, other.modes)
+            )
+            raise ModesError(f"cannot add normal equations of degree {mine} and {theirs}: fit both to one degree")
         if None not in (self.unit, other.unit) and self.unit != other.unit:
             raise ModesError(
                 f"cannot add normal equations of values in {self.unit or 'no unit'} and {other.unit or 'no unit'}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import partial
 from os import PathLike
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from fit.normal._dense import WhiteRows
 from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
 from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
-from vsh.checks import arguments
 from vsh.checks.arguments import choice
 from vsh.checks.nouns import modes_for
 from vsh.checks.weighed import Weighed
@@ -85,18 +84,17 @@ def normal_equations(
     choice("method", method, ("auto", "design-matrix", "compressed"))
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or parts")
+    if covariance is not None:
+        modes = modes_for(field, modes)
+        return WhiteRows.of(cast(Field, field), modes, covariance).normal_equations()
     if not isinstance(field, Weighed | Parts):
-        return _of_stream(
-            field, partial(normal_equations, modes=modes, method=method, threads=threads, covariance=covariance)
-        )
+        return _of_stream(field, partial(normal_equations, modes=modes, method=method, threads=threads))
     modes = modes_for(field, modes)
     if len(modes) ** 2 * 8 > MEMORY:
         raise ModesError(
             f"degree {modes.lmax} has {len(modes)} coefficients, whose normal matrix takes "
             f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax, or use fit.solve_matrix_free"
         )
-    if covariance is not None:
-        return WhiteRows.of(arguments.a(Field)("field", field), modes, covariance).normal_equations()
     if isinstance(field, Parts):
         if modes.lmax == 1 or method == "design-matrix":
             return field.sum(partial(normal_equations, modes=modes, method=method), roles=(), words="normal equations")

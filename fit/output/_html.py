@@ -17,13 +17,13 @@ from fit.output._rows import (
     cell,
     components,
     direction,
+    is_scalar,
     is_scaled,
     power_rows,
     squared,
     vector_rows,
     vectors_of,
 )
-from fit.solution import ScalarSolution
 from vsh.types import Figure, Table
 
 _PAGE = Template("""<!doctype html>
@@ -152,7 +152,7 @@ def html_report(
 
 def _cards(solution):
     cells = []
-    if isinstance(solution, ScalarSolution):
+    if is_scalar(solution):
         value, error = solution.mean
         cells.append(f'<div class="card">Mean<b>{value:.4g} ± {error:.2g} {escape(solution.unit)}</b></div>')
     for name, vector in reversed(vectors_of(solution).items()):
@@ -202,10 +202,9 @@ def _vectors(solution, truth):
 def _check(check):
     if check is None:
         return ""
-    said = "they agree" if check.largest < AGREE else "THEY DO NOT AGREE"
     lead = (
         "<h2>Cross-check</h2><p>Plain least squares of degree 1 on the same sources by two solvers without a common formula: "
-        f"{said}; largest difference {check.largest:.1e} σ.</p>"
+        f"{'they agree' if check.largest < AGREE else 'THEY DO NOT AGREE'}; largest difference {check.largest:.1e} σ.</p>"
     )
     if check.largest < AGREE:
         return lead
@@ -251,8 +250,7 @@ def _coefficients(solution):
         [str(mode), f"{value:+.5g}", f"{error:.3g}", f"{value / error:+.2f}"]
         for mode, value, error in zip(solution.modes, solution.coefficients.values, solution.sigma, strict=True)
     ]
-    heads = ["coefficient", f"value [{escape(solution.unit)}]", "σ", "value/σ"]
-    table = _table(heads, rows, sortable=True)
+    table = _table(["coefficient", f"value [{escape(solution.unit)}]", "σ", "value/σ"], rows, sortable=True)
     return f"<h2>Coefficients</h2><details><summary>{len(rows)} coefficients</summary>{table}</details>"
 
 

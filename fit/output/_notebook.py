@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from html import escape
+from typing import Any
 
 from fit.harmonic import HarmonicSolution
-from fit.output._rows import power_rows, vector_rows, vectors_of
-from fit.solution import ScalarSolution
+from fit.output._rows import is_scalar, power_rows, vector_rows, vectors_of
 
 _SYMBOLS = {"spin": r"$\omega$", "acceleration": r"$\tilde a$", "dipole": "dipole"}
 
@@ -46,7 +46,7 @@ def _cells(cells):
     return "".join(f"<td>{escape(cell)}</td>" for cell in cells)
 
 
-def latex_of(solution: HarmonicSolution) -> str:
+def latex_of(solution: Any) -> str:
     """Spin, acceleration, or mean and dipole of a scalar field, and powers as a LaTeX table (booktabs).
 
     Parameters
@@ -60,7 +60,7 @@ def latex_of(solution: HarmonicSolution) -> str:
     """
     unit = _tex(solution.unit).replace("µas/yr", r"\textmu as\,yr$^{-1}$").replace("µ", r"\textmu ")
     lines = [r"\begin{tabular}{lcccc}", r"\toprule"]
-    if isinstance(solution, ScalarSolution):
+    if is_scalar(solution):
         value, error = solution.mean
         lines.append(rf"mean [{unit}] & ${value:.4g} \pm {error:.2g}$ & & & \\")
     lines += [r" & $x$ & $y$ & $z$ & amplitude \\", r"\midrule"]

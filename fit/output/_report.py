@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from fit.harmonic import HarmonicSolution
-from fit.output._rows import components, direction, is_scaled, power_rows, squared, vector_rows, vectors_of
-from fit.solution import ScalarSolution
+from fit.output._rows import components, direction, is_scalar, is_scaled, power_rows, squared, vector_rows, vectors_of
 from vsh.checks.notes import printable
 from vsh.errors import ParameterError, VshError
 
@@ -84,7 +83,7 @@ def what_of(solution: HarmonicSolution) -> str:
     solution : Solution
         What was found.
     """
-    if isinstance(solution, ScalarSolution):
+    if is_scalar(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
     return "Vector spherical harmonics of proper motions"
 
@@ -138,7 +137,7 @@ def _predicted(solution):
 def _vectors(solution, truth):
     rows = list(vector_rows(vectors_of(solution), truth))
     lines = []
-    if isinstance(solution, ScalarSolution):
+    if is_scalar(solution):
         value, error = solution.mean
         lines = [f"{'mean':14}{value:+.4g} ± {error:.2g} {solution.unit}"]
     if not rows:

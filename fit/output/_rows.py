@@ -9,7 +9,6 @@ import numpy as np
 
 from fit.harmonic import HarmonicSolution
 from fit.quality import printed_p_value as p_value
-from fit.solution import ScalarSolution
 from fit.spectrum import spectrum
 from vsh.types import FloatArray
 from vsh.vector import Vector
@@ -64,7 +63,7 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
     return rows
 
 
-def vectors_of(solution: HarmonicSolution) -> dict[str, Vector]:
+def vectors_of(solution: Any) -> dict[str, Vector]:
     """Spin and acceleration of a solution by name; the dipole of a scalar field.
 
     Parameters
@@ -76,9 +75,20 @@ def vectors_of(solution: HarmonicSolution) -> dict[str, Vector]:
     -------
     dict[str, Vector]
     """
-    if isinstance(solution, ScalarSolution):
+    if is_scalar(solution):
         return {"dipole": solution.dipole} if solution.modes.lmax > 0 else {}
     return {"spin": solution.spin, "acceleration": solution.acceleration}
+
+
+def is_scalar(solution: HarmonicSolution) -> bool:
+    """Whether it is of a scalar field, which has a mean and a dipole in place of spin and acceleration.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    """
+    return solution.modes.components == 1
 
 
 def squared(solution: HarmonicSolution) -> str:

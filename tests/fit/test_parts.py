@@ -84,7 +84,7 @@ def test_moments_say_what_they_cannot():
         Moments.of(FIELD[:10], 2) + Moments.of(FIELD[:10].to_frame("galactic"), 2)
     with pytest.raises(ModesError, match="have the shape"):
         Moments(2, np.zeros((3, 5, 9)), np.zeros((2, 3, 4)), 0.0, 0)
-    with pytest.raises(ParameterError, match="must be Field or Parts"):
+    with pytest.raises(ParameterError, match="must be Field or ScalarField or Parts"):
         Moments.of("sky.fits", 2)
     with pytest.raises(NothingLeftError, match="the field is empty"):
         Moments.of(FIELD[:0], 2)
@@ -242,5 +242,5 @@ def test_no_part_with_sources():
         fit.normal_equations(PARTS.map(lambda field: field[field.lat > 4]), 1)
     with pytest.raises(FieldError, match="parts of a catalogue, are wanted, not str"):
         as_parts("sky.fits")
-    with pytest.raises(ParameterError, match="must be Field or Parts"):
+    with pytest.raises(ParameterError, match="must be Field or ScalarField or Parts"):
         clip("sky.fits", Modes(1))

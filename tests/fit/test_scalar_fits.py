@@ -187,7 +187,7 @@ def test_units_do_not_mix():
         (lambda f: fit.redshift.binned(f, 2, 2), "not ScalarField"),
         (lambda f: fit.secular_parallax.observer_velocity(f, 70), "holds numbers, not motions"),
         (lambda f: fit.resample.compare_blocks(f, 1), "holds numbers, not motions"),
-        (lambda f: fit.normal_equations(f, 2, covariance=np.eye(4000)), "holds numbers, not motions"),
+        (lambda f: fit.normal_equations(f, 2, covariance=np.eye(4000)), "not of ScalarField"),
         (lambda f: fit.fit_field(f, Modes(2)), "expanded in ScalarModes"),
         (lambda f: fit.fit_field(f, 1).spin, "no spin and no acceleration"),
     ],

@@ -15,7 +15,7 @@ from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.storage import read
 from fit.storage._result import _KINDS
-from vsh import Vector
+from vsh import ScalarField, Vector
 from vsh.cosmology import PLANCK_2018
 from vsh.covariance import Spectrum
 from vsh.errors import TableError
@@ -43,6 +43,10 @@ def results():
         "with a floor": fit.solve(
             fit.normal_equations(field, 3), floor=fit.background.floor(fit.normal_equations(field, 3))
         ),
+        "scalars": fit.fit_field(ScalarField(field.lon, field.lat, field.motion[0], field.sigma[0], "mag"), 2),
+        "pairs": fit.pairs.correlation(field, np.radians([0, 40, 80, 120, 180]), nside=1),
+        "templates": fit.pairs.correlation(field, np.radians([0, 40, 80, 120, 180]), nside=1).fit(),
+        "power of pairs": fit.pairs.power(field, 2, nside=1),
         "floor": fit.background.floor(fit.normal_equations(field, 3)),
         "background": fit.background.fit(fit.normal_equations(field, 3), [Spectrum.odd(), Spectrum.waves()]),
         "waves": fit.background.wave_limit(fit.normal_equations(field, 2)),
@@ -84,6 +88,10 @@ NAMES = (
         "background",
         "waves",
         "comparison",
+        "scalars",
+        "pairs",
+        "templates",
+        "power of pairs",
     ),
     *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
     *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),

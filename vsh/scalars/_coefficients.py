@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from vsh.checks.arguments import number
 from vsh.checks.arrays import float_array
 from vsh.coefficients import Coefficients
-from vsh.modes import Modes, ScalarModes
+from vsh.modes import ScalarModes
 from vsh.types import ArrayLike, FloatArray
 
 #: Degree 1 is d·r: rows (1,0), (1,1,re), (1,1,im) of its coefficients from x, y, z of d. That of a glide, over √2.
@@ -45,7 +43,7 @@ class ScalarCoefficients(Coefficients):
     array([-19.])
     """
 
-    _kind: ClassVar[type[Modes]] = ScalarModes
+    _kind = ScalarModes
 
     @classmethod
     def from_moments(cls, mean: float = 0.0, dipole: ArrayLike = (0, 0, 0), lmax: int = 1) -> ScalarCoefficients:

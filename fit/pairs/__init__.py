@@ -1,0 +1,31 @@
+"""Pairs of sources at an angle: correlation functions and power spectra, without a pair ever counted."""
+
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+from fit.pairs._correlation import Correlation, correlation
+from fit.pairs._power import PairPower, power
+from fit.pairs._templates import TEMPLATES, TemplateFit, waves_curve
+
+if TYPE_CHECKING:
+    from fit.pairs._plot import plot_pairs, plot_power
+
+__all__ = [
+    "TEMPLATES",
+    "Correlation",
+    "PairPower",
+    "TemplateFit",
+    "correlation",
+    "plot_pairs",
+    "plot_power",
+    "power",
+    "waves_curve",
+]
+
+# matplotlib is imported when a figure is first asked for.
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_pairs", "plot_power"]})
+
+
+def __dir__() -> list[str]:
+    return __all__

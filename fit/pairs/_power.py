@@ -1,0 +1,170 @@
+"""Power by degree from pairs: no noise in it, and no mask."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss, legvander
+
+from fit.pairs._errors import covariance_of
+from fit.pairs._sums import sums_of
+from fit.storage import Result
+from vsh import tables
+from vsh.checks import arguments
+from vsh.checks.notes import note_lines, spoken
+from vsh.covariance import d_minus, d_plus
+from vsh.errors import DegeneracyError
+from vsh.field import Field
+from vsh.parts import Parts
+from vsh.types import ArrayLike, Figure, FloatArray, Table
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PairPower(Result):
+    """Power of the motions by kind and degree, from pairs of different sources.
+
+    Attributes
+    ----------
+    toroidal, spheroidal : (lmax,) arrays
+        P_T and P_S of degrees 1 … lmax; as often below the truth as above. [(µas/yr)²]
+    covariance : (2 lmax, 2 lmax) array
+        Of both, from how blocks of the sky and pairs of them scatter; nan of less than four blocks. [(µas/yr)⁴]
+    n_blocks : int
+        How many blocks.
+    n_data : int
+        Two a source.
+    notes : tuple of str
+    """
+
+    toroidal: FloatArray
+    spheroidal: FloatArray
+    covariance: FloatArray
+    n_blocks: int
+    n_data: int
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<PairPower: degree 1 to {len(self.toroidal)}, {self.n_data // 2} sources>"
+
+    @property
+    def errors(self) -> FloatArray:
+        """Standard errors of both, (2, lmax). [(µas/yr)²]"""
+        return np.sqrt(np.diag(self.covariance)).reshape(2, -1)
+
+    def report(self) -> str:
+        """The powers as text.
+
+        Returns
+        -------
+        str
+        """
+        lines = [
+            f"Power by degree from pairs of {self.n_data // 2} sources [(µas/yr)²]: no noise in it, whatever the errors;",
+            f"errors from the scatter of {self.n_blocks} blocks of the sky",
+            f"{'degree':>8}{'toroidal':>14}{'±':>10}{'spheroidal':>14}{'±':>10}",
+        ]
+        for l, row in enumerate(
+            zip(self.toroidal, self.errors[0], self.spheroidal, self.errors[1], strict=True), start=1
+        ):
+            lines.append("{:8d}{:14.4g}{:10.2g}{:14.4g}{:10.2g}".format(l, *row))
+        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each degree, as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
+        columns = {
+            "l": np.arange(1, len(self.toroidal) + 1), "toroidal": self.toroidal, "sigma_toroidal": self.errors[0],
+            "spheroidal": self.spheroidal, "sigma_spheroidal": self.errors[1],
+        }  # fmt: skip
+        units = dict.fromkeys([name for name in columns if name != "l"], "uas2 / yr2")
+        return tables.table_of(columns, self._plain_facts(), units)
+
+    def plot(self) -> Figure:
+        """Power by degree as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
+        from fit.pairs._plot import plot_power
+
+        return plot_power(self)
+
+
+@arguments.accepts(field=arguments.a(Field, Parts), lmax=arguments.whole, nside=arguments.whole)
+def power(
+    field: Field | Parts,
+    lmax: int,
+    *,
+    nside: int = 2,
+    weights: ArrayLike | None = None,
+    threads: int | None = None,
+) -> PairPower:
+    """Power of the motions by kind and degree, from the correlation of pairs at all angles.
+
+    Errors of sources add no bias, whatever their size, nor does the coverage of the sky; degrees beyond `lmax` leak in
+    where it is uneven. Where errors are right, a fit's powers are the more precise ones (`fit.spectrum`).
+
+    Parameters
+    ----------
+    field, nside, weights, threads
+        As for `fit.pairs.correlation`.
+    lmax : int
+        The highest degree.
+
+    Returns
+    -------
+    PairPower
+
+    Raises
+    ------
+    DegeneracyError
+        If the pairs cannot tell the degrees apart: part of the sky alone.
+
+    Notes
+    -----
+    ξ± of all pairs fitted by Σ P_l d^l/4π with the weights of the pairs for weights, which is the pseudo-spectrum freed of
+    the sky's coverage (Hivon et al. 2002, ApJ 567, 2).
+
+    Examples
+    --------
+    >>> from vsh import Coefficients
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 3000), np.arcsin(rng.uniform(-0.5, 1, 3000))
+    >>> glide = Coefficients.from_vectors(glide=(0, 0, 3.0)).at(lon, lat)
+    >>> found = power(Field(lon, lat, glide + rng.normal(size=(2, 3000)), np.full((2, 3000), 0.1)), 2)
+    >>> bool(abs(found.spheroidal[0] / (8 * np.pi / 3 * 9) - 1) < 0.05)
+    True
+    """
+    total, blocks = sums_of(field, 2 * lmax, nside, weights, threads)
+    x, w = leggauss(2 * lmax + 2)
+    theta, pairs = np.arccos(x), legvander(x, 2 * lmax).T
+    *spectra, weight, _ = total.spectra
+    own = 4 * np.pi / (2 * np.arange(1, lmax + 1) + 1)
+    found, by_degree, by_weight = [], [], []
+    for curve, spectrum in zip((d_plus(lmax, theta), d_minus(lmax, theta)), spectra, strict=True):
+        inverse = _inverse(curve * (w * (weight @ pairs) / 2) @ curve.T)
+        found.append(inverse @ (spectrum[:lmax] * own))
+        by_degree.append(np.pad(inverse * own, ((0, 0), (0, lmax))))
+        by_weight.append(-(inverse @ curve * (w * (found[-1] @ curve) / 2)) @ pairs.T)
+    # From T + S and T − S to T and S.
+    plus, minus = np.tile(by_degree[0], (2, 1)) / 2, np.vstack([by_degree[1], -by_degree[1]]) / 2
+    expected = np.vstack([by_weight[0] + by_weight[1], by_weight[0] - by_weight[1]]) / 2
+    covariance = covariance_of(blocks, plus, minus, expected)
+    notes = spoken(next(iter(field)).notes if isinstance(field, Parts) else field.notes)
+    toroidal, spheroidal = (found[0] + found[1]) / 2, (found[0] - found[1]) / 2
+    return PairPower(toroidal, spheroidal, covariance, len(blocks), 2 * round(float(total.alone[2])), notes)
+
+
+def _inverse(matrix):
+    if not 1 / np.linalg.cond(matrix) > 1e-6:
+        raise DegeneracyError(
+            f"pairs of these sources cannot tell {len(matrix)} degrees apart: lower lmax, or take more of the sky "
+            "(fit.pairs.correlation asks for no pairs at all angles)"
+        )
+    return np.linalg.inv(matrix)

@@ -1,0 +1,139 @@
+"""What all pairs of sources add up to, from one pass over the sources: harmonics of the weighted motions, and self-pairs.
+
+The sum over all pairs of a function of their angle is a sum over degrees of the power of the weighted motions, by the
+addition theorem. A source paired with itself adds a constant to every degree that is known exactly: taken away, noise
+that sources do not share is in no power, whatever its size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from vsh.checks.arrays import float_array
+from vsh.errors import FieldError, ParameterError
+from vsh.field import Field
+from vsh.modes import Modes, ScalarModes
+from vsh.parts import Parts
+from vsh.sky.pixels import pixels_of
+from vsh.system.parallel import map_blocks
+from vsh.types import ArrayLike, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PairSums:
+    """Sums over sources; they add.
+
+    Attributes
+    ----------
+    lmax : int
+    motions : (p,) array
+        Σ w µ · V_i of every vector mode. [µas/yr, in units of the weights]
+    weights, ones : ((lmax + 1)²,) arrays
+        Σ w Y_i and Σ Y_i of every scalar mode.
+    alone : (3,) array
+        Σ w² |µ|², Σ w² and the number of sources.
+    """
+
+    lmax: int
+    motions: FloatArray
+    weights: FloatArray
+    ones: FloatArray
+    alone: FloatArray
+
+    def __add__(self, other: PairSums) -> PairSums:
+        sums = (getattr(self, name) + getattr(other, name) for name in ("motions", "weights", "ones", "alone"))
+        return PairSums(self.lmax, *sums)
+
+    @property
+    def spectra(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Of all pairs of different sources: T + S and T − S of the motions, (lmax,); weights and numbers, (lmax + 1,)."""
+        modes, scalar = Modes(self.lmax), ScalarModes(self.lmax)
+        toroidal, spheroidal = np.split(self.motions**2 / modes.norm2, 2)
+        degrees = modes.degrees[: len(toroidal)]
+        power_t, power_s = (np.bincount(degrees, each, self.lmax + 1)[1:] for each in (toroidal, spheroidal))
+        l = np.arange(self.lmax + 1)
+        itself = np.multiply.outer(self.alone, (2 * l + 1) / (4 * np.pi))
+        weights, numbers = (
+            np.bincount(scalar.degrees, each**2 / scalar.norm2, self.lmax + 1) for each in (self.weights, self.ones)
+        )
+        return power_t + power_s - itself[0, 1:], power_t - power_s, weights - itself[1], numbers - itself[2]
+
+
+def sums_of(
+    field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | None, threads: int | None
+) -> tuple[PairSums, list[PairSums]]:
+    """The sums of all sources, and of each HEALPix block that holds some.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        The sources.
+    lmax : int
+        The highest degree.
+    nside : int
+        Of the blocks.
+    weights : (n,) array, optional
+        Of each source; 2/(σ_α*² + σ_δ²) unless given.
+    threads : int, optional
+        One a core unless given; changes no bit.
+
+    Raises
+    ------
+    FieldError
+        If there are fewer than two sources.
+    ParameterError
+        If weights are below zero, all zero, or given for parts.
+    """
+    if isinstance(field, Parts):
+        if weights is not None:
+            raise ParameterError(
+                "weights= are of the sources of a Field in memory; those of parts follow from their errors"
+            )
+        found = field.sum(partial(_by_block, lmax=lmax, nside=nside), roles=(), words="pairs")
+        return _enough([found[pixel] for pixel in sorted(found)])
+    if weights is not None:
+        weights = float_array("weights", weights, (len(field),))
+        if (weights < 0).any() or not weights.any():
+            raise ParameterError(f"weights are zero or more, and not all zero: {np.sum(weights < 0)} are below zero")
+    return _enough(list(_blocks(field, lmax, nside, weights, threads).values()))
+
+
+def _enough(blocks):
+    total = blocks[0]
+    for block in blocks[1:]:
+        total = total + block
+    if total.alone[2] < 2:
+        raise FieldError("pairs need two sources at least")
+    return total, blocks
+
+
+def _by_block(field, lmax, nside):
+    return _blocks(field, lmax, nside, None, 1)
+
+
+def _blocks(field, lmax, nside, weights, threads):
+    """Sums by pixel."""
+    pixel = pixels_of(field.lon, field.lat, nside)
+    order = np.argsort(pixel, kind="stable")
+    starts = np.flatnonzero(np.diff(pixel[order], prepend=-1))
+    parts = np.split(order, starts[1:])
+    weights = 2 / np.sum(field.sigma**2, axis=0) if weights is None else weights
+    work = map_blocks(lambda one: _sums(field, weights, parts[one.start], lmax), len(parts), 1, threads, "pairs")
+    return dict(zip(pixel[order][starts].tolist(), work, strict=True))
+
+
+def _sums(field, weights, rows, lmax):
+    from vsh.transform import adjoint  # ducc0
+
+    lon, lat, w, motion = field.lon[rows], field.lat[rows], weights[rows], field.motion[:, rows]
+    scalar = ScalarModes(lmax)
+    return PairSums(
+        lmax,
+        adjoint(Modes(lmax), lon, lat, w * motion, threads=1),
+        adjoint(scalar, lon, lat, w[None], threads=1),
+        adjoint(scalar, lon, lat, np.ones((1, len(rows))), threads=1),
+        np.array([np.sum((w * motion) ** 2), np.sum(w**2), len(rows)]),
+    )

@@ -1,0 +1,201 @@
+"""Fields of known shape and unknown amplitude in the correlation of motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fit.pairs._windows import windows
+from fit.storage import Result
+from vsh import tables
+from vsh.checks.arrays import float_array
+from vsh.covariance import d_minus, d_plus
+from vsh.errors import ParameterError
+from vsh.types import ArrayLike, FloatArray, Table
+from vsh.units import hubble_rate
+
+#: Templates by name, and what their amplitudes are.
+TEMPLATES = {
+    "spin": "power of T1 [(µas/yr)²]: |ω|² = 3 P/8π",
+    "glide": "power of S1 [(µas/yr)²]: |g|² = 3 P/8π",
+    "waves": "h70² Ω of gravitational waves",
+}
+
+
+def waves_curve(theta: ArrayLike) -> FloatArray:
+    """Γ(θ), the astrometric Hellings–Downs curve: ξ+ = H0² Ω Γ and ξ− = 0 of an isotropic background.
+
+    Parameters
+    ----------
+    theta : (n,) array
+        Angles. [rad]
+
+    Returns
+    -------
+    (n,) array
+        One at θ = 0.
+
+    Notes
+    -----
+    Book & Flanagan (2011, PRD 83, 024024), eq. 74–77, with both directions pointing away from the first source.
+
+    Examples
+    --------
+    >>> waves_curve([0.0, 0.2, 1.3]).round(7)
+    array([ 1.       ,  0.9330074, -0.2881578])
+    """
+    s2 = np.sin(np.asarray(theta, float) / 2) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.where((s2 > 0) & (s2 < 1), s2 * np.log(s2) / (1 - s2), np.where(s2 < 1, 0.0, -1.0))
+    return 1 - 7 * s2 - 6 * s2 * logs
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TemplateFit(Result):
+    """Amplitudes of templates.
+
+    Attributes
+    ----------
+    names : tuple of str
+    values : (t,) array
+        Amplitudes, in the units of each (`TEMPLATES`).
+    covariance : (t, t) array
+        From how blocks of the sky scatter: it knows of the noise, and not of how this sky differs from others.
+    curves : (2, k) array
+        ξ+ and ξ− that they add up to, in the bins. [(µas/yr)²]
+    theta : (k,) array
+        Of the bins. [rad]
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    curves: FloatArray
+    theta: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<TemplateFit: {', '.join(f'{n} {v:.3g}' for n, v in zip(self.names, self.values, strict=True))}>"
+
+    def __getitem__(self, name: str) -> tuple[float, float]:
+        """The amplitude of one template and its error."""
+        if name not in self.names:
+            raise ParameterError(f"no template is called {name!r}: {', '.join(self.names)} are")
+        place = self.names.index(name)
+        return float(self.values[place]), float(self.sigma[place])
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard error of each amplitude, (t,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def report(self) -> str:
+        """Amplitudes as text.
+
+        Returns
+        -------
+        str
+        """
+        lines = ["Templates in the correlation of motions (errors from the scatter of blocks of the sky)"]
+        for name, value, error in zip(self.names, self.values, self.sigma, strict=True):
+            lines.append(f"  {name:10}{value:+12.4g} ± {error:<10.2g}{TEMPLATES.get(name, '')}")
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each template, as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
+        return tables.table_of({"template": list(self.names), "value": self.values, "sigma": self.sigma})
+
+    def plot(self) -> Any:
+        """The curves, as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
+        from fit.pairs._plot import plot_curves
+
+        return plot_curves(self)
+
+
+def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], FloatArray]]:
+    """Templates as functions of θ that give ξ+ and ξ−, (2, n), by name.
+
+    Parameters
+    ----------
+    templates : sequence of str, or dict of functions
+        As users say it.
+    hubble : float
+        H0. [km/s/Mpc]
+
+    Raises
+    ------
+    ParameterError
+        If one is unknown, or no function.
+    """
+    if isinstance(templates, Mapping):
+        for name, function in templates.items():
+            if not callable(function):
+                raise ParameterError(
+                    f"the template {name!r} must be a function of θ [rad], not {type(function).__name__}"
+                )
+        return dict(templates)
+    if isinstance(templates, str) or not isinstance(templates, Sequence) or not templates:
+        raise ParameterError(f"templates are some of {', '.join(TEMPLATES)}, or functions by name, not {templates!r}")
+    known = {
+        "spin": lambda theta: np.concatenate([d_plus(1, theta), d_minus(1, theta)]) / (4 * np.pi),
+        "glide": lambda theta: np.concatenate([d_plus(1, theta), -d_minus(1, theta)]) / (4 * np.pi),
+        "waves": lambda theta: np.stack([hubble_rate(hubble) ** 2 * waves_curve(theta), 0 * theta]),
+    }
+    unknown = [name for name in templates if name not in known]
+    if unknown:
+        raise ParameterError(
+            f"no template is called {unknown[0]!r}: {', '.join(TEMPLATES)} are, or give functions by name"
+        )
+    return {name: known[name] for name in templates}
+
+
+def fitted(found: Any, templates: dict[str, Callable[[FloatArray], FloatArray]]) -> TemplateFit:
+    """Amplitudes by least squares, with the weight of the pairs in each bin.
+
+    Parameters
+    ----------
+    found : Correlation
+        In bins.
+    templates : dict of functions
+        By name.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer bins than templates, or templates cannot be told apart.
+    """
+    bins, seen = windows(found.edges, found.lmax), np.isfinite(found.plus)
+    pairs = bins.values * (found.window @ bins.scalar)  # as the pairs spread within each bin
+    curves = []
+    for name, function in templates.items():
+        curve = float_array(f"the template {name!r}", function(bins.theta), (2, len(bins.theta)))
+        curves.append(curve @ pairs.T / pairs.sum(1))
+    design = np.array(curves)[:, :, seen].reshape(len(curves), -1)
+    root = np.sqrt(np.tile(found.weight[seen], 2))
+    if design.shape[1] < len(curves) or np.linalg.matrix_rank(design * root) < len(curves):
+        raise ParameterError(
+            f"{seen.sum()} bins cannot tell {len(curves)} templates apart: take more bins, at more angles"
+        )
+    inverse = np.linalg.pinv((design * root).T) * root
+    values = inverse @ np.stack([found.plus, found.minus])[:, seen].ravel()
+    kept = np.tile(seen, 2)
+    covariance = inverse @ found.covariance[np.ix_(kept, kept)] @ inverse.T
+    return TemplateFit(
+        tuple(templates),
+        values,
+        (covariance + covariance.T) / 2,
+        np.tensordot(values, np.array(curves), 1),
+        found.theta,
+    )
