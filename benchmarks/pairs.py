@@ -1,7 +1,7 @@
 """Pairs without counting them: beside TreeCorr, and a Monte Carlo of gravitational waves with errors that are wrong.
 
-    python benchmarks/pairs.py speed     # a million sources here, a hundred thousand there, in one run
-    python benchmarks/pairs.py waves 150 # skies of 5000 sources, errors of 20 for noise of 30 µas/yr, Ω = 0.05
+python benchmarks/pairs.py speed     # a million sources here, a hundred thousand there, in one run
+python benchmarks/pairs.py waves 150 # skies of 5000 sources, errors of 20 for noise of 30 µas/yr, Ω = 0.05
 """
 
 import sys
@@ -42,7 +42,9 @@ def speed():
     start = time.process_time()
     theirs.process(catalogue)
     other = time.process_time() - start
-    print(f"{len(many)} sources here: {ours:.2f} CPU s; {len(few)} in TreeCorr: {other:.1f} CPU s; ratio {ours / other:.3f}")
+    print(
+        f"{len(many)} sources here: {ours:.2f} CPU s; {len(few)} in TreeCorr: {other:.1f} CPU s; ratio {ours / other:.3f}"
+    )
 
 
 def waves(skies):
@@ -61,7 +63,11 @@ def waves(skies):
         found.append([*fitted["waves"], *(factor * (s.power("T", 2) + s.power("S", 2)) for s in (solution, scaled))])
     found = np.array(found)
     print(f"Ω = {omega}, {skies} skies of 5000 sources")
-    for name, column in (("pairs, curve of waves", 0), ("power of degree 2 less quoted noise", 2), ("less scaled noise", 3)):
+    for name, column in (
+        ("pairs, curve of waves", 0),
+        ("power of degree 2 less quoted noise", 2),
+        ("less scaled noise", 3),
+    ):
         values = found[:, column]
         print(f"  {name:38}{values.mean():.4f} ± {values.std() / np.sqrt(skies):.4f}, scatter {values.std():.4f}")
     print(f"  error quoted by pairs, rms{'':14}{np.sqrt(np.mean(found[:, 1] ** 2)):.4f}")

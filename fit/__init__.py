@@ -15,7 +15,7 @@ from fit.solution import Solution
 from fit.solve import fit_field, solve
 
 if TYPE_CHECKING:
-    from fit import background, correlation, output, pairs, posterior, redshift, resample, secular_parallax
+    from fit import background, correlation, output, pairs, posterior, redshift, resample, secular_parallax, waves
 
 __all__ = [
     "Clipped",
@@ -45,10 +45,21 @@ __all__ = [
     "solve_frame",
     "solve_matrix_free",
     "spectrum",
+    "waves",
 ]
 
 # Imported when first asked for: emcee, healpy and matplotlib come with them.
-_LATER = ["background", "correlation", "output", "pairs", "posterior", "redshift", "resample", "secular_parallax"]
+_LATER = [
+    "background",
+    "correlation",
+    "output",
+    "pairs",
+    "posterior",
+    "redshift",
+    "resample",
+    "secular_parallax",
+    "waves",
+]
 __getattr__, _, _ = lazy_loader.attach(__name__, _LATER)
 
 

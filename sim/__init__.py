@@ -32,6 +32,7 @@ from sim.signal import (
     secular_parallax,
     spin,
     systematics,
+    wave,
 )
 from sim.variability import Variability
 
@@ -78,6 +79,7 @@ __all__ = [
     "uniform_sky",
     "variability",
     "vlbi_quasars",
+    "wave",
 ]
 
 # Imported when first asked for: astropy, healpy and matplotlib come with them.

@@ -30,7 +30,7 @@ from vsh.scalars import ScalarCoefficients, ScalarField
 from vsh.vector import Vector
 
 if TYPE_CHECKING:
-    from vsh import archive, catalogue, cosmology, covariance, epochs, rotate, sky, tables, transform
+    from vsh import archive, catalogue, cosmology, covariance, epochs, rotate, sky, tables, transform, waves
 
 __version__ = "0.1.0"
 __all__ = [
@@ -65,11 +65,13 @@ __all__ = [
     "sky",
     "tables",
     "transform",
+    "waves",
 ]
 
 # Imported when first asked for: astropy, healpy, ducc0 and matplotlib come with them.
 __getattr__, _, _ = lazy_loader.attach(
-    __name__, ["archive", "catalogue", "cosmology", "covariance", "epochs", "rotate", "sky", "tables", "transform"]
+    __name__,
+    ["archive", "catalogue", "cosmology", "covariance", "epochs", "rotate", "sky", "tables", "transform", "waves"],
 )
 
 

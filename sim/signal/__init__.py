@@ -5,6 +5,7 @@ from sim.signal._galaxies import secular_parallax
 from sim.signal._peculiar import peculiar
 from sim.signal._random import gravitational_waves, random_field, systematics
 from sim.signal._signal import Signal, acceleration, as_signal, from_coefficients, spin
+from sim.signal._wave import wave
 from vsh.covariance import wave_fractions
 from vsh.units import hubble_rate
 
@@ -22,5 +23,6 @@ __all__ = [
     "secular_parallax",
     "spin",
     "systematics",
+    "wave",
     "wave_fractions",
 ]

@@ -7,18 +7,23 @@ import lazy_loader
 from vsh.epochs._solve import FiveParameters, design_row, downweight, solve_epochs
 
 if TYPE_CHECKING:
+    from vsh.epochs._observations import Observations, read_observations
     from vsh.epochs._read import read_epochs
 
 __all__ = [
     "FiveParameters",
+    "Observations",
     "design_row",
     "downweight",
     "read_epochs",
+    "read_observations",
     "solve_epochs",
 ]
 
 # Imported when first asked for: astropy comes with it.
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_read": ["read_epochs"]})
+__getattr__, _, _ = lazy_loader.attach(
+    __name__, submod_attrs={"_observations": ["Observations", "read_observations"], "_read": ["read_epochs"]}
+)
 
 
 def __dir__() -> list[str]:

@@ -1,0 +1,173 @@
+"""2F over a map of directions, from whitened coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.special import chdtr, chndtr
+
+from vsh.checks.arguments import generator
+from vsh.checks.frozen import Frozen
+from vsh.errors import DegeneracyError
+from vsh.modes import Modes
+from vsh.sky.pixels import centres
+from vsh.sky.sphere import triad
+from vsh.types import BoolArray, FloatArray, Rng
+from vsh.waves import wave_templates
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened(Frozen):
+    """Equations of unit noise for some coefficients, all others free.
+
+    Attributes
+    ----------
+    kept : (p,) bool array
+        Which coefficients.
+    root : (q, q) array
+        R with RᵀR = N of those kept, less what the others take.
+    values : (q,) array
+        R⁻ᵀ b.
+    """
+
+    kept: BoolArray
+    root: FloatArray
+    values: FloatArray
+
+    @classmethod
+    def of(cls, matrix: FloatArray, rhs: FloatArray, kept: BoolArray) -> Whitened:
+        """From normal equations.
+
+        Parameters
+        ----------
+        matrix : (p, p) array
+            N.
+        rhs : (p,) array
+            b.
+        kept : (p,) bool array
+            The coefficients of interest.
+
+        Raises
+        ------
+        DegeneracyError
+            If they determine no coefficients.
+        """
+        try:
+            free = cho_factor(matrix[np.ix_(~kept, ~kept)])
+            across = matrix[np.ix_(~kept, kept)]
+            reduced = matrix[np.ix_(kept, kept)] - across.T @ cho_solve(free, across)
+            root = cholesky(reduced)
+        except np.linalg.LinAlgError:
+            raise DegeneracyError(
+                f"these sources do not determine {len(kept)} coefficients: lower lmax, or take more of the sky"
+            ) from None
+        values = solve_triangular(root, rhs[kept] - across.T @ cho_solve(free, rhs[~kept]), trans="T")
+        return cls(kept, root, values)
+
+
+@lru_cache(maxsize=4)
+def templates(lmax: int, nside: int) -> FloatArray:
+    """Coefficients of both polarisations for every pixel, (2, p, 12 nside²).
+
+    Parameters
+    ----------
+    lmax : int
+        The highest degree.
+    nside : int
+        Of the map.
+    """
+    found = wave_templates(triad(*centres(nside))[2], lmax)
+    found.flags.writeable = False
+    return found
+
+
+def map_of(white: Whitened, modes: Modes, nside: int, copies: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """2F, the best amplitudes and the mean error of one, for every direction.
+
+    Parameters
+    ----------
+    white : Whitened
+        What was fitted.
+    modes : Modes
+        Of the coefficients.
+    nside : int
+        Of the map.
+    copies : int
+        How many sets of coefficients there are, one after the other: cosine and sine, in time.
+
+    Returns
+    -------
+    statistic : (n,) array
+    amplitudes : (2 copies, n) array
+    spread : (n,) array
+        Root of the mean variance of the amplitudes.
+    """
+    seen, inverse = _basis(white, modes, nside, copies)
+    g = np.tensordot(white.values, seen, axes=(0, 1))
+    amplitudes = np.einsum("nij,jn->in", inverse, g)
+    return np.sum(g * amplitudes, axis=0), amplitudes, np.sqrt(np.einsum("nii->n", inverse) / len(g))
+
+
+def _basis(white, modes, nside, copies):
+    """Whitened templates, (2 copies, q, n), and the inverse of their products, (n, 2 copies, 2 copies)."""
+    single = templates(modes.lmax, nside)
+    p = len(modes)
+    whole = np.zeros((2 * copies, copies * p, single.shape[2]))
+    for copy in range(copies):
+        whole[2 * copy : 2 * copy + 2, copy * p : (copy + 1) * p] = single
+    seen = np.tensordot(white.root, whole[:, white.kept], axes=(1, 1)).transpose(1, 0, 2)
+    return seen, np.linalg.inv(np.einsum("iqn,jqn->nij", seen, seen))
+
+
+def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng, copies: int = 1) -> float:
+    """Probability that noise alone gives as large a 2F anywhere: (1 + how many skies do)/(1 + how many there are).
+
+    Parameters
+    ----------
+    white, modes, nside, copies
+        As for `map_of`.
+    largest : float
+        What was found.
+    n_skies : int
+        How many skies.
+    rng : Generator or int
+        Of their noise.
+    """
+    seen, inverse = _basis(white, modes, nside, copies)
+    root = np.linalg.cholesky(inverse)
+    rotated = np.einsum("nij,iqn->jnq", root, seen)  # 2F is the sum of squares of these with the noise
+    rng, beyond = generator(rng), 0
+    for start in range(0, n_skies, 100):
+        noise = rng.standard_normal((len(white.values), min(100, n_skies - start)))
+        statistic = sum((part @ noise) ** 2 for part in rotated)
+        beyond += int(np.sum(statistic.max(axis=0) >= largest))
+    return (1 + beyond) / (1 + n_skies)
+
+
+def amplitude_limits(statistic: FloatArray, spread: FloatArray, size: int, probability: float = 0.95) -> FloatArray:
+    """The amplitude that would have been found larger with this probability, (n,).
+
+    Exact where all amplitudes have one error; never below that of a search without a signal (CLs, Read 2002).
+
+    Parameters
+    ----------
+    statistic : (n,) array
+        2F.
+    spread : (n,) array
+        The error of an amplitude.
+    size : int
+        How many amplitudes.
+    probability : float
+        Between 0 and 1.
+    """
+    tail, x = 1 - probability, np.linspace(0, np.sqrt(statistic.max()) + 1e-3, 400) ** 2
+    x[0] = 1e-6
+    low, high = np.zeros_like(x), np.sqrt(x) + 12
+    for _ in range(60):
+        middle = (low + high) / 2
+        above = chndtr(x, size, middle**2) / chdtr(size, x) > tail
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return spread * np.interp(np.sqrt(statistic), np.sqrt(x), high)
