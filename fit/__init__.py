@@ -15,7 +15,19 @@ from fit.solution import Solution
 from fit.solve import fit_field, solve
 
 if TYPE_CHECKING:
-    from fit import background, correlation, output, pairs, posterior, redshift, resample, secular_parallax, waves
+    from fit import (
+        background,
+        correlation,
+        galaxy,
+        output,
+        pairs,
+        posterior,
+        redshift,
+        resample,
+        secular_parallax,
+        shear,
+        waves,
+    )
 
 __all__ = [
     "Clipped",
@@ -31,6 +43,7 @@ __all__ = [
     "cross_check",
     "fit_field",
     "frame",
+    "galaxy",
     "gaussian_prior",
     "normal_equations",
     "output",
@@ -41,6 +54,7 @@ __all__ = [
     "resample",
     "robust",
     "secular_parallax",
+    "shear",
     "solve",
     "solve_frame",
     "solve_matrix_free",
@@ -58,6 +72,7 @@ _LATER = [
     "redshift",
     "resample",
     "secular_parallax",
+    "shear",
     "waves",
 ]
 __getattr__, _, _ = lazy_loader.attach(__name__, _LATER)

@@ -9,12 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, fdtrc, gammaln, ndtri_exp
+from scipy.special import chdtr, chdtrc, chndtr, fdtrc, gammaln, ndtri_exp
+
+from vsh.types import FloatArray
 
 __all__ = [
     "Quality",
     "f_p_value",
     "log_p_value",
+    "norm_limit",
     "normal_deviate",
     "printed_p_value",
 ]
@@ -155,6 +158,36 @@ def f_p_value(chi2: float, numerator: float, denominator: float) -> float:
     if not np.isfinite(denominator) or denominator > 1e8:
         return float(chdtrc(numerator, chi2))
     return float(fdtrc(numerator, denominator, chi2 / numerator))
+
+
+def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: float = 0.95) -> FloatArray:
+    """Upper limits of the norm of a vector: a longer one would have been found longer with this probability, (n,).
+
+    Exact where all components have one error; never below that of a search without a signal (CLs; Read 2002, J. Phys. G
+    28, 2693).
+
+    Parameters
+    ----------
+    norms, sigma : (n,) arrays
+        What was found, and the error of a component.
+    size : int
+        How many components.
+    probability : float
+        Between 0 and 1.
+
+    Examples
+    --------
+    >>> norm_limit(np.array([0.0, 10.0]), np.ones(2), 3).round(2)
+    array([ 2.45, 11.55])
+    """
+    found = norms / sigma
+    x = np.linspace(1e-3, max(float(found.max()), 0.1), 400) ** 2
+    low, high = np.zeros_like(x), np.sqrt(x) + 12
+    for _ in range(60):
+        middle = (low + high) / 2
+        above = chndtr(x, size, middle**2) / chdtr(size, x) > 1 - probability
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return sigma * np.interp(found, np.sqrt(x), high)
 
 
 def printed_p_value(p: float) -> str:

@@ -107,8 +107,9 @@ def power(
 ) -> PairPower:
     """Power of the motions by kind and degree, from the correlation of pairs at all angles.
 
-    Errors of sources add no bias, whatever their size, nor does the coverage of the sky; degrees beyond `lmax` leak in
-    where it is uneven. Where errors are right, a fit's powers are the more precise ones (`fit.spectrum`).
+    Errors of sources add no bias, whatever their size, nor does the coverage of the sky on average over fields that prefer
+    no direction (one glide, seen on part of the sky, is another matter: fit it); degrees beyond `lmax` leak in where the
+    coverage is uneven. Where errors are right, a fit's powers are the more precise ones (`fit.spectrum`).
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def power(
     --------
     >>> from vsh import Coefficients
     >>> rng = np.random.default_rng(1)
-    >>> lon, lat = rng.uniform(0, 6.28, 3000), np.arcsin(rng.uniform(-0.5, 1, 3000))
+    >>> lon, lat = rng.uniform(0, 6.28, 3000), np.arcsin(rng.uniform(-1, 1, 3000))
     >>> glide = Coefficients.from_vectors(glide=(0, 0, 3.0)).at(lon, lat)
     >>> found = power(Field(lon, lat, glide + rng.normal(size=(2, 3000)), np.full((2, 3000), 0.1)), 2)
     >>> bool(abs(found.spheroidal[0] / (8 * np.pi / 3 * 9) - 1) < 0.05)

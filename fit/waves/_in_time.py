@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fit.waves._map import Whitened, amplitude_limits, chance, map_of
+from fit.quality import norm_limit
+from fit.waves._map import Whitened, chance, map_of
 from fit.waves._search import WaveSearch
 from vsh.basis import harmonics
 from vsh.checks import arguments
@@ -89,7 +90,7 @@ def search_in_time(
     white = Whitened.of(matrix, rhs, np.tile(modes.degrees >= 2, 2))
     statistic, amplitudes, spread = map_of(white, modes, nside, copies=2)
     found = WaveSearch(
-        statistic, amplitudes, amplitude_limits(statistic, spread, 4), 1.0, n_skies, tuple(range(2, modes.lmax + 1)),
+        statistic, amplitudes, norm_limit(np.sqrt(statistic) * spread, spread, 4), 1.0, n_skies, tuple(range(2, modes.lmax + 1)),
         "icrs", used, float(frequency), "µas", observations.notes,
     )  # fmt: skip
     return replace(found, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng, copies=2))

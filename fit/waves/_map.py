@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
-from scipy.special import chdtr, chndtr
 
 from vsh.checks.arguments import generator
 from vsh.checks.frozen import Frozen
@@ -145,29 +144,3 @@ def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: i
         statistic = sum((part @ noise) ** 2 for part in rotated)
         beyond += int(np.sum(statistic.max(axis=0) >= largest))
     return (1 + beyond) / (1 + n_skies)
-
-
-def amplitude_limits(statistic: FloatArray, spread: FloatArray, size: int, probability: float = 0.95) -> FloatArray:
-    """The amplitude that would have been found larger with this probability, (n,).
-
-    Exact where all amplitudes have one error; never below that of a search without a signal (CLs, Read 2002).
-
-    Parameters
-    ----------
-    statistic : (n,) array
-        2F.
-    spread : (n,) array
-        The error of an amplitude.
-    size : int
-        How many amplitudes.
-    probability : float
-        Between 0 and 1.
-    """
-    tail, x = 1 - probability, np.linspace(0, np.sqrt(statistic.max()) + 1e-3, 400) ** 2
-    x[0] = 1e-6
-    low, high = np.zeros_like(x), np.sqrt(x) + 12
-    for _ in range(60):
-        middle = (low + high) / 2
-        above = chndtr(x, size, middle**2) / chdtr(size, x) > tail
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return spread * np.interp(np.sqrt(statistic), np.sqrt(x), high)

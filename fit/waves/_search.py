@@ -10,9 +10,9 @@ import numpy as np
 from fit.background import equations_of
 from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations
-from fit.quality import printed_p_value
+from fit.quality import norm_limit, printed_p_value
 from fit.storage import Result
-from fit.waves._map import Whitened, amplitude_limits, chance, map_of
+from fit.waves._map import Whitened, chance, map_of
 from vsh import tables
 from vsh.checks import arguments
 from vsh.checks.notes import note_lines
@@ -265,7 +265,7 @@ def search(
     white = Whitened.of(equations.matrix, equations.rhs, np.isin(modes.degrees, wanted))
     statistic, amplitudes, spread = map_of(white, modes, nside)
     found = WaveSearch(
-        statistic, amplitudes, amplitude_limits(statistic, spread, 2), 1.0, n_skies, wanted, equations.frame or "icrs",
+        statistic, amplitudes, norm_limit(np.sqrt(statistic) * spread, spread, 2), 1.0, n_skies, wanted, equations.frame or "icrs",
         equations.n_data, notes=equations.notes,
     )  # fmt: skip
     return replace(found, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng))

@@ -124,6 +124,7 @@ def wave_coefficients(direction: ArrayLike, plus: float, cross: float = 0.0, *, 
     --------
     Along z, a plus wave has t(l,2,im) = c_l and s(l,2,re) = −c_l:
 
+    >>> from vsh import Mode
     >>> wave = wave_coefficients((0, 0, 1), 1.0, lmax=2)
     >>> float(wave.values[wave.modes.index(Mode("T", 2, 2, "im"))].round(6))
     0.660555

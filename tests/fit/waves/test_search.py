@@ -8,8 +8,9 @@ from scipy.stats import kstest
 
 import fit
 import sim
+from fit.quality import norm_limit
 from fit.waves import search, search_in_time
-from fit.waves._map import Whitened, _basis, amplitude_limits, chance, map_of
+from fit.waves._map import Whitened, _basis, chance, map_of
 from vsh import DegeneracyError, Field, ModesError, ParameterError
 from vsh.epochs import Observations, read_observations
 from vsh.waves import wave_motions
@@ -73,7 +74,7 @@ def test_limits_hold():
         waves = size * spread * (np.outer(np.cos(turn), seen[0]) + np.outer(np.sin(turn), seen[1]))
         g = (waves + rng.standard_normal(waves.shape)) @ seen.T
         statistic = np.sum(g @ inverse * g, axis=1)
-        held = amplitude_limits(statistic, np.full(4000, spread), 2) >= size * spread
+        held = norm_limit(np.sqrt(statistic) * spread, np.full(4000, spread), 2) >= size * spread
         assert held.mean() > 0.94
 
 

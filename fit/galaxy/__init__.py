@@ -1,0 +1,39 @@
+"""What the acceleration of the Solar System says of our Galaxy: circular speed, distance of its centre, potentials."""
+
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+from fit.galaxy._galaxy import GalacticOrbit, orbit
+from fit.galaxy._relations import (
+    R0,
+    SGR_A,
+    SOLAR_SPEED,
+    angular_speed,
+    circular_speed,
+    distance_of_centre,
+    expected_acceleration,
+)
+
+if TYPE_CHECKING:
+    from fit.galaxy._plot import plot_orbit
+
+__all__ = [
+    "R0",
+    "SGR_A",
+    "SOLAR_SPEED",
+    "GalacticOrbit",
+    "angular_speed",
+    "circular_speed",
+    "distance_of_centre",
+    "expected_acceleration",
+    "orbit",
+    "plot_orbit",
+]
+
+# matplotlib is imported when a figure is first asked for.
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_orbit"]})
+
+
+def __dir__() -> list[str]:
+    return __all__
