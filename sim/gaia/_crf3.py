@@ -14,7 +14,7 @@ import numpy as np
 
 from sim.astrometry import solve
 from sim.mission import Mission
-from sim.population import quasar_magnitudes, quasar_redshifts
+from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes, quasar_redshifts
 from sim.scanning import NominalScanningLaw
 from sim.signal import Signal, acceleration, as_signal
 from sim.skies import draw_positions
@@ -25,13 +25,10 @@ from vsh.sky.pixels import centres, pixels_of
 from vsh.types import FloatArray, Rng, Table
 from vsh.units import MAS
 
-#: Sources with five and with six parameters.
-CRF3_COUNTS = {31: 1_215_942, 95: 398_231}
 #: Parallaxes of quasars in DR3, on average. [mas] (Lindegren et al. 2021, A&A 649, A4)
 ZERO_POINT = -0.017
 #: 34 months.
 _YEARS = 34 / 12
-_SIX = 1.25
 _OUTLIERS, _TIMES = 0.002, 3.0
 _NSIDE = 32
 _UNITS = {
@@ -81,14 +78,14 @@ def crf3(
     sky, light, errors, noise, rest, gaps = generator(rng).spawn(6)
     lon, lat = draw_positions(n, sky, "gums")
     six = np.arange(n) >= n_five
-    magnitude = np.concatenate([quasar_magnitudes(n_five, light, 21.0), 21 - light.gamma(2.0, 0.32, n - n_five)])
+    magnitude = crf3_magnitudes(n_five, n - n_five, light)
     mission = Mission(NominalScanningLaw(years=_YEARS, rng=gaps), "DR3")
     pixel = pixels_of(lon, lat, _NSIDE)
     there = solve(mission.scanning_law.transits(*centres(_NSIDE)), np.ones(12 * _NSIDE**2), 0, years=_YEARS)
     unit = there.covariance[:, 2:, 2:]  # parallax, µ_α*, µ_δ for a transit's error of one
     unit = np.where(np.isfinite(unit), unit, np.nanmedian(unit, axis=0))
     # A little of its own for each source: transits are lost.
-    size = mission.transit_error(magnitude) * np.where(six, _SIX, 1.0) * errors.lognormal(0.0, 0.05, n)
+    size = mission.transit_error(magnitude) * np.where(six, SIX_PARAMETERS, 1.0) * errors.lognormal(0.0, 0.05, n)
     deviation = np.sqrt(np.einsum("nii->ni", unit))
     correlation = unit / (deviation[:, :, None] * deviation[:, None])
     wrong = np.where(errors.random(n) < _OUTLIERS, _TIMES, 1.0)

@@ -12,6 +12,10 @@ from vsh.types import FloatArray, Rng
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
 _BRIGHTER_THAN = {18.0: 29_200, 19.0: 175_814, 20.0: 665_975, 21.0: 1_215_942}
+#: Sources with five and with six parameters.
+CRF3_COUNTS = {31: 1_215_942, 95: 398_231}
+#: By how much errors with six parameters are larger than those with five at one magnitude.
+SIX_PARAMETERS = 1.25
 
 
 @arguments.accepts(n=arguments.whole, rng=arguments.seed)
@@ -94,6 +98,24 @@ def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArr
     top = np.interp(max_magnitude, magnitude, log_count)
     drawn = top + np.log10(1 - generator(rng).uniform(0, 1, n))
     return np.interp(drawn, log_count, magnitude)
+
+
+def crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
+    """Magnitudes G like those of Gaia-CRF3: of sources with five parameters, then of those with six.
+
+    Parameters
+    ----------
+    n_five, n_six : int
+        How many of each.
+    rng : Generator or int
+        The source of all randomness.
+
+    Returns
+    -------
+    (n_five + n_six,) array
+    """
+    rng = generator(rng)
+    return np.concatenate([quasar_magnitudes(n_five, rng, 21.0), 21 - rng.gamma(2.0, 0.32, n_six)])
 
 
 def quasar_redshifts(n: int, rng: Rng, scale: float = 0.55, shape: float = 2.7) -> FloatArray:

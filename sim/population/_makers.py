@@ -200,8 +200,6 @@ def stars(
 
 
 def _positions(n, rng, sky, map_frame):
-    from sim.skies import draw_positions  # healpy
-
     if n < 1:
         raise ParameterError(f"a population has at least one member, not {n}")
     exact = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
@@ -209,4 +207,6 @@ def _positions(n, rng, sky, map_frame):
         raise ParameterError(f"a sky is a name or a HEALPix map, not {type(sky).__name__}")
     if isinstance(sky, str) and sky in exact:
         return exact[sky](n, rng)
+    from sim.skies import draw_positions  # healpy, for maps alone
+
     return draw_positions(n, rng, sky, map_frame)

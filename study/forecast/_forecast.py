@@ -1,0 +1,245 @@
+"""Errors to come: spin, acceleration, waves, shear, our Galaxy, our velocity and H0, for surveys side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtri
+
+from fit.correlation import predict
+from fit.galaxy import R0, circular_speed, distance_of_centre, expected_acceleration
+from fit.secular_parallax import predict as predict_velocity
+from fit.shear import tensor_of
+from sim.population import galaxies
+from study.forecast._surveys import SURVEYS, Survey
+from vsh import Coefficients, Field
+from vsh.checks import arguments
+from vsh.cosmology import PLANCK_2013, transverse_distance
+from vsh.covariance import LINDEGREN_2021, Spectrum
+from vsh.errors import ParameterError
+from vsh.types import Figure, Rng, Table
+from vsh.units import AU_PER_YEAR, hubble_rate
+
+#: So many stand for all: so many quasars; of galaxies the nearest and every tenth of the rest, fewer where flows are unknowns.
+_QUASARS, _GALAXIES, _NEAREST, _EVERY, _IN_FLOWS = 5000, 100_000, 4000, 20, 2000
+#: The highest degree that is looked at.
+_DEGREES = 400
+_MODES, _HUBBLE = 40, 70.0
+#: Beside no flows, as forecasts of the field have it; and beyond flows. They are put into the errors. [km/s]
+_ALONE, _BEYOND, _NONE = 300.0, 150.0, 1e-3
+#: What is forecast: words and unit, in the order of the table.
+QUANTITIES = {
+    "spin": ("spin, a component", "µas/yr"),
+    "acceleration": ("acceleration, a component", "µas/yr"),
+    "acceleration_floor": ("  with the floor", "µas/yr"),
+    "direction": ("  its direction", "°"),
+    "speed": ("circular speed V0", "km/s"),
+    "r0": ("R0 with Sgr A*'s motion", "kpc"),
+    "waves": ("h70² Ω of waves, 95 % of noise", ""),
+    "wave": ("  one wave, its rate", "µas/yr"),
+    "shear": ("shear, a component", "% of H0"),
+    "degree": ("degrees with DR3's systematics", ""),
+    "velocity": ("our velocity, a component", "km/s"),
+    "hubble": ("H0", "km/s/Mpc"),
+    "velocity_flows": ("  velocity, flows unknown", "km/s"),
+    "hubble_flows": ("  H0, flows unknown", "km/s/Mpc"),
+}
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Errors to come.
+
+    Attributes
+    ----------
+    surveys : dict of str to Survey
+    values : dict of str to dict
+        Of each survey, by the names of `QUANTITIES`; nan where it has no galaxies.
+    sky : str
+        How the quasars are spread.
+    """
+
+    surveys: dict[str, Survey]
+    values: dict[str, dict[str, float]]
+    sky: str
+
+    def report(self) -> str:
+        """The table as text.
+
+        Returns
+        -------
+        str
+        """
+        wide = max(12, *(len(name) + 2 for name in self.surveys))
+        lines = [
+            f"Errors to come (68 %), quasars on a sky that is {self.sky}, galaxies to z = 0.03 (errors of faint ones as Gaia's)",
+            f"{'':42}" + "".join(f"{name:>{wide}}" for name in self.surveys),
+            f"{'quasars':42}" + "".join(f"{survey.n_quasars:>{wide}}" for survey in self.surveys.values()),
+            f"{'galaxies':42}" + "".join(f"{survey.n_galaxies or '':>{wide}}" for survey in self.surveys.values()),
+        ]
+        for name, (words, unit) in QUANTITIES.items():
+            cells = (self.values[survey][name] for survey in self.surveys)
+            shown = "".join(
+                f"{'' if np.isnan(x) else f'{x:.0f}' if name == 'degree' else f'{x:.3g}':>{wide}}" for x in cells
+            )
+            lines.append(f"{words + (f' [{unit}]' if unit else ''):42}{shown}")
+        lines += [f"  {name}: {survey.says}; floor {survey.floor:g} µas/yr" for name, survey in self.surveys.items()]
+        lines.append(
+            "velocity and H0 without flows: independent velocities of 300 km/s; with them: linear theory, one sky's cosmic variance"
+        )
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each survey, as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
+        from vsh import tables
+
+        columns: dict[str, Any] = {"survey": list(self.surveys), "quasars": [s.n_quasars for s in self.surveys.values()],
+                                   "galaxies": [s.n_galaxies for s in self.surveys.values()]}  # fmt: skip
+        columns |= {name: [float(self.values[survey][name]) for survey in self.surveys] for name in QUANTITIES}
+        units = {
+            "µas/yr": "uas / yr",
+            "°": "deg",
+            "km/s": "km / s",
+            "km/s/Mpc": "km / (s Mpc)",
+            "kpc": "kpc",
+            "% of H0": "%",
+        }
+        return tables.table_of(
+            columns, {"sky": self.sky}, {name: units[unit] for name, (_, unit) in QUANTITIES.items() if unit}
+        )
+
+    def plot(self) -> Figure:
+        """Every quantity by survey, a panel each; a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+        """
+        from study.forecast._plot import plot_forecast
+
+        return plot_forecast(self)
+
+
+@arguments.accepts(rng=arguments.seed)
+def forecast(
+    surveys: Mapping[str, Survey] | None = None, *, sky: str = "even", flows: bool = True, rng: Rng = 1
+) -> Forecast:
+    """Errors to come of surveys, side by side, in a few seconds.
+
+    Parameters
+    ----------
+    surveys : dict of str to Survey, optional
+        By name; `SURVEYS` unless given.
+    sky : {"even", "gums", "igql"}
+        How the quasars are spread: evenly, behind no Galactic plane, or as in the list of known quasars.
+    flows : bool
+        Velocity and H0 with flows as unknowns, too.
+    rng : Generator or int
+        Of galaxies, and of places on a sky that is not even; errors move with it by a per cent or two.
+
+    Returns
+    -------
+    Forecast
+
+    Raises
+    ------
+    ParameterError
+        If there are no surveys, or no such sky.
+
+    Notes
+    -----
+    5000 quasars, and some 9000 of 100 000 galaxies (2000 with flows), stand for all, with errors that carry the same information; covariances are those
+    of fits to degree 2. "Degrees": to which a field with the power of DR3's systematics at large angles (Lindegren et al.
+    2021) stands above the noise, kind by kind. Waves: what noise alone gives with 95 % in degree 2; one wave: the error of
+    its rate when its direction is known.
+    """
+    surveys = dict(SURVEYS if surveys is None else arguments.a(dict)("surveys", surveys))
+    if not surveys or not all(isinstance(each, Survey) for each in surveys.values()):
+        raise ParameterError("a forecast is of one Survey at least, by name")
+    arguments.choice("sky", sky, ("even", "gums", "igql"))
+    near = arguments.generator(rng)
+    (places,) = near.spawn(1)
+    lon, lat = _places(sky, places)
+    still = np.zeros((2, len(lon)))
+    power = Spectrum.from_covariance(LINDEGREN_2021).power(_DEGREES)[0]
+    some = galaxies(_GALAXIES, near)
+    values = {
+        name: _of_quasars(Field(lon, lat, still, survey.errors(len(lon))), survey, power)
+        | _of_galaxies(survey, some, flows)
+        for name, survey in surveys.items()
+    }
+    return Forecast(surveys, values, sky)
+
+
+def _places(sky, rng):
+    """Of the quasars that stand for all."""
+    if sky != "even":
+        from sim.skies import draw_positions  # healpy, for maps alone
+
+        return draw_positions(_QUASARS, rng, sky)
+    # A spiral by the golden angle: evener than a draw.
+    i = np.arange(_QUASARS)
+    return i * np.pi * (3 - np.sqrt(5)) % (2 * np.pi), np.arcsin((2 * i + 1) / _QUASARS - 1)
+
+
+def _of_quasars(field, survey, power):
+    found = predict(field, 2)
+    spin, acceleration = (float(np.sqrt(np.mean(each.sigma**2))) for each in (found.spin, found.acceleration))
+    known = expected_acceleration(R0[0])
+    # Noise in degree 2, both kinds: on an even sky 4π/(n w) a coefficient, T and S alike.
+    noise = (found.noise_power("T", 2) + found.noise_power("S", 2)) / 10
+    tensors = [tensor_of(Coefficients(2, row)) for row in np.linalg.cholesky(found.covariance).T]
+    degrees = np.arange(1, _DEGREES + 1)
+    return {
+        "spin": spin, "acceleration": acceleration, "acceleration_floor": float(np.hypot(acceleration, survey.floor)),
+        "direction": float(np.degrees(acceleration / known)), "speed": circular_speed(known, acceleration, *R0)[1],
+        "r0": distance_of_centre(known, acceleration)[1],
+        "waves": 6 / 5 * noise * float(chdtri(10, 0.05)) / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
+        "wave": float(np.sqrt(noise * 6 / (4 * np.pi))),
+        "shear": 100 * float(np.sqrt(np.mean(np.sum(np.square(tensors), axis=0)))) / hubble_rate(_HUBBLE),
+        "degree": float(_last_above(power, (2 * degrees + 1) * noise)),
+    }  # fmt: skip
+
+
+def _last_above(power, noise):
+    """The highest degree up to which power stands above noise."""
+    below = np.flatnonzero(power <= noise)
+    return below[0] if below.size else len(power)
+
+
+def _of_galaxies(survey, some, flows):
+    names = ("velocity", "hubble", "velocity_flows", "hubble_flows")
+    if not survey.n_galaxies:
+        return dict.fromkeys(names, float("nan"))
+    order = np.argsort(some.redshift)
+    # The nearest weigh most: all of them, and of the rest every tenth for ten.
+    few = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
+    alone = _errors(survey, some[few], _ALONE, np.where(np.arange(len(few)) < _NEAREST, 1, _EVERY))
+    found = [*_velocity(some[few], alone)]
+    if flows:
+        few = order[:: len(order) // _IN_FLOWS]
+        beyond = _errors(survey, some[few], _BEYOND, len(order) / len(few))
+        found += _velocity(some[few], beyond, flows="linear", n_modes=_MODES)
+    else:
+        found += [float("nan")] * 2
+    return dict(zip(names, found, strict=True))
+
+
+def _errors(survey, some, dispersion, times):
+    """Errors of galaxies that stand for several each, their peculiar velocities included. [µas/yr]"""
+    scatter = dispersion / (AU_PER_YEAR * transverse_distance(some.redshift, PLANCK_2013))
+    return np.hypot(survey.galaxy_errors(some.magnitude), scatter) / np.sqrt(times * survey.n_galaxies / _GALAXIES)
+
+
+def _velocity(some, errors, **options):
+    field = Field(some.lon, some.lat, np.zeros_like(errors), errors, redshift=some.redshift)
+    ours, constant = predict_velocity(field, 67.3, peculiar_dispersion=_NONE, **options)
+    return float(np.sqrt(np.trace(ours.velocity.covariance) / 3)), float(constant.hubble_error)

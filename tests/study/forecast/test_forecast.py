@@ -1,0 +1,102 @@
+"""Forecasts of surveys: the numbers of even skies, and what they follow from."""
+
+import numpy as np
+import pytest
+
+import fit
+import sim
+from study.forecast import SURVEYS, Survey, forecast
+from study.forecast._forecast import QUANTITIES
+from study.forecast.command import main
+from vsh import Field, ParameterError
+
+
+@pytest.fixture(scope="module")
+def found():
+    return forecast()
+
+
+def test_numbers_of_even_skies(found):
+    """Within 5 % of those worked out by hand for Gaia-CRF3's counts and 10⁵ galaxies."""
+    expected = {
+        "spin": (0.361, 0.152, 0.053), "acceleration": (0.361, 0.152, 0.053), "waves": (8.7e-3, 1.6e-3, 1.9e-4),
+        "velocity": (63, 31, 15.6), "hubble": (11.4, 5.7, 2.9),
+    }  # fmt: skip
+    for name, row in expected.items():
+        for survey, value in zip(("Gaia DR3", "Gaia DR4", "Gaia DR5"), row, strict=True):
+            assert found.values[survey][name] == pytest.approx(value, rel=0.05), (name, survey)
+
+
+def test_what_follows_from_the_acceleration(found):
+    for survey, values in found.values.items():
+        a = values["acceleration"]
+        assert values["direction"] == pytest.approx(np.degrees(a / fit.galaxy.expected_acceleration(8.275)), rel=1e-9)
+        assert values["r0"] == pytest.approx(8.275 * np.hypot(a / 4.861, 2 * 0.04 / 28.894), rel=1e-3)
+        assert values["acceleration_floor"] == pytest.approx(np.hypot(a, SURVEYS[survey].floor), rel=1e-9)
+        # σ(ḣ) = σ_µ √(6/N), σ_a = σ_µ √(3/2N): twice as large.
+        assert values["wave"] == pytest.approx(2 * a, rel=0.02)
+
+
+def test_a_survey_of_few_sources_beside_its_own_fit():
+    """400 simulated skies of the same sources: scatter as forecast."""
+    survey = Survey(500, sigma=20.0)
+    values = forecast({"mine": survey}).values["mine"]
+    rng, seen, shears = np.random.default_rng(1), [], []
+    for _ in range(400):
+        lon, lat = sim.uniform_sky(500, rng)
+        errors = np.full((2, 500), 20.0)
+        solution = fit.fit_field(Field(lon, lat, errors * rng.normal(size=(2, 500)), errors), 2)
+        seen.append(solution.acceleration.value)
+        shears.append(fit.shear.expansion(solution).tensor)
+    assert np.std(seen) == pytest.approx(values["acceleration"], rel=0.06)
+    percent = 100 * np.sqrt(np.mean(np.square(shears))) / sim.signal.hubble_rate(70)
+    assert percent == pytest.approx(values["shear"], rel=0.06)
+    assert np.isnan(values["velocity"])
+
+
+def test_errors_scale_as_they_must():
+    one, four = (forecast({"s": Survey(n, sigma=10.0, n_galaxies=n)}, flows=False).values["s"] for n in (1000, 4000))
+    for name in ("spin", "acceleration", "shear", "wave", "velocity"):
+        assert four[name] == pytest.approx(one[name] / 2, rel=1e-6)
+    assert four["waves"] == pytest.approx(one["waves"] / 4, rel=1e-6)
+    assert np.isnan(one["hubble_flows"])
+
+
+def test_other_skies_are_worse():
+    even, plane = (forecast({"s": Survey(1000, sigma=10.0)}, sky=sky).values["s"] for sky in ("even", "gums"))
+    assert plane["spin"] > 1.005 * even["spin"]
+
+
+def test_report_table_and_figure(found):
+    text = found.report()
+    assert "an assumption" in text
+    assert "nan" not in text
+    table = found.to_table()
+    assert set(QUANTITIES) < set(table.colnames)
+    assert len(table) == len(SURVEYS)
+    found.plot().canvas.draw()
+
+
+def test_messages(capsys):
+    with pytest.raises(ParameterError, match="at least, by name"):
+        forecast({})
+    with pytest.raises(ParameterError, match="at least, by name"):
+        forecast({"a": 3})
+    with pytest.raises(ParameterError, match="sky must be one of"):
+        forecast(sky="flat")
+    with pytest.raises(ParameterError, match="one of the two"):
+        Survey(100)
+    with pytest.raises(ParameterError, match="n_quasars must be a whole number"):
+        Survey(0, sigma=1.0)
+    assert main(["--only", "Gaia DR9"]) == 1
+    assert "no survey is called 'Gaia DR9'" in capsys.readouterr().err
+    for bad in ("mine", "mine=3", "mine=3.5,1", "=3,1", "mine=3,0"):
+        with pytest.raises(SystemExit):
+            main(["--survey", bad])
+
+
+def test_command(tmp_path, capsys):
+    folder = tmp_path / "forecast"
+    assert main(["--only", "VLBI", "--survey", "mine=3000,2", "--no-flows", "--output", str(folder)]) == 0
+    assert {x.name for x in folder.iterdir()} == {"report.txt", "forecast.ecsv", "forecast.png", "provenance.json"}
+    assert "mine" in capsys.readouterr().out
