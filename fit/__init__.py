@@ -39,6 +39,7 @@ __all__ = [
     "Solution",
     "background",
     "clip",
+    "compare",
     "correlation",
     "cross_check",
     "fit_field",
@@ -65,7 +66,9 @@ __all__ = [
 # Imported when first asked for: emcee, healpy and matplotlib come with them.
 _LATER = [
     "background",
+    "compare",
     "correlation",
+    "galaxy",
     "output",
     "pairs",
     "posterior",

@@ -75,12 +75,12 @@ class HarmonicSolution(LinearSolution):
     @property
     def spin(self) -> Vector:
         """The spin ω of the frame, a Vector. [µas/yr]"""
-        return self._first_degree("T", FIRST_DEGREE)
+        return self._first_degree("T", FIRST_DEGREE, self.unit)
 
     @property
     def acceleration(self) -> Vector:
         """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
-        return self._first_degree("S", FIRST_DEGREE)
+        return self._first_degree("S", FIRST_DEGREE, self.unit)
 
     def power(self, kind: Kind, l: int, *, debiased: bool = True) -> float:
         """Power of one kind and degree, ∫ |V_l|² dΩ. [(µas/yr)²]
@@ -209,7 +209,7 @@ class HarmonicSolution(LinearSolution):
         values, covariance = self.of_degree(kind, l)
         return float(values @ np.linalg.solve(covariance, values))
 
-    def _first_degree(self, kind, rows, unit="µas/yr"):
+    def _first_degree(self, kind, rows, unit):
         # The rows are orthogonal, but not of one length: the inverse, then.
         inverse = np.linalg.inv(rows)
         degree = self.modes.slice_of(kind, 1)

@@ -46,6 +46,8 @@ class Solution(HarmonicSolution):
         the others cost a degree of freedom each.
     unshrunk : Solution or None
         The same without the prior of a floor: what the powers and p-values of degrees beyond 1 are taken from.
+    unit : str
+        Of the coefficients: "µas/yr" of motions, "µas" of differences of position.
     """
 
     coefficients: Coefficients
@@ -58,6 +60,7 @@ class Solution(HarmonicSolution):
     covariance_dof: float = float("inf")
     by_prior: float = 0.0
     unshrunk: Solution | None = None
+    unit: str = "µas/yr"
 
     _coefficients = Coefficients
 
@@ -103,8 +106,9 @@ class Solution(HarmonicSolution):
         Table
         """
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
-        units = dict.fromkeys(("value", "sigma"), "uas / yr") if self.unit == Solution.unit else {}
-        return tables.table_of(columns, {"frame": self.frame}, units)
+        return tables.table_of(
+            columns, {"frame": self.frame}, {name: self._units[name] for name in ("value", "sigma") if self._units}
+        )
 
     def _repr_html_(self) -> str:
         from fit.output import html_of
@@ -171,8 +175,18 @@ class Solution(HarmonicSolution):
         }  # fmt: skip
         rest = {"lmax": self.modes.lmax, "chi2": exact(self.chi2), "n_data": int(self.n_data), "frame": self.frame,
                 "notes": list(map(str, self.notes)), "errors_from": self.errors_from,
-                "covariance_dof": exact(self.covariance_dof), "by_prior": exact(self.by_prior), "unshrunk": encoded(self.unshrunk)}  # fmt: skip
-        return columns, rest, dict.fromkeys(("value", "sigma"), "uas / yr") | {"covariance": "uas2 / yr2"}
+                "covariance_dof": exact(self.covariance_dof), "by_prior": exact(self.by_prior), "unshrunk": encoded(self.unshrunk),
+                "unit": self.unit}  # fmt: skip
+        return columns, rest, self._units
+
+    @property
+    def _units(self):
+        """Of the columns, where they are ones that tables know."""
+        known = {"µas/yr": ("uas / yr", "uas2 / yr2"), "µas": ("uas", "uas2")}
+        if self.unit not in known:
+            return {}
+        one, squared = known[self.unit]
+        return {"value": one, "sigma": one, "covariance": squared}
 
     @classmethod
     def _unpack(cls, columns, rest):
@@ -184,7 +198,8 @@ class Solution(HarmonicSolution):
         """What every solution is made of, in the order of its attributes."""
         coefficients = cls._coefficients(rest["lmax"], columns["value"])
         return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
-                words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]), number(rest["by_prior"]), decoded(rest["unshrunk"]))  # fmt: skip
+                words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]), number(rest["by_prior"]), decoded(rest["unshrunk"]),
+                str(rest["unit"]))  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,14 +237,6 @@ class ScalarSolution(Solution):
 
     def _repr_html_(self) -> str:
         return Result._repr_html_(self)
-
-    def _pack(self):
-        columns, rest, _ = super()._pack()
-        return columns, rest | {"unit": self.unit}, {}
-
-    @classmethod
-    def _unpack(cls, columns, rest):
-        return cls(*cls._plain(columns, rest), str(rest["unit"]))
 
 
 class AboutSolution(Result):

@@ -98,7 +98,7 @@ def solve(
     }  # fmt: skip
     if isinstance(normal.modes, ScalarModes):
         return ScalarSolution(ScalarCoefficients(normal.modes, values), **about, unit=normal.unit or "")
-    return Solution(Coefficients(normal.modes, values), **about)
+    return Solution(Coefficients(normal.modes, values), **about, unit=normal.unit or "µas/yr")
 
 
 def fit_field(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts)
 
     title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
     seen: Any = sample_of(field) if isinstance(field, Parts) else field
-    draw: Any = plot_scalar_field if isinstance(seen, ScalarField) else plot_field
+    draw: Any = plot_scalar_field if isinstance(seen, ScalarField) else partial(plot_field, unit=solution.unit)
     return {
         "sky": draw(seen, solution.coefficients, title=title),
         "spectrum": plot_spectrum(solution),

@@ -9,7 +9,13 @@ from typing import Any
 from fit.harmonic import HarmonicSolution
 from fit.output._rows import is_scalar, power_rows, vector_rows, vectors_of
 
-_SYMBOLS = {"spin": r"$\omega$", "acceleration": r"$\tilde a$", "dipole": "dipole"}
+_SYMBOLS = {
+    "spin": r"$\omega$",
+    "acceleration": r"$\tilde a$",
+    "dipole": "dipole",
+    "rotation": "rotation",
+    "glide": "glide",
+}
 
 
 def html_of(solution: HarmonicSolution) -> str:

@@ -85,7 +85,7 @@ def what_of(solution: HarmonicSolution) -> str:
     """
     if is_scalar(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
-    return "Vector spherical harmonics of proper motions"
+    return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
 
 
 def warnings_of(solution: HarmonicSolution) -> list[tuple[str, str]]:
@@ -172,7 +172,7 @@ def floor_words(solution: HarmonicSolution) -> tuple[str, ...]:
     """
     from fit.background import floor  # its integrals and searches are for reports alone
 
-    if solution.modes.lmax < 3 or solution.modes.components != 2 or getattr(solution, "by_prior", None):
+    if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):
         return ()
     try:
         found = floor(solution, range(2, min(solution.modes.lmax, _FLOOR_LMAX) + 1))

@@ -64,7 +64,7 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
 
 
 def vectors_of(solution: Any) -> dict[str, Vector]:
-    """Spin and acceleration of a solution by name; the dipole of a scalar field.
+    """Spin and acceleration of a solution by name; rotation and glide of positions, the dipole of a scalar field.
 
     Parameters
     ----------
@@ -77,7 +77,8 @@ def vectors_of(solution: Any) -> dict[str, Vector]:
     """
     if is_scalar(solution):
         return {"dipole": solution.dipole} if solution.modes.lmax > 0 else {}
-    return {"spin": solution.spin, "acceleration": solution.acceleration}
+    names = ("rotation", "glide") if solution.unit == "µas" else ("spin", "acceleration")
+    return dict(zip(names, (solution.spin, solution.acceleration), strict=True))
 
 
 def is_scalar(solution: HarmonicSolution) -> bool:

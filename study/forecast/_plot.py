@@ -33,7 +33,7 @@ def plot_forecast(found: Any) -> Figure:
         values = np.array([found.values[survey][name] for survey in names])
         place = np.arange(len(names))
         seen = np.isfinite(values)
-        axes.bar(place[seen], values[seen], color="#0b5394", width=0.6)
+        axes.scatter(place[seen], values[seen], s=70, color="#0b5394", zorder=3)
         for further in (f"{name}_floor", f"{name}_flows"):
             if further in QUANTITIES:
                 more = np.array([found.values[survey][further] for survey in names])
@@ -47,9 +47,10 @@ def plot_forecast(found: Any) -> Figure:
                     label=QUANTITIES[further][0].strip(),
                 )
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(frameon=False, fontsize=9)
+            axes.legend(frameon=False, fontsize=9, loc="best")
         if seen.any():
             axes.set_yscale("log")
+        axes.grid(axis="y", color="0.9")
         axes.set_xticks(place, names, rotation=35, ha="right", fontsize=10)
         axes.set_title(f"{words.strip()}{f'  [{unit}]' if unit else ''}", fontsize=11)
         axes.spines[["top", "right"]].set_visible(False)

@@ -15,10 +15,18 @@ from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.storage import read
 from fit.storage._result import _KINDS
-from vsh import ScalarField, Vector
+from vsh import Field, ScalarField, Vector
 from vsh.cosmology import PLANCK_2018
 from vsh.covariance import Spectrum
 from vsh.errors import TableError
+
+
+def two_catalogues(field):
+    """The same sources twice, three of them far off in the second."""
+    noise = field.sigma * np.random.default_rng(3).normal(size=(2, len(field)))
+    off = np.where(np.arange(len(field)) < 3, 1e5, 0.0)
+    named = {"sigma": field.sigma, "rho": field.rho, "name": np.arange(len(field))}
+    return Field(field.lon, field.lat, field.motion, **named), Field(field.lon, field.lat, noise + off, **named)
 
 
 def results():
@@ -48,6 +56,7 @@ def results():
         "templates": fit.pairs.correlation(field, np.radians([0, 40, 80, 120, 180]), nside=1).fit(),
         "shear": fit.shear.expansion(fit.fit_field(field, 2)),
         "orbit": fit.galaxy.orbit(Vector([5.0, 0.1, 0.2], 0.1 * np.eye(3), "galactic")),
+        "frames": fit.compare.compare(*two_catalogues(field), 1, labels=("one", "two"))[0],
         "one wave": fit.waves.search(fit.fit_field(field, 2), nside=2, n_skies=5),
         "power of pairs": fit.pairs.power(field, 2, nside=1),
         "floor": fit.background.floor(fit.normal_equations(field, 3)),
@@ -98,6 +107,7 @@ NAMES = (
         "shear",
         "orbit",
         "one wave",
+        "frames",
     ),
     *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
     *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),

@@ -4,6 +4,7 @@ from vsh.catalogue._columns import GAIA, Columns, missing_column
 from vsh.catalogue._icrf import read_icrf
 from vsh.catalogue._match import match
 from vsh.catalogue._parts import parts
+from vsh.catalogue._positions import read_positions
 from vsh.catalogue._read import iter_fields, read_field, write_field
 from vsh.catalogue._scalars import read_scalars
 from vsh.catalogue._sources import read_sources
@@ -19,6 +20,7 @@ __all__ = [
     "parts",
     "read_field",
     "read_icrf",
+    "read_positions",
     "read_scalars",
     "read_sources",
     "truth_of",

@@ -1,0 +1,167 @@
+"""`vsh-compare`: two catalogues of one sky, on the command line."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import vsh
+from vsh.commands import outputs, parsing, running
+from vsh.errors import TableError, VshError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `vsh-compare`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        In place of those of the command line.
+    """
+    options = parsing.parse(make_parser(), arguments)
+    words = sys.argv[1:] if arguments is None else list(map(str, arguments))
+    return running.guarded("vsh-compare", lambda: _run(options, words), options.threads)
+
+
+def _run(options, words):
+    if options.output:
+        outputs.check_folder(options.output, "vsh-compare", options.overwrite)
+    if options.html:
+        outputs.check_file(options.html, options.overwrite, "--html")
+    # Not before: --help should not wait for astropy.
+    from fit.compare import compare
+
+    paths = [options.catalogue, options.catalogue2]
+    what = options.what or ("motions" if all(map(_has_motions, paths)) else "positions")
+    one, two = (_read(path, what, options) for path in paths)
+    labels = _labels(paths)
+    found, kept = compare(
+        one, two, options.lmax, by=options.by, radius=options.radius, threshold=options.threshold, labels=labels
+    )
+    text = found.report()
+    running.say(text)
+    if not (options.output or options.html):
+        return
+    import matplotlib
+
+    matplotlib.use("agg")  # files, no windows
+    meta = running.provenance(
+        paths,
+        options,
+        {"vsh-astrometry": vsh.__version__},
+        matched=len(kept) + len(found.names),
+        left_out=len(found.names),
+    )
+    if options.output:
+        with outputs.results_folder(options.output, "vsh-compare", meta, options.overwrite) as folder:
+            _write(folder, text, found, kept, meta)
+            listed = [x.name for x in folder.iterdir()]
+        running.say(running.written(options.output, listed))
+    if options.html:
+        _page(found, kept, options, words, meta)
+        running.say(f"written to {options.html}")
+
+
+def _write(folder, text, found, kept, meta):
+    from fit.output import draw_figures, write_correlation
+    from vsh import tables
+    from vsh.sky.plot import save_figures
+
+    (folder / "report.txt").write_text(text, encoding="utf-8")
+    found.write(folder / "comparison.ecsv", meta)
+    found.solution.write(folder / "solution.ecsv", meta)
+    write_correlation(found.solution, folder / "correlation.ecsv", meta)
+    tables.write_table(found.outliers_table(), folder / "outliers.ecsv", meta)
+    figures = draw_figures(found.solution, kept) | {"catalogues": found.correlations.plot()}
+    save_figures(figures, folder)
+
+
+def _page(found, kept, options, words, meta):
+    from fit.output import write_html
+
+    command = [
+        "vsh-compare",
+        *(Path(word).name if "/" in word and not word.startswith("-") else word for word in words),
+    ]
+    captions = {
+        "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle."
+    }
+    write_html(
+        found.solution, kept, options.html, command=command, source=" − ".join(found.labels), provenance=meta,
+        further={"catalogues": found.correlations.plot()}, captions=captions,
+        sections={"Sources that were left out": found.outliers_table()} if found.names else None,
+    )  # fmt: skip
+
+
+def _has_motions(path):
+    from vsh import tables
+
+    try:
+        names = tables.open_table(path).names
+    except TableError:  # ICRF's fixed columns
+        return False
+    return {"pmra", "pmdec"} <= set(names)
+
+
+def _read(path, what, options):
+    from vsh.catalogue import read_field, read_positions
+
+    if what == "motions":
+        return read_field(path, on_bad=options.on_bad, columns=options.columns, units=options.units, frame=options.catalogue_frame, roles=("name",)).to_frame(options.frame)  # fmt: skip
+    if options.frame != (options.catalogue_frame or "icrs"):
+        raise VshError(f"positions are compared in the axes they are given in: leave out --frame {options.frame}")
+    return read_positions(
+        path,
+        options.columns,
+        sigma=options.position_error,
+        on_bad=options.on_bad,
+        frame=options.catalogue_frame or "icrs",
+    )
+
+
+def _labels(paths):
+    names = [Path(path).stem for path in paths]
+    return names if names[0] != names[1] else [f"{names[0]} (first)", f"{names[1]} (second)"]
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = argparse.ArgumentParser(
+        prog="vsh-compare",
+        description="Match two catalogues of one sky and fit their differences, with both covariances: how one frame is turned "
+        "against the other, drifts and is deformed, and which sources do not fit.",
+        epilog="Example: vsh-compare icrf3sx.txt icrf2-all.txt --lmax 2 --output comparison --html comparison.html",
+    )
+    parser.add_argument(
+        "catalogue", help="ICRF2 or ICRF3 as the IERS hands them round, or FITS, VOTable, ECSV, CSV, Parquet"
+    )
+    parser.add_argument("catalogue2", help="the one that is subtracted")
+    parser.add_argument("--lmax", type=parsing.count(1), default=2, help="highest degree of the fit (default: 2)")
+    parser.add_argument(
+        "--what", choices=["positions", "motions"],
+        help="what is compared (default: motions where both have some, positions otherwise)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--by", choices=["name", "position"], default="name", help="how sources are matched (default: name)"
+    )
+    parser.add_argument(
+        "--radius", type=parsing.positive, metavar="ARCSEC", help="of a match by position, arcsec (default: 1)"
+    )
+    parser.add_argument(
+        "--threshold", type=parsing.positive, default=5.0, metavar="X",
+        help="differences beyond so many errors are left out and listed (default: 5)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--position-error", type=parsing.positive, metavar="UAS", help="one error for all positions, µas"
+    )
+    parser.add_argument("--html", metavar="FILE", help="write one page with everything, figures included")
+    parsing.add_threads(parser)
+    parsing.add_reading(parser)
+    parser.add_argument("--version", action="version", version=f"vsh-compare {vsh.__version__}")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,136 @@
+"""Positions with their errors, from the file of a reference frame or from a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from vsh import tables
+from vsh.catalogue._columns import missing_column
+from vsh.catalogue._icrf import read_icrf
+from vsh.catalogue._units import unit_factor
+from vsh.checks.arguments import positive
+from vsh.checks.notes import DroppedRows
+from vsh.errors import FieldError, NothingLeftError, TableError
+from vsh.sky.positions import Positions
+from vsh.types import OnBad
+from vsh.units import DEGREE, MAS
+
+#: Roles of columns, Gaia's names, and what a column without a unit is in.
+_COLUMNS = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
+_OPTIONAL = ("ra_dec_corr", "name")
+_NAMES = ("source_id", "name", "designation")
+
+
+def read_positions(
+    source: Any,
+    columns: Mapping[str, str] | None = None,
+    *,
+    sigma: float | None = None,
+    on_bad: OnBad = "raise",
+    frame: str = "icrs",
+    designation: str = "iers",
+) -> Positions:
+    """Read positions of a reference frame.
+
+    Parameters
+    ----------
+    source : path or table
+        ICRF2 or ICRF3 as the IERS hands them round, or a table: ra and dec [deg], ra_error (of α cos δ) and dec_error [mas],
+        ra_dec_corr, and names where they are.
+    columns : dict of str to str, optional
+        Other names of these columns, by role; "name" is source_id, name or designation unless given.
+    sigma : float, optional
+        One error for all, in place of the table's; needed where it has none. [µas]
+    on_bad : {"raise", "drop"}
+        What to do about rows that cannot be used.
+    frame : str
+        Of the positions of a table.
+    designation : {"iers", "icrf"}
+        Which names of ICRF's sources.
+
+    Returns
+    -------
+    Positions
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, or a column is missing.
+    FieldError
+        If rows cannot be used.
+    """
+    if _is_icrf(source):
+        found = read_icrf(source, designation)
+        return found if sigma is None else _with_sigma(found, sigma)
+    opened = tables.open_table(source)
+    roles = {role: (columns or {}).get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}
+    if "name" not in (columns or {}):
+        roles["name"] = next((name for name in _NAMES if name in opened.names), "name")
+    if sigma is not None:
+        roles.pop("ra_error"), roles.pop("dec_error"), roles.pop("ra_dec_corr")
+    for role in _COLUMNS:
+        if role in roles and roles[role] not in opened.names:
+            also = "; or one error for all, sigma= (--position-error)" if role.endswith("error") else ""
+            raise TableError(missing_column(roles[role], opened) + also)
+    roles = {role: name for role, name in roles.items() if name in opened.names}
+    table = opened.columns(tuple(roles.values()))
+    numbers, bad = {}, {}
+    for role, name in roles.items():
+        if role == "name":
+            continue
+        values, missing = table[name]
+        factor = unit_factor(name, opened.units.get(name), _COLUMNS[role]) if role in _COLUMNS else 1.0
+        numbers[role] = np.asarray(values, float) * factor
+        lost = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
+        if role.endswith("error"):
+            lost |= ~(numbers[role] > 0)
+        bad[f"{name} missing or not usable"] = lost
+    keep, notes = _kept(bad, on_bad)
+    n = int(keep.sum())
+    errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS if sigma is None else np.full((2, n), positive("sigma", sigma))  # fmt: skip
+    names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]
+    if names is not None and names.dtype.kind not in "iu":
+        names = names.astype(str)
+    rho = numbers["ra_dec_corr"][keep] if "ra_dec_corr" in numbers else np.zeros(n)
+    return Positions(
+        numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE, errors, rho, name=names, frame=frame,
+        notes=(*opened.notes, *notes),
+    )  # fmt: skip
+
+
+def _with_sigma(found, sigma):
+    from dataclasses import replace
+
+    return replace(found, sigma=np.full((2, len(found)), positive("sigma", sigma)), rho=np.zeros(len(found)))
+
+
+def _is_icrf(source):
+    """Whether a path is a file of ICRF's fixed columns."""
+    if not isinstance(source, str) and not hasattr(source, "__fspath__"):
+        return False
+    if not str(source).endswith((".txt", ".dat")):
+        return False
+    try:
+        with open(source, encoding="utf-8", errors="replace") as file:
+            return any(line.startswith("ICRF J") for line in file)
+    except OSError:
+        return False
+
+
+def _kept(bad, on_bad):
+    masks = list(bad.values())
+    whole = np.any(masks, axis=0)
+    if not whole.any():
+        return ~whole, ()
+    counts = {reason: int(mask.sum()) for reason, mask in bad.items() if mask.any()}
+    said = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
+    if whole.all():
+        raise NothingLeftError(f"no row has a position that can be used: {said}")
+    if on_bad != "drop":
+        raise FieldError(
+            f'{whole.sum()} of {whole.size} rows cannot be used: {said}. Leave them out with on_bad="drop" (--on-bad drop)'
+        )
+    return ~whole, (DroppedRows.of_table(counts, whole.size, np.packbits(whole)),)
