@@ -11,7 +11,7 @@ import numpy as np
 from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.output import report
 from fit.quality import printed_p_value
-from fit.robust import clip
+from fit.robust import clip, student_t
 from fit.solution import AboutSolution, Solution
 from vsh import tables
 from vsh.catalogue import match
@@ -25,6 +25,8 @@ from vsh.types import FloatArray, Table
 
 #: Outliers that the report lists.
 _LISTED = 10
+#: What is so many times farther than the limit from a robust fit is left out before the first plain one.
+_FAR = 3.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,10 +215,13 @@ def compare(
     modes = as_modes(modes)
     differences = match(a, b, by=by, radius=radius)
     unit = "µas" if isinstance(a, Positions) else "µas/yr"
-    clipped = clip(differences, modes, threshold=threshold)
+    # A few that are off by thousands of errors would carry a first fit away: none of them goes into it.
+    near = _distances(student_t(differences, modes).solution, differences) <= _FAR * threshold
+    clipped = clip(differences[near] if near.any() else differences, modes, threshold=threshold)
     solution = replace(clipped.solution, unit=unit)
-    kept = np.asarray(clipped.kept)
-    far = np.sqrt(clipped.solution.residuals(differences).chi2)
+    kept = near.copy()
+    kept[near] = clipped.kept
+    far = _distances(clipped.solution, differences)
     order = np.flatnonzero(~kept)[np.argsort(-far[~kept], kind="stable")]
     called = differences.name if differences.name is not None else np.arange(len(differences))
     sources = _matched(a, differences[kept]), _matched(b, differences[kept])
@@ -225,6 +230,10 @@ def compare(
         solution.quality.factor, correlation_matrices(list(sources), modes.lmax, labels=list(labels)),
     )  # fmt: skip
     return comparison, differences[kept]
+
+
+def _distances(solution, field):
+    return np.sqrt(solution.residuals(field).chi2)
 
 
 def _matched(catalogue, kept):
