@@ -51,7 +51,6 @@ def plot_pairs(found: Any, fit: Any = None) -> Figure:
     below.bar(degrees, np.maximum(found.n_pairs, 0), (width[:-1] + width[1:]) / 2, color="0.75", edgecolor="white")
     below.set_ylabel("pairs", fontsize=13)
     below.set_xlabel("angle between the sources  [°]", fontsize=13)
-    below.set_yscale("log")
     for each in (axes, below):
         each.tick_params(labelsize=11)
         each.spines[["top", "right"]].set_visible(False)

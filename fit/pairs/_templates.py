@@ -47,7 +47,7 @@ def waves_curve(theta: ArrayLike) -> FloatArray:
     >>> waves_curve([0.0, 0.2, 1.3]).round(7)
     array([ 1.       ,  0.9330074, -0.2881578])
     """
-    s2 = np.sin(np.asarray(theta, float) / 2) ** 2
+    s2 = np.sin(float_array("theta", theta) / 2) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.where((s2 > 0) & (s2 < 1), s2 * np.log(s2) / (1 - s2), np.where(s2 < 1, 0.0, -1.0))
     return 1 - 7 * s2 - 6 * s2 * logs
@@ -139,7 +139,7 @@ def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], 
     ParameterError
         If one is unknown, or no function.
     """
-    if isinstance(templates, Mapping):
+    if isinstance(templates, Mapping) and templates:
         for name, function in templates.items():
             if not callable(function):
                 raise ParameterError(

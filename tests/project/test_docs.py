@@ -17,6 +17,7 @@ PAGES = [path for path in PAGES if "_build" not in path.parts and "gallery" not 
 COMMANDS = {
     "vsh-fit": "fit.commands.fit", "vsh-sim": "sim.commands.simulate", "vsh-agis": "sim.commands.agis", "vsh-redshift": "fit.commands.redshift",
     "vsh-correlate": "fit.commands.correlate", "vsh-study": "study.command", "vsh-archive": "vsh.commands.archive",
+    "vsh-pairs": "fit.commands.pairs", "vsh-compare": "fit.commands.compare", "vsh-forecast": "study.forecast.command",
 }  # fmt: skip
 #: Faces whose names are used inside the project only.
 INTERNAL = {

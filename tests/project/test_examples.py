@@ -129,6 +129,18 @@ def test_compare_real_catalogues(tmp_path):
     assert "1936+095" in text
 
 
+def test_parallax_zero_point(tmp_path):
+    text = run("parallax_zero_point.py", folder=tmp_path)
+    assert float(text.split("rms ")[1].split(",")[0]) < 1.3
+    assert (tmp_path / "parallax_zero_point.png").stat().st_size > 10_000
+
+
+def test_pairs_and_waves(tmp_path):
+    text = run("pairs_and_waves.py", folder=tmp_path)
+    assert float(text.split("one wave: ")[1].split("°")[0]) < 25
+    assert {x.name for x in tmp_path.glob("*.png")} == {"pairs.png", "one_wave.png"}
+
+
 def test_harmonics(tmp_path):
     run("harmonics.py", folder=tmp_path)
     assert (tmp_path / "harmonics_1.png").stat().st_size > 10_000

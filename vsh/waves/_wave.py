@@ -193,4 +193,4 @@ def strain_of(rate: ArrayLike, frequency: float) -> FloatArray:
     >>> float(strain_of(1.0, 10.0).round(15))
     2.445e-12
     """
-    return np.asarray(rate, float) * UAS / JULIAN_YEAR / (2 * np.pi * 1e-9 * positive("frequency", frequency))
+    return float_array("rate", rate) * UAS / JULIAN_YEAR / (2 * np.pi * 1e-9 * positive("frequency", frequency))

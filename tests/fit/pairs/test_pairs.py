@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import treecorr
 from conftest import triad
 from numpy.testing import assert_allclose
 
@@ -214,7 +215,6 @@ def test_messages():
 
 def test_treecorr():
     """TreeCorr's pairs of a field with spin, glide and noise: its first component points west."""
-    treecorr = pytest.importorskip("treecorr")
     field = noisy(3000, 7, sim.spin((100, 0, 60)) + sim.acceleration((0, 0, 150)))
     catalogue = treecorr.Catalog(
         ra=field.lon, dec=field.lat, ra_units="rad", dec_units="rad", v1=-field.motion[0], v2=field.motion[1],
