@@ -175,6 +175,10 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
     probability : float
         Between 0 and 1.
 
+    Returns
+    -------
+    array
+
     Examples
     --------
     >>> norm_limit(np.array([0.0, 10.0]), np.ones(2), 3).round(2)

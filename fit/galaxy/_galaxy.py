@@ -89,9 +89,9 @@ class GalacticOrbit(Result):
         ----------
         potential : function of a position
             From galactocentric x, y, z [kpc; the Sun at (−R0, 0, height), x towards the centre, y along rotation] to an
-            acceleration along the same axes, (3,) [km/s/Myr, or a Quantity of any acceleration]. gala's
-            ``lambda x: potential.acceleration(x * u.kpc)``; of galpy ``lambda x: (-evaluateRforces(potential, -x[0] * u.kpc,
-            x[2] * u.kpc) …)``, with signs as said.
+            acceleration along the same axes, (3,) [km/s/Myr, or a Quantity of any acceleration]. Of gala it is
+            ``lambda x: potential.acceleration(x * u.kpc)``; of galpy (fr x/R, fr y/R, fz) of `evaluateRforces` and
+            `evaluatezforces` at R = hypot(x, y), in km/s/Myr.
         height : float
             Of the Sun above the plane. [kpc]
 

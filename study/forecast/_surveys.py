@@ -69,6 +69,10 @@ class Survey:
         ----------
         n : int
             How many stand for all.
+
+        Returns
+        -------
+        array
         """
         if self.release is None:
             one = np.full(2, self.sigma)
@@ -84,6 +88,10 @@ class Survey:
         ----------
         magnitude : (n,) array
             G.
+
+        Returns
+        -------
+        array
         """
         if self.release is None:
             return np.full((2, len(magnitude)), self.factor) * self.sigma

@@ -78,6 +78,10 @@ def unit(direction: ArrayLike) -> FloatArray:
     direction : (3,) array
         Of any length.
 
+    Returns
+    -------
+    array
+
     Raises
     ------
     ParameterError
@@ -96,6 +100,10 @@ def degree_amplitudes(lmax: int) -> FloatArray:
     ----------
     lmax : int
         The highest degree.
+
+    Returns
+    -------
+    array
 
     Examples
     --------
