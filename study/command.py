@@ -47,7 +47,8 @@ def _gaia(options):
 
 def _run(options):
     # Not before: --help should not wait for astropy.
-    from study import load, run
+    from study.config import load
+    from study.run import run
 
     study = load(files("study") / "paper.toml" if options.paper else options.configuration)
     count = options.n_realisations or study.n_realisations

@@ -282,7 +282,7 @@ BREAKS = [
     ("fit/waves/_map.py", "across.T @ cho_solve(free, across)", "0 * across.T @ across", "test_search.py"),
     ("fit/waves/_in_time.py", "left = some[:, 5:, 5:] - taken", "left = some[:, 5:, 5:]", "test_search.py"),
     (
-        "fit/shear/_shear.py",
+        "fit/shear/_tensor.py",
         "np.array([np.sqrt(6), -2, 2, 1, -2])",
         "np.array([np.sqrt(6), -2, -2, 1, -2])",
         "test_shear.py",

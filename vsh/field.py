@@ -10,10 +10,9 @@ import numpy as np
 
 from vsh.checks.arrays import float_array, read_only
 from vsh.checks.columns import MEASURED, check_measured, still_columns, usable_columns
-from vsh.checks.notes import merge_notes
 from vsh.checks.validation import check_shapes, checked_columns, invalid_rows, select_usable
 from vsh.checks.weighed import Weighed
-from vsh.errors import FieldError, FrameError
+from vsh.errors import FieldError
 from vsh.sky.frames import check_frame, rotation_matrix, turned
 from vsh.sky.redshift_frames import check_redshift_frame
 from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
@@ -239,36 +238,6 @@ class Field(Weighed):
         check_shapes({"sigma": sigma, "rho": rho}, shapes.__getitem__)
         select_usable(invalid_rows(self.lon, self.lat, self.motion, sigma, rho), len(self))
         return self._with(sigma=sigma, rho=rho)
-
-    def check_frame(self, frame: str) -> None:
-        """Raise FrameError unless the field is in a frame.
-
-        Parameters
-        ----------
-        frame : str
-            The frame that is needed.
-
-        Raises
-        ------
-        FrameError
-            If it is in another.
-        """
-        if self.frame != frame:
-            raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')
-
-    def add_note(self, *notes: str) -> Field:
-        """The same field with more that its reader should know.
-
-        Parameters
-        ----------
-        *notes
-            Lines to add.
-
-        Returns
-        -------
-        Field
-        """
-        return self._with(notes=merge_notes((*self.notes, *notes)))
 
     def to_frame(self, name: str) -> Field:
         """The same sources in another frame; motions and covariances turn with the axes.

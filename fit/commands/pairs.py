@@ -6,6 +6,8 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+import numpy as np
+
 import vsh
 from vsh.commands import outputs, parsing, parts_options, running
 
@@ -29,8 +31,6 @@ def _run(options):
     if options.output:
         outputs.check_folder(options.output, "vsh-pairs", options.overwrite)
     # Not before: --help should not wait for astropy.
-    import numpy as np
-
     from fit import pairs
     from vsh import catalogue
 

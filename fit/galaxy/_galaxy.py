@@ -111,11 +111,9 @@ class GalacticOrbit(Result):
             raise ParameterError(f"potential is a function of a position, not {type(potential).__name__}")
         found = potential(np.array([-self.r0, 0.0, number("height", height)]))
         if hasattr(found, "to_value"):
-            from astropy import units as u  # of Quantities alone
-
             try:
-                found = found.to_value(u.km / u.s / u.Myr)
-            except u.UnitConversionError as error:
+                found = found.to_value("km / (s Myr)")
+            except (ValueError, TypeError) as error:  # astropy's UnitConversionError is one
                 raise ParameterError(f"the potential gives no acceleration: {error}") from None
         found = np.asarray(found, float).ravel()
         if found.shape != (3,) or not np.isfinite(found).all():

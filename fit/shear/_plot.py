@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.shear._shear import coefficients_of
+from fit.shear._tensor import coefficients_of
 from vsh.sky.plot import draw_vectors, even_grid, on_map, sky_axes
 from vsh.sky.sphere import angles
 from vsh.types import Figure

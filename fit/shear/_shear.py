@@ -9,95 +9,19 @@ from scipy.special import chdtrc
 
 from fit.harmonic import HarmonicSolution
 from fit.quality import norm_limit, printed_p_value
+from fit.shear._tensor import PLACES, TO_TENSOR, degree_two, matrix_of
 from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
 from vsh.checks.arguments import between, positive
 from vsh.checks.arrays import covariance, float_array, read_only
 from vsh.checks.notes import note_lines
-from vsh.coefficients import Coefficients
-from vsh.errors import ModesError, ParameterError
-from vsh.modes import Modes
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles
 from vsh.types import ArrayLike, Figure, FloatArray, Table
 from vsh.units import hubble_rate
 
-#: The five coefficients (2,0), (2,1,re), (2,1,im), (2,2,re), (2,2,im) from Σ_zz, Σ_xz, Σ_yz, Σ_xx − Σ_yy, Σ_xy.
-_FACTORS = np.sqrt(np.pi / 5) * np.array([np.sqrt(6), -2, 2, 1, -2])
-#: Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz from the coefficients.
-_TO_TENSOR = (
-    np.array([
-        [-0.5, 0, 0, 0.5, 0], [-0.5, 0, 0, -0.5, 0], [1, 0, 0, 0, 0], [0, 0, 0, 0, 1], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0],
-    ]) / _FACTORS
-)  # fmt: skip
-_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
-
-
-def coefficients_of(tensor: ArrayLike) -> Coefficients:
-    """The coefficients of µ = Σ r − (rᵀ Σ r) r, which is of degree 2 and spheroidal.
-
-    Parameters
-    ----------
-    tensor : (3, 3) array
-        Σ, symmetric; a trace makes no difference. [µas/yr]
-
-    Returns
-    -------
-    Coefficients
-        Of degree 2.
-
-    Raises
-    ------
-    ParameterError
-        If the tensor is not symmetric.
-
-    Examples
-    --------
-    >>> bool(np.isclose(coefficients_of(np.diag([-1, -1, 2])).values[11], np.sqrt(6 * np.pi / 5) * 2))
-    True
-    """
-    tensor = float_array("the tensor", tensor, (3, 3))
-    if not np.allclose(tensor, tensor.T, rtol=1e-12, atol=1e-12 * np.abs(tensor).max()):
-        raise ParameterError("the tensor of an expansion is symmetric")
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor - np.eye(3) * np.trace(tensor) / 3
-    values = np.zeros(16)
-    values[Modes(2).slice_of("S", 2)] = _FACTORS * np.array([zz, xz, yz, xx - yy, xy])
-    return Coefficients(Modes(2), values)
-
-
-def tensor_of(coefficients: Coefficients) -> FloatArray:
-    """Σ, traceless, of the spheroidal coefficients of degree 2. [µas/yr]
-
-    Parameters
-    ----------
-    coefficients : Coefficients
-        To degree 2 at least.
-
-    Returns
-    -------
-    (3, 3) array
-
-    Raises
-    ------
-    ModesError
-        If there is no degree 2.
-    """
-    return _matrix(_TO_TENSOR @ coefficients.values[_degree_two(coefficients.modes)])
-
-
-def _degree_two(modes):
-    if modes.lmax < 2 or modes.components != 2:
-        raise ModesError("an expansion that differs from axis to axis is of degree 2: fit motions to degree 2 at least")
-    return modes.slice_of("S", 2)
-
-
-def _matrix(six):
-    out = np.empty((3, 3))
-    for (i, j), value in zip(_PLACES, six, strict=True):
-        out[i, j] = out[j, i] = value
-    return out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,7 +71,7 @@ class Shear(Result):
     @property
     def values(self) -> FloatArray:
         """Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz, (6,). [µas/yr]"""
-        return np.array([self.tensor[place] for place in _PLACES])
+        return np.array([self.tensor[place] for place in PLACES])
 
     @property
     def sigma(self) -> FloatArray:
@@ -176,7 +100,7 @@ class Shear(Result):
 
         Good where the rates are several of them apart; two that are closer push each other apart, and scatter less.
         """
-        products = np.array([[v[i] * v[j] * (1 + (i != j)) for i, j in _PLACES] for v in self.axes])
+        products = np.array([[v[i] * v[j] * (1 + (i != j)) for i, j in PLACES] for v in self.axes])
         return np.sqrt(np.einsum("ki,ij,kj->k", products, self.covariance, products))
 
     def limit(self, probability: float = 0.95) -> float:
@@ -300,15 +224,15 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
     Quercellini et al. (2009, PRL 102, 151302), Fontanini et al. (2009); Darling (2014, MNRAS 442, L66) found less than
     7 % of H0.
     """
-    part = _degree_two(solution.modes)
-    six = _TO_TENSOR @ solution.values[part]
-    spread = _TO_TENSOR @ solution.covariance[part, part] @ _TO_TENSOR.T
+    part = degree_two(solution.modes)
+    six = TO_TENSOR @ solution.values[part]
+    spread = TO_TENSOR @ solution.covariance[part, part] @ TO_TENSOR.T
     p_value = solution.p_value("S", 2)
     if np.isnan(p_value):
         values, matrix = solution.values[part], solution.covariance[part, part]
         p_value = float(chdtrc(5, values @ np.linalg.pinv(matrix) @ values))
     return Shear(
-        _matrix(six),
+        matrix_of(six),
         (spread + spread.T) / 2,
         p_value,
         positive("hubble", hubble),

@@ -14,7 +14,7 @@ from fit.galaxy import R0, circular_speed, distance_of_centre, expected_accelera
 from fit.secular_parallax import predict as predict_velocity
 from fit.shear import tensor_of
 from sim.population import galaxies
-from study.forecast._surveys import SURVEYS, Survey
+from study.forecast._surveys import QUANTITIES, SURVEYS, Survey
 from vsh import Coefficients, Field
 from vsh.checks import arguments
 from vsh.cosmology import PLANCK_2013, transverse_distance
@@ -30,23 +30,6 @@ _DEGREES = 400
 _MODES, _HUBBLE = 40, 70.0
 #: Beside no flows, as forecasts of the field have it; and beyond flows. They are put into the errors. [km/s]
 _ALONE, _BEYOND, _NONE = 300.0, 150.0, 1e-3
-#: What is forecast: words and unit, in the order of the table.
-QUANTITIES = {
-    "spin": ("spin, a component", "µas/yr"),
-    "acceleration": ("acceleration, a component", "µas/yr"),
-    "acceleration_floor": ("  with the floor", "µas/yr"),
-    "direction": ("  its direction", "°"),
-    "speed": ("circular speed V0", "km/s"),
-    "r0": ("R0 with Sgr A*'s motion", "kpc"),
-    "waves": ("h70² Ω of waves, 95 % of noise", ""),
-    "wave": ("  one wave, its rate", "µas/yr"),
-    "shear": ("shear, a component", "% of H0"),
-    "degree": ("degrees with DR3's systematics", ""),
-    "velocity": ("our velocity, a component", "km/s"),
-    "hubble": ("H0", "km/s/Mpc"),
-    "velocity_flows": ("  velocity, flows unknown", "km/s"),
-    "hubble_flows": ("  H0, flows unknown", "km/s/Mpc"),
-}
 
 
 @dataclass(frozen=True)

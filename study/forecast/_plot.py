@@ -7,6 +7,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from study.forecast._surveys import QUANTITIES
 from vsh.types import Figure
 
 _SHOWN = ("spin", "acceleration", "direction", "r0", "waves", "shear", "velocity", "hubble")
@@ -24,8 +25,6 @@ def plot_forecast(found: Any) -> Figure:
     -------
     matplotlib figure
     """
-    from study.forecast._forecast import QUANTITIES
-
     figure, panels = plt.subplots(2, 4, figsize=(13, 6.4), layout="constrained")
     names = list(found.surveys)
     for axes, name in zip(panels.ravel(), _SHOWN, strict=True):

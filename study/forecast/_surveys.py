@@ -117,3 +117,20 @@ SURVEYS = {
     ),
     "VLBI": Survey(1500, sigma=5.0, floor=0.1, says="an assumption: 1500 sources to 5 µas/yr, structure included"),
 }  # fmt: skip
+#: What is forecast: words and unit, in the order of the table.
+QUANTITIES = {
+    "spin": ("spin, a component", "µas/yr"),
+    "acceleration": ("acceleration, a component", "µas/yr"),
+    "acceleration_floor": ("  with the floor", "µas/yr"),
+    "direction": ("  its direction", "°"),
+    "speed": ("circular speed V0", "km/s"),
+    "r0": ("R0 with Sgr A*'s motion", "kpc"),
+    "waves": ("h70² Ω of waves, 95 % of noise", ""),
+    "wave": ("  one wave, its rate", "µas/yr"),
+    "shear": ("shear, a component", "% of H0"),
+    "degree": ("degrees with DR3's systematics", ""),
+    "velocity": ("our velocity, a component", "km/s"),
+    "hubble": ("H0", "km/s/Mpc"),
+    "velocity_flows": ("  velocity, flows unknown", "km/s"),
+    "hubble_flows": ("  H0, flows unknown", "km/s/Mpc"),
+}

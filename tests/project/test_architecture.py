@@ -30,7 +30,7 @@ HEAVY = {
     "arviz": ["fit/posterior/_posterior.py"],
     "matplotlib": [
         "*/_plot.py", "*/plot.py", "fit/output/_figures.py", "fit/output/_files.py", "*/commands/*.py", "study/figures.py", "study/gaia/_figures.py",
-        "study/gaia/_write.py",
+        "study/gaia/_write.py", "study/forecast/command.py",
     ],
     "pyarrow": ["vsh/tables/_arrow.py"],
     "dask": ["vsh/parts/_dask.py"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,8 +103,6 @@ def read_positions(
 
 
 def _with_sigma(found, sigma):
-    from dataclasses import replace
-
     return replace(found, sigma=np.full((2, len(found)), positive("sigma", sigma)), rho=np.zeros(len(found)))
 
 

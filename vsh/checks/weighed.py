@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from vsh.checks.frozen import Frozen
+from vsh.checks.notes import merge_notes
+from vsh.errors import FrameError
 from vsh.types import FloatArray
 
 
@@ -21,9 +23,15 @@ class Weighed(Frozen):
         The values.
     weights : (3, n) or (1, n) array
         The inverse covariance of each source: a, b, c of [[a, c], [c, b]], or a alone.
+    frame : str
+        Of the axes.
+    notes : tuple of str
+        What a reader of any result should know.
     """
 
     components: ClassVar[int]
+    frame: str
+    notes: tuple[str, ...]
 
     @property
     def data(self) -> FloatArray:
@@ -33,6 +41,40 @@ class Weighed(Frozen):
     @property
     def weights(self) -> FloatArray:
         """The inverse covariance of each source, (3, n) or (1, n)."""
+        raise NotImplementedError
+
+    def check_frame(self, frame: str) -> None:
+        """Raise FrameError unless the sources are in a frame.
+
+        Parameters
+        ----------
+        frame : str
+            The frame that is needed.
+
+        Raises
+        ------
+        FrameError
+            If they are in another.
+        """
+        if self.frame != frame:
+            raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')
+
+    def add_note(self, *notes: str) -> Self:
+        """The same with more that its reader should know.
+
+        Parameters
+        ----------
+        *notes
+            Lines to add.
+
+        Returns
+        -------
+        Self
+        """
+        return self._with(notes=merge_notes((*self.notes, *notes)))
+
+    def _with(self, **changes: Any) -> Self:
+        """The same with other attributes."""
         raise NotImplementedError
 
     def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -9,10 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vsh.checks.arrays import float_array
-from vsh.checks.notes import merge_notes
 from vsh.checks.validation import as_floats, check_shapes, invalid_rows, select_usable
 from vsh.checks.weighed import Weighed
-from vsh.errors import FieldError, FrameError
+from vsh.errors import FieldError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.types import ArrayLike, FloatArray, OnBad
@@ -200,36 +199,6 @@ class ScalarField(Weighed):
         ScalarField
         """
         return replace(self, sigma=float_array("sigma", sigma, finite=False))
-
-    def check_frame(self, frame: str) -> None:
-        """Raise FrameError unless the field is in a frame.
-
-        Parameters
-        ----------
-        frame : str
-            The frame that is needed.
-
-        Raises
-        ------
-        FrameError
-            If it is in another.
-        """
-        if self.frame != frame:
-            raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')
-
-    def add_note(self, *notes: str) -> ScalarField:
-        """The same field with more that its reader should know.
-
-        Parameters
-        ----------
-        *notes
-            Lines to add.
-
-        Returns
-        -------
-        ScalarField
-        """
-        return self._with(notes=merge_notes((*self.notes, *notes)))
 
     def to_frame(self, name: str) -> ScalarField:
         """The same sources in another frame: the numbers stay, the places turn.

@@ -6,7 +6,7 @@ import pytest
 import fit
 import sim
 from study.forecast import SURVEYS, Survey, forecast
-from study.forecast._forecast import QUANTITIES
+from study.forecast._surveys import QUANTITIES
 from study.forecast.command import main
 from vsh import Field, ParameterError
 
