@@ -14,7 +14,7 @@ from fit.pairs._windows import checked_edges, windows
 from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
-from vsh.checks.notes import note_lines, spoken
+from vsh.checks.notes import note_lines
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
@@ -231,7 +231,7 @@ def correlation(
         raise ParameterError(
             f"sums to degree {lmax} do not resolve bins of {np.degrees(step):.2g}°: lmax of {25 / step:.0f} or more, or wider bins"
         )
-    total, blocks = sums_of(field, lmax, nside, weights, threads)
+    total, blocks, frame, notes = sums_of(field, lmax, nside, weights, threads)
     plus_by, minus_by, scalar_by = windows(edges, lmax).by_degree
     by_plus, by_minus, by_weight, by_count = total.spectra
     weight, count = scalar_by @ by_weight, scalar_by @ by_count / 2
@@ -240,7 +240,6 @@ def correlation(
     plus, minus = plus_by @ by_plus, minus_by @ by_minus
     zero, expected = np.zeros_like(plus_by), np.concatenate([plus, minus])[:, None] * np.tile(scalar_by, (2, 1))
     covariance = covariance_of(blocks, np.vstack([plus_by, zero]), np.vstack([zero, minus_by]), -expected)
-    notes = spoken(next(iter(field)).notes if isinstance(field, Parts) else field.notes)
     if lmax * step < _RESOLVED:
         notes = (
             *notes,
@@ -253,9 +252,5 @@ def correlation(
         plus, minus = (np.where(empty, np.nan, each) for each in (plus, minus))
     return Correlation(
         edges[1:-1], plus, minus, weight / 2, count, covariance, edges, by_weight, len(blocks),
-        _frame(field), 2 * round(float(total.alone[2])), notes,
+        frame, 2 * round(float(total.alone[2])), notes,
     )  # fmt: skip
-
-
-def _frame(field):
-    return next(iter(field)).frame if isinstance(field, Parts) else field.frame

@@ -12,7 +12,7 @@ from fit.pairs._sums import sums_of
 from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
-from vsh.checks.notes import note_lines, spoken
+from vsh.checks.notes import note_lines
 from vsh.covariance import d_minus, d_plus
 from vsh.errors import DegeneracyError
 from vsh.field import Field
@@ -142,7 +142,7 @@ def power(
     >>> bool(abs(found.spheroidal[0] / (8 * np.pi / 3 * 9) - 1) < 0.05)
     True
     """
-    total, blocks = sums_of(field, 2 * lmax, nside, weights, threads)
+    total, blocks, _, notes = sums_of(field, 2 * lmax, nside, weights, threads)
     x, w = leggauss(2 * lmax + 2)
     theta, pairs = np.arccos(x), legvander(x, 2 * lmax).T
     *spectra, weight, _ = total.spectra
@@ -157,7 +157,6 @@ def power(
     plus, minus = np.tile(by_degree[0], (2, 1)) / 2, np.vstack([by_degree[1], -by_degree[1]]) / 2
     expected = np.vstack([by_weight[0] + by_weight[1], by_weight[0] - by_weight[1]]) / 2
     covariance = covariance_of(blocks, plus, minus, expected)
-    notes = spoken(next(iter(field)).notes if isinstance(field, Parts) else field.notes)
     toroidal, spheroidal = (found[0] + found[1]) / 2, (found[0] - found[1]) / 2
     return PairPower(toroidal, spheroidal, covariance, len(blocks), 2 * round(float(total.alone[2])), notes)
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from vsh.checks.arrays import float_array
+from vsh.checks.notes import merge_notes, spoken
 from vsh.errors import FieldError, ParameterError
 from vsh.field import Field
 from vsh.modes import Modes, ScalarModes
@@ -62,9 +64,27 @@ class PairSums:
         return power_t + power_s - itself[0, 1:], power_t - power_s, weights - itself[1], numbers - itself[2]
 
 
-def sums_of(
-    field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | None, threads: int | None
-) -> tuple[PairSums, list[PairSums]]:
+class Gathered(NamedTuple):
+    """What one pass over the sources gives.
+
+    Attributes
+    ----------
+    total : PairSums
+        Of all.
+    blocks : list of PairSums
+        Of each HEALPix block that holds sources.
+    frame : str
+    notes : tuple of str
+        Of the sources.
+    """
+
+    total: PairSums
+    blocks: list[PairSums]
+    frame: str
+    notes: tuple[str, ...]
+
+
+def sums_of(field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | None, threads: int | None) -> Gathered:
     """The sums of all sources, and of each HEALPix block that holds some.
 
     Parameters
@@ -92,26 +112,27 @@ def sums_of(
             raise ParameterError(
                 "weights= are of the sources of a Field in memory; those of parts follow from their errors"
             )
-        found = field.sum(partial(_by_block, lmax=lmax, nside=nside), roles=(), words="pairs")
-        return _enough([found[pixel] for pixel in sorted(found)])
-    if weights is not None:
-        weights = float_array("weights", weights, (len(field),))
-        if (weights < 0).any() or not weights.any():
-            raise ParameterError(f"weights are zero or more, and not all zero: {np.sum(weights < 0)} are below zero")
-    return _enough(list(_blocks(field, lmax, nside, weights, threads).values()))
-
-
-def _enough(blocks):
+        found = field.sum(partial(_of_part, lmax=lmax, nside=nside), roles=(), words="pairs")
+    else:
+        if weights is not None:
+            weights = float_array("weights", weights, (len(field),))
+            if (weights < 0).any() or not weights.any():
+                raise ParameterError(
+                    f"weights are zero or more, and not all zero: {np.sum(weights < 0)} are below zero"
+                )
+        found = _of_part(field, lmax, nside, weights, threads)
+    blocks = [found["blocks"][pixel] for pixel in sorted(found["blocks"])]
     total = blocks[0]
     for block in blocks[1:]:
         total = total + block
     if total.alone[2] < 2:
         raise FieldError("pairs need two sources at least")
-    return total, blocks
+    return Gathered(total, blocks, found["frames"][0], spoken(merge_notes(*found["notes"])))
 
 
-def _by_block(field, lmax, nside):
-    return _blocks(field, lmax, nside, None, 1)
+def _of_part(field, lmax, nside, weights=None, threads=1):
+    blocks = _blocks(field, lmax, nside, weights, threads)
+    return {"blocks": blocks, "frames": [field.frame], "notes": [tuple(field.notes)]}
 
 
 def _blocks(field, lmax, nside, weights, threads):

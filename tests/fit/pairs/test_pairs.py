@@ -156,7 +156,7 @@ def test_power_of_a_known_field():
 
 def test_pairs_of_blocks_add_up_to_the_whole():
     field = noisy(400)
-    total, blocks = sums_of(field, 20, 1, None, None)
+    total, blocks, _, _ = sums_of(field, 20, 1, None, None)
     plus, minus, weight = np.ones((1, 20)), np.zeros((1, 20)), np.zeros((1, 21))
     from fit.pairs._errors import _between
 
@@ -168,7 +168,8 @@ def test_parts_and_threads_give_the_same():
     field = noisy(900)
     one = pairs.correlation(field, EDGES, lmax=60, threads=1)
     assert pairs.correlation(field, EDGES, lmax=60, threads=3) == one
-    parts = pairs.correlation(as_parts([field[:300], field[300:]]), EDGES, lmax=60)
+    parts = pairs.correlation(as_parts([field[:300], field[300:].add_note("of the second")]), EDGES, lmax=60)
+    assert "of the second" in parts.notes
     assert_allclose(parts.plus, one.plus, atol=1e-10 * np.abs(one.plus).max())
     assert_allclose(parts.covariance, one.covariance, atol=1e-9 * np.abs(one.covariance).max())
 
