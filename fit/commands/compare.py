@@ -73,6 +73,7 @@ def _write(folder, text, found, kept, meta):
     found.write(folder / "comparison.ecsv", meta)
     found.solution.write(folder / "solution.ecsv", meta)
     write_correlation(found.solution, folder / "correlation.ecsv", meta)
+    tables.write_table(found.parameters_table(), folder / "parameters.ecsv", meta)
     tables.write_table(found.outliers_table(), folder / "outliers.ecsv", meta)
     figures = draw_figures(found.solution, kept) | {"catalogues": found.correlations.plot()}
     save_figures(figures, folder)
@@ -85,13 +86,14 @@ def _page(found, kept, options, words, meta):
         "vsh-compare",
         *(Path(word).name if "/" in word and not word.startswith("-") else word for word in words),
     ]
+    left_out = {"Sources that were left out": found.outliers_table()} if found.names else {}
     captions = {
         "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle."
     }
     write_html(
         found.solution, kept, options.html, command=command, source=" − ".join(found.labels), provenance=meta,
         further={"catalogues": found.correlations.plot()}, captions=captions,
-        sections={"Sources that were left out": found.outliers_table()} if found.names else None,
+        sections={"Under the names of the ICRF3 papers": found.parameters_table()} | left_out,
     )  # fmt: skip
 
 

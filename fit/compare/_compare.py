@@ -126,6 +126,20 @@ class FrameComparison(AboutSolution):
         """
         return self.solution.to_table()
 
+    def parameters_table(self) -> Table:
+        """`parameters`, a row each, as an astropy Table.
+
+        Returns
+        -------
+        Table
+        """
+        unit, (values, errors) = (
+            "uas" if self.solution.unit == "µas" else "uas / yr",
+            np.transpose(list(self.parameters.values())),
+        )
+        columns = {"ICRF3": list(self.parameters), "value": values, "sigma": errors, "in_errors": values / errors}
+        return tables.table_of(columns, {"frame": self.solution.frame}, dict.fromkeys(("value", "sigma"), unit))
+
     def outliers_table(self) -> Table:
         """A row for each source that was left out, as an astropy Table.
 

@@ -164,7 +164,7 @@ class WaveSearch(Result):
             f"One gravitational wave, in degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"
             + (f", at {self.frequency:.4g} a year" if self.frequency else ", longer than the observations"),
             f"largest 2F       {self.statistic.max():.2f} of {len(self.statistic)} directions; χ² of {len(self.amplitudes)} each from noise alone",
-            f"p-value          {printed_p_value(self.p_value)} that noise alone gives as much anywhere ({self.n_skies} simulated skies)",
+            f"p-value          {'at most ' * (self.p_value * (1 + self.n_skies) < 1.5)}{printed_p_value(self.p_value)} that noise alone gives as much anywhere ({self.n_skies} simulated skies)",
         ]
         for frame in dict.fromkeys((self.frame, "galactic")):
             place = there.to_frame(frame).direction

@@ -130,13 +130,14 @@ def test_command(tmp_path, capsys):
     folder, page = tmp_path / "out", tmp_path / "page.html"
     assert main([*paths, "--lmax", "2", "--output", str(folder), "--html", str(page)]) == 0
     files = {x.name for x in folder.iterdir()}
-    assert files == {"report.txt", "comparison.ecsv", "solution.ecsv", "correlation.ecsv", "outliers.ecsv", "provenance.json",
+    assert files == {"report.txt", "comparison.ecsv", "solution.ecsv", "correlation.ecsv", "outliers.ecsv", "parameters.ecsv", "provenance.json",
                      "sky.png", "spectrum.png", "correlation.png", "residuals.png", "catalogues.png"}  # fmt: skip
     found = fit.storage.read(folder / "comparison.ecsv")
     assert found.names == tuple(fit.storage.read(folder / "comparison.ecsv").names)
     assert len(found.names) == 3
     html = page.read_text(encoding="utf-8")
     assert "Sources that were left out" in html
+    assert "names of the ICRF3 papers" in html
     assert str(tmp_path) not in html
     assert json.loads((folder / "provenance.json").read_text())["left_out"] == 3
     assert "new − old" in capsys.readouterr().out
