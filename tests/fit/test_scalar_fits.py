@@ -20,6 +20,7 @@ from vsh import (
     ScalarField,
     ScalarModes,
 )
+from vsh.catalogue import write_field
 
 
 def sky(n=2000, seed=1, lmax=2, tails=False, unit="µas"):
@@ -189,6 +190,8 @@ def test_units_do_not_mix():
         (lambda f: fit.resample.compare_blocks(f, 1), "holds numbers, not motions"),
         (lambda f: fit.normal_equations(f, 2, covariance=np.eye(4000)), "not of ScalarField"),
         (lambda f: fit.fit_field(f, Modes(2)), "expanded in ScalarModes"),
+        (lambda f: write_field(f, "scalars.fits"), "holds numbers, not motions"),
+        (lambda f: fit.pairs.correlation(f, [0, 1, 2]), "holds numbers, not motions"),
         (lambda f: fit.fit_field(f, 1).spin, "no spin and no acceleration"),
     ],
 )  # fmt: skip

@@ -22,6 +22,7 @@ from vsh.catalogue._columns import (
     redshift_frame_of,
 )
 from vsh.catalogue._units import differing_units, factors, identifiers, plain
+from vsh.checks import arguments
 from vsh.checks.arguments import whole
 from vsh.checks.columns import MEASURED
 from vsh.checks.notes import DroppedRows, merge_notes, printable
@@ -213,7 +214,13 @@ def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None
         Its ending tells the format.
     meta : dict, optional
         Plain values, kept with the table (not by CSV and VOTable)
+
+    Raises
+    ------
+    ParameterError
+        If it is no Field.
     """
+    arguments.a(Field)("field", field)
     columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
     columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
     columns |= {"pmra": field.motion[0] / MAS, "pmdec": field.motion[1] / MAS}
