@@ -101,6 +101,8 @@ def plot_power(found: Any) -> Figure:
         error = error if np.isfinite(error).all() else None
         axes.errorbar(l + side, values, error, fmt=marker, capsize=3, color=colour, label=label)
     axes.axhline(0, color="0.6", linewidth=0.8)
+    if len(l) <= 40:
+        axes.set_xticks(l)
     axes.set_xlabel("degree", fontsize=13)
     axes.set_ylabel("power from pairs  [(µas/yr)²]", fontsize=13)
     axes.legend(frameon=False, fontsize=12)

@@ -34,7 +34,9 @@ def plot_shear(found: Any) -> Figure:
             there, up = angles(sign * axis)
             label = f"{rate:+.2f} ± {error:.2f} µas/yr" if sign == 1 else None
             axes.scatter(on_map(there), up, s=160, color=colour, edgecolor="white", zorder=4, label=label)
-    axes.legend(loc="upper left", bbox_to_anchor=(-0.06, 1.06), frameon=False, fontsize=10, title="rate along the axis")
+    axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3, frameon=False, fontsize=11, title="rate along the axis"
+    )
     largest = np.hypot(*motion).max()
     axes.set_title(f"expansion of degree 2: motions to {largest:.2g} µas/yr", pad=16)
     return axes.figure

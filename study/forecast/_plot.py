@@ -49,6 +49,7 @@ def plot_forecast(found: Any) -> Figure:
             axes.legend(frameon=False, fontsize=9, loc="best")
         if seen.any():
             axes.set_yscale("log")
+        axes.set_xlim(-0.5, len(names) - 0.5)
         axes.grid(axis="y", color="0.9")
         axes.set_xticks(place, names, rotation=35, ha="right", fontsize=10)
         axes.set_title(f"{words.strip()}{f'  [{unit}]' if unit else ''}", fontsize=11)
