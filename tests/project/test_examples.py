@@ -129,12 +129,14 @@ def test_compare_real_catalogues(tmp_path):
     assert "1936+095" in text
 
 
+@pytest.mark.slow
 def test_parallax_zero_point(tmp_path):
     text = run("parallax_zero_point.py", folder=tmp_path)
     assert float(text.split("rms ")[1].split(",")[0]) < 1.3
     assert (tmp_path / "parallax_zero_point.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_pairs_and_waves(tmp_path):
     text = run("pairs_and_waves.py", folder=tmp_path)
     assert float(text.split("one wave: ")[1].split("°")[0]) < 25

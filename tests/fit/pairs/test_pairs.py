@@ -16,6 +16,8 @@ from vsh.parts import as_parts
 from vsh.units import hubble_rate
 
 EDGES = np.radians(np.arange(0, 181, 12.0))
+#: Few and wide ones, for many skies.
+WIDE = np.radians(np.arange(0, 181, 22.5))
 
 
 def brute(field, weights, edges):
@@ -112,24 +114,24 @@ def test_the_curve_of_waves():
 def test_errors_that_are_wrong_bias_nothing():
     """Noise three times the quoted errors, and ten times on half the sky: powers and templates about zero."""
     found, powers = [], []
-    for seed in range(60):
-        field = noisy(1000, seed)
+    for seed in range(40):
+        field = noisy(600, seed)
         field = field.with_errors(field.sigma / np.where(field.lat > 0.3, 10, 3))
-        fitted = pairs.correlation(field, EDGES, lmax=60).fit()
+        fitted = pairs.correlation(field, WIDE, lmax=40).fit()
         found.append(fitted.values / fitted.sigma)
         power = pairs.power(field, 3)
         powers.append(np.concatenate([power.toroidal, power.spheroidal]) / power.errors.ravel())
     for pulls in (np.array(found), np.array(powers)):
-        assert np.abs(pulls.mean(0)).max() < 0.45  # four standard errors
+        assert np.abs(pulls.mean(0)).max() < 0.6  # four standard errors
         assert np.std(pulls) == pytest.approx(1, abs=0.15)
 
 
 def test_errors_of_motions_that_neighbours_share():
     """Random fields from sky to sky: errors right within a sixth; those of a wide field on one sky are too large."""
     rng, spread, errors = np.random.default_rng(3), [], []
-    for seed in range(60):
+    for seed in range(40):
         signal = sim.systematics(Spectrum.given(np.where(np.arange(1, 11) > 3, 3000.0, 0.0)), rng, lmax=10)
-        found = pairs.correlation(noisy(1500, seed, signal), EDGES, lmax=60)
+        found = pairs.correlation(noisy(800, seed, signal), WIDE, lmax=40)
         spread.append(np.concatenate([found.plus, found.minus]))
         errors.append(np.diag(found.covariance))
     ratio = np.sqrt(np.mean(errors, 0)) / np.std(spread, 0)

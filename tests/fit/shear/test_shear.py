@@ -64,8 +64,8 @@ def test_limits_hold_at_any_signal():
     """95 % limits of |Σ| from nothing to three errors."""
     for size in (0.0, 0.3, 1.0):
         shear = size * SHEAR / np.linalg.norm(SHEAR)
-        held = [expansion(fit.fit_field(sky(300, seed, shear), 2)).limit() > size for seed in range(150)]
-        assert np.mean(held) > 0.91
+        held = [expansion(fit.fit_field(sky(300, seed, shear), 2)).limit() > size for seed in range(100)]
+        assert np.mean(held) > 0.9
 
 
 def test_p_values_of_noise():
