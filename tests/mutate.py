@@ -293,7 +293,7 @@ BREAKS = [
         "study/forecast/_surveys.py",
         "np.sqrt(n / self.n_quasars)",
         "np.sqrt(2 * n / self.n_quasars)",
-        "test_forecast.py",
+        "test_surveys.py",
     ),
 ]
 
