@@ -43,6 +43,16 @@ def test_noise_is_chi_square_and_p_values_are_uniform():
     assert kstest(chances, "uniform").pvalue > 0.01
 
 
+def test_all_other_coefficients_are_free():
+    """RᵀR is the inverse of the covariance of those kept, with all others marginalised."""
+    field = sky(500, lowest=0.2)
+    white, _modes = whitened(field, 3)
+    solution = fit.fit_field(field, 3)
+    kept = solution.covariance[np.ix_(white.kept, white.kept)]
+    np.testing.assert_allclose(white.root.T @ white.root @ kept, np.eye(len(kept)), atol=1e-8)
+    np.testing.assert_allclose(white.values, white.root @ solution.values[white.kept], rtol=1e-6, atol=1e-6)
+
+
 def test_a_wave_is_found():
     found = [search(fit.fit_field(sky(seed=seed, signal=sim.wave(K, 15.0, -8.0)), 5), n_skies=200) for seed in range(8)]
     assert all(each.p_value == pytest.approx(1 / 201) for each in found)
