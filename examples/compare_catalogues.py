@@ -13,11 +13,10 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-import fit
 import sim
-from vsh import Modes
-from vsh.catalogue import match, read_icrf
-from vsh.conventions import ICRF3, from_icrf3, to_icrf3
+from fit.compare import compare
+from vsh.catalogue import read_icrf
+from vsh.conventions import from_icrf3
 from vsh.sky.plot import plot_field
 from vsh.sky.positions import Positions
 from vsh.units import UAS
@@ -37,34 +36,28 @@ def simulated(n=3000):
 
 
 # %%
-# Match them; the notes count what was matched and what is left over.
+# Match them by name and fit the differences, both covariances added, without those beyond five errors.
 newer, older = (read_icrf(path, "iers") for path in sys.argv[1:3]) if len(sys.argv) > 2 else simulated()
-differences = match(newer, older, by="name")
-for note in differences.notes:
+comparison, kept = compare(newer, older, 2, by="name", labels=("newer", "older"))
+for note in comparison.solution.notes:
     print(note)
 
 # %%
-# Some positions are wrong by far more than their errors: a fit that leaves out what lies beyond 5 σ.
-clipped = fit.robust.clip(differences, Modes(2), threshold=5.0)
-solution = clipped.solution
-print(f"{clipped.kept.sum()} sources kept, χ²/dof {solution.reduced_chi2:.2f}")
-found = to_icrf3(solution.coefficients)
+# Rotation, glide and quadrupoles under the names of the ICRF3 papers.
+print(f"{len(kept)} sources kept, χ²/dof {comparison.solution.reduced_chi2:.2f}")
 print(f"{'':6}{'[µas]':>8}{'±':>7}")
-for name, value in found.items():
-    mode, factor = ICRF3[name]
-    error = solution.sigma[solution.modes.index(mode)] / abs(factor)
+for name, (value, error) in comparison.parameters.items():
     print(f"{name:6}{value:8.1f}{error:7.1f}" + (f"   truth {TRUTH.get(name, 0.0):.1f}" if len(sys.argv) < 3 else ""))
 
 # %%
 # The largest outliers, by name.
-x = np.sqrt(solution.residuals(differences).chi2)
-for i in np.argsort(-x)[:8]:
-    east, north = differences.motion[:, i] / 1000
-    print(f"{differences.name[i]}: {east:+.2f}, {north:+.2f} mas, {x[i]:.0f} times its error")
+for name, (east, north), x in list(zip(comparison.names, comparison.offsets / 1000, comparison.distances, strict=True))[
+    :8
+]:
+    print(f"{name}: {east:+.2f}, {north:+.2f} mas, {x:.0f} times its error")
 
 # %%
-# The figure: the differences that were fitted, as arrows.
-figure = plot_field(
-    differences[clipped.kept], solution.coefficients, title="Differences of position, degrees 1 and 2", unit="µas"
-)
+# The figure: the differences that were fitted, as arrows. ``vsh-compare`` does all of this from a shell.
+coefficients = comparison.solution.coefficients
+plot_field(kept, coefficients, title="Differences of position, degrees 1 and 2", unit="µas")
 plt.savefig("compare_catalogues.png", dpi=150)
