@@ -59,7 +59,10 @@ def match(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: A
         b = b.at_epoch(a.epoch)
     (i, j), ambiguous = _by_name(a, b) if by == "name" else _by_position(a, b, 1.0 if radius is None else float(radius))
     if not len(i):
-        raise TableError(f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by})")
+        other = 'position, by="position" (--by position)' if by == "name" else "name, or a larger radius"
+        raise TableError(
+            f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by}): match them by {other}"
+        )
     difference = _offsets(a, b, i, j) if positions else a.motion[:, i] - b.motion[:, j]
     covariance = _covariance(a, i) + _covariance(b, j)
     sigma = np.sqrt(covariance[:2])
