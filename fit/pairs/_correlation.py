@@ -20,8 +20,10 @@ from vsh.field import Field
 from vsh.parts import Parts
 from vsh.types import ArrayLike, Figure, FloatArray, Table
 
-#: The narrowest bin, in units of 1/lmax, that sums to lmax resolve to 1e-3.
+#: The narrowest bin, in units of 1/lmax, that is resolved to 1e-3.
 _RESOLVED = 15.0
+#: So many times farther than bins ask for go the sums: what noise has beyond is the largest error.
+_BEYOND = 1.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -187,7 +189,8 @@ def correlation(
         Of k smooth bins: bin i rises from edges[i] to edges[i + 1] as sin², and falls to edges[i + 2]; next to each other
         they add up to one. [rad, from 0 to π]
     lmax : int, optional
-        The highest degree of the sums: 25 over the narrowest step between edges unless given, for an accuracy of 1e-4.
+        To which the bins are resolved: 25 over the narrowest step between edges unless given. Sums go half as far again,
+        and give ξ+ as all pairs would to 1e-4 of its largest value, ξ− to 2e-4.
     nside : int
         Of the HEALPix blocks whose scatter gives the errors.
     weights : (n,) array, optional
@@ -231,8 +234,9 @@ def correlation(
         raise ParameterError(
             f"sums to degree {lmax} do not resolve bins of {np.degrees(step):.2g}°: lmax of {25 / step:.0f} or more, or wider bins"
         )
-    total, blocks, frame, notes = sums_of(field, lmax, nside, weights, threads)
-    plus_by, minus_by, scalar_by = windows(edges, lmax).by_degree
+    sums_to = int(np.ceil(_BEYOND * lmax))
+    total, blocks, frame, notes = sums_of(field, sums_to, nside, weights, threads)
+    plus_by, minus_by, scalar_by = windows(edges, sums_to).by_degree
     by_plus, by_minus, by_weight, by_count = total.spectra
     weight, count = scalar_by @ by_weight, scalar_by @ by_count / 2
     with np.errstate(divide="ignore", invalid="ignore"):
