@@ -49,7 +49,7 @@ def harmonics(lon: FloatArray, lat: FloatArray, modes: Modes | int) -> FloatArra
     >>> harmonics(np.zeros(5), np.zeros(5), Modes(3)).shape
     (30, 2, 5)
     """
-    modes = modes if isinstance(modes, Modes) else as_modes(modes)
+    modes = as_modes(modes, None)
     if lon.shape != lat.shape:
         raise ParameterError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
     if isinstance(modes, ScalarModes):

@@ -191,19 +191,6 @@ class Field(Weighed):
         known = [name for name in (*MEASURED, "name") if getattr(self, name) is not None]
         return f"<Field: {len(self)} sources, {self.frame}{', with ' if known else ''}{', '.join(known)}>"
 
-    def __getitem__(self, keep: Any) -> Field:
-        """The sources picked by a mask, a slice or indices."""
-        if isinstance(keep, (int, np.integer)):
-            keep = [keep]
-        if isinstance(keep, str):
-            raise FieldError(f"sources are picked by a mask, a slice or indices; the column is field.{keep}")
-        picked = {
-            f.name: getattr(self, f.name)[..., keep]
-            for f in fields(self)
-            if isinstance(getattr(self, f.name), np.ndarray)
-        }
-        return self._with(**picked)
-
     def minus(self, model: ArrayLike) -> Field:
         """What is left when a model's motions are taken away.
 

@@ -196,15 +196,15 @@ class ScalarModes(Modes):
     components: ClassVar[int] = 1
 
 
-def as_modes(modes: Modes | int, kind: type[Modes] = Modes) -> Modes:
+def as_modes(modes: Modes | int, kind: type[Modes] | None = Modes) -> Modes:
     """Modes of vector fields, or of another kind; or the degree lmax in their place.
 
     Parameters
     ----------
     modes : Modes or int
         Or the degree lmax.
-    kind : type
-        `Modes` or `ScalarModes`.
+    kind : type or None
+        `Modes` or `ScalarModes`; None takes either, and a degree for one of vector fields.
 
     Raises
     ------
@@ -217,8 +217,8 @@ def as_modes(modes: Modes | int, kind: type[Modes] = Modes) -> Modes:
     True
     """
     if not isinstance(modes, Modes):
-        return kind(modes)
-    if type(modes) is not kind:
+        return (kind or Modes)(modes)
+    if kind is not None and type(modes) is not kind:
         what = "a scalar field is" if kind is ScalarModes else "vector fields, such as motions, are"
         raise ModesError(f"{what} expanded in {kind.__name__}, not in {type(modes).__name__}")
     return modes

@@ -105,7 +105,7 @@ def adjoint(
     >>> bool(g[0] > 0.3), bool(abs(g[1:]).max() < 1e-12)
     (True, True)
     """
-    loc, modes = _locations(lon, lat), modes if isinstance(modes, Modes) else as_modes(modes)
+    loc, modes = _locations(lon, lat), as_modes(modes, None)
     motion, scalar = np.asarray(motion, float), isinstance(modes, ScalarModes)
     if motion.shape != (modes.components, len(loc)):
         raise FieldError(f"motion has shape {motion.shape}, expected {(modes.components, len(loc))}")

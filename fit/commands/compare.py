@@ -82,10 +82,7 @@ def _write(folder, text, found, kept, meta):
 def _page(found, kept, options, words, meta):
     from fit.output import write_html
 
-    command = [
-        "vsh-compare",
-        *(Path(word).name if "/" in word and not word.startswith("-") else word for word in words),
-    ]
+    command = running.repeated("vsh-compare", words)
     left_out = {"Sources that were left out": found.outliers_table()} if found.names else {}
     captions = {
         "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle."

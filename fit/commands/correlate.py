@@ -105,7 +105,7 @@ def _labels(paths):
 def _sky(correlation, field, label, options):
     rows = correlation.lmax_table(field, max(5, options.lmax))
     found = correlation.predict(field, options.lmax)
-    lines = [f"{label}: {found.n_data // 2} sources", f"{'degree':>8}{'condition':>12}{'largest correlation':>22}"]
+    lines = [f"{label}: {found.n_sources} sources", f"{'degree':>8}{'condition':>12}{'largest correlation':>22}"]
     lines += [f"{lmax:8d}{condition:12.4g}{largest:22.3f}" for lmax, condition, largest in rows]
     lines.append(
         f"{label}: errors of a fit of degree {options.lmax}: spin {_three(found.spin.sigma)}, acceleration "

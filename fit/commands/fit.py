@@ -75,11 +75,7 @@ def _run(options, words):
         running.say(running.written(options.output, listed))
     if options.html:
         about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta}
-        # The page is handed round: names of files, not where they lie on this disk.
-        command = [
-            "vsh-fit",
-            *(Path(word).name if "/" in word and not word.startswith("-") else word for word in words),
-        ]
+        command = running.repeated("vsh-fit", words)
         fit.output.write_html(solution, kept, options.html, command=command, **about, **backgrounds.on_page())
         running.say(f"written to {options.html}")
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from scipy.special import chdtrc
 
 from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.output import report
@@ -14,7 +15,7 @@ from fit.quality import printed_p_value
 from fit.robust import clip, student_t
 from fit.solution import AboutSolution, Solution
 from vsh import tables
-from vsh.catalogue import match
+from vsh.catalogue import counterparts, match
 from vsh.checks import arguments
 from vsh.conventions import ICRF3, to_icrf3
 from vsh.errors import ParameterError
@@ -76,8 +77,6 @@ class FrameComparison(AboutSolution):
     @property
     def deformation_p_value(self) -> float:
         """Probability of as much beyond rotation and glide from noise alone, all degrees together, by the errors quoted."""
-        from scipy.special import chdtrc
-
         beyond = self.solution.modes.degrees > 1
         if not beyond.any():
             return float("nan")
@@ -117,15 +116,6 @@ class FrameComparison(AboutSolution):
             ]
         return "\n".join(lines) + "\n\n" + report(solution)
 
-    def to_table(self) -> Table:
-        """A row for each coefficient, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
-        return self.solution.to_table()
-
     def parameters_table(self) -> Table:
         """`parameters`, a row each, as an astropy Table.
 
@@ -155,26 +145,6 @@ class FrameComparison(AboutSolution):
             "distance": self.distances,
         }
         return tables.table_of(columns, {"frame": self.solution.frame}, dict.fromkeys(("east", "north"), unit))
-
-    def _pack(self):
-        from fit.storage import encoded
-
-        columns = {
-            "name": np.array(self.names, dtype=str),
-            "east": self.offsets[:, 0],
-            "north": self.offsets[:, 1],
-            "distance": self.distances,
-        }
-        rest = {name: encoded(getattr(self, name)) for name in ("labels", "solution", "factor", "correlations")}
-        return columns, {"fields": rest}, {}
-
-    @classmethod
-    def _unpack(cls, columns, rest):
-        from fit.storage import decoded
-
-        own = {name: decoded(value) for name, value in rest["fields"].items()}
-        offsets = np.stack([columns["east"], columns["north"]], axis=1)
-        return cls(names=tuple(columns["name"].tolist()), offsets=offsets, distances=columns["distance"], **own)
 
 
 @arguments.accepts(threshold=arguments.positive)
@@ -227,7 +197,8 @@ def compare(
     if len(labels) != 2 or not all(isinstance(each, str) for each in labels):
         raise ParameterError(f"labels are two names, not {labels!r}")
     modes = as_modes(modes)
-    differences = match(a, b, by=by, radius=radius)
+    pairs = counterparts(a, b, by=by, radius=radius)
+    differences = match(a, b, by=by, pairs=pairs)
     unit = "µas" if isinstance(a, Positions) else "µas/yr"
     # A few that are off by thousands of errors would carry a first fit away: none of them goes into it.
     near = _distances(student_t(differences, modes).solution, differences) <= _FAR * threshold
@@ -238,31 +209,19 @@ def compare(
     far = _distances(clipped.solution, differences)
     order = np.flatnonzero(~kept)[np.argsort(-far[~kept], kind="stable")]
     called = differences.name if differences.name is not None else np.arange(len(differences))
-    sources = _matched(a, differences[kept]), _matched(b, differences[kept])
+    fitted = differences[kept]
+    sources = [_with_own_errors(each, chosen[kept], fitted) for each, chosen in ((a, pairs.a), (b, pairs.b))]
     comparison = FrameComparison(
         (labels[0], labels[1]), solution, tuple(str(called[i]) for i in order), differences.motion[:, order].T, far[order],
-        solution.quality.factor, correlation_matrices(list(sources), modes.lmax, labels=list(labels)),
+        solution.quality.factor, correlation_matrices(sources, modes.lmax, labels=list(labels)),
     )  # fmt: skip
-    return comparison, differences[kept]
+    return comparison, fitted
 
 
 def _distances(solution, field):
     return np.sqrt(solution.residuals(field).chi2)
 
 
-def _matched(catalogue, kept):
-    """The sources of a catalogue that are nearest to those that were fitted, with its own errors."""
-    from scipy.spatial import cKDTree
-
-    from vsh.sky.sphere import triad
-
-    tree = cKDTree(triad(catalogue.lon, catalogue.lat)[2].T)
-    place = tree.query(triad(kept.lon, kept.lat)[2].T)[1]
-    return Field(
-        kept.lon,
-        kept.lat,
-        np.zeros((2, len(kept))),
-        catalogue.sigma[:, place],
-        catalogue.rho[place],
-        frame=catalogue.frame,
-    )
+def _with_own_errors(catalogue, chosen, kept):
+    """The sources that were fitted, with the errors of one catalogue."""
+    return kept.minus(kept.motion).with_errors(catalogue.sigma[:, chosen], catalogue.rho[chosen])

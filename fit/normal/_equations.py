@@ -149,7 +149,7 @@ def gaussian_prior(
     ModesError
         If a sigma is not positive.
     """
-    modes = modes if isinstance(modes, Modes) else as_modes(modes)
+    modes = as_modes(modes, None)
     sigma = float_array("sigma", sigma, (len(modes),), finite=False, broadcast=True)
     mean = float_array("mean", mean, (len(modes),), broadcast=True)
     if not (sigma > 0).all():

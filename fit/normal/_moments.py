@@ -11,7 +11,7 @@ import numpy as np
 from fit.normal._equations import NormalEquations
 from fit.normal._moments_table import packed, shapes, unpacked
 from fit.storage import Result
-from fit.sums import Rings, fourier_sums, rings_of
+from fit.sums import fourier_sums, rings_of
 from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
 from vsh.checks.nouns import modes_for
@@ -228,7 +228,7 @@ class Moments(Result):
             Half the trace of the inverse covariances, at longitudes from 0 on; below zero beside what is sharp.
             [(yr/µas)² a steradian]
         """
-        rings, components = Rings(self.lmax), self.kind.components
+        rings, components = rings_of(self.kind(self.lmax)), self.kind.components
         weight = rings.on_grid(self.weights)[:components].mean(0)
         return rings.lat, weight / (np.cos(rings.lat) * 2 * np.pi**2 / weight.size)[:, None]
 

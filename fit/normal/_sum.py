@@ -84,28 +84,31 @@ def normal_equations(
     choice("method", method, ("auto", "design-matrix", "compressed"))
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or parts")
-    if covariance is not None:
-        modes = modes_for(field, modes)
-        return WhiteRows.of(cast(Field, field), modes, covariance).normal_equations()
-    if not isinstance(field, Weighed | Parts):
+    if not isinstance(field, Weighed | Parts) and covariance is None:
         return _of_stream(field, partial(normal_equations, modes=modes, method=method, threads=threads))
-    modes = modes_for(field, modes)
+    sources, modes = cast(Any, field), modes_for(field, modes)
     if len(modes) ** 2 * 8 > MEMORY:
         raise ModesError(
             f"degree {modes.lmax} has {len(modes)} coefficients, whose normal matrix takes "
             f"{len(modes) ** 2 * 8 / 2**30:.0f} GiB: lower lmax, or use fit.solve_matrix_free"
         )
-    if isinstance(field, Parts):
+    if covariance is not None:
+        return WhiteRows.of(sources, modes, covariance).normal_equations()
+    if isinstance(sources, Parts):
         if modes.lmax == 1 or method == "design-matrix":
-            return field.sum(partial(normal_equations, modes=modes, method=method), roles=(), words="normal equations")
-        return field.sum(partial(Moments.of, lmax=modes.lmax), roles=(), words="normal equations").normal_equations()
+            return sources.sum(
+                partial(normal_equations, modes=modes, method=method), roles=(), words="normal equations"
+            )
+        return sources.sum(partial(Moments.of, lmax=modes.lmax), roles=(), words="normal equations").normal_equations()
     if method == "auto" and modes == Modes(1):
-        sums = dipole_sums(field)
-    elif method == "compressed" or (method == "auto" and len(field) > design_matrix_up_to(modes)):
-        sums = compressed_sums(field, modes, threads)
+        sums = dipole_sums(sources)
+    elif method == "compressed" or (method == "auto" and len(sources) > design_matrix_up_to(modes)):
+        sums = compressed_sums(sources, modes, threads)
     else:
-        sums = design_matrix_sums(field, modes, threads)
-    return NormalEquations(modes, *sums, field.components * len(field), field.frame, field.notes, unit=field.unit)
+        sums = design_matrix_sums(sources, modes, threads)
+    return NormalEquations(
+        modes, *sums, sources.components * len(sources), sources.frame, sources.notes, unit=sources.unit
+    )
 
 
 def _of_stream(fields, work):

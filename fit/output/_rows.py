@@ -10,12 +10,12 @@ import numpy as np
 from fit.harmonic import HarmonicSolution
 from fit.quality import printed_p_value as p_value
 from fit.spectrum import spectrum
+from vsh.sky.frames import ANGLES
 from vsh.types import FloatArray
 from vsh.vector import Vector
 
 #: From this signal to noise on, a length has a symmetric error.
 _SURE = 3.0
-_ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
 
 class VectorRow(NamedTuple):
@@ -173,7 +173,7 @@ def direction(vector: Vector) -> str:
     -------
     str
     """
-    names = _ANGLES[vector.frame]
+    names = ANGLES[vector.frame]
     errors = vector.direction_error
     if vector.amplitude_error > 0 and (vector.amplitude < _SURE * vector.amplitude_error or max(errors) > 40):
         place = ", ".join(f"{name} = {value:+.1f}°" for name, value in zip(names, vector.direction, strict=True))

@@ -17,10 +17,11 @@ from vsh import tables
 from vsh.checks import arguments
 from vsh.checks.notes import note_lines
 from vsh.errors import ModesError, ParameterError
-from vsh.sky.frames import check_frame
+from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 from vsh.types import Figure, FloatArray, Rng, Table
+from vsh.units import UAS
 from vsh.vector import Vector
 from vsh.waves import strain_of
 
@@ -143,8 +144,6 @@ class WaveSearch(Result):
 
     def _strains(self, values, frequency):
         if self.unit == "µas":
-            from vsh.units import UAS
-
             return values * UAS
         if frequency is None:
             raise ParameterError("the rate of a strain is seen: a frequency [nHz] makes it a strain, strain(frequency)")
@@ -159,7 +158,6 @@ class WaveSearch(Result):
         """
         lon, lat = self.direction
         there = Vector.from_spherical(1.0, lon, lat, frame=self.frame)
-        names = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
         lines = [
             f"One gravitational wave, in degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"
             + (f", at {self.frequency:.4g} a year" if self.frequency else ", longer than the observations"),
@@ -168,7 +166,7 @@ class WaveSearch(Result):
         ]
         for frame in dict.fromkeys((self.frame, "galactic")):
             place = there.to_frame(frame).direction
-            said = ", ".join(f"{name} = {value:.1f}°" for name, value in zip(names[frame], place, strict=True))
+            said = ", ".join(f"{name} = {value:.1f}°" for name, value in zip(ANGLES[frame], place, strict=True))
             lines.append(f"travels to       {said}" if frame == self.frame else f"                 {said}")
         best = self.amplitudes[:, np.argmax(self.statistic)]
         kinds = ("plus", "cross") if len(best) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")

@@ -2,7 +2,7 @@
 
 from vsh.catalogue._columns import GAIA, Columns, missing_column
 from vsh.catalogue._icrf import read_icrf
-from vsh.catalogue._match import match
+from vsh.catalogue._match import Counterparts, counterparts, match
 from vsh.catalogue._parts import parts
 from vsh.catalogue._positions import read_positions
 from vsh.catalogue._read import iter_fields, read_field, write_field
@@ -14,6 +14,8 @@ from vsh.catalogue._units import unit_factor
 __all__ = [
     "GAIA",
     "Columns",
+    "Counterparts",
+    "counterparts",
     "iter_fields",
     "match",
     "missing_column",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,12 +12,73 @@ from vsh.errors import FieldError, FrameError, TableError
 from vsh.field import Field
 from vsh.sky.positions import Positions
 from vsh.sky.sphere import triad
+from vsh.types import IntArray
 from vsh.units import DEGREE, UAS
 
-__all__ = ["match"]
+__all__ = ["Counterparts", "counterparts", "match"]
 
 
-def match(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> Field:
+class Counterparts(NamedTuple):
+    """Which sources of two catalogues are the same.
+
+    Attributes
+    ----------
+    a, b : (k,) int arrays
+        Where each stands in either.
+    ambiguous : int
+        Sources left out for several counterparts.
+    """
+
+    a: IntArray
+    b: IntArray
+    ambiguous: int
+
+
+def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> Counterparts:
+    """Which sources of two catalogues are the same, one to one, in the order of the first.
+
+    Parameters
+    ----------
+    a, b, by, radius
+        As for `match`.
+
+    Returns
+    -------
+    Counterparts
+
+    Raises
+    ------
+    TableError, FrameError, FieldError
+        As `match` does.
+    """
+    kinds = {type(each) for each in (a, b)}
+    if kinds not in ({Positions}, {Field}):
+        raise FieldError(
+            "match two Positions or two Fields: " + " and ".join(type(x).__name__ for x in (a, b)) + " differ"
+        )
+    if a.frame != b.frame:
+        raise FrameError(f"the catalogues are in {a.frame} and {b.frame}: take both to one frame")
+    if not isinstance(by, str) or by not in ("name", "position"):
+        raise FieldError(f'match by "name" or "position", not {by!r}')
+    if kinds == {Positions}:
+        b = b.at_epoch(a.epoch)
+    (i, j), ambiguous = _by_name(a, b) if by == "name" else _by_position(a, b, 1.0 if radius is None else float(radius))
+    if not len(i):
+        other = 'position, by="position" (--by position)' if by == "name" else "name, or a larger radius"
+        raise TableError(
+            f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by}): match them by {other}"
+        )
+    return Counterparts(i, j, ambiguous)
+
+
+def match(
+    a: Any,
+    b: Any,
+    *,
+    by: Literal["name", "position"] = "name",
+    radius: Any = None,
+    pairs: Counterparts | None = None,
+) -> Field:
     """The differences a − b of two catalogues, with the sum of their covariances.
 
     Parameters
@@ -29,6 +90,8 @@ def match(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: A
         By identifiers that are equal, or by the nearest position.
     radius : float, optional
         How far apart two positions of one source may be; 1 unless given. [arcsec]
+    pairs : Counterparts, optional
+        Of `counterparts` with the same `by`, where they are known already.
 
     Returns
     -------
@@ -45,24 +108,9 @@ def match(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: A
     FieldError
         If they are not of one kind, or have no names to match by.
     """
-    kinds = {type(each) for each in (a, b)}
-    if kinds not in ({Positions}, {Field}):
-        raise FieldError(
-            "match two Positions or two Fields: " + " and ".join(type(x).__name__ for x in (a, b)) + " differ"
-        )
-    if a.frame != b.frame:
-        raise FrameError(f"the catalogues are in {a.frame} and {b.frame}: take both to one frame")
-    if not isinstance(by, str) or by not in ("name", "position"):
-        raise FieldError(f'match by "name" or "position", not {by!r}')
-    positions = kinds == {Positions}
-    if positions:
-        b = b.at_epoch(a.epoch)
-    (i, j), ambiguous = _by_name(a, b) if by == "name" else _by_position(a, b, 1.0 if radius is None else float(radius))
-    if not len(i):
-        other = 'position, by="position" (--by position)' if by == "name" else "name, or a larger radius"
-        raise TableError(
-            f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by}): match them by {other}"
-        )
+    i, j, ambiguous = counterparts(a, b, by=by, radius=radius) if pairs is None else pairs
+    positions = isinstance(a, Positions)
+    b = b.at_epoch(a.epoch) if positions else b
     difference = _offsets(a, b, i, j) if positions else a.motion[:, i] - b.motion[:, j]
     covariance = _covariance(a, i) + _covariance(b, j)
     sigma = np.sqrt(covariance[:2])

@@ -13,8 +13,8 @@ from vsh.catalogue._columns import missing_column
 from vsh.catalogue._icrf import read_icrf
 from vsh.catalogue._units import unit_factor
 from vsh.checks.arguments import positive
-from vsh.checks.notes import DroppedRows
-from vsh.errors import FieldError, NothingLeftError, TableError
+from vsh.checks.validation import select_usable
+from vsh.errors import TableError
 from vsh.sky.positions import Positions
 from vsh.types import OnBad
 from vsh.units import DEGREE, MAS
@@ -89,17 +89,15 @@ def read_positions(
         if role.endswith("error"):
             lost |= ~(numbers[role] > 0)
         bad[f"{name} missing or not usable"] = lost
-    keep, notes = _kept(bad, on_bad)
-    n = int(keep.sum())
-    errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS if sigma is None else np.full((2, n), positive("sigma", sigma))  # fmt: skip
+    unusable = {reason: mask for reason, mask in bad.items() if mask.any()}
+    keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, mark=(numbers["ra"], numbers["dec"]))
+    lon, lat = numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE
+    errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS if sigma is None else np.full((2, lon.size), positive("sigma", sigma))  # fmt: skip
     names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)
-    rho = numbers["ra_dec_corr"][keep] if "ra_dec_corr" in numbers else np.zeros(n)
-    return Positions(
-        numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE, errors, rho, name=names, frame=frame,
-        notes=(*opened.notes, *notes),
-    )  # fmt: skip
+    rho = numbers["ra_dec_corr"][keep] if "ra_dec_corr" in numbers else np.zeros(lon.size)
+    return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=(*opened.notes, *notes))
 
 
 def _with_sigma(found, sigma):
@@ -117,19 +115,3 @@ def _is_icrf(source):
             return any(line.startswith("ICRF J") for line in file)
     except OSError:
         return False
-
-
-def _kept(bad, on_bad):
-    masks = list(bad.values())
-    whole = np.any(masks, axis=0)
-    if not whole.any():
-        return ~whole, ()
-    counts = {reason: int(mask.sum()) for reason, mask in bad.items() if mask.any()}
-    said = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
-    if whole.all():
-        raise NothingLeftError(f"no row has a position that can be used: {said}")
-    if on_bad != "drop":
-        raise FieldError(
-            f'{whole.sum()} of {whole.size} rows cannot be used: {said}. Leave them out with on_bad="drop" (--on-bad drop)'
-        )
-    return ~whole, (DroppedRows.of_table(counts, whole.size, np.packbits(whole)),)

@@ -8,7 +8,7 @@ import numpy as np
 
 from vsh import tables
 from vsh.catalogue._columns import missing_column
-from vsh.catalogue._units import parse_unit
+from vsh.catalogue._units import parse_unit, unit_factor
 from vsh.errors import TableError
 from vsh.scalars import ScalarField
 from vsh.types import OnBad
@@ -74,27 +74,21 @@ def read_scalars(
             units[column] = parse_unit("mas")
             notes.append(f"no unit in the table, so taken in mas: {column}")
     target = parse_unit(unit) if unit else units[value]
-    numbers = {}
+    factors = {}
     for column in (value, error):
-        values, missing = found[column]
         try:
-            factor = units[column].to(target)
+            factors[column] = units[column].to(target)
         except ValueError as wrong:  # astropy's UnitConversionError is one
             raise TableError(f"column {column!r} cannot be converted to {target}: {wrong}") from None
-        numbers[column] = np.ma.array(np.asarray(values) * factor, mask=False if missing is None else missing)
-    degrees = {column: _in_degrees(column, found[column], opened.units.get(column)) for column in (ra, dec)}
+    for column in (ra, dec):
+        factors[column] = unit_factor(column, opened.units.get(column), "deg")
+    numbers = {
+        column: np.ma.array(
+            np.asarray(found[column][0], float) * factor, mask=False if found[column][1] is None else found[column][1]
+        )
+        for column, factor in factors.items()
+    }
     return ScalarField.from_columns(
-        degrees[ra], degrees[dec], numbers[value], numbers[error], unit=target.to_string(),
+        numbers[ra], numbers[dec], numbers[value], numbers[error], unit=target.to_string(),
         name=None if name is None else found[name][0], frame=frame, on_bad=on_bad, notes=notes,
     )  # fmt: skip
-
-
-def _in_degrees(column, found, unit):
-    values, missing = found
-    factor = 1.0
-    if unit is not None and str(unit).strip():
-        try:
-            factor = parse_unit(unit).to("deg")
-        except ValueError as wrong:
-            raise TableError(f"column {column!r} is no angle: {wrong}") from None
-    return np.ma.array(np.asarray(values, float) * factor, mask=False if missing is None else missing)

@@ -259,7 +259,7 @@ def a(*kinds: type) -> Check:
     def check(name, value):
         if not isinstance(value, kinds):
             wanted = " or ".join(kind.__name__ for kind in kinds)
-            why = ": it holds numbers, not motions" if type(value).__name__ == "ScalarField" else ""
+            why = getattr(type(value), "not_taken", "")
             raise ParameterError(f"{name} must be {wanted}, not {type(value).__name__}{why}")
         return value
 

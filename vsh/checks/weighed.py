@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Self
+from dataclasses import fields
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
-from vsh.errors import FrameError
+from vsh.errors import FieldError, FrameError
 from vsh.types import FloatArray
 
 
@@ -42,6 +43,15 @@ class Weighed(Frozen):
     def weights(self) -> FloatArray:
         """The inverse covariance of each source, (3, n) or (1, n)."""
         raise NotImplementedError
+
+    def __getitem__(self, keep: Any) -> Self:
+        """The sources picked by a mask, a slice or indices."""
+        if isinstance(keep, (int, np.integer)):
+            keep = [keep]
+        if isinstance(keep, str):
+            raise FieldError(f"sources are picked by a mask, a slice or indices; the column is field.{keep}")
+        own = ((each.name, getattr(self, each.name)) for each in fields(cast(Any, self)))
+        return self._with(**{name: value[..., keep] for name, value in own if isinstance(value, np.ndarray)})
 
     def check_frame(self, frame: str) -> None:
         """Raise FrameError unless the sources are in a frame.

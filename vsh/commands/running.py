@@ -66,6 +66,19 @@ def say(text: object) -> None:
     print("\n".join(printable(line) for line in str(text).split("\n")))
 
 
+def repeated(program: str, words: Iterable[str]) -> list[str]:
+    """The command that repeats a run, as a page may hold it: names of files, not where they lie on this disk.
+
+    Parameters
+    ----------
+    program : str
+        Its name.
+    words : iterable of str
+        Its arguments.
+    """
+    return [program, *(Path(word).name if "/" in word and not word.startswith("-") else word for word in words)]
+
+
 def written(path: object, files: Iterable[str]) -> str:
     """What the last line of a command says of its folder.
 

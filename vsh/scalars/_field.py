@@ -11,7 +11,6 @@ import numpy as np
 from vsh.checks.arrays import float_array
 from vsh.checks.validation import as_floats, check_shapes, invalid_rows, select_usable
 from vsh.checks.weighed import Weighed
-from vsh.errors import FieldError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.types import ArrayLike, FloatArray, OnBad
@@ -61,6 +60,8 @@ class ScalarField(Weighed):
     notes: tuple[str, ...] = ()
 
     components: ClassVar[int] = 1
+    #: Said where a Field is wanted.
+    not_taken: ClassVar[str] = ": it holds numbers, not motions"
 
     def __post_init__(self) -> None:
         check_frame(self.frame)
@@ -148,14 +149,6 @@ class ScalarField(Weighed):
 
     def __repr__(self) -> str:
         return f"<ScalarField: {len(self)} sources, {self.frame}{', in ' if self.unit else ''}{self.unit}>"
-
-    def __getitem__(self, keep: Any) -> ScalarField:
-        """The sources picked by a mask, a slice or indices."""
-        keep = [keep] if isinstance(keep, (int, np.integer)) else keep
-        if isinstance(keep, str):
-            raise FieldError(f"sources are picked by a mask, a slice or indices; the column is field.{keep}")
-        own = ((each.name, getattr(self, each.name)) for each in fields(self))
-        return self._with(**{column: value[keep] for column, value in own if isinstance(value, np.ndarray)})
 
     @property
     def data(self) -> FloatArray:

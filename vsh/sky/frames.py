@@ -18,6 +18,8 @@ __all__ = [
 
 #: Our names and astropy's. "ecliptic" is the mean ecliptic and equinox of J2000, barycentric.
 FRAMES = {"icrs": "icrs", "galactic": "galactic", "ecliptic": "barycentricmeanecliptic"}
+#: What longitude and latitude are called.
+ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
 
 def check_frame(name: str) -> str:

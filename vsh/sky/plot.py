@@ -10,6 +10,7 @@ import numpy as np
 
 from vsh.coefficients import Coefficients
 from vsh.field import Field
+from vsh.sky.frames import ANGLES
 from vsh.sky.sphere import angles, triad
 from vsh.system.files import atomic_write
 from vsh.types import ArrayLike, Axes, Figure, FloatArray, PathName
@@ -25,8 +26,6 @@ __all__ = [
     "save_figures",
     "sky_axes",
 ]
-
-_AXES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 
 
 def sky_axes(frame: str = "icrs", axes: Axes | None = None) -> Any:
@@ -45,7 +44,7 @@ def sky_axes(frame: str = "icrs", axes: Axes | None = None) -> Any:
     """
     if axes is None:
         axes = plt.figure(figsize=(9, 5), layout="constrained").add_subplot(projection="hammer")
-    lon, lat = _AXES[frame]
+    lon, lat = ANGLES[frame]
     axes.set_xticks(np.radians(np.arange(-120, 121, 60)))
     axes.set_xticklabels([f"{-degrees % 360}°" for degrees in range(-120, 121, 60)], fontsize=9, color="0.35")
     axes.set_yticks(np.radians(np.arange(-60, 61, 30)))
