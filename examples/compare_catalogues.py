@@ -17,7 +17,7 @@ import sim
 from fit.compare import compare
 from vsh.catalogue import read_icrf
 from vsh.conventions import from_icrf3
-from vsh.sky.plot import plot_field
+from vsh.plot import plot_field
 from vsh.sky.positions import Positions
 from vsh.units import UAS
 
@@ -58,6 +58,12 @@ for name, (east, north), x in list(zip(comparison.names, comparison.offsets / 10
 
 # %%
 # The figure: the differences that were fitted, as arrows. ``vsh-compare`` does all of this from a shell.
-coefficients = comparison.solution.coefficients
-plot_field(kept, coefficients, title="Differences of position, degrees 1 and 2", unit="µas")
-plt.savefig("compare_catalogues.png", dpi=150)
+solution = comparison.solution
+plot_field(
+    kept,
+    solution.coefficients,
+    covariance=solution.covariance,
+    title="Differences of position, degrees 1 and 2",
+    unit="µas",
+)
+plt.savefig("compare_catalogues.png", dpi=300)

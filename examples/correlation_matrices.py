@@ -34,7 +34,7 @@ gums, igql = catalogue("gums"), catalogue("igql")
 both = correlation_matrices({"GUMS-like": gums, "IGQL-like": igql})
 print(both.report())
 both.plot()
-plt.savefig("correlation_matrices.png", dpi=150)
+plt.savefig("correlation_matrices.png", dpi=300)
 
 # %%
 # Where it comes from: the change of one correlation if the weight of a pixel were doubled.
@@ -42,7 +42,7 @@ blame = influence_map(igql, "spin+acceleration", ("omega_x", "a_y"), nside=16)
 plot_influence(
     blame, igql, "IGQL-like: what ties $\\omega_x$ to $\\tilde a_y$", "change per doubling of a pixel's weight"
 )
-plt.savefig("influence.png", dpi=150)
+plt.savefig("influence.png", dpi=300)
 
 # %%
 # What to do: leave out the dense cap, or thin it out just as much as is needed.

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import fit
 import sim
 from vsh import Modes, Vector
-from vsh.sky.plot import plot_field
+from vsh.plot import plot_field
 
 # %%
 # The truth: a spin of 3 µas/yr about the pole, and the Solar System drawn to the Galactic
@@ -40,5 +40,5 @@ print(f"both solvers agree to {check.largest:.0e} standard errors")
 
 # %%
 # The figure: the sources, and the field that was fitted to them.
-plot_field(field, solution.coefficients, title="A sky that turns and flows")
-plt.savefig("first_fit.png", dpi=150)
+plot_field(field, solution.coefficients, covariance=solution.covariance, title="A sky that turns and flows")
+plt.savefig("first_fit.png", dpi=300)

@@ -11,23 +11,20 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from vsh import Coefficients, Modes
-from vsh.sky.plot import draw_vectors, even_grid, sky_axes
+from vsh.plot import KIND_COLOURS, WIDTH, arrow_grid, draw_vectors, sky_axes
 
 # %%
 # The real fields that the coefficients multiply, in ICRS: one panel for each of degree 1 and 2.
 modes = Modes(2)
-lon, lat = even_grid(18.0)
 for l in (1, 2):
     chosen = [i for i, mode in enumerate(modes) if mode.l == l]
     columns = 2 * l + 1
-    figure = plt.figure(figsize=(4.2 * columns, 6.4), layout="constrained")
+    figure = plt.figure(figsize=(0.62 * WIDTH * columns, 0.9 * WIDTH), layout="constrained")
     for place, i in enumerate(chosen):
-        axes = sky_axes("icrs", figure.add_subplot(2, columns, place + 1, projection="hammer"))
+        axes = sky_axes("icrs", figure.add_subplot(2, columns, place + 1))
         field = Coefficients(modes, np.eye(len(modes))[i])
         mode = list(modes)[i]
-        colour = "#c55a11" if mode.kind == "T" else "#0b5394"
-        draw_vectors(axes, lon, lat, field.at(lon, lat), color=colour, width=0.005)
-        axes.set_title(str(mode), fontsize=16, pad=12)
-        axes.set_xticklabels([])
-        axes.set_yticklabels([])
-    figure.savefig(f"harmonics_{l}.png", dpi=110)
+        lon, lat = arrow_grid(axes, 18.0)
+        draw_vectors(axes, lon, lat, field.at(lon, lat), longest=16.0, color=KIND_COLOURS[mode.kind])
+        axes.set_title(str(mode))
+    figure.savefig(f"harmonics_{l}.png", dpi=300)

@@ -11,6 +11,7 @@ import numpy as np
 
 import sim
 from sim import agis
+from vsh.plot import COLOURS, STYLE
 
 # %%
 # Three thousand quasars, with fields and knots as if they were half a million: as many sources in a field, and as many
@@ -38,19 +39,19 @@ print(f"solved from the quasars alone: {solved:.2f}")
 # With an attitude known to 10 µas sources may be taken one by one. Solved from the quasars alone, in knots of 30 s, it nearly
 # doubles the error of the acceleration, and with more quasars somewhat more than that.
 
-figure, ax = plt.subplots(figsize=(7, 4.5), layout="constrained")
-ax.semilogx(known, ratios, "o-", color="#0b5394", label="known")
-ax.axhline(solved, color="#c55a11", label="solved from the quasars")
-ax.set_xlabel("attitude known to [µas]", fontsize=13)
-ax.set_ylabel("true / formal error of the acceleration", fontsize=13)
-ax.legend(frameon=False, fontsize=12)
-ax.spines[["top", "right"]].set_visible(False)
-plt.savefig("joint_solution.png", dpi=150)
+plt.rcParams.update(STYLE)
+figure, ax = plt.subplots()
+ax.semilogx(known, ratios, "o-", color=COLOURS[0], label="known")
+ax.axhline(solved, color=COLOURS[1], label="solved from the quasars")
+ax.set_xlabel("attitude known to [µas]")
+ax.set_ylabel("true / formal error of the acceleration")
+ax.legend()
+plt.savefig("joint_solution.png", dpi=300)
 
 # %%
 # One draw of the noise, solved: what neighbours share.
 
 solution, system, _ = agis.solve_mission(law, quasars.lon, quasars.lat, sigma, rng=2)
 print(f"{solution.iterations} iterations, degrees 1 to 3 at rest: {solution.converged}")
-agis.plot_convergence(solution).savefig("joint_convergence.png", dpi=150)
-agis.plot_errors_by_magnitude(solution, quasars.magnitude).savefig("joint_errors.png", dpi=150)
+agis.plot_convergence(solution).figure.savefig("joint_convergence.png", dpi=300)
+agis.plot_errors_by_magnitude(solution, quasars.magnitude).figure.savefig("joint_errors.png", dpi=300)

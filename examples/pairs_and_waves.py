@@ -13,6 +13,7 @@ import numpy as np
 import fit
 import sim
 from vsh import Field
+from vsh.plot import figure_of
 from vsh.units import hubble_rate
 
 # %%
@@ -40,7 +41,7 @@ def omega_of(motion, debiased=True):
 print(f"this sky's waves have {omega_of(waves, debiased=False):.3f} in degree 2")
 print(f"pairs: Ω = {omega:.3f} ± {error:.3f}")
 print(f"power of degree 2 less the noise that is quoted: {omega_of(field.motion):.3f}")
-found.plot(templates).savefig("pairs.png", dpi=120)
+figure_of(found.plot(templates)).savefig("pairs.png", dpi=300)
 
 # %%
 # One wave in place of the background: where it travels to, and how strong waves from elsewhere can be.
@@ -50,5 +51,5 @@ search = fit.waves.search(fit.fit_field(one, 5), n_skies=200)
 away = np.degrees(np.arccos(search.vector @ direction / np.linalg.norm(direction)))
 print(f"one wave: {away:.0f}° from where it travels to, p = {search.p_value:.3f}")
 print(search.report())
-search.plot().savefig("one_wave.png", dpi=120)
+figure_of(search.plot()).savefig("one_wave.png", dpi=300)
 plt.show()

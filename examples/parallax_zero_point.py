@@ -46,6 +46,6 @@ print(f"found − true in errors: rms {np.sqrt(np.mean(pulls**2)):.2f}, largest 
 # Degree by degree, and on the sky.
 print(solution.report())
 figures = fit.output.draw_figures(solution, field)
-figures["spectrum"].savefig("parallax_spectrum.png", dpi=120)
-figures["sky"].savefig("parallax_zero_point.png", dpi=120)
+figures["spectrum"].figure.savefig("parallax_spectrum.png", dpi=300)
+figures["sky"].figure.savefig("parallax_zero_point.png", dpi=300)
 plt.show()

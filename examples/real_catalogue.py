@@ -37,7 +37,7 @@ import matplotlib.pyplot as plt
 import fit
 from vsh import Modes
 from vsh.catalogue import Columns, read_field
-from vsh.sky.plot import plot_field
+from vsh.plot import plot_field
 
 if len(sys.argv) != 2:
     sys.exit("usage: python examples/real_catalogue.py PATH")
@@ -60,5 +60,5 @@ print(
     f"acceleration {acceleration.amplitude:.2f} ± {acceleration.amplitude_error:.2f} µas/yr toward l = {lon:.1f}°, b = {lat:.1f}°"
 )
 
-plot_field(kept, clipped.solution.coefficients, title=Path(sys.argv[1]).name)
-plt.savefig("real_catalogue.png", dpi=150)
+plot_field(kept, clipped.solution.coefficients, covariance=clipped.solution.covariance, title=Path(sys.argv[1]).name)
+plt.savefig("real_catalogue.png", dpi=300)

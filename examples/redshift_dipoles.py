@@ -47,4 +47,4 @@ print(f"constant ã, secular parallax:   p-value {bins.secular_parallax(PLANCK_2
 # %%
 # The figure: dashed, the prediction for Planck's velocity.
 bins.plot()
-plt.savefig("redshift_dipoles.png", dpi=150)
+plt.savefig("redshift_dipoles.png", dpi=300)

@@ -22,6 +22,7 @@ import numpy as np
 import fit
 from vsh import Modes
 from vsh.catalogue import read_field
+from vsh.plot import STYLE
 
 if len(sys.argv) != 2:
     sys.exit("usage: python examples/robust_fits.py PATH")
@@ -56,14 +57,13 @@ for name, solution in ways.items():
 
 # %%
 # The components, and what the robust fit thinks of the residuals.
-figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
+plt.rcParams.update(STYLE)
+figure, axes = plt.subplots()
 for i, (name, solution) in enumerate(ways.items()):
     a = solution.acceleration.to_frame("galactic")
-    axes.errorbar(np.arange(3) + (i - 2.5) * 0.11, a.value, a.sigma, fmt="o", capsize=3, label=name)
+    axes.errorbar(np.arange(3) + (i - 2.5) * 0.11, a.value, a.sigma, fmt="o", label=name)
 axes.axhline(0, color="0.6", linewidth=0.8)
 axes.set_xticks(range(3), ["towards the\nGalactic centre", "along Galactic\nrotation", "to the Galactic\nnorth pole"])
-axes.set_ylabel("acceleration ã  [µas/yr]", fontsize=13)
-axes.tick_params(labelsize=12)
-axes.legend(frameon=False, fontsize=11)
-axes.spines[["top", "right"]].set_visible(False)
-plt.savefig("robust_fits.png", dpi=150)
+axes.set_ylabel("acceleration ã  [µas/yr]")
+axes.legend()
+plt.savefig("robust_fits.png", dpi=300)

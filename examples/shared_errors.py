@@ -16,6 +16,7 @@ import fit
 import sim
 from fit.background import Spectrum, floor
 from vsh import Modes
+from vsh.plot import COLOURS, STYLE
 
 # %%
 # One sky: the normal equations of 20 000 quasars; with more of them only their information grows.
@@ -62,14 +63,13 @@ for number, values in zip(numbers, rows, strict=True):
 
 # %%
 # The figure: what a plain fit quotes falls as 1/√N, and the truth does not.
-figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
-axes.loglog(numbers, plain_quoted, "--", color="#c55a11", linewidth=2, label="plain fit, quoted")
-axes.loglog(numbers, plain_true, "o", color="#c55a11", markersize=8, label="plain fit, true")
-axes.loglog(numbers, quoted, "-", color="#0b5394", linewidth=2, label="prior and floor, quoted")
-axes.loglog(numbers, true, "s", color="#0b5394", markersize=7, label="prior and floor, true")
-axes.set_xlabel("sources", fontsize=13)
-axes.set_ylabel("error of the acceleration  [µas/yr]", fontsize=13)
-axes.tick_params(labelsize=11)
-axes.legend(frameon=False, fontsize=12)
-axes.spines[["top", "right"]].set_visible(False)
-plt.savefig("shared_errors.png", dpi=150)
+plt.rcParams.update(STYLE)
+figure, axes = plt.subplots()
+axes.loglog(numbers, plain_quoted, "--", color=COLOURS[1], label="plain fit, quoted")
+axes.loglog(numbers, plain_true, "o", color=COLOURS[1], label="plain fit, true")
+axes.loglog(numbers, quoted, "-", color=COLOURS[0], label="prior and floor, quoted")
+axes.loglog(numbers, true, "s", color=COLOURS[0], label="prior and floor, true")
+axes.set_xlabel("sources")
+axes.set_ylabel("error of the acceleration  [µas/yr]")
+axes.legend()
+plt.savefig("shared_errors.png", dpi=300)

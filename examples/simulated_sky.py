@@ -12,6 +12,7 @@ import numpy as np
 import fit
 import sim
 from sim.plot import plot_density, plot_distance_and_parallax, plot_histograms, plot_tracks, plot_transits
+from vsh.plot import figure_of
 
 law = sim.NominalScanningLaw(dead_time=0.06, rng=1)
 truth = sim.acceleration((-0.235965, -3.755779, -2.080491))
@@ -27,16 +28,16 @@ for sky in ("gums", "igql"):
     a = solution.acceleration
     print(f"{sky}: ã = {a.value.round(2)} ± {a.sigma.round(2)} µas/yr in Galactic axes; truth (4.3, 0, 0)")
     print(f"      largest correlation of spin and acceleration {np.abs(solution.correlation[:3, 3:]).max():.2f}")
-    plot_density(quasars, nside=8, title=f"{len(quasars)} quasars, {sky}").savefig(f"density_{sky}.png", dpi=150)
+    plot_density(quasars, nside=8, title=f"{len(quasars)} quasars, {sky}").figure.savefig(f"density_{sky}.png", dpi=300)
 
 # %%
 # The scanning law, and the rest of the picture.
 everywhere = sim.Population(*sim.uniform_sky(20_000, rng=4))
 transits = law.transits(everywhere.lon, everywhere.lat)
 print(f"{len(transits) / len(everywhere):.1f} transits a source on average")
-plot_transits(everywhere, transits.counts(len(everywhere))).savefig("transits.png", dpi=150)
+plot_transits(everywhere, transits.counts(len(everywhere))).figure.savefig("transits.png", dpi=300)
 one = transits.time[transits.source == 0]
-plot_tracks(one, variability, rng=5).savefig("tracks.png", dpi=150)
-plot_histograms(sim.galaxies(20_000, rng=6)).savefig("galaxies.png", dpi=150)
+plot_tracks(one, variability, rng=5).figure.savefig("tracks.png", dpi=300)
+figure_of(plot_histograms(sim.galaxies(20_000, rng=6))).savefig("galaxies.png", dpi=300)
 plot_distance_and_parallax()
-plt.savefig("simulated_sky.png", dpi=150)
+plt.savefig("simulated_sky.png", dpi=300)

@@ -36,4 +36,4 @@ print(shared.flow.report())
 # %%
 # The figure: errors of H0 by redshift limit.
 found.plot()
-plt.savefig("velocity_forecast.png", dpi=150)
+plt.savefig("velocity_forecast.png", dpi=300)

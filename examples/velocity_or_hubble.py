@@ -46,4 +46,4 @@ print(f"H0 on a grid:      {on_grid.mean('H0'):.2f} ± {on_grid.sigma('H0'):.2f}
 # %%
 # The figure: every pair of parameters.
 posterior.corner(["H0", "peculiar_dispersion", "a_x", "a_y", "a_z"])
-plt.savefig("velocity_or_hubble.png", dpi=150)
+plt.savefig("velocity_or_hubble.png", dpi=300)

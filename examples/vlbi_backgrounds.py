@@ -43,7 +43,7 @@ print(fit.report(solution, source=Path(sys.argv[1]).name))
 limit = wave_limit(fit.normal_equations(field, 2))
 print(limit.report(years=22.6))
 limit.plot()
-plt.savefig("vlbi_waves.png", dpi=150)
+plt.savefig("vlbi_waves.png", dpi=300)
 
 # %%
 # Which degree does the catalogue want? The answer depends on the power that is expected beforehand, so it is marginalised

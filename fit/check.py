@@ -18,7 +18,7 @@ from vsh.covariance import Covariance
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +62,19 @@ class CrossCheck(Result):
             columns[f"{name}_error"] = np.concatenate([spin.sigma, found.acceleration.sigma])
         return tables.table_of(columns, {"frame": self.frame.frame})
 
-    def plot(self) -> Figure:
-        """The correlations of the frame solver's parameters as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The correlations of the frame solver's parameters on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
-        return self.frame.plot()
+        return self.frame.plot(ax=ax)
 
 
 @arguments.accepts(field=arguments.a(Field, Parts))

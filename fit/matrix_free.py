@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -23,7 +24,7 @@ from vsh.checks import arguments, nouns
 from vsh.checks.notes import merge_notes
 from vsh.errors import CovarianceError, FieldError, ParameterError
 from vsh.modes import as_modes
-from vsh.types import ArrayLike, Figure, FloatArray, Table
+from vsh.types import ArrayLike, FloatArray, Table
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.
 LOW = 12
@@ -117,16 +118,21 @@ class MatrixFreeSolution(HarmonicSolution):
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": sigma}
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
-    def plot(self) -> Figure:
-        """Power by degree as fitted, a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """Power by degree as fitted, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.output import plot_power
 
-        return plot_power(self)
+        return plot_power(self, ax=ax)
 
     @classmethod
     def _unpack(cls, columns, rest):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 from fit.linear import LinearSolution
 from fit.storage import count, decoded, encoded
@@ -10,7 +11,7 @@ from vsh import tables
 from vsh.checks.arrays import covariance, float_array
 from vsh.errors import TableError
 from vsh.sky.frames import check_frame
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import FloatArray, Table
 from vsh.vector import Vector
 
 
@@ -95,16 +96,21 @@ class NamedSolution(LinearSolution):
         columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
         return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
 
-    def plot(self) -> Figure:
-        """The correlation matrix of the parameters as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The correlation matrix of the parameters on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.output import plot_correlation
 
-        return plot_correlation(self)
+        return plot_correlation(self, ax=ax)
 
     def _vector(self, name, unit="µas/yr"):
         start = self.names.index(f"{name}_x")

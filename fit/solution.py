@@ -14,7 +14,7 @@ from vsh.checks.arrays import covariance, float_array
 from vsh.coefficients import Coefficients
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
-from vsh.types import Figure, FloatArray, Kind, Table
+from vsh.types import FloatArray, Kind, Table
 from vsh.vector import Vector
 
 
@@ -87,16 +87,21 @@ class Solution(HarmonicSolution):
 
         return report(self, check=check, truth=truth, source=source)
 
-    def plot(self) -> Figure:
-        """Power by degree as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """Power by degree on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.output import plot_spectrum
 
-        return plot_spectrum(self)
+        return plot_spectrum(self, ax=ax)
 
     def to_table(self) -> Table:
         """The coefficients with their errors as an astropy Table, a row each.
@@ -268,11 +273,16 @@ class AboutSolution(Result):
         """
         return self.solution.to_table()
 
-    def plot(self) -> Figure:
-        """Power by degree as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """Power by degree on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
-        return self.solution.plot()
+        return self.solution.plot(ax=ax)

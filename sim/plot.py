@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import matplotlib.pyplot as plt
+from typing import Any
+
 import numpy as np
 
 from sim.population import Population
 from sim.variability import Variability, markov_chain
 from vsh.checks.arguments import generator
 from vsh.cosmology import PLANCK_2013, transverse_distance
+from vsh.plot import COLOURS, WIDTH, SkyAxes, draw_line, panels, plot_map, styled
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import mean_map, pixels_of
-from vsh.sky.plot import draw_map, on_map, sky_axes
 from vsh.sky.sphere import angles, triad
-from vsh.types import Cosmology, Figure, FloatArray, Rng
+from vsh.types import Axes, Cosmology, FloatArray, Rng
 from vsh.units import AU_PER_YEAR
 
 __all__ = [
@@ -25,8 +26,9 @@ __all__ = [
 ]
 
 
-def plot_density(population: Population, nside: int = 16, title: str | None = None) -> Figure:
-    """Sources per square degree over the sky, with the ecliptic. Returns the figure.
+@styled
+def plot_density(population: Population, nside: int = 16, title: str | None = None, *, ax: Any = None) -> SkyAxes:
+    """Sources per square degree over the sky, with the ecliptic.
 
     Parameters
     ----------
@@ -36,72 +38,78 @@ def plot_density(population: Population, nside: int = 16, title: str | None = No
         Of the HEALPix pixels.
     title : str, optional
         Of the figure.
+    ax : matplotlib axes, optional
+        Whose place the map takes; a new figure unless given.
 
     Returns
     -------
-    Figure
+    SkyAxes
     """
     pixel = pixels_of(population.lon, population.lat, nside)
     density = np.bincount(pixel, minlength=12 * nside**2) / (41252.96 / (12 * nside**2))
-    axes = sky_axes(population.frame)
-    image = draw_map(axes, density, vmin=0, vmax=np.percentile(density, 99))
-    _bar(axes, image, "sources per square degree")
-    lon, lat = angles(
-        rotation_matrix("ecliptic", population.frame) @ triad(np.linspace(0, 2 * np.pi, 721), np.zeros(721))[2]
-    )
-    order = np.argsort(on_map(lon))
-    axes.plot(on_map(lon)[order], lat[order], color="cyan", linewidth=1.5, label="ecliptic")
-    axes.legend(loc="lower left", frameon=False, fontsize=11)
-    axes.set_title(title or f"{len(population)} sources", pad=16)
-    return axes.figure
+    axes = plot_map(
+        density, "sources per square degree", frame=population.frame, title=title or f"{len(population)} sources", ax=ax, vmin=0,
+        vmax=np.percentile(density, 99), extend="max",
+    )  # fmt: skip
+    ecliptic = triad(np.linspace(0, 2 * np.pi, 721), np.zeros(721))[2]
+    draw_line(axes, *angles(rotation_matrix("ecliptic", population.frame) @ ecliptic), color="cyan", label="ecliptic")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.0), borderaxespad=0)
+    return axes
 
 
-def plot_transits(population: Population, counts: FloatArray, nside: int = 16) -> Figure:
-    """Transits per source over the sky. Returns the figure.
+def plot_transits(population: Population, counts: FloatArray, nside: int = 16, *, ax: Any = None) -> SkyAxes:
+    """Transits per source over the sky.
 
     Parameters
     ----------
+    population : Population
+        The sources.
     counts : (n,) array
         Of `Transits.counts`.
-    population : Population
-        The sources.
     nside : int
         Of the HEALPix pixels.
+    ax : matplotlib axes, optional
+        Whose place the map takes; a new figure unless given.
 
     Returns
     -------
-    Figure
+    SkyAxes
     """
-    axes = sky_axes(population.frame)
-    image = draw_map(axes, mean_map(population.lon, population.lat, counts, nside), cmap="magma")
-    _bar(axes, image, "transits per source")
-    axes.set_title("transits by the scanning law", pad=16)
-    return axes.figure
+    values = mean_map(population.lon, population.lat, counts, nside)
+    return plot_map(
+        values, "transits per source", frame=population.frame, cmap="magma", title="transits by the scanning law", ax=ax
+    )
 
 
-def plot_histograms(population: Population) -> Figure:
-    """Magnitudes and redshifts. Returns the figure.
+@styled
+def plot_histograms(population: Population, *, ax: Any = None) -> Any:
+    """Magnitudes and redshifts.
 
     Parameters
     ----------
     population : Population
         The sources.
+    ax : matplotlib axes, one for each quantity there is, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    Figure
+    (k,) array of matplotlib axes
     """
     columns = {"G": population.magnitude, "redshift": population.redshift}
     columns = {name: values for name, values in columns.items() if values is not None}
-    figure, axes = plt.subplots(1, len(columns), figsize=(5 * len(columns), 4), layout="constrained", squeeze=False)
-    for ax, (name, values) in zip(axes[0], columns.items(), strict=True):
-        ax.hist(values, bins=60, color="#0b5394")
-        _finish(ax, name, "sources")
-    return figure
+    drawn = panels(ax, 1, len(columns), size=(WIDTH, 1.9))
+    for axes, (name, values) in zip(drawn, columns.items(), strict=True):
+        axes.hist(values, bins=60, color=COLOURS[0])
+        axes.set(xlabel=name, ylabel="sources")
+    return drawn
 
 
-def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks: int = 3) -> Figure:
-    """Variable photocentres: tracks on the sky of a few draws. Returns the figure.
+@styled
+def plot_tracks(
+    times: FloatArray, variability: Variability, rng: Rng, n_tracks: int = 3, *, ax: Any = None
+) -> Axes:  # fmt: skip
+    """Variable photocentres: tracks on the sky of a few draws.
 
     Parameters
     ----------
@@ -113,25 +121,27 @@ def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks:
         The source of all randomness.
     n_tracks : int
         How many.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    Figure
+    matplotlib axes
     """
     rng = generator(rng)
-    figure, ax = plt.subplots(figsize=(5.5, 5.5), layout="constrained")
-    for _ in range(n_tracks):
+    (axes,) = panels(ax, size=(WIDTH, 3.2))
+    for track in range(n_tracks):
         x, y = (markov_chain(times, variability.sigma, variability.tau, rng) for _ in range(2))
-        ax.plot(x, y, ".-", linewidth=0.8, markersize=4)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.invert_xaxis()  # east to the left
-    _finish(ax, "Δα* [µas]", "Δδ [µas]")
-    ax.set_title(f"σ = {variability.sigma:g} µas, τ = {variability.tau:g} yr", fontsize=12)
-    return figure
+        axes.plot(x, y, ".-", linewidth=0.5, markersize=2, color=COLOURS[track % len(COLOURS)])
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.invert_xaxis()  # east to the left
+    axes.set(xlabel="Δα* [µas]", ylabel="Δδ [µas]", title=f"σ = {variability.sigma:g} µas, τ = {variability.tau:g} yr")
+    return axes
 
 
-def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = PLANCK_2013) -> Figure:
-    """Comoving distance and the secular parallax by our velocity, against redshift. Returns the figure.
+@styled
+def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = PLANCK_2013, *, ax: Any = None) -> Any:
+    """Comoving distance and the secular parallax by our velocity, against redshift.
 
     Parameters
     ----------
@@ -139,27 +149,18 @@ def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = PLAN
         Ours. [km/s]
     cosmology : astropy cosmology, optional
         The shape of the distance: flat, Ω_m = 0.315 unless given.
+    ax : two matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    Figure
+    (2,) array of matplotlib axes
     """
     z = np.geomspace(1e-3, 6, 400)
     distance = transverse_distance(z, cosmology)
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    left.loglog(z, distance, color="#0b5394")
-    _finish(left, "redshift", "transverse comoving distance [Mpc]")
-    right.loglog(z, speed / (AU_PER_YEAR * distance), color="#c55a11")
-    _finish(right, "redshift", f"secular parallax at 90° from {speed:g} km/s [µas/yr]")
-    return figure
-
-
-def _bar(axes, image, words):
-    axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06).set_label(words, fontsize=12)
-
-
-def _finish(ax, x, y):
-    ax.set_xlabel(x, fontsize=13)
-    ax.set_ylabel(y, fontsize=13)
-    ax.tick_params(labelsize=11)
-    ax.spines[["top", "right"]].set_visible(False)
+    above, below = drawn = panels(ax, 2, 1, size=(WIDTH, 3.8), sharex=True)
+    above.loglog(z, distance, color=COLOURS[0])
+    above.set_ylabel("transverse comoving\ndistance [Mpc]")
+    below.loglog(z, speed / (AU_PER_YEAR * distance), color=COLOURS[1])
+    below.set(xlabel="redshift", ylabel=f"secular parallax at 90°\nfrom {speed:g} km/s [µas/yr]")
+    return drawn

@@ -39,7 +39,8 @@ def _gaia(options):
     counts = {"rows_used": len(sources.field), "rows_refused": dropped(sources.field.notes)}
     meta = running.provenance(options.gaia, options, {"vsh-astrometry": vsh.__version__}, **counts)
     with outputs.results_folder(options.output, "vsh-study", meta, options.overwrite) as folder:
-        text = write_gaia(study, folder, truth=truth, provenance=meta)
+        drawn = None if options.no_figures else {"format": options.format, "dpi": options.dpi}
+        text = write_gaia(study, folder, truth=truth, provenance=meta, figures=drawn)
         listed = [x.name for x in folder.iterdir()]
     running.say(text)
     running.say(running.written(options.output, listed))
@@ -56,7 +57,7 @@ def _run(options):
     if options.paper:
         from study.paper import write_paper
 
-        write_paper(study, folder, count)
+        write_paper(study, folder, count, draw=not options.no_figures)
     running.say((folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, folder, count))
     running.say(running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
 
@@ -104,6 +105,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=1, help="--gaia: of the bootstrap (default: 1)")
     parsing.add_threads(parser)
+    parsing.add_figures(parser)
     parsing.add_overwrite(parser)
     parser.add_argument("--version", action="version", version=f"vsh-study {vsh.__version__}")
     return parser

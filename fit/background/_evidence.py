@@ -27,7 +27,7 @@ from vsh import tables
 from vsh.checks.arguments import a, number, positive
 from vsh.covariance import Spectrum
 from vsh.errors import ParameterError
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import FloatArray, Table
 
 #: Amplitudes of a grid that is uniform in its logarithm, a decade.
 _A_DECADE = 20
@@ -166,16 +166,21 @@ class Comparison(Result):
         }
         return tables.table_of(columns)
 
-    def plot(self) -> Figure:
-        """The evidences as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The evidences on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.background._plot import plot_comparison
 
-        return plot_comparison(self)
+        return plot_comparison(self, ax=ax)
 
 
 def compare(models: Mapping[str, Any]) -> Comparison:

@@ -18,7 +18,7 @@ from vsh import tables
 from vsh.checks.notes import note_lines
 from vsh.covariance import Spectrum
 from vsh.errors import ModesError
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,16 +108,21 @@ class Background(Result):
         }  # fmt: skip
         return tables.table_of(columns, {"frame": self.frame, "n_data": self.n_data})
 
-    def plot(self) -> Figure:
-        """The amplitudes with their intervals as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The amplitudes with their intervals on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.background._plot import plot_amplitudes
 
-        return plot_amplitudes(self)
+        return plot_amplitudes(self, ax=ax)
 
 
 def fit(

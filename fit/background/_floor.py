@@ -18,7 +18,7 @@ from vsh import tables
 from vsh.covariance import Spectrum
 from vsh.errors import DegeneracyError, ModesError
 from vsh.modes import Modes
-from vsh.types import Figure, Table
+from vsh.types import Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,16 +122,21 @@ class Floor(Result):
         units = dict.fromkeys(("power", "power_low", "power_high"), "uas2 / yr2") | {"floor": "uas / yr"}
         return tables.table_of(columns, {"parity_p_value": self.parity_p_value}, units)
 
-    def plot(self) -> Figure:
-        """The two powers with their intervals as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The two powers with their intervals on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.background._plot import plot_floor
 
-        return plot_floor(self)
+        return plot_floor(self, ax=ax)
 
     def prior(self, modes: Modes) -> NormalEquations:
         """The prior on the degrees that it was estimated from, as normal equations without data.

@@ -4,128 +4,132 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
-from vsh.types import Figure
+from vsh.plot import COLOURS, WIDTH, legend_above, panels, styled
+from vsh.types import Axes
 
-_COLOURS = ("#0b5394", "#c55a11", "#38761d")
 _LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coefficients flat"}
 
 
-def plot_waves(limit: Any) -> Figure:
+@styled
+def plot_waves(limit: Any, *, ax: Any = None) -> Axes:
     """The posteriors of Ω for priors flat in Ω and in √Ω, with the upper limits.
 
     Parameters
     ----------
     limit : WaveLimit
         What was found.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    matplotlib axes
     """
-    figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
+    (axes,) = panels(ax, size=(WIDTH, 2.9))
     top = 1.35 * limit.limit(0.95, "flat")
     omega = np.linspace(0, top, 1500)[1:]
-    for colour, prior in zip(_COLOURS, ("flat", "root"), strict=False):
+    for prior in ("flat", "root"):
         density = limit.likelihood(omega) * (1 if prior == "flat" else omega**-0.5)
         density /= np.sum(density) * (omega[1] - omega[0])
-        axes.plot(omega, density, color=colour, linewidth=1.8, label=f"exact likelihood, {_LABELS[prior]}")
+        axes.plot(omega, density, color=_colour(prior), label=f"posterior, {_LABELS[prior]}")
+    for prior in _LABELS:
+        if prior != "coefficients" or np.isfinite(limit.squares).all():
+            value = limit.limit(0.95, prior)
+            axes.axvline(
+                value, color=_colour(prior), linestyle="--", linewidth=0.8, label=f"< {value:.3g}, {_LABELS[prior]}"
+            )
     highest = float(np.max(limit.likelihood(omega) / (np.sum(limit.likelihood(omega)) * (omega[1] - omega[0]))))
     axes.set_ylim(0, 1.6 * highest)  # a prior flat in √Ω rises without end towards zero
-    known = [prior for prior in _LABELS if prior != "coefficients" or np.isfinite(limit.squares).all()]
-    for height, prior in zip((0.88, 0.74, 0.60), known, strict=False):
-        colour, value = _COLOURS[list(_LABELS).index(prior)], limit.limit(0.95, prior)
-        axes.axvline(value, color=colour, linestyle="--", linewidth=1.2)
-        axes.annotate(
-            f"< {value:.3g}, {_LABELS[prior]}", (value, height), xycoords=("data", "axes fraction"), xytext=(-5, 0),
-            textcoords="offset points", ha="right", va="center", fontsize=11, color=colour,
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85},
-        )  # fmt: skip
     axes.set_xlim(0, top)
-    axes.set_xlabel(
-        "$h_{70}^2\\,\\Omega_\\mathrm{GW}$" if limit.hubble == 70 else "$\\Omega_\\mathrm{GW}$", fontsize=13
-    )
-    axes.set_ylabel("posterior density; dashed: 95 % limits", fontsize=13)
-    axes.tick_params(labelsize=11)
-    axes.legend(edgecolor="none", framealpha=0.9, fontsize=11, loc="upper right", bbox_to_anchor=(1, 0.5))
-    axes.spines[["top", "right"]].set_visible(False)
-    return figure
+    axes.set_xlabel("$h_{70}^2\\,\\Omega_\\mathrm{GW}$" if limit.hubble == 70 else "$\\Omega_\\mathrm{GW}$")
+    axes.set_ylabel("density (dashed: 95 % limits)")
+    legend_above(axes, 2)
+    return axes
 
 
-def plot_floor(floor: Any) -> Figure:
+def _colour(prior):
+    return COLOURS[list(_LABELS).index(prior)]
+
+
+@styled
+def plot_floor(floor: Any, *, ax: Any = None) -> Any:
     """The power of a mode of either parity, with 68 % intervals.
 
     Parameters
     ----------
     floor : Floor
         What was found.
+    ax : two matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    (2,) array of matplotlib axes
     """
     names = [
         f"odd parity: spin ± {floor.spin_error:.3g} µas/yr",
         f"even parity: acceleration ± {floor.acceleration_error:.3g} µas/yr",
     ]
     intervals, label = [floor.odd_interval, floor.even_interval], "power of a mode  [(µas/yr)²]"
-    return _intervals(names, [floor.odd, floor.even], intervals, [label, label], "median")
+    return _intervals(names, [floor.odd, floor.even], intervals, [label, label], "median", ax)
 
 
-def plot_amplitudes(background: Any) -> Figure:
+@styled
+def plot_amplitudes(background: Any, *, ax: Any = None) -> Any:
     """The amplitudes of the spectra with 68 % intervals.
 
     Parameters
     ----------
     background : Background
         What was found.
+    ax : matplotlib axes, one for each amplitude, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    (k,) array of matplotlib axes
     """
     labels = ["amplitude"] * len(background.names)
-    return _intervals(background.names, background.amplitudes, background.intervals, labels, "largest likelihood")
+    return _intervals(background.names, background.amplitudes, background.intervals, labels, "largest likelihood", ax)
 
 
-def plot_comparison(comparison: Any) -> Figure:
+@styled
+def plot_comparison(comparison: Any, *, ax: Any = None) -> Axes:
     """The evidences less the best.
 
     Parameters
     ----------
     comparison : Comparison
         What was found.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    matplotlib axes
     """
-    figure, axes = plt.subplots(figsize=(8, 1.2 + 0.45 * len(comparison.names)), layout="constrained")
+    (axes,) = panels(ax, size=(WIDTH, 0.7 + 0.25 * len(comparison.names)))
     below = comparison.log_evidence - comparison.log_evidence.max()
     place = np.arange(len(below))[::-1]
-    axes.barh(place, below, color=_COLOURS[0], height=0.6)
-    axes.plot(np.zeros(len(below)), place, "|", color="0.3", markersize=10)
-    axes.set_yticks(place, comparison.names, fontsize=12)
-    axes.set_xlabel("ln Z less that of the best", fontsize=13)
-    axes.spines[["top", "right"]].set_visible(False)
-    return figure
+    axes.barh(place, below, color=COLOURS[0], height=0.6)
+    axes.plot(np.zeros(len(below)), place, "|", color="0.3", markersize=6)
+    axes.set_yticks(place, comparison.names)
+    axes.set_xlabel("ln Z less that of the best")
+    return axes
 
 
-def _intervals(names, values, intervals, labels, point):
+def _intervals(names, values, intervals, labels, point, ax):
     """One axis for each amplitude: they have units of their own."""
-    figure, rows = plt.subplots(
-        len(names), 1, figsize=(8, 1.4 + 1.25 * len(names)), layout="constrained", squeeze=False
-    )
-    for axes, name, value, (low, high), label in zip(rows[:, 0], names, values, intervals, labels, strict=True):
-        axes.hlines(0, low, high, color=_COLOURS[0], linewidth=3, label="68 %")
-        axes.plot(value, 0, "o", color=_COLOURS[1], markersize=10, label=point)
-        axes.set_title(name, fontsize=12, loc="left")
+    drawn = panels(ax, len(names), 1, size=(WIDTH, 0.5 + 0.75 * len(names)))
+    for axes, name, value, (low, high), label in zip(drawn, names, values, intervals, labels, strict=True):
+        axes.hlines(0, low, high, color=COLOURS[0], linewidth=2, label="68 %")
+        axes.plot(value, 0, "o", color=COLOURS[1], markersize=5, label=point)
+        axes.set_title(name, loc="left")
         axes.set_xlim(-0.02 * high, 1.15 * max(high, value, 1e-30))
         axes.set_yticks([])
-        axes.set_xlabel(label, fontsize=11)
-        axes.tick_params(labelsize=11)
-        axes.spines[["top", "right", "left"]].set_visible(False)
-    rows[0, 0].legend(frameon=False, fontsize=11, ncols=2, loc="lower right", bbox_to_anchor=(1, 1))
-    return figure
+        axes.set_xlabel(label)
+        axes.spines["left"].set_visible(False)
+    drawn[0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.9))
+    return drawn

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from vsh.checks.arguments import between, choice, positive
 from vsh.checks.notes import note_lines
 from vsh.covariance import Spectrum
 from vsh.errors import ModesError, ParameterError
-from vsh.types import ArrayLike, Figure, FloatArray, Table
+from vsh.types import ArrayLike, FloatArray, Table
 from vsh.units import JULIAN_YEAR, hubble_rate
 
 #: km in a megaparsec.
@@ -219,16 +219,21 @@ class WaveLimit(Result):
         columns = {"omega": self.amplitude.root**2, "log_likelihood": self.amplitude.log_likelihood}
         return tables.table_of(columns, {"hubble": self.hubble, "n_data": self.n_data})
 
-    def plot(self) -> Figure:
-        """The posteriors of Ω with their limits as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The posteriors of Ω with their limits on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.background._plot import plot_waves
 
-        return plot_waves(self)
+        return plot_waves(self, ax=ax)
 
 
 def wave_limit(

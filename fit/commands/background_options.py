@@ -57,7 +57,7 @@ class Backgrounds:
     texts: tuple[str, ...]
 
     def write(self, folder: Path, meta: dict[str, Any]) -> None:
-        """Write each result as a table and a figure.
+        """Write each result as a table.
 
         Parameters
         ----------
@@ -66,18 +66,18 @@ class Backgrounds:
         meta : dict
             Provenance.
         """
-        from vsh.sky.plot import save_figures
-
         for name, result in self.results.items():
             result.write(folder / f"{name}.ecsv", meta)
-        save_figures({name: result.plot() for name, result in self.results.items()}, folder)
+
+    def draw(self) -> dict[str, Any]:
+        """Axes by name of file."""
+        return {name: result.plot() for name, result in self.results.items()}
 
     def on_page(self) -> dict[str, Any]:
         """Figures and captions for the page."""
         captions = {"floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
                     "waves": "Energy in gravitational waves: posteriors and 95 % limits."}  # fmt: skip
-        figures = {name: result.plot() for name, result in self.results.items()}
-        return {"further": figures, "captions": captions} if figures else {}
+        return {"further": self.draw(), "captions": captions} if self.results else {}
 
 
 def found(solution: Any, options: argparse.Namespace) -> Backgrounds:

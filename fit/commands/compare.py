@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import vsh
-from vsh.commands import outputs, parsing, running
+from vsh.commands import figures, outputs, parsing, running
 from vsh.errors import TableError, VshError
 
 
@@ -44,9 +44,6 @@ def _run(options, words):
     running.say(text)
     if not (options.output or options.html):
         return
-    import matplotlib
-
-    matplotlib.use("agg")  # files, no windows
     meta = running.provenance(
         paths,
         options,
@@ -56,7 +53,7 @@ def _run(options, words):
     )
     if options.output:
         with outputs.results_folder(options.output, "vsh-compare", meta, options.overwrite) as folder:
-            _write(folder, text, found, kept, meta)
+            _write(folder, text, found, kept, meta, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
     if options.html:
@@ -64,10 +61,9 @@ def _run(options, words):
         running.say(f"written to {options.html}")
 
 
-def _write(folder, text, found, kept, meta):
+def _write(folder, text, found, kept, meta, options):
     from fit.output import draw_figures, write_correlation
     from vsh import tables
-    from vsh.sky.plot import save_figures
 
     (folder / "report.txt").write_text(text, encoding="utf-8")
     found.write(folder / "comparison.ecsv", meta)
@@ -75,13 +71,15 @@ def _write(folder, text, found, kept, meta):
     write_correlation(found.solution, folder / "correlation.ecsv", meta)
     tables.write_table(found.parameters_table(), folder / "parameters.ecsv", meta)
     tables.write_table(found.outliers_table(), folder / "outliers.ecsv", meta)
-    figures = draw_figures(found.solution, kept) | {"catalogues": found.correlations.plot()}
-    save_figures(figures, folder)
+    figures.write_figures(
+        lambda: draw_figures(found.solution, kept) | {"catalogues": found.correlations.plot()}, folder, options
+    )
 
 
 def _page(found, kept, options, words, meta):
     from fit.output import write_html
 
+    figures.without_windows()
     command = running.repeated("vsh-compare", words)
     left_out = {"Sources that were left out": found.outliers_table()} if found.names else {}
     captions = {

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import vsh
-from vsh.commands import outputs, parsing, parts_options, running
+from vsh.commands import figures, outputs, parsing, parts_options, running
 from vsh.errors import VshError
 from vsh.parts import Parts
 
@@ -75,6 +75,7 @@ def _run(options):
         )
         with outputs.results_folder(options.output, "vsh-correlate", meta, options.overwrite) as folder:
             _write(folder, text, found, influences, leaks, meta)
+            figures.write_figures(lambda: _draw(found, influences, leaks), folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
 
@@ -159,28 +160,33 @@ def _three(values):
 
 
 def _write(folder, text, found, influences, leaks, meta):
-    import matplotlib
-
-    matplotlib.use("agg")  # files, no windows
-    from fit.correlation import plot_influence, symbol
     from vsh import tables
-    from vsh.sky.plot import save_figures
 
     (folder / "report.txt").write_text(text, encoding="utf-8")
     tables.write_table(found.to_table(), folder / "correlation.ecsv", meta)
-    figures = {"correlation": found.plot()}
     for label, pair, field, values in influences:
-        name = f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
-        tables.write(folder / f"{name}.fits", {"influence": values}, {"ORDERING": "RING", "FRAME": field.frame})
-        words = " and ".join(map(symbol, pair))
-        what = f"correlation of {words}" if len(pair) == 2 else f"ln σ² of {words}"
-        figures[name] = plot_influence(
-            values, field, f"{label}: what drives the {what}", "change per doubling of a pixel's weight"
+        tables.write(
+            folder / f"{_name(label, pair)}.fits", {"influence": values}, {"ORDERING": "RING", "FRAME": field.frame}
         )
     for label, leak in leaks:
         tables.write_table(leak.to_table(), folder / f"leakage_{label}.ecsv", meta)
-        figures[f"leakage_{label}"] = leak.plot()
-    save_figures(figures, folder)
+
+
+def _name(label, pair):
+    return f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
+
+
+def _draw(found, influences, leaks):
+    from fit.correlation import plot_influence, symbol
+
+    drawn = {"correlation": found.plot()}
+    for label, pair, field, values in influences:
+        words = " and ".join(map(symbol, pair))
+        what = f"correlation of {words}" if len(pair) == 2 else f"ln σ² of {words}"
+        drawn[_name(label, pair)] = plot_influence(
+            values, field, f"{label}: what drives the {what}", "change per doubling of weight"
+        )
+    return drawn | {f"leakage_{label}": leak.plot() for label, leak in leaks}
 
 
 def make_parser() -> argparse.ArgumentParser:

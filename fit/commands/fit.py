@@ -13,7 +13,7 @@ import fit
 import vsh
 from fit.commands import background_options
 from vsh.checks.notes import dropped
-from vsh.commands import outputs, parsing, parts_options, running
+from vsh.commands import figures, outputs, parsing, parts_options, running
 
 DEMO = "demo.fits"
 
@@ -58,9 +58,6 @@ def _run(options, words):
     running.say(text)
     if not (options.output or options.html):
         return
-    import matplotlib
-
-    matplotlib.use("agg")  # files, no windows
     refused, used = dropped(solution.notes), solution.n_sources
     counts = {"rows": used + clipped + refused, "rows_used": used, "rows_refused": refused, "rows_clipped": clipped}
     meta = running.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
@@ -69,11 +66,12 @@ def _run(options, words):
             (folder / "report.txt").write_text(text, encoding="utf-8")
             solution.write(folder / "solution.ecsv", meta)
             fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
-            fit.output.write_figures(solution, kept, folder)
             backgrounds.write(folder, meta)
+            figures.write_figures(lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw(), folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
     if options.html:
+        figures.without_windows()
         about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta}
         command = running.repeated("vsh-fit", words)
         fit.output.write_html(solution, kept, options.html, command=command, **about, **backgrounds.on_page())

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 import vsh
-from vsh.commands import outputs, parsing, parts_options, running
+from vsh.commands import figures, outputs, parsing, parts_options, running
 
 #: As `fit.pairs.TEMPLATES`, which loads too much for --help.
 _TEMPLATES = ("spin", "glide", "waves")
@@ -51,25 +51,22 @@ def _run(options):
         )
         with outputs.results_folder(options.output, "vsh-pairs", meta, options.overwrite) as folder:
             _write(folder, text, found, fitted, power, meta)
+            figures.write_figures(lambda: _draw(found, fitted, power), folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
 
 
 def _write(folder, text, found, fitted, power, meta):
-    import matplotlib
-
-    matplotlib.use("agg")  # files, no windows
-    from vsh.sky.plot import save_figures
-
     (folder / "report.txt").write_text(text, encoding="utf-8")
     found.write(folder / "pairs.ecsv", meta)
-    figures = {"pairs": found.plot(fitted)}
     if fitted is not None:
         fitted.write(folder / "templates.ecsv", meta)
     if power is not None:
         power.write(folder / "power.ecsv", meta)
-        figures["power"] = power.plot()
-    save_figures(figures, folder)
+
+
+def _draw(found, fitted, power):
+    return {"pairs": found.plot(fitted)} | ({} if power is None else {"power": power.plot()})
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -12,7 +12,7 @@ import numpy as np
 import vsh
 from fit.commands.redshift_options import make_parser
 from vsh.checks.notes import dropped
-from vsh.commands import outputs, parsing, parts_options, running
+from vsh.commands import figures, outputs, parsing, parts_options, running
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ConvergenceError, VshError
 from vsh.parts import Parts
@@ -115,6 +115,7 @@ def _run(options):
         meta = running.provenance(options.catalogue, options, {"vsh-astrometry": vsh.__version__}, **counts)
         with outputs.results_folder(options.output, "vsh-redshift", meta, options.overwrite) as folder:
             _write(results, "\n".join(texts), folder, meta)
+            figures.write_figures(lambda: _draw(results), folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
     if unfinished is not None:
@@ -221,29 +222,33 @@ def _posterior(field, options, common):
 
 
 def _write(results, text, folder, meta):
-    import matplotlib
-
-    matplotlib.use("agg")  # files, no windows
     from vsh import tables
-    from vsh.sky.plot import save_figures
 
     (folder / "report.txt").write_text(text, encoding="utf-8")
-    figures = {}
     if "bins" in results:
         tables.write_table(results["bins"].to_table(), folder / "bins.ecsv", meta)
-        figures["bins"] = results["bins"].plot
     for name in ("velocity", "hubble"):
         if name in results:
             tables.write_table(results[name].to_table(), folder / f"{name}.ecsv", meta)
-    flow = next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
+    flow = _flow_of(results)
     if flow is not None:
         tables.write_table(flow.to_table(), folder / "flow.ecsv", meta)
-        figures["flow"] = flow.plot
     if "posterior" in results:
         tables.write_table(results["posterior"].to_table(), folder / "posterior.ecsv", meta)
         results["posterior"].write(folder / "samples.fits", {"CATALOG": str(meta["catalogue"])})
-        figures |= {"corner": results["posterior"].corner, "trace": results["posterior"].trace}
-    save_figures({name: draw() for name, draw in figures.items()}, folder)
+
+
+def _flow_of(results):
+    return next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
+
+
+def _draw(results):
+    drawn = {"bins": results["bins"].plot()} if "bins" in results else {}
+    flow = _flow_of(results)
+    drawn |= {} if flow is None else {"flow": flow.plot()}
+    if "posterior" in results:
+        drawn |= {"corner": results["posterior"].corner(), "trace": results["posterior"].trace()}
+    return drawn
 
 
 if __name__ == "__main__":

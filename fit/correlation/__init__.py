@@ -10,10 +10,10 @@ from fit.correlation._forecast import Prediction, compare_cuts, predict
 from fit.correlation._influence import gain_of_sources, influence_map, most_influential
 from fit.correlation._leakage import Leakage, leakage, lmax_table, recommend_lmax
 from fit.correlation._matrices import CorrelationMatrices, correlation_matrices, dipole
-from fit.correlation._parameters import FRAME, named, parameters_of, symbol, without_motions
+from fit.correlation._parameters import FRAME, named, parameters_of, without_motions
 
 if TYPE_CHECKING:
-    from fit.correlation._plot import plot_influence
+    from fit.correlation._plot import plot_influence, symbol
 
 __all__ = [
     "FRAME",
@@ -42,7 +42,7 @@ __all__ = [
 ]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_influence"]})
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_influence", "symbol"]})
 
 
 def __dir__() -> list[str]:

@@ -16,7 +16,7 @@ from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
-from vsh.types import ArrayLike, BoolArray, Figure, FloatArray, Rng, Table
+from vsh.types import ArrayLike, BoolArray, FloatArray, Rng, Table
 from vsh.vector import correlation_of
 
 
@@ -64,16 +64,21 @@ class Downweighted(Result):
         """
         return tables.table_of({"keep": self.keep}, {"frame": self.after.frame})
 
-    def plot(self) -> Figure:
-        """The shares as a map; a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The shares as a map; on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.correlation._plot import plot_shares
 
-        return plot_shares(self.keep, self.after.frame)
+        return plot_shares(self.keep, self.after.frame, ax=ax)
 
     def mask(self, rng: Rng) -> BoolArray:
         """Which sources to keep, if whole ones are drawn with these shares: a mask (n,).

@@ -13,7 +13,7 @@ from fit.storage import Result
 from vsh import Coefficients, Modes, tables
 from vsh.field import Field
 from vsh.modes import as_modes
-from vsh.types import ArrayLike, Figure, FloatArray, Table
+from vsh.types import ArrayLike, FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,21 +63,23 @@ class Eigenmodes(Result):
         """
         return tables.table_of({"information": self.information}, {"frame": self.frame})
 
-    def plot(self, n_fields: int = 2) -> Figure:
-        """The worst and the best as maps of arrows; a matplotlib figure.
+    def plot(self, n_fields: int = 2, *, ax: Any = None) -> Any:
+        """The worst and the best as maps of arrows; on matplotlib axes.
 
         Parameters
         ----------
         n_fields : int
             How many of the worst and of the best.
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.correlation._plot import plot_eigenmodes
 
-        return plot_eigenmodes(self, n_fields)
+        return plot_eigenmodes(self, n_fields, ax=ax)
 
 
 def eigenmodes(sources: Any, modes: Modes | int, *, sigma: ArrayLike | None = None) -> Eigenmodes:

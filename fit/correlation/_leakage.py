@@ -18,7 +18,7 @@ from vsh.checks.arrays import float_array
 from vsh.errors import DegeneracyError, ParameterError, TableError
 from vsh.modes import as_modes
 from vsh.sky.frames import check_frame
-from vsh.types import ArrayLike, Figure, FloatArray, Table
+from vsh.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of
 
 
@@ -132,16 +132,21 @@ class Leakage(Result):
         cells = ", ".join(f"{name} {value:.3g}" for name, value in self.bias_of(FRAME_NAMES, 1.0).items())
         return f"{self!r}: rms bias by a power of 1 (µas/yr)² in each [µas/yr]\n  {cells}\n"
 
-    def plot(self) -> Figure:
-        """The matrix as a figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The matrix as a picture.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.correlation._plot import plot_leakage
 
-        return plot_leakage(self)
+        return plot_leakage(self, ax=ax)
 
     def _pack(self):
         columns = {"coefficient": list(self.names), "matrix": self.matrix}

@@ -20,7 +20,7 @@ from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import triad
-from vsh.types import ArrayLike, Figure, FloatArray, Table
+from vsh.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of
 
 
@@ -155,16 +155,21 @@ class CorrelationMatrices(Result):
                 lines += self._explanation(i)
         return "\n".join(lines) + "\n"
 
-    def plot(self) -> Figure:
-        """The matrix as a figure, one or two catalogues in it.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The matrix as a picture, one or two catalogues in it.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.correlation._plot import plot_matrix
 
-        return plot_matrix(self)
+        return plot_matrix(self, ax=ax)
 
     def _pack(self):
         columns = {"parameter": list(self.names)} | {f"matrix_{i}": matrix for i, matrix in enumerate(self.matrices)}

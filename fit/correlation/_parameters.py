@@ -137,24 +137,6 @@ def check_lower(fitted: Modes, unmodelled: Modes) -> None:
         raise ModesError(f"what is not fitted must lie above degree {fitted.lmax}: {unmodelled.lmax} does not")
 
 
-def symbol(name: str) -> str:
-    """A parameter's name as it is written: ω_x, ã_x, t(2,0).
-
-    Parameters
-    ----------
-    name : str
-        Of a parameter.
-
-    Returns
-    -------
-    str
-    """
-    for plain, symbol in (("epsilon_", r"\epsilon"), ("omega_", r"\omega"), ("a_", r"\tilde a")):
-        if name.startswith(plain):
-            return f"${symbol}_{name[len(plain) :]}$"
-    return name
-
-
 def without_motions(sources: Any, sigma: ArrayLike | None = None) -> Field | Parts:
     """Sources whose positions and errors are enough, as a Field or as Parts.
 

@@ -4,57 +4,72 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from fit.correlation._parameters import symbol
 from vsh.field import Field
-from vsh.sky.plot import draw_map, draw_sources, draw_vectors, even_grid, sky_axes
-from vsh.types import Figure, FloatArray
+from vsh.modes import KINDS
+from vsh.plot import (
+    COLOURS,
+    DIVERGING,
+    KIND_COLOURS,
+    KIND_NAMES,
+    WIDTH,
+    SkyAxes,
+    arrow_grid,
+    colour_bar,
+    draw_map,
+    draw_matrix,
+    draw_sources,
+    draw_vectors,
+    legend_above,
+    panels,
+    plot_map,
+    sky_axes,
+    styled,
+    symbol,
+)
+from vsh.sky.pixels import smoothed
+from vsh.types import Axes, FloatArray
 
-_MAP = "RdBu_r"  # diverging, told apart by the colour-blind, centred on zero
+#: A map of influence has so many sources within its smoothing.
+_TOGETHER = 30
 
 
-def plot_matrix(correlations: Any) -> Figure:
+@styled
+def plot_matrix(correlations: Any, *, ax: Any = None) -> Axes:
     """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room.
 
     Parameters
     ----------
     correlations : CorrelationMatrices
         One or two catalogues.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
+
+    Returns
+    -------
+    matplotlib axes
     """
-    matrix, names = correlations.combined(), [symbol(name) for name in correlations.names]
-    k = len(names)
-    figure, axes = plt.subplots(figsize=(9, 7.6), layout="constrained")
-    off = np.where(np.eye(k) > 0, np.nan, matrix)
-    reach = max(float(np.nanmax(np.abs(off))), 1e-3)
-    axes.set_facecolor("0.85")
-    image = axes.imshow(off, cmap=_MAP, vmin=-reach, vmax=reach)
-    step = max(1, k // 32)
-    size = 15 if k <= 9 else 11 if k <= 20 else 8
-    axes.set_xticks(range(0, k, step), names[::step], rotation=0 if k <= 9 else 90, fontsize=size)
-    axes.set_yticks(range(0, k, step), names[::step], fontsize=size)
-    axes.tick_params(length=0)
-    if k <= 12:
-        for (row, column), value in np.ndenumerate(matrix):
-            if row != column:
-                dark = abs(value) > 0.6 * reach
-                axes.text(
-                    column, row, f"{value:+.2f}", ha="center", va="center", fontsize=11, color="w" if dark else "k"
-                )
+    (axes,) = panels(ax, size=(WIDTH, 3.8))
+    names = [symbol(name) for name in correlations.names]
+    degrees = [name[:1].upper() + name[2:].split(",")[0] for name in correlations.names]
+    groups = degrees if all("(" in name for name in correlations.names) else None
+    image = draw_matrix(axes, correlations.combined(), names, groups)
     if len(correlations.labels) > 1:
-        axes.plot([-0.5, k - 0.5], [-0.5, k - 0.5], color="k", linewidth=1)
-        axes.set_title(f"above the diagonal: {correlations.labels[0]}; below: {correlations.labels[1]}", fontsize=14)
+        axes.plot([-0.5, len(names) - 0.5], [-0.5, len(names) - 0.5], color="k", linewidth=0.6)
+        axes.set_title(f"above the diagonal: {correlations.labels[0]}\nbelow: {correlations.labels[1]}")
     else:
-        axes.set_title(correlations.labels[0], fontsize=14)
-    bar = figure.colorbar(image, ax=axes, shrink=0.85)
-    bar.set_label(f"correlation ({correlations.frame} axes)", fontsize=13)
-    return figure
+        axes.set_title(correlations.labels[0])
+    colour_bar(axes, image, f"correlation ({correlations.frame} axes)")
+    return axes
 
 
-def plot_influence(values: FloatArray, field: Field, title: str, label: str, *, max_sources: int = 3000) -> Figure:
-    """A map of influence on the sky with the sources.
+@styled
+def plot_influence(
+    values: FloatArray, field: Field, title: str, label: str, *, max_sources: int = 3000, smooth: float | None = None, ax: Any = None
+) -> SkyAxes:  # fmt: skip
+    """A map of influence on the sky with the sources, as smooth as they can tell.
 
     Parameters
     ----------
@@ -66,25 +81,33 @@ def plot_influence(values: FloatArray, field: Field, title: str, label: str, *, 
         Of the figure.
     max_sources : int
         How many dots at most.
+    smooth : float, optional
+        Full width at half maximum of the smoothing: some 30 sources are within it unless given; 0 for none. [deg]
+    ax : matplotlib axes, optional
+        Whose place the map takes; a new figure unless given.
 
     Returns
     -------
-    Figure
+    SkyAxes
     """
-    axes = sky_axes(field.frame)
-    reach = float(np.percentile(np.abs(values[values != 0]), 99)) if np.any(values) else 1.0
-    image = draw_map(axes, values, cmap=_MAP, vmin=-reach, vmax=reach)
-    draw_sources(axes, field.lon, field.lat, max_sources=max_sources, s=2, color="0.15", alpha=0.5)
-    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06, extend="both")
-    bar.set_label(label, fontsize=12)
-    bar.ax.tick_params(labelsize=11)
+    if smooth is None:
+        smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _TOGETHER / max(1, len(field)))), 0.0, 60.0))
+    shown = smoothed(values, smooth) if smooth > 0 else np.asarray(values, float)
+    axes = sky_axes(field.frame, ax, below=0.45)
+    reach = float(np.percentile(np.abs(shown[shown != 0]), 99)) if np.any(shown) else 1.0
+    power = int(np.floor(np.log10(reach))) if reach < 0.01 else 0
+    reach, shown = reach / 10.0**power, shown / 10.0**power
+    image = draw_map(axes, shown, cmap=DIVERGING, vmin=-reach, vmax=reach)
+    draw_sources(axes, field.lon, field.lat, max_sources=max_sources, color="0.15", alpha=0.4)
+    label += f", smoothed over {smooth:.0f}°" if smooth > 0 else ""
+    bar = colour_bar(axes, image, f"{label}  [$10^{{{power}}}$]" if power else label, extend="both")
     bar.locator = MaxNLocator(5)
     bar.update_ticks()
-    axes.set_title(title, pad=16, fontsize=14)
-    return axes.figure
+    axes.set_title(title)
+    return axes
 
 
-def plot_shares(keep: FloatArray, frame: str) -> Figure:
+def plot_shares(keep: FloatArray, frame: str, *, ax: Any = None) -> SkyAxes:
     """A map of the share of the weight that is kept in each pixel, (12 nside²,).
 
     Parameters
@@ -93,44 +116,53 @@ def plot_shares(keep: FloatArray, frame: str) -> Figure:
         Shares, 0 to 1.
     frame : str
         "icrs", "galactic" or "ecliptic".
+    ax : matplotlib axes, optional
+        Whose place the map takes; a new figure unless given.
+
+    Returns
+    -------
+    SkyAxes
     """
-    axes = sky_axes(frame)
-    axes.set_facecolor("0.85")
-    image = draw_map(axes, keep, cmap="viridis", vmin=0, vmax=1)
-    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
-    bar.set_label("share of the weight that is kept", fontsize=12)
-    return axes.figure
+    return plot_map(keep, "share of the weight that is kept", frame=frame, ax=ax, vmin=0, vmax=1)
 
 
-def plot_leakage(leakage: Any) -> Figure:
-    """The leakage matrix: what one unit of each unmodelled coefficient does to the fitted ones.
+@styled
+def plot_leakage(leakage: Any, *, ax: Any = None) -> Any:
+    """What each unmodelled degree does to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in it.
 
     Parameters
     ----------
     leakage : Leakage
         What to draw.
+    ax : two matplotlib axes, optional
+        Where to draw; a new figure unless given.
+
+    Returns
+    -------
+    (2,) array of matplotlib axes
+        Of spin and of acceleration.
     """
-    rows, columns = leakage.matrix.shape
-    figure, axes = plt.subplots(figsize=(min(16, 4 + 0.12 * columns), min(12, 3 + 0.3 * rows)), layout="constrained")
-    reach = max(float(np.abs(leakage.matrix).max()), 1e-3)
-    image = axes.imshow(leakage.matrix, cmap=_MAP, vmin=-reach, vmax=reach, aspect="auto")
-    # Too many columns to name each: the first of every degree, and a line before it.
-    first = [i for i, name in enumerate(leakage.unmodelled_names) if name[1:].split(",")[1].startswith("0")]
-    for i in first[1:]:
-        axes.axvline(i - 0.5, color="0.5", linewidth=0.8)
-    axes.set_xticks(first, [f"{name[0]}, l = {name[2:].split(',')[0]}" for name in np.array(leakage.unmodelled_names)[first]],
-                    rotation=45, ha="left", rotation_mode="anchor", fontsize=11)  # fmt: skip
-    axes.xaxis.tick_top()
-    each = max(1, rows // 40)
-    axes.set_yticks(range(0, rows, each), leakage.names[::each], fontsize=11 if rows <= 20 else 8)
-    axes.set_xlabel("coefficients that are not fitted", fontsize=13)
-    axes.set_ylabel("fitted", fontsize=13)
-    bar = figure.colorbar(image, ax=axes)
-    bar.set_label(f"bias per unit ({leakage.frame} axes)", fontsize=12)
-    return figure
+    drawn = panels(ax, 2, 1, size=(WIDTH, 3.6), sharex=True)
+    degrees = np.arange(leakage.fitted.lmax + 1, leakage.unmodelled.lmax + 1)
+    for axes, vector, name in zip(drawn, ("omega", "a"), ("spin", "acceleration"), strict=True):
+        for row, kind in enumerate(KINDS):
+            rms = []
+            for i in range(len(degrees)):
+                power = np.zeros((2, len(degrees)))
+                power[row, i] = 1.0
+                found = leakage.bias_of([f"{vector}_{axis}" for axis in "xyz"], power)
+                rms.append(np.sqrt(sum(value**2 for value in found.values())))
+            axes.plot(degrees, rms, "os"[row] + "-", color=KIND_COLOURS[kind], label=f"from {KIND_NAMES[kind]} degrees")
+        axes.set_ylabel(f"bias of the {name}  [µas/yr]")
+        axes.set_ylim(bottom=0)
+    legend_above(drawn[0])
+    drawn[1].set_xlabel("degree that is not fitted, of power 1 (µas/yr)²")
+    drawn[1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    return drawn
 
 
-def plot_eigenmodes(eigen: Any, n_fields: int = 2) -> Figure:
+@styled
+def plot_eigenmodes(eigen: Any, n_fields: int = 2, *, ax: Any = None) -> Any:
     """The worst and the best measured fields of a sky, as arrows.
 
     Parameters
@@ -139,15 +171,21 @@ def plot_eigenmodes(eigen: Any, n_fields: int = 2) -> Figure:
         What to draw.
     n_fields : int
         How many of the worst and of the best.
+    ax : matplotlib axes, one for each field, optional
+        Whose places the maps take; a new figure unless given.
+
+    Returns
+    -------
+    (2 n_fields,) array of SkyAxes
     """
     count = min(n_fields, len(eigen.fields) // 2)
-    figure = plt.figure(figsize=(8 * count, 9.6), layout="constrained")
-    lon, lat = even_grid(15.0)
+    drawn = panels(ax, 2 * count, 1, size=(WIDTH, 2.1 * 2 * count))
     chosen = [*range(count), *range(len(eigen.fields) - count, len(eigen.fields))]
     for place, i in enumerate(chosen):
-        axes = sky_axes(eigen.frame, figure.add_subplot(2, count, place + 1, projection="hammer"))
-        draw_vectors(axes, lon, lat, eigen.fields[i].at(lon, lat), color="#c55a11" if place < count else "#0b5394")
+        axes = drawn[place] = sky_axes(eigen.frame, drawn[place])
+        grid = arrow_grid(axes, 14.0)
+        draw_vectors(axes, *grid, eigen.fields[i].at(*grid), color=COLOURS[1] if place < count else COLOURS[0])
         words = "worst" if place < count else "best"
         error = 1 / np.sqrt(eigen.information[i])
-        axes.set_title(f"{words} measured: {error:.2f} times the error on a uniform sky", pad=14, fontsize=13)
-    return figure
+        axes.set_title(f"{words} measured: {error:.2f} times the error on a uniform sky")
+    return drawn

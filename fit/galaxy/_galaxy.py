@@ -16,7 +16,7 @@ from fit.storage import Result
 from vsh import tables
 from vsh.checks.arguments import number, positive
 from vsh.errors import ParameterError
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import FloatArray, Table
 from vsh.units import KM_S_MYR
 from vsh.vector import Vector
 
@@ -162,16 +162,21 @@ class GalacticOrbit(Result):
         columns = {"component": list(_NAMES), "value": self.acceleration.value, "sigma": self.acceleration.sigma}
         return tables.table_of(columns, {"frame": "galactic"}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
-    def plot(self) -> Figure:
-        """The components, with what is expected, as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The components, with what is expected, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.galaxy._plot import plot_orbit
 
-        return plot_orbit(self)
+        return plot_orbit(self, ax=ax)
 
 
 def orbit(found: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> GalacticOrbit:

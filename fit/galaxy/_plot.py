@@ -4,43 +4,35 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
-
 from fit.galaxy._relations import expected_acceleration
-from vsh.types import Figure
+from vsh.plot import COLOURS, legend_above, panels, styled
+from vsh.types import Axes
 
 
-def plot_orbit(found: Any) -> Figure:
+@styled
+def plot_orbit(found: Any, *, ax: Any = None) -> Axes:
     """The three components with their errors, and the acceleration of a circular orbit.
 
     Parameters
     ----------
     found : GalacticOrbit
         What to draw.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    matplotlib axes
     """
-    figure, axes = plt.subplots(figsize=(7, 4.6), layout="constrained")
+    (axes,) = panels(ax)
     axes.errorbar(
-        range(3), found.acceleration.value, found.acceleration.sigma, fmt="o", capsize=4, color="#0b5394", label="found"
+        range(3), found.acceleration.value, found.acceleration.sigma, fmt="o", color=COLOURS[0], label="found"
     )
-    expected = expected_acceleration(found.r0)
-    axes.scatter(
-        range(3),
-        [expected, 0, 0],
-        marker="_",
-        s=900,
-        color="#c55a11",
-        label="circular orbit, Sgr A*'s motion",
-        zorder=1,
-    )
-    axes.axhline(0, color="0.6", linewidth=0.8)
+    expected = [expected_acceleration(found.r0), 0, 0]
+    axes.scatter(range(3), expected, marker="_", s=400, color=COLOURS[1], label="circular orbit, motion of Sgr A*", zorder=1)  # fmt: skip
+    axes.axhline(0, color="0.6", linewidth=0.6)
     axes.set_xlim(-0.5, 2.5)
     axes.set_xticks(range(3), ["towards the\ncentre", "along\nrotation", "towards the\nnorth pole"])
-    axes.set_ylabel("acceleration ã  [µas/yr]", fontsize=13)
-    axes.tick_params(labelsize=12)
-    axes.legend(frameon=False, fontsize=11)
-    axes.spines[["top", "right"]].set_visible(False)
-    return figure
+    axes.set_ylabel("acceleration ã  [µas/yr]")
+    legend_above(axes)
+    return axes

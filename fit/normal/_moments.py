@@ -21,7 +21,7 @@ from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.parts import Parts
 from vsh.scalars import ScalarField
 from vsh.sky.frames import check_frame
-from vsh.types import ComplexArray, Figure, FloatArray
+from vsh.types import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -249,16 +249,21 @@ class Moments(Result):
         ]
         return "\n".join(lines) + "\n"
 
-    def plot(self) -> Figure:
-        """The weight of the sources on the sky, as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The weight of the sources on the sky, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.normal._plot import plot_moments
 
-        return plot_moments(self)
+        return plot_moments(self, ax=ax)
 
     def _pack(self):
         return packed(self)

@@ -1,127 +1,178 @@
-"""Figures of a solution: its spectrum and its correlations (matplotlib)."""
+"""Figures of a solution: its spectrum, its correlations and its residuals (matplotlib)."""
 
 from __future__ import annotations
 
 from functools import partial
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from fit.harmonic import HarmonicSolution
 from fit.output._rows import squared
-from fit.spectrum import spectrum
+from fit.quality import norm_limit
+from fit.spectrum import spectrum, wilson_hilferty
 from vsh.checks.weighed import Weighed
+from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
 from vsh.modes import KINDS
 from vsh.parts import Parts, as_parts
+from vsh.plot import (  # fmt: skip
+    DIVERGING,
+    KIND_COLOURS,
+    KIND_NAMES,
+    WIDTH,
+    colour_bar,
+    draw_matrix,
+    legend_above,
+    panels,
+    plot_map,
+    styled,
+    symbol,
+)
 from vsh.scalars import ScalarField
 from vsh.sky.pixels import pixels_of
-from vsh.sky.plot import draw_map, sky_axes
-from vsh.types import Figure
+from vsh.types import Axes
+from vsh.vector import correlation_of
 
-_COLOURS = {"T": "#c55a11", "S": "#0b5394", "F": "#0b5394"}
-_NAMES = {"T": "toroidal", "S": "spheroidal", "F": "scalar"}
+#: A degree whose p-value is above this is shown as a limit.
+_SIGNAL = 0.05
 
 
-def plot_spectrum(solution: HarmonicSolution) -> Figure:
-    """Power by degree and kind, with what noise alone gives on average.
+@styled
+def plot_spectrum(solution: HarmonicSolution, *, ax: Any = None) -> Axes:
+    """Power by degree and kind: with its error where there is a signal, as an upper limit where there need be none.
+
+    An arrow begins at the limit (95 %) of what the power may be where p > 5 %; dotted is what noise alone gives on average.
+    The axis at the right is the root of the power.
 
     Parameters
     ----------
     solution : Solution
         What was found.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    matplotlib axes
+
+    Notes
+    -----
+    Limits are exact where all coefficients of a degree have one error (`fit.quality.norm_limit`).
     """
-    figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
+    (axes,) = panels(ax, size=(WIDTH, 2.7))
     rows = spectrum(solution)
+    levels = []
     for kind, side in zip(solution.modes.kinds, (-1, 1), strict=False):
-        degrees = [row for row in rows if row.kind == kind]
-        l = np.array([row.l for row in degrees])
-        power, error = (np.array([getattr(row, x) for row in degrees]) for x in ("power", "error"))
-        axes.errorbar(
-            l + side * 0.08, power, error, fmt="o" if kind == "T" else "s", color=_COLOURS[kind],
-            capsize=3, label=_NAMES[kind],
-        )  # fmt: skip
-        noise = [row.noise for row in degrees]
-        axes.hlines(noise, l, l + side * 0.3, color=_COLOURS[kind], linestyle=":", label=f"noise alone, {_NAMES[kind]}")
+        colour, marker = KIND_COLOURS[kind], "o" if kind == "T" else "s"
+        own = [row for row in rows if row.kind == kind]
+        l = np.array([row.l for row in own]) + side * 0.09
+        power, error, noise, p = (np.array([getattr(row, x) for row in own], float) for x in ("power", "error", "noise", "p_value"))  # fmt: skip
+        seen = np.isfinite(power)
+        signal = seen & (p <= _SIGNAL)
+        limited = seen & ~signal & (noise > 0)
+        axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour, label=KIND_NAMES[kind])
+        size = 2 * np.array([row.l for row in own]) + 1
+        limit = np.full(len(own), np.nan)
+        for i in np.flatnonzero(limited):
+            limit[i] = norm_limit(np.sqrt(power[[i]]), np.sqrt(noise[[i]] / size[i]), int(size[i]))[0] ** 2
+        label = "" if signal.any() else f"{KIND_NAMES[kind]}, "
+        axes.errorbar(l[limited], limit[limited], 0.45 * limit[limited], uplims=True, fmt="none", capsize=2.5, color=colour, elinewidth=0.8,
+                      label=f"{label}95 % limit")  # fmt: skip
+        axes.hlines(noise, l - 0.2, l + 0.2, color=colour, linestyle=":", label="noise alone")
+        levels += [*power[signal], *(power + error)[signal], *limit[limited], *(0.5 * limit[limited]), *noise]
     # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
     axes.set_yscale("log", nonpositive="clip")
-    levels = np.array([(row.power, row.power + row.error, row.noise) for row in rows])
-    axes.set_ylim(np.nanmin(levels) / 4, np.nanmax(levels) * 2)  # a prediction has noise alone
-    if len(rows) <= 40:
+    known = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
+    if known.size:
+        axes.set_ylim(known.min() / 2, known.max() * 2)
+    if solution.modes.lmax <= 12:
         axes.set_xticks(np.unique([row.l for row in rows]))
-    axes.set_xlabel("degree", fontsize=13)
-    axes.set_ylabel(f"power  {squared(solution)}", fontsize=13)
-    axes.tick_params(labelsize=11)
-    axes.legend(frameon=False, fontsize=11)
-    axes.spines[["top", "right"]].set_visible(False)
-    return figure
+    axes.set_xlabel("degree")
+    axes.set_ylabel(f"power  {squared(solution)}")
+    roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
+    roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
+    legend_above(axes, 2 if len(solution.modes.kinds) == 2 else 3)
+    return axes
 
 
-def plot_power(solution: Any) -> Figure:
+@styled
+def plot_power(solution: Any, *, ax: Any = None) -> Axes:
     """Power by degree and kind as fitted, for a solution without a covariance.
 
     Parameters
     ----------
     solution : MatrixFreeSolution
         What to draw.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    matplotlib axes
     """
-    figure, axes = plt.subplots(figsize=(8, 5), layout="constrained")
+    (axes,) = panels(ax)
     l = np.arange(1, solution.modes.lmax + 1)
     for kind in KINDS:
         power = [solution.coefficients.power(kind, int(each)) for each in l]
-        axes.semilogy(l, power, "o-", color=_COLOURS[kind], markersize=3, label=_NAMES[kind])
-    axes.set_xlabel("degree", fontsize=13)
-    axes.set_ylabel("power as fitted  [(µas/yr)²]", fontsize=13)
-    axes.legend(frameon=False, fontsize=11)
-    axes.spines[["top", "right"]].set_visible(False)
-    return figure
+        axes.semilogy(l, power, "o-", color=KIND_COLOURS[kind], markersize=2, label=KIND_NAMES[kind])
+    axes.set_xlabel("degree")
+    axes.set_ylabel("power as fitted  [(µas/yr)²]")
+    legend_above(axes)
+    return axes
 
 
-def plot_correlation(solution: Any) -> Figure:
-    """The correlation matrix of the coefficients, colour-blind safe and centred on zero.
+@styled
+def plot_correlation(solution: Any, *, ax: Any = None) -> Axes:
+    """The correlation matrix of what was fitted, centred on zero, the components of spin and acceleration in place of degree 1.
 
     Parameters
     ----------
     solution : Solution
         What was found.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    matplotlib axes
     """
-    names = list(solution.names)
-    figure, axes = plt.subplots(figsize=(8, 6.8), layout="constrained")
-    off = solution.correlation - np.eye(len(names))
-    largest = max(float(np.abs(off).max()), 1e-3)
-    image = axes.imshow(np.where(np.eye(len(names)) > 0, np.nan, off), cmap="RdBu_r", vmin=-largest, vmax=largest)
-    bar = figure.colorbar(image, ax=axes, shrink=0.85)
-    bar.set_label("correlation (diagonal left out)", fontsize=12)
-    step = max(1, len(names) // 32)
-    axes.set_xticks(range(0, len(names), step), names[::step], rotation=90, fontsize=11 if len(names) < 20 else 8)
-    axes.set_yticks(range(0, len(names), step), names[::step], fontsize=11 if len(names) < 20 else 8)
-    if isinstance(solution, HarmonicSolution) and len(solution.modes.kinds) == 2:
-        half = len(names) / 2 - 0.5
-        axes.axhline(half, color="0.4", linewidth=0.8)
-        axes.axvline(half, color="0.4", linewidth=0.8)
-        axes.set_title(f"{_NAMES['T']} first, then {_NAMES['S']}; {solution.frame}", fontsize=12)
+    (axes,) = panels(ax, size=(WIDTH, 3.7))
+    if isinstance(solution, HarmonicSolution):
+        names, matrix, groups = _known_names(solution)
+        said = (
+            "; ".join(f"{kind}: {KIND_NAMES[kind]}" for kind in solution.modes.kinds) if solution.modes.lmax > 1 else ""
+        )
+        axes.set_title(f"{f'{said}; ' if said else ''}{solution.frame} axes")
     else:
-        axes.set_title(f"{solution.frame} axes", fontsize=12)
-    return figure
+        names, matrix, groups = [symbol(name) for name in solution.names], solution.correlation, None
+        axes.set_title(f"{solution.frame} axes")
+    colour_bar(axes, draw_matrix(axes, matrix, names, groups), "correlation")
+    return axes
 
 
+def _known_names(solution):
+    """Names, correlations and degrees of the coefficients, degree 1 turned into vectors along the axes."""
+    modes = solution.modes
+    names, turn = [str(mode) for mode in modes], np.eye(len(modes))
+    back = np.linalg.inv(FIRST_DEGREE)
+    for kind, vector in zip(KINDS, ("omega", "a"), strict=True):
+        if kind in modes.kinds:
+            place = modes.slice_of(kind, 1)
+            turn[place, place] = back
+            glide = "omega" if vector == "omega" else "a" if solution.unit == "µas/yr" else "g"
+            names[place] = [symbol(f"{glide}_{axis}") if glide != "g" else f"$g_{axis}$" for axis in "xyz"]
+    matrix = correlation_of(turn @ solution.covariance @ turn.T)
+    return names, matrix, [f"{mode.kind}{mode.l}" for mode in modes]
+
+
+@styled
 def plot_residuals(
-    solution: HarmonicSolution, field: Field | ScalarField | Parts, *, nside: int | None = None
-) -> Figure:
-    """Mean normalised residual of each HEALPix pixel, χ² over the components of a source: 1 where the errors are right.
+    solution: HarmonicSolution, field: Field | ScalarField | Parts, *, nside: int | None = None, ax: Any = None
+) -> Axes:
+    """Where residuals are larger or smaller than their errors say, as a normal deviate of χ² in each HEALPix pixel.
+
+    Between −2 and 2 in 95 % of the pixels where the errors are right.
 
     Parameters
     ----------
@@ -131,26 +182,24 @@ def plot_residuals(
         In the solution's frame.
     nside : int, optional
         Of the pixels; at least ten sources in each on average unless given.
+    ax : matplotlib axes, optional
+        Whose place the map takes; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    matplotlib axes
     """
     nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_sources / 120)) / 2, 0, 6))
     work = partial(_residual_sums, solution=solution, nside=nside)
     chi2, sources = as_parts(field, Weighed).sum(work, roles=(), words="residuals")
+    dof = sources * solution.modes.components
     with np.errstate(divide="ignore", invalid="ignore"):
-        decades = np.log10(chi2 / solution.modes.components / sources)
-    reach = max(0.3, float(np.nanpercentile(np.abs(decades[np.isfinite(decades)]), 98)))
-    axes = sky_axes(solution.frame)
-    axes.set_facecolor("0.8")  # no sources is no value
-    image = draw_map(axes, decades, cmap="RdBu_r", vmin=-reach, vmax=reach)
-    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
-    bar.set_label(
-        f"log₁₀ of the mean χ²{'/2' * (solution.modes.components == 2)} of a source (0: errors are right)", fontsize=12
-    )
-    axes.set_title(f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°", pad=16)
-    return axes.figure
+        deviate = np.where(dof > 0, wilson_hilferty(chi2, dof), np.nan)
+    seen = deviate[np.isfinite(deviate)]
+    reach = float(np.clip(np.percentile(np.abs(seen), 98), 3, None)) if seen.size else 3.0
+    label = f"χ² of residuals against their errors, {chi2.sum() / max(1, dof.sum()):.2f} of each on average  [σ]"
+    title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
+    return plot_map(deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both")  # fmt: skip
 
 
 def _residual_sums(field, solution, nside):

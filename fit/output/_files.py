@@ -13,7 +13,7 @@ from vsh import tables
 from vsh.field import Field
 from vsh.parts import Parts, sample_of
 from vsh.scalars import ScalarField
-from vsh.types import Figure, PathName
+from vsh.types import PathName
 
 
 def write_correlation(solution: HarmonicSolution, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -33,8 +33,8 @@ def write_correlation(solution: HarmonicSolution, path: PathName, meta: dict[str
     tables.write(path, columns, meta)
 
 
-def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts) -> dict[str, Figure]:
-    """The sky, the spectrum, the correlations and the residuals: a dict of matplotlib figures.
+def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts) -> dict[str, Any]:
+    """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name.
 
     Parameters
     ----------
@@ -45,15 +45,16 @@ def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts)
 
     Returns
     -------
-    dict[str, Figure]
+    dict of str to matplotlib axes
     """
     from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
-    from vsh.sky.plot import plot_field
-    from vsh.sky.scalar_plot import plot_scalar_field
+    from vsh.plot import plot_field, plot_scalar_field
 
     title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
     seen: Any = sample_of(field) if isinstance(field, Parts) else field
-    draw: Any = plot_scalar_field if isinstance(seen, ScalarField) else partial(plot_field, unit=solution.unit)
+    draw: Any = plot_scalar_field
+    if not isinstance(seen, ScalarField):
+        draw = partial(plot_field, covariance=solution.covariance, unit=solution.unit)
     return {
         "sky": draw(seen, solution.coefficients, title=title),
         "spectrum": plot_spectrum(solution),
@@ -62,8 +63,10 @@ def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts)
     }
 
 
-def write_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts, folder: PathName) -> list[Path]:
-    """Draw the sky, the spectrum, the correlations and the residuals as PNG; returns their paths.
+def write_figures(
+    solution: HarmonicSolution, field: Field | ScalarField | Parts, folder: PathName, *, format: str = "png", dpi: float = 300
+) -> list[Path]:  # fmt: skip
+    """Draw the sky, the spectrum, the correlations and the residuals into files; returns their paths.
 
     Parameters
     ----------
@@ -73,14 +76,18 @@ def write_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts
         The sources.
     folder : str or Path
         Where to write.
+    format : {"png", "pdf", "svg"}
+        Of the files.
+    dpi : float
+        Dots an inch.
 
     Returns
     -------
     list[Path]
     """
-    from vsh.sky.plot import save_figures
+    from vsh.plot import save_figures
 
-    return save_figures(draw_figures(solution, field), folder)
+    return save_figures(draw_figures(solution, field), folder, format=format, dpi=dpi)
 
 
 def write_html(solution: HarmonicSolution, field: Field | ScalarField | Parts, path: PathName, **about: Any) -> None:
@@ -97,14 +104,12 @@ def write_html(solution: HarmonicSolution, field: Field | ScalarField | Parts, p
     **about
         What else the page says.
     """
-    import matplotlib.pyplot as plt
-
     from fit.output._html import html_report
+    from vsh.plot import close_figures
     from vsh.system.files import atomic_write
 
     figures = draw_figures(solution, field) | about.pop("further", {})
     page = html_report(solution, figures, **about)
-    for figure in figures.values():
-        plt.close(figure)
+    close_figures(figures.values())
     with atomic_write(path) as new:
         new.write_text(page, encoding="utf-8")

@@ -24,7 +24,8 @@ from fit.output._rows import (
     vector_rows,
     vectors_of,
 )
-from vsh.types import Figure, Table
+from vsh.plot import figure_of
+from vsh.types import Table
 
 _PAGE = Template("""<!doctype html>
 <html lang="en">
@@ -97,7 +98,7 @@ _CAPTIONS = {
 
 def html_report(
     solution: HarmonicSolution,
-    figures: dict[str, Figure],
+    figures: dict[str, Any],
     *,
     check: Any = None,
     truth: dict[str, Any] | None = None,
@@ -114,7 +115,7 @@ def html_report(
     ----------
     solution : Solution
         What was found.
-    figures : dict of str to matplotlib figure
+    figures : dict of str to matplotlib axes
         Embedded as PNG.
     check : CrossCheck, optional
         Both solvers at degree 1.
@@ -294,7 +295,7 @@ def _section(table):
 
 def _figure(name, figure, captions):
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
+    figure_of(figure).savefig(buffer, format="png", dpi=250)
     picture = base64.b64encode(buffer.getvalue()).decode()
     caption = {**_CAPTIONS, **captions}.get(name, name)
     return f'<figure><img alt="{escape(caption)}" src="data:image/png;base64,{picture}"><figcaption>{escape(caption)}</figcaption></figure>'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from vsh.checks.notes import note_lines
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import ArrayLike, Figure, FloatArray, Table
+from vsh.types import ArrayLike, FloatArray, Table
 
 #: The narrowest bin, in units of 1/lmax, that is resolved to 1e-3.
 _RESOLVED = 15.0
@@ -149,21 +150,23 @@ class Correlation(Result):
         units = {"theta": "rad"} | dict.fromkeys(("plus", "sigma_plus", "minus", "sigma_minus"), "uas2 / yr2")
         return tables.table_of(columns, self._plain_facts(), units)
 
-    def plot(self, fit: TemplateFit | None = None) -> Figure:
-        """ξ± with errors, the curve of fitted templates, and the pairs in each bin, as a matplotlib figure.
+    def plot(self, fit: TemplateFit | None = None, *, ax: Any = None) -> Any:
+        """ξ± with errors, the curve of fitted templates, and the pairs in each bin, on matplotlib axes.
 
         Parameters
         ----------
         fit : TemplateFit, optional
             What `fit` found.
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.pairs._plot import plot_pairs
 
-        return plot_pairs(self, fit)
+        return plot_pairs(self, fit, ax=ax)
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), edges=lambda _, value: checked_edges(value), nside=arguments.whole, lmax=arguments.whole)  # fmt: skip

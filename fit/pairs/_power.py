@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
@@ -17,7 +18,7 @@ from vsh.covariance import d_minus, d_plus
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import ArrayLike, Figure, FloatArray, Table
+from vsh.types import ArrayLike, FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,16 +85,21 @@ class PairPower(Result):
         units = dict.fromkeys([name for name in columns if name != "l"], "uas2 / yr2")
         return tables.table_of(columns, self._plain_facts(), units)
 
-    def plot(self) -> Figure:
-        """Power by degree as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """Power by degree on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.pairs._plot import plot_power
 
-        return plot_power(self)
+        return plot_power(self, ax=ax)
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), lmax=arguments.whole, nside=arguments.whole)

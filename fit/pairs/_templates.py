@@ -112,16 +112,21 @@ class TemplateFit(Result):
         """
         return tables.table_of({"template": list(self.names), "value": self.values, "sigma": self.sigma})
 
-    def plot(self) -> Any:
-        """The curves, as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The curves, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.pairs._plot import plot_curves
 
-        return plot_curves(self)
+        return plot_curves(self, ax=ax)
 
 
 def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], FloatArray]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from vsh.checks import arguments
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import Cosmology, Figure, FloatArray, Table
+from vsh.types import Cosmology, FloatArray, Table
 from vsh.vector import Vector
 
 
@@ -68,16 +68,21 @@ class GridPosterior(Result):
             columns[name], columns[f"probability_{name}"] = self.marginal(name)
         return tables.table_of(columns, {"frame": self.velocity.frame})
 
-    def plot(self) -> Figure:
-        """Marginal densities, a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """Marginal densities, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.posterior._plot import plot_marginals
 
-        return plot_marginals(self)
+        return plot_marginals(self, ax=ax)
 
     def marginal(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Values and probabilities of one quantity: two arrays.

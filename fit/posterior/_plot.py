@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 from fit.posterior._priors import UNITS
+from vsh.errors import ParameterError
+from vsh.plot import COLOURS, WIDTH, figure_of, panels, styled
 from vsh.system.quiet import import_quietly
-from vsh.types import Figure
 
 corner = import_quietly("corner")
 
@@ -33,7 +34,10 @@ def label(name: str) -> str:
     return _LABELS.get(name, name) + unit
 
 
-def plot_corner(posterior: Any, names: Sequence[str] | None = None) -> Figure:
+@styled
+def plot_corner(
+    posterior: Any, names: Sequence[str] | None = None, *, truths: Mapping[str, float] | None = None, ax: Any = None
+) -> Any:
     """Every pair of quantities, with 68 and 95 % contours.
 
     Parameters
@@ -41,38 +45,76 @@ def plot_corner(posterior: Any, names: Sequence[str] | None = None) -> Figure:
     posterior : Posterior or Samples
         What to draw.
     names : sequence of str, optional
-        Which quantities.
+        Which quantities; velocity, H0, acceleration and what else was free unless given, not what was fixed.
+    truths : dict of str to float, optional
+        True values by name, drawn as lines: of a simulated catalogue.
+    ax : k² matplotlib axes, optional
+        Where to draw; a new figure unless given.
+
+    Returns
+    -------
+    (k, k) array of matplotlib axes
+
+    Raises
+    ------
+    ParameterError
+        If there is no quantity of a name, or none that was free.
     """
     samples = posterior.samples
+    chosen = list(samples) if names is None else list(names)
+    unknown = [name for name in (*chosen, *(truths or {})) if name not in samples]
+    if unknown:
+        raise ParameterError(f"no quantity is called {', '.join(unknown)}; there are {', '.join(samples)}")
     if names is None:
-        names = [name for name in samples if not name.startswith(("omega_", "speed"))]
-    data = np.stack([samples[name] for name in names], axis=1)
-    figure = corner.corner(
-        data, labels=[label(name) for name in names], levels=(0.683, 0.954), quantiles=(0.15865525, 0.5, 0.84134475),
-        show_titles=True, titles=[_LABELS.get(name, name) for name in names], title_fmt=".3g", title_kwargs={"fontsize": 10}, label_kwargs={"fontsize": 13},
-        color="#0b5394", plot_datapoints=False, smooth=1.0, bins=30, max_n_ticks=4,
-    )  # fmt: skip
-    figure.subplots_adjust(left=0.1, bottom=0.1)  # else corner cuts the labels off
-    _draw_prior(figure, posterior, names)
-    figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right", fontsize=13)
-    return figure
+        chosen = [name for name in chosen if not name.startswith(("omega_", "speed")) and np.ptp(samples[name]) > 0]
+    if not chosen:
+        raise ParameterError("no quantity was free: there is nothing to draw")
+    data = np.stack([samples[name] for name in chosen], axis=1)
+    k = len(chosen)
+    true = [(truths or {}).get(name) for name in chosen]
+    size = max(WIDTH, 0.95 * k + 0.6)
+    figure = plt.figure(figsize=(size, size), layout="none") if ax is None else figure_of(panels(ax, k, k))
+    with plt.rc_context({"axes.spines.top": True, "axes.spines.right": True}):
+        corner.corner(
+            data, fig=figure, labels=[label(name) for name in chosen], levels=(0.683, 0.954), truths=true, truth_color=COLOURS[1],
+            quantiles=(0.15865525, 0.5, 0.84134475), show_titles=True, titles=[_LABELS.get(name, name) for name in chosen],
+            title_fmt=".3g", title_kwargs={"fontsize": 7}, label_kwargs={"fontsize": 8}, color=COLOURS[0], plot_datapoints=False,
+            smooth=1.0, bins=30, max_n_ticks=3, labelpad=0.12, range=[_reach(*each) for each in zip(data.T, true, strict=True)],
+        )  # fmt: skip
+    if ax is None:
+        edge = 0.62 / size  # else corner cuts labels off
+        figure.subplots_adjust(left=edge, bottom=edge, right=1 - 0.1 / size, top=1 - 0.35 / size)
+    drawn = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
+    _draw_prior(drawn, posterior, chosen)
+    figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right")
+    return drawn
 
 
-def _draw_prior(figure, posterior, names):
+def _reach(values, true):
+    """All but the farthest thousandth of the samples, and the truth: nothing that is shown is cut."""
+    low, high = np.quantile(values, [0.0005, 0.9995])
+    if true is not None:
+        low, high = min(low, true), max(high, true)
+    margin = 0.05 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def _draw_prior(drawn, posterior, names):
     """The prior on H0 over the histogram of its samples."""
     model = getattr(posterior, "model", None)
     if model is None or "H0" not in names:
         return
-    place = list(names).index("H0")
-    axes = np.array(figure.axes).reshape(len(names), len(names))[place, place]
+    place = names.index("H0")
+    axes = drawn[place, place]
     x = np.linspace(*axes.get_xlim(), 200)
     density = np.exp(model.priors.hubble.log(x))
     if density.max() > 0:
-        axes.plot(x, density / density.max() * 0.9 * axes.get_ylim()[1], color="#c55a11", linestyle="--", linewidth=1)
+        axes.plot(x, density / density.max() * 0.9 * axes.get_ylim()[1], color="0.4", linestyle="--", linewidth=0.8)
 
 
-def plot_trace(posterior: Any, n_shown: int = 40) -> Figure:
-    """Coordinates of the sampler against steps, some walkers; the burn-in shaded.
+@styled
+def plot_trace(posterior: Any, n_shown: int = 40, *, ax: Any = None) -> Any:
+    """Coordinates of the sampler against steps, some walkers; the burn-in shaded, R̂ and the effective size beside each.
 
     Parameters
     ----------
@@ -80,37 +122,47 @@ def plot_trace(posterior: Any, n_shown: int = 40) -> Figure:
         What to draw.
     n_shown : int
         Of the walkers.
+    ax : matplotlib axes, one for each coordinate, optional
+        Where to draw; a new figure unless given.
+
+    Returns
+    -------
+    (d,) array of matplotlib axes
     """
     names, chain = posterior.model.names, posterior.chain
-    figure, rows = plt.subplots(
-        len(names), 1, sharex=True, figsize=(9, 1.3 * len(names) + 0.8), layout="constrained", squeeze=False
-    )
+    drawn = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
     each, every = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
-    for axes, name, values in zip(rows[:, 0], names, np.moveaxis(chain, 2, 0), strict=True):
-        axes.plot(np.arange(0, len(chain), every), values[::every, ::each], color="#0b5394", alpha=0.2, linewidth=0.5)
-        axes.axvspan(0, posterior.burn_in, color="0.85", zorder=0)
+    r_hat, size = posterior.r_hat, posterior.effective_size
+    left_out = min(len(chain), 5 * np.nan_to_num(max(posterior.autocorrelation.values()), nan=np.inf))
+    for axes, name, values in zip(drawn, names, np.moveaxis(chain, 2, 0), strict=True):
+        axes.plot(np.arange(0, len(chain), every), values[::every, ::each], color=COLOURS[0], alpha=0.2, linewidth=0.3, rasterized=True)  # fmt: skip
+        axes.axvspan(0, left_out, color="0.85", zorder=0)
         axes.set_ylabel(label(name) if name in UNITS else f"${name}$")
-        axes.spines[["top", "right"]].set_visible(False)
-    rows[-1, 0].set_xlabel("step (shaded: left out)")
-    return figure
+        axes.set_title(f"R̂ = {r_hat[name]:.3f}, effective size {size[name]:.0f}", loc="right", fontsize=6.5, pad=2)
+    drawn[-1].set_xlabel("step (shaded: left out)")
+    return drawn
 
 
-def plot_marginals(grid: Any) -> Figure:
+@styled
+def plot_marginals(grid: Any, *, ax: Any = None) -> Any:
     """The marginal density of each quantity on a grid.
 
     Parameters
     ----------
     grid : GridPosterior
         What to draw.
+    ax : matplotlib axes, one for each quantity, optional
+        Where to draw; a new figure unless given.
+
+    Returns
+    -------
+    (k,) array of matplotlib axes
     """
-    figure, panels = plt.subplots(
-        1, len(grid.names), figsize=(5.5 * len(grid.names), 4), layout="constrained", squeeze=False
-    )
-    for axes, name in zip(panels[0], grid.names, strict=True):
+    drawn = panels(ax, len(grid.names), 1, size=(WIDTH, 1.9 * len(grid.names)))
+    for axes, name in zip(drawn, grid.names, strict=True):
         x, p = grid.marginal(name)
-        axes.plot(x, p / (x[1] - x[0]), color="#0b5394")
-        axes.set_xlabel(label(name).replace("\n", "  "), fontsize=13)
-        axes.set_ylabel("density", fontsize=13)
+        axes.plot(x, p / (x[1] - x[0]), color=COLOURS[0])
+        axes.set_xlabel(label(name).replace("\n", "  "))
+        axes.set_ylabel("density")
         axes.set_ylim(bottom=0)
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure
+    return drawn

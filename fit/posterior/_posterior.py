@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,10 +13,10 @@ from fit.posterior._mixture import MixtureModel
 from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS
 from fit.posterior._summary import SampleResult, Samples, text_of
-from fit.sampling import Flat, Normal, autocorrelation
+from fit.sampling import Flat, Normal, autocorrelation, split_r_hat
 from vsh.errors import ConvergenceError
 from vsh.system.quiet import import_quietly
-from vsh.types import Figure, FloatArray, PathName
+from vsh.types import FloatArray, PathName
 
 #: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
 ENOUGH = 50
@@ -63,6 +63,17 @@ class Posterior(SampleResult):
     def burn_in(self) -> int:
         """Steps left out at the start: five autocorrelation times of the slowest coordinate."""
         return int(np.ceil(5 * self._slowest()))
+
+    @cached_property
+    def r_hat(self) -> dict[str, float]:
+        """Split R̂ of each coordinate after the burn-in, by name: 1 where all halves of walkers tell the same."""
+        return dict(zip(self.model.names, map(float, split_r_hat(self._after_burn_in()))))
+
+    @property
+    def effective_size(self) -> dict[str, float]:
+        """How many independent samples each coordinate's are worth after the burn-in, by name."""
+        steps, walkers, _ = self._after_burn_in().shape
+        return {name: steps * walkers / time for name, time in self.autocorrelation.items()}
 
     @property
     def thinning(self) -> int:
@@ -159,30 +170,47 @@ class Posterior(SampleResult):
         new = int(arviz.__version__.split(".")[0]) >= 1
         return arviz.from_dict(groups) if new else arviz.from_dict(**groups)
 
-    def corner(self, names: Sequence[str] | None = None) -> Figure:
-        """Corner plot of some of the quantities; the same as `plot`. A matplotlib figure.
+    def corner(
+        self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: Any = None
+    ) -> Any:
+        """Corner plot of some of the quantities; the same as `plot`. On matplotlib axes.
 
         Parameters
         ----------
         names : sequence of str, optional
             Which quantities.
+        truths : dict of str to float, optional
+            True values by name, drawn as lines.
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
-        return self.plot(names)
+        return self.plot(names, truths, ax=ax)
 
-    def trace(self) -> Figure:
-        """Trace plot: each coordinate of the walkers against the steps. A matplotlib figure.
+    def trace(self, *, ax: Any = None) -> Any:
+        """Trace plot: each coordinate of the walkers against the steps. On matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.posterior._plot import plot_trace
 
-        return plot_trace(self)
+        return plot_trace(self, ax=ax)
+
+    def _after_burn_in(self):
+        """The chain as it is kept; its second half where it is too short to tell."""
+        slowest = self._slowest()
+        half = len(self.chain) // 2
+        return self.chain[min(half, self.burn_in) if np.isfinite(slowest) else half :]
 
     def _slowest(self):
         return float(np.max(list(self.autocorrelation.values())))  # nan if any is

@@ -13,7 +13,7 @@ from fit.storage import Result, words
 from vsh import tables
 from vsh.checks.arrays import float_array
 from vsh.sky.frames import check_frame
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import FloatArray, Table
 from vsh.vector import Vector
 
 
@@ -99,21 +99,27 @@ class SampleResult(Result):
         columns |= {key: [getattr(row, key) for row in rows.values()] for key in Interval._fields}
         return tables.table_of(columns, {"frame": self.frame})
 
-    def plot(self, names: Sequence[str] | None = None) -> Figure:
-        """Corner plot of some of the quantities: velocity, H0 and what else was free. A matplotlib figure.
+    def plot(
+        self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: Any = None
+    ) -> Any:
+        """Corner plot of some of the quantities: velocity, H0 and what else was free. On matplotlib axes.
 
         Parameters
         ----------
         names : sequence of str, optional
             Which quantities.
+        truths : dict of str to float, optional
+            True values by name, drawn as lines.
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.posterior._plot import plot_corner
 
-        return plot_corner(self, names)
+        return plot_corner(self, names, truths=truths, ax=ax)
 
     def _vector(self, name, unit):
         three = np.stack([self.samples[f"{name}_{axis}"] for axis in "xyz"])

@@ -9,7 +9,7 @@ import numpy as np
 
 from fit.storage import Result
 from vsh import tables
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import FloatArray, Table
 from vsh.vector import Vector
 
 
@@ -78,16 +78,21 @@ class Trend(Result):
             "sigma": np.concatenate([self.spin.sigma, self.acceleration.sigma]),
         })  # fmt: skip
 
-    def plot(self) -> Figure:
-        """The slopes with their errors, a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The slopes with their errors, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.redshift._plot import plot_trend
 
-        return plot_trend(self)
+        return plot_trend(self, ax=ax)
 
 
 def welch(binned: Any, steps: int) -> tuple[float, float]:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from vsh.cosmology import FLOW_LIMIT, transverse_distance, velocity_along
 from vsh.errors import ParameterError
-from vsh.types import Figure
+from vsh.plot import COLOURS, WIDTH, figure_of, legend_above, panels, styled
+from vsh.types import Axes
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
 
-_COLOURS = ("#0b5394", "#c55a11", "#38761d")
 
-
-def plot_bins(binned: Any, velocity: str | Vector | None = "planck") -> Figure:
+@styled
+def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: Any = None) -> Any:
     """Spin and acceleration, components and amplitude, in each bin.
 
     Parameters
@@ -26,92 +25,106 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck") -> Figure:
     velocity : "planck", Vector or None
         Whose secular parallax is drawn in, about the acceleration that fits
         best with it.
+    ax : four matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    (4,) array of matplotlib axes
+        Components and amplitude of the acceleration, of the spin.
     """
-    figure, panels = plt.subplots(2, 2, figsize=(11, 7.5), sharex=True, layout="constrained")
+    drawn = panels(ax, 4, 1, size=(WIDTH, 6.6), sharex=True, height_ratios=(2, 1, 2, 1))
     # A bin measures the mean of 1/d, and that is where its marker stands.
     z, edges = np.clip(binned.effective_redshift, binned.edges[:-1], binned.edges[1:]), binned.edges
     logarithmic = edges[0] > 0 and edges[-1] > 5 * edges[0]
-    for (components, amplitude), name, symbol in zip(panels, ("acceleration", "spin"), ("ã", "ω"), strict=True):
+    for (components, amplitude), name, symbol in zip(drawn.reshape(2, 2), ("acceleration", "spin"), ("ã", "ω"), strict=True):  # fmt: skip
         vectors = [getattr(solution, name) for solution in binned.solutions]
-        for i, (axis, colour) in enumerate(zip("xyz", _COLOURS, strict=True)):
+        for i, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
             away = z * 1.03 ** (i - 1) if logarithmic else z + (i - 1) * 0.006 * (edges[-1] - edges[0])
             components.errorbar(
-                away, [v.value[i] for v in vectors], [v.sigma[i] for v in vectors], fmt="o", color=colour, capsize=3,
+                away, [v.value[i] for v in vectors], [v.sigma[i] for v in vectors], fmt="os^"[i], color=colour,
                 label=f"{symbol}$_{axis}$",
             )  # fmt: skip
-        components.axhline(0, color="0.7", linewidth=0.8, zorder=0)
-        components.set_ylabel(f"{name}  [µas/yr]", fontsize=13)
+        components.axhline(0, color="0.7", linewidth=0.6, zorder=0)
+        components.set_ylabel(f"{name}  [µas/yr]")
         amplitude.errorbar(
             z, [v.amplitude for v in vectors], [v.amplitude_error for v in vectors],
-            xerr=[z - edges[:-1], edges[1:] - z], fmt="s", color="0.25", capsize=3, label="as fitted",
+            xerr=[z - edges[:-1], edges[1:] - z], fmt="s", color="0.25", label="as fitted",
         )  # fmt: skip
         amplitude.plot(
-            z, [v.debiased_amplitude for v in vectors], "_", color="#c55a11", ms=14, mew=2, label="noise-debiased"
+            z, [v.debiased_amplitude for v in vectors], "_", color=COLOURS[1], ms=8, mew=1.5, label="noise-debiased"
         )
-        amplitude.set_ylabel(f"|{symbol}|  [µas/yr]", fontsize=13)
+        amplitude.set_ylabel(f"|{symbol}|  [µas/yr]")
         amplitude.set_ylim(bottom=0)
     if velocity is not None:
-        _draw_prediction(binned, velocity, panels[0])
-    for axes in panels.ravel():
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.tick_params(labelsize=11)
-        axes.legend(frameon=False, fontsize=10, ncols=2)
-    for axes in panels[1]:
-        axes.set_xlabel("redshift", fontsize=13)
+        _draw_prediction(binned, velocity, drawn[:2])
+    for axes in drawn:
+        legend_above(axes, 5)
+    drawn[-1].set_xlabel("redshift (markers: where the mean of 1/distance is)")
+    for axes in drawn:
         axes.set_xscale("log" if logarithmic else "linear")
-    figure.suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {binned.frame} axes", fontsize=13)
-    return figure
+    figure_of(drawn).suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {binned.frame} axes")
+    return drawn
 
 
-def _draw_prediction(binned, velocity, panels):
+def _draw_prediction(binned, velocity, drawn):
     velocity = velocity_along(velocity, binned.frame)
     try:
         acceleration, _ = binned.secular_parallax(velocity)
     except ParameterError:
         return  # bins without a distance: there is nothing to predict
+    components, amplitude = drawn
     edges = binned.edges
     low = edges[0] if edges[0] > 0 else binned.redshift[0] / 3
     grid = np.geomspace(max(low, FLOW_LIMIT), edges[-1], 200)
     curves = acceleration.value[:, None] - np.outer(velocity.value, 1 / (AU_PER_YEAR * transverse_distance(grid)))
-    for curve, colour in zip(curves, _COLOURS, strict=True):
-        panels[0].plot(grid, curve, color=colour, linestyle="--", linewidth=1, zorder=0.5)
+    for curve, colour in zip(curves, COLOURS, strict=False):
+        components.plot(grid, curve, color=colour, linestyle="--", linewidth=0.7, zorder=0.5)
     # What the test compares with: one value a bin.
     steps = acceleration.value[:, None] - np.outer(velocity.value, binned.mean_inverse_distance) / AU_PER_YEAR
-    for step, colour in zip(steps, _COLOURS, strict=True):
-        panels[0].hlines(step, edges[:-1], edges[1:], color=colour, linewidth=2, alpha=0.35, zorder=0.6)
-    panels[0].plot([], [], color="0.4", linestyle="--", label=f"ã − v/d, |v| = {velocity.amplitude:.0f} km/s")
-    panels[1].plot(grid, np.linalg.norm(curves, axis=0), color="0.4", linestyle="--", linewidth=1, label="ã − v/d")
+    for step, colour in zip(steps, COLOURS, strict=False):
+        components.hlines(step, edges[:-1], edges[1:], color=colour, linewidth=1.6, alpha=0.35, zorder=0.6)
+    components.plot(
+        [], [], color="0.4", linestyle="--", linewidth=0.7, label=f"ã − v/d, |v| = {velocity.amplitude:.0f} km/s"
+    )
+    amplitude.plot(grid, np.linalg.norm(curves, axis=0), color="0.4", linestyle="--", linewidth=0.7, label="ã − v/d")
     # The curves may run off where there are few sources: the data set the scale.
     low, high = zip(*[(v.value - v.sigma, v.value + v.sigma) for v in (s.acceleration for s in binned.solutions)])
     reach = np.ptp([np.min(low), np.max(high)])
-    panels[0].set_ylim(np.min(low) - 0.3 * reach, np.max(high) + 0.3 * reach)
-    panels[1].set_ylim(
-        0, 1.3 * max(s.acceleration.amplitude + s.acceleration.amplitude_error for s in binned.solutions)
-    )
+    components.set_ylim(np.min(low) - 0.3 * reach, np.max(high) + 0.3 * reach)
+    top = max(s.acceleration.amplitude + s.acceleration.amplitude_error for s in binned.solutions)
+    amplitude.set_ylim(0, 1.3 * top)
 
 
-def plot_trend(trend: Any) -> Figure:
+@styled
+def plot_trend(trend: Any, *, ax: Any = None) -> Axes:
     """Slopes of spin and acceleration with redshift.
 
     Parameters
     ----------
     trend : Trend
         What to draw.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
+
+    Returns
+    -------
+    matplotlib axes
     """
-    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    (axes,) = panels(ax)
     for at, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):
-        for i, (axis, colour) in enumerate(zip("xyz", _COLOURS, strict=True)):
+        for i, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
             axes.errorbar(
-                at + (i - 1) * 0.15, vector.value[i], vector.sigma[i], fmt="o", color=colour, capsize=3,
+                at + (i - 1) * 0.15,
+                vector.value[i],
+                vector.sigma[i],
+                fmt="os^"[i],
+                color=colour,
                 label=f"{symbol}$_{axis}$",
-            )  # fmt: skip
-    axes.axhline(0, color="0.7", linewidth=0.8, zorder=0)
-    axes.set_xticks([0, 1], ["spin", "acceleration"], fontsize=13)
-    axes.set_ylabel("slope  [µas/yr per unit of x]", fontsize=13)
-    axes.legend(frameon=False, fontsize=10, ncols=2)
-    axes.spines[["top", "right"]].set_visible(False)
-    return figure
+            )
+    axes.axhline(0, color="0.7", linewidth=0.6, zorder=0)
+    axes.set_xlim(-0.5, 1.5)
+    axes.set_xticks([0, 1], ["spin", "acceleration"])
+    axes.set_ylabel("slope  [µas/yr per unit of x]")
+    legend_above(axes, 6)
+    return axes

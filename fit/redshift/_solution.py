@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -17,7 +18,7 @@ from vsh.coefficients import FIRST_DEGREE
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ParameterError
 from vsh.modes import KINDS
-from vsh.types import ArrayLike, Figure, FloatArray, Kind, Table
+from vsh.types import ArrayLike, FloatArray, Kind, Table
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
 
@@ -226,21 +227,23 @@ class BinnedSolution(Result):
         """
         return text_of(self, velocity, p_values)
 
-    def plot(self, velocity: str | Vector | None = "planck") -> Figure:
-        """Components against redshift, with the secular parallax of a velocity drawn in; a matplotlib figure.
+    def plot(self, velocity: str | Vector | None = "planck", *, ax: Any = None) -> Any:
+        """Components against redshift, with the secular parallax of a velocity drawn in; on matplotlib axes.
 
         Parameters
         ----------
         velocity : "planck", Vector or None
             Whose secular parallax is drawn in.
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.redshift._plot import plot_bins
 
-        return plot_bins(self, velocity)
+        return plot_bins(self, velocity, ax=ax)
 
     def _chosen(self, kind, l):
         """Values (B, q) of some of the free coefficients, their covariance and which they are."""

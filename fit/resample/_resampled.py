@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
 
 from fit.solution import AboutSolution, Solution
 from vsh.checks.arguments import between
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import FloatArray, Table
 from vsh.vector import Vector
 
 
@@ -51,14 +52,19 @@ class Resampled(AboutSolution):
         """
         return self.resampled_solution.to_table()
 
-    def plot(self) -> Figure:
-        """Power by degree with these errors as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """Power by degree with these errors on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
-        return self.resampled_solution.plot()
+        return self.resampled_solution.plot(ax=ax)
 
     @property
     def samples(self) -> FloatArray:

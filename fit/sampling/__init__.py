@@ -1,7 +1,7 @@
 """Priors, chains and checkpoints, for any posterior."""
 
 from fit.sampling._axis import Axis
-from fit.sampling._chain import Run, autocorrelation
+from fit.sampling._chain import Run, autocorrelation, split_r_hat
 from fit.sampling._checkpoint import check_writable, fingerprint
 from fit.sampling._priors import Density, Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
 
@@ -18,4 +18,5 @@ __all__ = [
     "fingerprint",
     "integrable_over_cube",
     "named_function",
+    "split_r_hat",
 ]

@@ -30,6 +30,31 @@ def autocorrelation(chain: FloatArray) -> FloatArray:
         return emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
 
 
+def split_r_hat(chain: FloatArray) -> FloatArray:
+    """Split R̂ of each coordinate of a chain (steps, walkers, d), (d,): what the halves of all walkers differ by.
+
+    Parameters
+    ----------
+    chain : (steps, walkers, d) array
+        A chain without its burn-in.
+
+    Returns
+    -------
+    array
+        1 where between the halves there is no more variance than within; nan where nothing moves.
+
+    Notes
+    -----
+    Gelman et al. (2013, Bayesian Data Analysis, 3rd ed., sect. 11.4). The walkers of an ensemble know of each other, which
+    makes it a little too small.
+    """
+    half = len(chain) // 2
+    halves = np.concatenate([chain[:half], chain[half : 2 * half]], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        within, between = halves.var(axis=0, ddof=1).mean(0), halves.mean(axis=0).var(axis=0, ddof=1)
+        return np.sqrt((half - 1) / half + between / within)
+
+
 class Run:
     """One chain: `resume_from` ties it to a checkpoint, `run` runs it.
 

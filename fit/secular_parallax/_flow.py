@@ -14,7 +14,7 @@ from vsh.checks.arguments import positive
 from vsh.field import Field
 from vsh.flows import FlowModes, VelocityGrid
 from vsh.sky.sphere import across_and_along
-from vsh.types import Figure, FloatArray, Table
+from vsh.types import FloatArray, Table
 from vsh.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
 
@@ -178,16 +178,21 @@ class Flow(Result):
             columns[f"v_{axis}_error"] = [v.sigma[i] for v in found]
         return tables.table_of(columns, {"frame": self.frame})
 
-    def plot(self) -> Figure:
-        """The radial velocities that were found on three shells, a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The radial velocities that were found on three shells, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.secular_parallax._plot import plot_flow
 
-        return plot_flow(self)
+        return plot_flow(self, ax=ax)
 
     def _radii(self):
         last = self.modes.radii[-1]

@@ -17,7 +17,7 @@ from vsh import tables
 from vsh.cosmology import PLANCK_2013, hubble_value
 from vsh.errors import ParameterError
 from vsh.field import Field
-from vsh.types import ArrayLike, Figure, Table
+from vsh.types import ArrayLike, Table
 from vsh.vector import Vector
 
 
@@ -131,16 +131,21 @@ class Forecast(Result):
             columns[f"H0, {name}"] = [float(self.hubble[i, j, k]) for i, j in pairs]
         return tables.table_of(columns)
 
-    def plot(self) -> Figure:
-        """Errors of H0 against the redshift limit, a panel a catalogue; a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """Errors of H0 against the redshift limit, a panel a catalogue; on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.secular_parallax._plot import plot_forecast
 
-        return plot_forecast(self)
+        return plot_forecast(self, ax=ax)
 
 
 #: What may be known besides the galaxies' motions: options of `predict`, and the columns of a forecast.

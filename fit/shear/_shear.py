@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -18,7 +19,7 @@ from vsh.checks.arrays import covariance, float_array, read_only
 from vsh.checks.notes import note_lines
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles
-from vsh.types import ArrayLike, Figure, FloatArray, Table
+from vsh.types import ArrayLike, FloatArray, Table
 from vsh.units import hubble_rate
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -185,16 +186,21 @@ class Shear(Result):
         columns = {"component": list(_NAMES), "value": self.values, "sigma": self.sigma}
         return tables.table_of(columns, self._plain_facts(), dict.fromkeys(("value", "sigma"), "uas / yr"))
 
-    def plot(self) -> Figure:
-        """The motions and the principal axes on the sky, as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The motions and the principal axes on the sky, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.shear._plot import plot_shear
 
-        return plot_shear(self)
+        return plot_shear(self, ax=ax)
 
 
 @arguments.accepts(solution=arguments.a(HarmonicSolution))

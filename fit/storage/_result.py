@@ -23,7 +23,7 @@ from vsh import tables
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import printable
 from vsh.errors import TableError, VshError
-from vsh.types import Figure, PathName, Table
+from vsh.types import PathName, Table
 
 #: Kinds of results whose modules have been imported, by name.
 _KINDS: dict[str, type[Result]] = {}
@@ -48,12 +48,17 @@ class Result(Frozen):
         """
         raise NotImplementedError
 
-    def plot(self) -> Figure:
-        """The result as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """The result on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         raise NotImplementedError
 

@@ -4,40 +4,35 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from fit.quality import printed_p_value
-from vsh.sky.plot import draw_map, on_map, sky_axes
-from vsh.types import Figure
+from vsh.plot import COLOURS, WIDTH, draw_points, panels, plot_map, styled
 
 
-def plot_search(found: Any) -> Figure:
+@styled
+def plot_search(found: Any, *, ax: Any = None) -> Any:
     """2F and the limit of every direction that a wave may travel to.
 
     Parameters
     ----------
     found : WaveSearch
         What to draw.
+    ax : two matplotlib axes, optional
+        Whose places the maps take; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    (2,) array of SkyAxes
     """
-    figure = plt.figure(figsize=(8, 9), layout="constrained")
-    lon, lat = np.radians(found.direction)
-    for place, values, label, cmap in (
-        (1, found.statistic, "2F of a wave that travels there", "viridis"),
-        (2, found.limits, f"95 % limit on its amplitude  [{found.unit}]", "cividis"),
+    said = (
+        f"largest 2F = {found.statistic.max():.1f}; p = {printed_p_value(found.p_value)} with all directions looked at"
+    )
+    drawn = panels(ax, 2, 1, size=(WIDTH, 5.2))
+    for place, values, label, cmap, title in (
+        (0, found.statistic, "2F of a wave that travels there", "viridis", said),
+        (1, found.limits, f"95 % limit on its amplitude  [{found.unit}]", "cividis", None),
     ):
-        axes = sky_axes(found.frame, figure.add_subplot(2, 1, place, projection="hammer"))
-        image = draw_map(axes, values, cmap=cmap)
-        bar = figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
-        bar.set_label(label, fontsize=12)
-        axes.scatter(on_map(lon), lat, marker="+", s=120, color="#c55a11", zorder=4)
-        if place == 1:
-            axes.set_title(
-                f"largest 2F = {found.statistic.max():.1f}; p = {printed_p_value(found.p_value)} with all directions looked at",
-                pad=16, fontsize=12,
-            )  # fmt: skip
-    return figure
+        drawn[place] = plot_map(values, label, frame=found.frame, cmap=cmap, title=title, ax=drawn[place])
+        draw_points(drawn[place], *np.radians(found.direction), marker="+", s=60, color=COLOURS[1])
+    return drawn

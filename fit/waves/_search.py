@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from vsh.errors import ModesError, ParameterError
 from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
-from vsh.types import Figure, FloatArray, Rng, Table
+from vsh.types import FloatArray, Rng, Table
 from vsh.units import UAS
 from vsh.vector import Vector
 from vsh.waves import strain_of
@@ -200,16 +201,21 @@ class WaveSearch(Result):
         columns |= {f"amplitude_{i}": each for i, each in enumerate(self.amplitudes)}
         return tables.table_of(columns, self._plain_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"})
 
-    def plot(self) -> Figure:
-        """Maps of 2F and of the limits, as a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """Maps of 2F and of the limits, on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from fit.waves._plot import plot_search
 
-        return plot_search(self)
+        return plot_search(self, ax=ax)
 
 
 @arguments.accepts(nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)

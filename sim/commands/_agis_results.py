@@ -10,6 +10,7 @@ import numpy as np
 import sim
 import vsh
 from sim import agis
+from vsh.commands import figures
 from vsh.units import JULIAN_YEAR
 
 #: Edges of bins of angle, in heights of a field: within it, about it, far beyond.
@@ -97,12 +98,8 @@ def write(
     options : argparse.Namespace
         Of the command.
     """
-    import matplotlib as mpl
-
     from vsh import catalogue, tables
-    from vsh.sky.plot import save_figures
 
-    mpl.use("agg")  # files, no windows
     (folder / "report.txt").write_text(text, encoding="utf-8")
     truth = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     motions = solution.field(
@@ -117,7 +114,7 @@ def write(
     tables.write(folder / "sources.fits", columns, {"UNITS": "muas, muas/yr"})
     history = {str(mode): solution.history[:, i] for i, mode in enumerate(solution.modes)}
     tables.write(folder / "convergence.ecsv", {"iteration": np.arange(1, len(solution.history) + 1)} | history)
-    save_figures(_figures(system, solution, mixture), folder)
+    figures.write_figures(lambda: _figures(system, solution, mixture), folder, options)
 
 
 def _figures(system, solution, mixture):

@@ -20,7 +20,7 @@ from vsh.checks import arguments
 from vsh.cosmology import PLANCK_2013, transverse_distance
 from vsh.covariance import LINDEGREN_2021, Spectrum
 from vsh.errors import ParameterError
-from vsh.types import Figure, Rng, Table
+from vsh.types import Rng, Table
 from vsh.units import AU_PER_YEAR, hubble_rate
 
 #: So many stand for all: so many quasars; of galaxies the nearest and every tenth of the rest, fewer where flows are unknowns.
@@ -99,16 +99,21 @@ class Forecast:
             columns, {"sky": self.sky}, {name: units[unit] for name, (_, unit) in QUANTITIES.items() if unit}
         )
 
-    def plot(self) -> Figure:
-        """Every quantity by survey, a panel each; a matplotlib figure.
+    def plot(self, *, ax: Any = None) -> Any:
+        """Every quantity by survey, a panel each; on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
 
         Returns
         -------
-        Figure
+        matplotlib axes
         """
         from study.forecast._plot import plot_forecast
 
-        return plot_forecast(self)
+        return plot_forecast(self, ax=ax)
 
 
 @arguments.accepts(rng=arguments.seed)

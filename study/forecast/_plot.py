@@ -4,54 +4,47 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from study.forecast._surveys import QUANTITIES
-from vsh.types import Figure
+from vsh.plot import COLOURS, WIDTH, panels, styled
 
 _SHOWN = ("spin", "acceleration", "direction", "r0", "waves", "shear", "velocity", "hubble")
 
 
-def plot_forecast(found: Any) -> Figure:
+@styled
+def plot_forecast(found: Any, *, ax: Any = None) -> Any:
     """Eight quantities by survey, and what floor and flows leave of them.
 
     Parameters
     ----------
     found : Forecast
         What to draw.
+    ax : eight matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    matplotlib figure
+    (8,) array of matplotlib axes
     """
-    figure, panels = plt.subplots(2, 4, figsize=(13, 6.4), layout="constrained")
+    drawn = panels(ax, 4, 2, size=(WIDTH, 6.4), sharex=True)
     names = list(found.surveys)
-    for axes, name in zip(panels.ravel(), _SHOWN, strict=True):
+    place = np.arange(len(names))
+    for axes, name in zip(drawn, _SHOWN, strict=True):
         words, unit = QUANTITIES[name]
         values = np.array([found.values[survey][name] for survey in names])
-        place = np.arange(len(names))
         seen = np.isfinite(values)
-        axes.scatter(place[seen], values[seen], s=70, color="#0b5394", zorder=3)
+        axes.scatter(place[seen], values[seen], s=14, color=COLOURS[0], zorder=3)
         for further in (f"{name}_floor", f"{name}_flows"):
             if further in QUANTITIES:
                 more = np.array([found.values[survey][further] for survey in names])
-                axes.scatter(
-                    place,
-                    more,
-                    marker="_",
-                    s=380,
-                    linewidths=2.5,
-                    color="#c55a11",
-                    label=QUANTITIES[further][0].strip(),
-                )
+                axes.scatter(place, more, marker="_", s=70, linewidths=1.4, color=COLOURS[1], label=QUANTITIES[further][0].strip())  # fmt: skip
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(frameon=False, fontsize=9, loc="best")
+            axes.legend(fontsize=5.5, loc="best", handletextpad=0.1)
         if seen.any():
             axes.set_yscale("log")
         axes.set_xlim(-0.5, len(names) - 0.5)
-        axes.grid(axis="y", color="0.9")
-        axes.set_xticks(place, names, rotation=35, ha="right", fontsize=10)
-        axes.set_title(f"{words.strip()}{f'  [{unit}]' if unit else ''}", fontsize=11)
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure
+        axes.grid(axis="y", color="0.9", linewidth=0.4)
+        axes.set_xticks(place, names, rotation=55, ha="right", rotation_mode="anchor")
+        axes.set_title(f"{words.strip()}{f'  [{unit}]' if unit else ''}", fontsize=6.5)
+    return drawn

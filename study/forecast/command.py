@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 import vsh
-from vsh.commands import outputs, parsing, running
+from vsh.commands import figures, outputs, parsing, running
 from vsh.errors import VshError
 
 
@@ -42,20 +42,16 @@ def _run(options):
         meta = running.provenance([], options, {"vsh-astrometry": vsh.__version__})
         with outputs.results_folder(options.output, "vsh-forecast", meta, options.overwrite) as folder:
             _write(folder, found, meta)
+            figures.write_figures(lambda: {"forecast": found.plot()}, folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
 
 
 def _write(folder, found, meta):
-    import matplotlib
-
-    matplotlib.use("agg")  # files, no windows
     from vsh import tables
-    from vsh.sky.plot import save_figures
 
     (folder / "report.txt").write_text(found.report(), encoding="utf-8")
     tables.write_table(found.to_table(), folder / "forecast.ecsv", meta)
-    save_figures({"forecast": found.plot()}, folder)
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -77,6 +73,7 @@ def make_parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument("--no-flows", action="store_true", help="leave out velocity and H0 with flows as unknowns")
     parser.add_argument("--output", metavar="DIR", help="write report, table and figure to this folder")
+    parsing.add_figures(parser)
     parsing.add_overwrite(parser)
     parser.add_argument("--version", action="version", version=f"vsh-forecast {vsh.__version__}")
     return parser

@@ -13,7 +13,8 @@ from study.gaia._figures import CAPTIONS, draw
 from study.gaia._run import GaiaStudy
 from study.gaia._tables import correlation_table, power_table, published_table, row_table
 from vsh import tables
-from vsh.sky.plot import save_figures
+from vsh.commands.figures import without_windows
+from vsh.plot import save_figures
 from vsh.types import Table
 
 _HEADINGS = {
@@ -31,6 +32,7 @@ def write_gaia(
     *,
     truth: Mapping[str, Any] | None = None,
     provenance: Mapping[str, Any] | None = None,
+    figures: Mapping[str, Any] | None = None,
 ) -> str:
     """Write everything; returns the report.
 
@@ -44,15 +46,14 @@ def write_gaia(
         Of a simulated catalogue.
     provenance : dict, optional
         Plain values.
+    figures : dict, optional
+        As for `vsh.plot.save_figures`: format and dpi; None for no files of figures.
 
     Returns
     -------
     str
     """
-    import matplotlib
-    import matplotlib.pyplot as plt
-
-    matplotlib.use("agg")  # files, no windows
+    without_windows()
     made = {
         "published": published_table(study),
         "degrees": row_table(study.degrees, truth),
@@ -62,19 +63,17 @@ def write_gaia(
     }
     for name, table in made.items():
         tables.write_table(table, folder / f"{name}.ecsv")
-    figures = draw(study, truth)
-    save_figures(figures, folder)
+    if figures is not None:
+        save_figures(draw(study, truth), folder, **figures)
     text = _report(study, made, truth)
     (folder / "report.md").write_text(text, encoding="utf-8")
     main: Any = study.main
     page = html_report(
-        main.resampled, figures, check=study.check, truth=None if truth is None else dict(truth), source=study.sources.label,
+        main.resampled, draw(study, truth), check=study.check, truth=None if truth is None else dict(truth), source=study.sources.label,
         provenance=dict(provenance or {}), title="The acceleration of the Solar System from Gaia's quasars",
         sections={_HEADINGS[name]: table for name, table in made.items()}, captions=CAPTIONS,
     )  # fmt: skip
     (folder / "gaia.html").write_text(page, encoding="utf-8")
-    for figure in figures.values():
-        plt.close(figure)
     return text
 
 

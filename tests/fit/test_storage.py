@@ -19,6 +19,7 @@ from vsh import Field, ScalarField, Vector
 from vsh.cosmology import PLANCK_2018
 from vsh.covariance import Spectrum
 from vsh.errors import TableError
+from vsh.plot import figure_of
 
 
 def two_catalogues(field):
@@ -139,7 +140,7 @@ def test_every_result_can_do_everything(name, found):
     table = result.to_table()
     assert isinstance(table, Table)
     assert len(table)
-    figure = result.plot()
+    figure = figure_of(result.plot())
     assert figure.axes
     figure.canvas.draw()
     plt.close(figure)

@@ -29,15 +29,14 @@ HEAVY = {
     "corner": ["fit/*/_plot.py"],
     "arviz": ["fit/posterior/_posterior.py"],
     "matplotlib": [
-        "*/_plot.py", "*/plot.py", "fit/output/_figures.py", "fit/output/_files.py", "*/commands/*.py", "study/figures.py", "study/gaia/_figures.py",
-        "study/gaia/_write.py", "study/forecast/command.py",
+        "vsh/plot/_*.py", "*/_plot.py", "vsh/commands/figures.py",
     ],
     "pyarrow": ["vsh/tables/_arrow.py"],
     "dask": ["vsh/parts/_dask.py"],
     "distributed": ["vsh/parts/_dask.py"],
     "astropy.cosmology": ["vsh/cosmology/_distance.py"],
     "astropy": [
-        "vsh/tables/_*.py", "vsh/cosmology/_distance.py", "vsh/catalogue/_columns.py", "vsh/catalogue/_units.py", "vsh/sky/frames.py", "vsh/commands/*.py",
+        "vsh/tables/_*.py", "vsh/cosmology/_distance.py", "vsh/catalogue/_columns.py", "vsh/catalogue/_units.py", "vsh/sky/frames.py", "vsh/commands/*.py", "vsh/plot/_sky_axes.py",
         "sim/effects.py", "fit/storage/_result.py",
     ],
 }  # fmt: skip

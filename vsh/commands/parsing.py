@@ -58,7 +58,21 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--on-bad", choices=["raise", "drop"], default="raise", help="rows that cannot be used (default: raise)"
     )
     parser.add_argument("--output", metavar="DIR", type=_named, help="write report, tables and figures to this folder")
+    add_figures(parser)
     add_overwrite(parser)
+
+
+def add_figures(parser: argparse.ArgumentParser) -> None:
+    """Add --format, --dpi and --no-figures.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a command.
+    """
+    parser.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of the figures (default: png)")
+    parser.add_argument("--dpi", type=positive, default=300, help="dots an inch of the figures (default: 300)")
+    parser.add_argument("--no-figures", action="store_true", help="write no figures into the folder of --output")
 
 
 def add_threads(parser: argparse.ArgumentParser) -> None:

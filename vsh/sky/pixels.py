@@ -190,6 +190,23 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     return values, frames.get(named)
 
 
+def smoothed(values: ArrayLike, width: float) -> FloatArray:
+    """A map smoothed by a Gaussian; its sum stays.
+
+    Parameters
+    ----------
+    values : (12 nside²,) array
+        In ring order, none missing.
+    width : float
+        Full width at half maximum. [deg]
+
+    Returns
+    -------
+    (12 nside²,) array
+    """
+    return np.asarray(healpy.smoothing(np.asarray(values, float), fwhm=np.radians(width)))
+
+
 def mean_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike, nside: int) -> FloatArray:
     """The mean of the sources' values in each pixel, nan in empty ones.
 

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import matplotlib.pyplot as plt
+from typing import Any
+
 import numpy as np
 
 from sim.agis.results._solution import AgisSolution
 from sim.agis.results._statistics import ratio_by
+from vsh.plot import COLOURS, SkyAxes, legend_above, panels, plot_map, styled
 from vsh.sky.pixels import pixels_of
-from vsh.sky.plot import draw_map, sky_axes
-from vsh.types import ArrayLike, Figure, FloatArray
+from vsh.types import ArrayLike, Axes, FloatArray
 
-_COLOURS = ("#0b5394", "#c55a11", "#38761d", "#7f6000", "#741b47")
 _PARAMETERS = ("α*", "δ", "ϖ", "µα*", "µδ")
+_MARKS = "os^Dv"
 
 
-def plot_convergence(solution: AgisSolution, stop: float = 0.05) -> Figure:
-    """How far the low degrees are from where they end, iteration by iteration. Returns the figure.
+@styled
+def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Any = None) -> Axes:
+    """How far the low degrees are from where they end, iteration by iteration.
 
     Parameters
     ----------
@@ -24,27 +26,32 @@ def plot_convergence(solution: AgisSolution, stop: float = 0.05) -> Figure:
         With its history.
     stop : float
         The rule, in formal errors.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    Figure
+    matplotlib axes
     """
     away = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
-    figure, ax = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    (axes,) = panels(ax)
     steps = np.arange(1, len(away) + 1)
-    for degree, colour in zip(range(1, solution.modes.lmax + 1), _COLOURS, strict=False):
+    for degree, colour in zip(range(1, solution.modes.lmax + 1), COLOURS, strict=False):
         most = away[:, solution.modes.degrees == degree].max(axis=1)
-        ax.semilogy(steps, np.where(most > 0, most, np.nan), color=colour, label=f"degree {degree}")
+        axes.semilogy(steps, np.where(most > 0, most, np.nan), color=colour, label=f"degree {degree}")
     size = solution.updates / np.sqrt(np.median(solution.formal[solution.solved, 2, 2]))
-    ax.semilogy(steps[: len(size)], size[: len(away)], color="0.6", linestyle="--", label="parallax updates, rms")
-    ax.axhline(stop, color="0.3", linewidth=0.8)
-    ax.annotate(f"{stop:g}", (1, stop), xytext=(0, 3), textcoords="offset points", color="0.3", fontsize=11)
-    ax.legend(frameon=False, fontsize=11, ncols=4, loc="lower left", bbox_to_anchor=(-0.05, 1.0))
-    return _finished(figure, ax, "iteration", "distance from the last, in formal errors")
+    axes.semilogy(steps[: len(size)], size[: len(away)], color="0.6", linestyle="--", label="parallax updates, rms")
+    axes.axhline(stop, color="0.3", linewidth=0.6, label=f"{stop:g}: converged")
+    axes.set(xlabel="iteration", ylabel="distance from the last [formal errors]")
+    legend_above(axes, 2)
+    return axes
 
 
-def plot_errors_by_magnitude(solution: AgisSolution, magnitude: ArrayLike, sources: ArrayLike | None = None) -> Figure:
-    """True over formal errors of the five parameters by magnitude, from this draw of the noise. Returns the figure.
+@styled
+def plot_errors_by_magnitude(
+    solution: AgisSolution, magnitude: ArrayLike, sources: ArrayLike | None = None, *, ax: Any = None
+) -> Axes:
+    """True over formal errors of the five parameters by magnitude, from this draw of the noise.
 
     Parameters
     ----------
@@ -54,31 +61,37 @@ def plot_errors_by_magnitude(solution: AgisSolution, magnitude: ArrayLike, sourc
         G of all sources.
     sources : mask, optional
         Which are looked at; all unless given.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    Figure
+    matplotlib axes
     """
     kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
     g = np.asarray(magnitude)[kept]
     edges = np.arange(np.floor(2 * g.min()) / 2, np.ceil(2 * g.max()) / 2 + 0.5, 0.5)
     group = np.clip(np.searchsorted(edges, g, side="right") - 1, 0, len(edges) - 2)
-    figure, ax = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    (axes,) = panels(ax)
     for column, name in enumerate(_PARAMETERS):
         ratio, counts = ratio_by(solution.sources[kept, column], np.sqrt(solution.formal[kept, column, column]), group, len(edges) - 1)  # fmt: skip
-        ax.errorbar((edges[:-1] + edges[1:]) / 2, ratio, ratio / np.sqrt(2 * np.maximum(counts, 1)), marker="o", markersize=4, label=name, color=_COLOURS[column])  # fmt: skip
-    ax.axhline(1, color="0.3", linewidth=0.8)
-    ax.set_yscale("log")
-    low, high = ax.get_ylim()
+        axes.errorbar((edges[:-1] + edges[1:]) / 2 + 0.03 * (column - 2), ratio, ratio / np.sqrt(2 * np.maximum(counts, 1)), marker=_MARKS[column], label=name, color=COLOURS[column])  # fmt: skip
+    axes.axhline(1, color="0.3", linewidth=0.6)
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
     ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if low <= tick <= high]
-    ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    ax.set_yticks([], minor=True)
-    ax.legend(frameon=False, fontsize=11)
-    return _finished(figure, ax, "G", "true / formal error")
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.set_yticks([], minor=True)
+    axes.set(xlabel="G", ylabel="true / formal error")
+    legend_above(axes, 5)
+    return axes
 
 
-def plot_correlation(angle: FloatArray, correlation: FloatArray, pairs: FloatArray, draws: int = 1) -> Figure:
-    """Correlation of errors by the angle between two sources. Returns the figure.
+@styled
+def plot_correlation(
+    angle: FloatArray, correlation: FloatArray, pairs: FloatArray, draws: int = 1, *, ax: Any = None
+) -> Axes:  # fmt: skip
+    """Correlation of errors by the angle between two sources.
 
     Parameters
     ----------
@@ -88,24 +101,27 @@ def plot_correlation(angle: FloatArray, correlation: FloatArray, pairs: FloatArr
         Of `correlation_by_angle`.
     draws : int
         Of the noise.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
 
     Returns
     -------
-    Figure
+    matplotlib axes
     """
-    figure, ax = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    (axes,) = panels(ax)
     middle = np.degrees((angle[:-1] + angle[1:]) / 2)
-    ax.errorbar(
-        middle, correlation, 1 / np.sqrt(np.maximum(pairs, 1) * draws), marker="o", color=_COLOURS[0], capsize=2
-    )
-    ax.axhline(0, color="0.3", linewidth=0.8)
+    axes.errorbar(middle, correlation, 1 / np.sqrt(np.maximum(pairs, 1) * draws), marker="o", color=COLOURS[0])
+    axes.axhline(0, color="0.3", linewidth=0.6)
     if middle[-1] > 30 * middle[0]:
-        ax.set_xscale("log")
-    return _finished(figure, ax, "angle between sources [deg]", "correlation of parallax errors")
+        axes.set_xscale("log")
+    axes.set(xlabel="angle between sources [deg]", ylabel="correlation of parallax errors")
+    return axes
 
 
-def plot_ratio_map(solution: AgisSolution, nside: int = 8, sources: ArrayLike | None = None) -> Figure:
-    """True over formal errors of the motions over the sky, from this draw of the noise. Returns the figure.
+def plot_ratio_map(
+    solution: AgisSolution, nside: int = 8, sources: ArrayLike | None = None, *, ax: Any = None
+) -> SkyAxes:  # fmt: skip
+    """True over formal errors of the motions over the sky, from this draw of the noise.
 
     Parameters
     ----------
@@ -115,10 +131,12 @@ def plot_ratio_map(solution: AgisSolution, nside: int = 8, sources: ArrayLike | 
         Of the HEALPix pixels.
     sources : mask, optional
         Which are looked at; all unless given.
+    ax : matplotlib axes, optional
+        Whose place the map takes; a new figure unless given.
 
     Returns
     -------
-    Figure
+    SkyAxes
     """
     kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
     pixel = pixels_of(solution.lon[kept], solution.lat[kept], nside)
@@ -127,17 +145,6 @@ def plot_ratio_map(solution: AgisSolution, nside: int = 8, sources: ArrayLike | 
         sigma = np.sqrt(solution.formal[kept, column, column])
         squares.append(ratio_by(solution.sources[kept, column], sigma, pixel, 12 * nside**2)[0] ** 2)
     ratio = np.sqrt(np.mean(squares, axis=0))
-    axes = sky_axes(solution.frame)
     seen = ratio[np.isfinite(ratio)]
-    image = draw_map(axes, ratio, cmap="viridis", vmin=min(1.0, seen.min()), vmax=np.percentile(seen, 98))
-    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, pad=0.06)
-    bar.set_label("true / formal error of the motions", fontsize=12)
-    return axes.figure
-
-
-def _finished(figure, ax, x, y):
-    ax.set_xlabel(x, fontsize=13)
-    ax.set_ylabel(y, fontsize=13)
-    ax.tick_params(labelsize=11)
-    ax.spines[["top", "right"]].set_visible(False)
-    return figure
+    return plot_map(ratio, "true / formal error of the motions", frame=solution.frame, ax=ax, extend="max",
+                    vmin=min(1.0, seen.min()), vmax=np.percentile(seen, 98))  # fmt: skip

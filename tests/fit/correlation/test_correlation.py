@@ -17,6 +17,7 @@ from fit.correlation import (
 )
 from vsh import Field
 from vsh.errors import DegeneracyError, FieldError, FrameError, ModesError, ParameterError
+from vsh.sky.pixels import smoothed
 from vsh.sky.sphere import triad
 
 
@@ -129,12 +130,15 @@ def test_figures():
 
     assert symbol("omega_y") == r"$\omega_y$"
     for found in (correlation_matrices([field, nonuniform(seed=2)]), correlation_matrices(field, 3)):
-        figure = found.plot()
-        image = figure.axes[0].images[0]
+        axes = found.plot()
+        image = axes.images[0]
         assert image.norm.vmin == -image.norm.vmax
-        assert "galactic" in figure.axes[1].get_ylabel()
-    figure = plot_influence(influence_map(field, 1, ("omega_y", "a_x"), 8), field, "title", "label")
-    mesh = figure.axes[0].collections[0]
-    assert mesh.norm.vmin == -mesh.norm.vmax
-    assert len(leakage(field, 1, 3).plot().axes) == 2
-    assert len(eigenmodes(field, 1).plot().axes) == 4
+        assert "galactic" in axes.figure.axes[1].get_xlabel()
+    values = influence_map(field, 1, ("omega_y", "a_x"), 8)
+    for smooth in (None, 0.0):
+        image = plot_influence(values, field, "title", "label", smooth=smooth).images[0]
+        assert image.norm.vmin == -image.norm.vmax
+    assert smoothed(values, 20.0).sum() == pytest.approx(values.sum(), rel=1e-6)
+    assert smoothed(values, 20.0).std() < 0.5 * values.std()
+    assert len(leakage(field, 1, 3).plot()) == 2
+    assert len(eigenmodes(field, 1).plot()) == 4

@@ -215,8 +215,21 @@ def test_figures_and_tables():
     text = found.report()
     assert "toward the apex" in text
     assert "H0" in text
-    assert len(found.corner().axes) == 49
-    assert len(found.trace().axes) == 4
+    drawn = found.corner(truths={"H0": 70.0, "v_x": 100.0})
+    assert drawn.shape == (7, 7)
+    # Nothing is cut: neither the truth nor all but the last samples.
+    assert drawn[3, 3].get_xlim()[0] < 70 < drawn[3, 3].get_xlim()[1]
+    drawn[0, 0].figure.canvas.draw()
+    words = [axes.yaxis.label for axes in drawn[1:, 0]] + [axes.xaxis.label for axes in drawn[-1]]
+    assert all(word.get_window_extent().x0 >= 0 and word.get_window_extent().y0 >= 0 for word in words)
+    with pytest.raises(ParameterError, match="no quantity is called H1"):
+        found.corner(["H1"])
+    traces = found.trace()
+    assert len(traces) == 4
+    assert "R̂ = 1.0" in traces[0].get_title(loc="right")
+    assert all(1 <= value < 1.1 for value in found.r_hat.values())
+    steps = len(found.chain) - found.burn_in
+    assert found.effective_size["H0"] == pytest.approx(steps * 128 / found.autocorrelation["H0"])
     assert set(found.samples) >= {"v_x", "v_y", "v_z", "H0", "speed", "a_x"}
     row = found.summary()["H0"]
     assert row.low95 < row.low68 < row.median < row.high68 < row.high95

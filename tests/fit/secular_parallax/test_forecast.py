@@ -8,6 +8,7 @@ import sim
 from fit.secular_parallax import forecast, predict
 from fit.storage import read
 from vsh.errors import ParameterError
+from vsh.plot import figure_of
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def test_it_is_a_result_like_any_other(found, tmp_path):
     assert len(found.to_table()) == 4
     found.write(tmp_path / "forecast.ecsv")
     assert read(tmp_path / "forecast.ecsv") == found
-    figure = found.plot()
+    figure = figure_of(found.plot())
     figure.canvas.draw()
     plt.close(figure)
 

@@ -9,6 +9,7 @@ from study.forecast import SURVEYS, Survey, forecast
 from study.forecast._surveys import QUANTITIES
 from study.forecast.command import main
 from vsh import Field, ParameterError
+from vsh.plot import figure_of
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,7 @@ def test_report_table_and_figure(found):
     table = found.to_table()
     assert set(QUANTITIES) < set(table.colnames)
     assert len(table) == len(SURVEYS)
-    found.plot().canvas.draw()
+    figure_of(found.plot()).canvas.draw()
 
 
 def test_messages(capsys):

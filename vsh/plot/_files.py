@@ -1,0 +1,89 @@
+"""Figures as files."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+
+from vsh.checks.arguments import choice, positive
+from vsh.plot._style import STYLE, figure_of
+from vsh.system.files import atomic_write
+from vsh.types import PathName
+
+FORMATS = ("png", "pdf", "svg")
+#: Nothing that two runs would not have in common.
+_METADATA = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+
+
+def picture_of(drawn: Any, dpi: float = 220) -> bytes:
+    """A figure as PNG.
+
+    Parameters
+    ----------
+    drawn : matplotlib axes or figure
+        What `plot_…` returned.
+    dpi : float
+        Dots an inch.
+
+    Returns
+    -------
+    bytes
+    """
+    buffer = io.BytesIO()
+    with plt.rc_context(STYLE):
+        figure_of(drawn).savefig(buffer, format="png", dpi=dpi, metadata=_METADATA["png"])
+    return buffer.getvalue()
+
+
+def close_figures(figures: Iterable[Any]) -> None:
+    """Close figures that are not wanted any more.
+
+    Parameters
+    ----------
+    figures : iterable of axes or figures
+        What `plot_…` returned.
+    """
+    for drawn in figures:
+        plt.close(figure_of(drawn))
+
+
+def save_figures(
+    figures: Mapping[str, Any], folder: PathName, *, format: str | Sequence[str] = "png", dpi: float = 300
+) -> list[Path]:
+    """Write figures by name into a folder and close them; returns their paths.
+
+    Parameters
+    ----------
+    figures : dict of str to axes or figure
+        What `plot_…` returned, by name of file.
+    folder : str or Path
+        Where to write.
+    format : {"png", "pdf", "svg"}, or several of them
+        Of the files.
+    dpi : float
+        Dots an inch: of a PNG, and of what is a picture in the others.
+
+    Returns
+    -------
+    list[Path]
+
+    Raises
+    ------
+    ParameterError
+        If nobody knows the format, or `dpi` is not positive.
+    """
+    formats = [choice("format", each, FORMATS) for each in ([format] if isinstance(format, str) else format)]
+    positive("dpi", dpi)
+    paths = []
+    for name, drawn in figures.items():
+        figure = figure_of(drawn)
+        for each in formats:
+            paths.append(Path(folder) / f"{name}.{each}")
+            with atomic_write(paths[-1]) as new, plt.rc_context(STYLE):
+                figure.savefig(new, format=each, dpi=dpi, metadata=_METADATA[each])
+    close_figures(figures.values())
+    return paths
