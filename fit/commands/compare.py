@@ -21,15 +21,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         In place of those of the command line.
     """
     options = parsing.parse(make_parser(), arguments)
-    words = sys.argv[1:] if arguments is None else list(map(str, arguments))
-    return running.guarded("vsh-compare", lambda: _run(options, words), options.threads)
+    return running.guarded("vsh-compare", lambda: _run(options), options.threads)
 
 
-def _run(options, words):
-    if options.output:
-        outputs.check_folder(options.output, "vsh-compare", options.overwrite)
-    if options.html:
-        outputs.check_file(options.html, options.overwrite, "--html")
+def _run(options):
+    outputs.check(options, "vsh-compare")
     # Not before: --help should not wait for astropy.
     from fit.compare import compare
 
@@ -51,18 +47,21 @@ def _run(options, words):
         matched=len(kept) + len(found.names),
         left_out=len(found.names),
     )
+    drawn = figures.Figures(lambda: _draw(found, kept))
     if options.output:
         with outputs.results_folder(options.output, "vsh-compare", meta, options.overwrite) as folder:
-            _write(folder, text, found, kept, meta, options)
+            _write(folder, text, found, meta)
+            drawn.write(folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
     if options.html:
-        _page(found, kept, options, words, meta)
-        running.say(f"written to {options.html}")
+        _page(found, kept, options, meta, drawn)
+        drawn.close()
+        figures.say_page(options.html)
 
 
-def _write(folder, text, found, kept, meta, options):
-    from fit.output import draw_figures, write_correlation
+def _write(folder, text, found, meta):
+    from fit.output import write_correlation
     from vsh import tables
 
     (folder / "report.txt").write_text(text, encoding="utf-8")
@@ -71,23 +70,24 @@ def _write(folder, text, found, kept, meta, options):
     write_correlation(found.solution, folder / "correlation.ecsv", meta)
     tables.write_table(found.parameters_table(), folder / "parameters.ecsv", meta)
     tables.write_table(found.outliers_table(), folder / "outliers.ecsv", meta)
-    figures.write_figures(
-        lambda: draw_figures(found.solution, kept) | {"catalogues": found.correlations.plot()}, folder, options
-    )
 
 
-def _page(found, kept, options, words, meta):
+def _draw(found, kept):
+    from fit.output import draw_figures
+
+    return draw_figures(found.solution, kept) | {"catalogues": found.correlations.plot()}
+
+
+def _page(found, kept, options, meta, drawn):
     from fit.output import write_html
 
-    figures.without_windows()
-    command = running.repeated("vsh-compare", words)
     left_out = {"Sources that were left out": found.outliers_table()} if found.names else {}
     captions = {
         "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle."
     }
     write_html(
-        found.solution, kept, options.html, command=command, source=" − ".join(found.labels), provenance=meta,
-        further={"catalogues": found.correlations.plot()}, captions=captions,
+        found.solution, kept, options.html, command=options.command, source=" − ".join(found.labels), provenance=meta,
+        figures=drawn.drawn, captions=captions,
         sections={"Under the names of the ICRF3 papers": found.parameters_table()} | left_out,
     )  # fmt: skip
 
@@ -153,7 +153,6 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--position-error", type=parsing.positive, metavar="UAS", help="one error for all positions, µas"
     )
-    parser.add_argument("--html", metavar="FILE", help="write one page with everything, figures included")
     parsing.add_threads(parser)
     parsing.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-compare {vsh.__version__}")

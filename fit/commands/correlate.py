@@ -37,8 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options):
-    if options.output:
-        outputs.check_folder(options.output, "vsh-correlate", options.overwrite)
+    outputs.check(options, "vsh-correlate")
     # Not before: --help should not wait for astropy.
     from fit import correlation
 
@@ -69,15 +68,22 @@ def _run(options):
     notes = [f"  - {label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
     text = "\n".join(lines + (["Notes", *notes, ""] if notes else []))
     running.say(text)
+    if not (options.output or options.html):
+        return
+    meta = running.provenance(paths, options, {"vsh-astrometry": vsh.__version__}, sources=[_count(f) for f in fields])
+    drawn = figures.Figures(lambda: _draw(found, influences, leaks))
     if options.output:
-        meta = running.provenance(
-            paths, options, {"vsh-astrometry": vsh.__version__}, sources=[_count(f) for f in fields]
-        )
         with outputs.results_folder(options.output, "vsh-correlate", meta, options.overwrite) as folder:
             _write(folder, text, found, influences, leaks, meta)
-            figures.write_figures(lambda: _draw(found, influences, leaks), folder, options)
+            drawn.write(folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
+    if options.html:
+        sheets = {"Correlations": found.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
+        figures.write_page(
+            options.html, f"What the sky of {' and '.join(labels)} cannot tell apart", text, drawn, sheets=sheets, provenance=meta,
+            command=options.command, captions={name: _caption(name) for name in drawn.drawn},
+        )  # fmt: skip
 
 
 def _notes(field):
@@ -176,6 +182,14 @@ def _name(label, pair):
     return f"influence_{label}_{'_'.join(pair)}".replace("(", "").replace(")", "").replace(",", "")
 
 
+def _caption(name):
+    if name == "correlation":
+        return "Correlations of the errors: what a fit to this sky cannot tell apart."
+    if name.startswith("leakage"):
+        return "What degrees that are not fitted do to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in one."
+    return "Where on the sky it comes from: the change if the weight of what is there were doubled."
+
+
 def _draw(found, influences, leaks):
     from fit.correlation import plot_influence, symbol
 
@@ -184,7 +198,7 @@ def _draw(found, influences, leaks):
         words = " and ".join(map(symbol, pair))
         what = f"correlation of {words}" if len(pair) == 2 else f"ln σ² of {words}"
         drawn[_name(label, pair)] = plot_influence(
-            values, field, f"{label}: what drives the {what}", "change per doubling of weight"
+            values, field, f"{label}:\nwhat drives the {what}", "change per doubling of weight"
         )
     return drawn | {f"leakage_{label}": leak.plot() for label, leak in leaks}
 

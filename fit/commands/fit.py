@@ -30,15 +30,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parsing.parse(parser, arguments)
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or say --demo")
-    words = sys.argv[1:] if arguments is None else list(map(str, arguments))
-    return running.guarded("vsh-fit", lambda: _run(options, words), options.threads)
+    if options.beside and not options.html:
+        parser.error("--beside is for the page: name it, --html FILE")
+    return running.guarded("vsh-fit", lambda: _run(options), options.threads)
 
 
-def _run(options, words):
-    if options.output:
-        outputs.check_folder(options.output, "vsh-fit", options.overwrite)
-    if options.html:
-        outputs.check_file(options.html, options.overwrite, "--html")
+def _run(options):
+    outputs.check(options, "vsh-fit")
     path = files("fit") / DEMO if options.demo else options.catalogue
     # Not before: --help should not wait for astropy.
     from vsh import catalogue, tables
@@ -61,21 +59,26 @@ def _run(options, words):
     refused, used = dropped(solution.notes), solution.n_sources
     counts = {"rows": used + clipped + refused, "rows_used": used, "rows_refused": refused, "rows_clipped": clipped}
     meta = running.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
+    drawn = figures.Figures(lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw())
     if options.output:
         with outputs.results_folder(options.output, "vsh-fit", meta, options.overwrite) as folder:
             (folder / "report.txt").write_text(text, encoding="utf-8")
             solution.write(folder / "solution.ecsv", meta)
             fit.output.write_correlation(solution, folder / "correlation.ecsv", meta)
             backgrounds.write(folder, meta)
-            figures.write_figures(lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw(), folder, options)
+            drawn.write(folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
     if options.html:
-        figures.without_windows()
         about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta}
-        command = running.repeated("vsh-fit", words)
-        fit.output.write_html(solution, kept, options.html, command=command, **about, **backgrounds.on_page())
-        running.say(f"written to {options.html}")
+        beside = (
+            {"plain least squares, all sources": (fit.fit_field(field, options.lmax), field)} if options.beside else {}
+        )
+        fit.output.write_html(
+            solution, kept, options.html, figures=drawn.drawn, command=options.command, captions=backgrounds.captions, beside=beside, **about
+        )  # fmt: skip
+        drawn.close()
+        figures.say_page(options.html)
 
 
 def _fit(field, modes, options):
@@ -148,7 +151,11 @@ def make_parser() -> argparse.ArgumentParser:
     parsing.add_threads(parser)
     parts_options.add_workers(parser)
     parsing.add_reading(parser)
-    parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
+    parser.add_argument(
+        "--beside",
+        action="store_true",
+        help="on the page of --html: plain least squares of all sources beside this fit",
+    )
     parser.add_argument("--version", action="version", version=f"vsh-fit {vsh.__version__}")
     return parser
 

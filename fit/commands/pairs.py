@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -28,8 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options):
-    if options.output:
-        outputs.check_folder(options.output, "vsh-pairs", options.overwrite)
+    outputs.check(options, "vsh-pairs")
     # Not before: --help should not wait for astropy.
     from fit import pairs
     from vsh import catalogue
@@ -45,15 +45,24 @@ def _run(options):
     power = pairs.power(field, options.powers, nside=options.nside) if options.powers else None
     text += "\n" + power.report() if power else ""
     running.say(text)
+    if not (options.output or options.html):
+        return
+    meta = running.provenance(
+        options.catalogue, options, {"vsh-astrometry": vsh.__version__}, sources=found.n_data // 2
+    )
+    drawn = figures.Figures(lambda: _draw(found, fitted, power))
     if options.output:
-        meta = running.provenance(
-            options.catalogue, options, {"vsh-astrometry": vsh.__version__}, sources=found.n_data // 2
-        )
         with outputs.results_folder(options.output, "vsh-pairs", meta, options.overwrite) as folder:
             _write(folder, text, found, fitted, power, meta)
-            figures.write_figures(lambda: _draw(found, fitted, power), folder, options)
+            drawn.write(folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
+    if options.html:
+        sheets = {"Correlation by angle": found.to_table()}
+        sheets |= {"Templates": fitted.to_table()} if fitted else {}
+        sheets |= {"Power by degree": power.to_table()} if power else {}
+        title = f"Pairs of {Path(options.catalogue).name}"
+        figures.write_page(options.html, title, text, drawn, sheets=sheets, provenance=meta, command=options.command)
 
 
 def _write(folder, text, found, fitted, power, meta):

@@ -18,6 +18,19 @@ from vsh.errors import ConvergenceError, VshError
 from vsh.parts import Parts
 from vsh.vector import Vector
 
+_HEADINGS = {
+    "bins": "Bins of redshift",
+    "velocity": "Our velocity",
+    "hubble": "The Hubble constant",
+    "posterior": "Posterior",
+}
+_CAPTIONS = {
+    "bins": "Acceleration and spin in bins of redshift; dashed: what our motion past nearby galaxies adds.",
+    "flow": "Flow of the galaxies on shells: away from us (colours) and across (arrows).",
+    "corner": "Every pair of quantities, with 68 and 95 % contours; dashed: the prior on H0.",
+    "trace": "Walkers against steps; grey: left out. R̂ near 1 and a large effective size: the chain has converged.",
+}
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `vsh-redshift`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
@@ -47,8 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options):
-    if options.output:
-        outputs.check_folder(options.output, "vsh-redshift", options.overwrite)
+    outputs.check(options, "vsh-redshift")
     # Not before: --help should not wait for astropy and emcee.
     from fit.secular_parallax import hubble_constant, observer_velocity
     from vsh import catalogue, tables
@@ -111,13 +123,20 @@ def _run(options):
             unfinished = error
             texts.append(f"posterior: {error}\n")
         running.say(texts[-1])
+    meta = running.provenance(options.catalogue, options, {"vsh-astrometry": vsh.__version__}, **counts)
+    drawn = figures.Figures(lambda: _draw(results))
     if options.output:
-        meta = running.provenance(options.catalogue, options, {"vsh-astrometry": vsh.__version__}, **counts)
         with outputs.results_folder(options.output, "vsh-redshift", meta, options.overwrite) as folder:
             _write(results, "\n".join(texts), folder, meta)
-            figures.write_figures(lambda: _draw(results), folder, options)
+            drawn.write(folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
+    if options.html:
+        sheets = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
+        figures.write_page(
+            options.html, f"Motions against redshift: {Path(options.catalogue).name}", "\n".join(texts), drawn, sheets=sheets,
+            captions=_CAPTIONS, provenance=meta, command=options.command,
+        )  # fmt: skip
     if unfinished is not None:
         raise unfinished
 

@@ -160,8 +160,8 @@ class CorrelationMatrices(Result):
 
         Parameters
         ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
+        ax : matplotlib axes, optional
+            Where to draw.
 
         Returns
         -------
@@ -173,11 +173,8 @@ class CorrelationMatrices(Result):
 
     def _pack(self):
         columns = {"parameter": list(self.names)} | {f"matrix_{i}": matrix for i, matrix in enumerate(self.matrices)}
-        rest = {
-            "labels": list(self.labels),
-            "frame": self.frame,
-            "dipoles": [[exact(x) for x in d] for d in self.dipoles],
-        }
+        dipoles = [[exact(x) for x in d] for d in self.dipoles]
+        rest = {"labels": list(self.labels), "frame": self.frame, "dipoles": dipoles}
         return columns, rest, {}
 
     @classmethod

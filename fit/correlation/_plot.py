@@ -93,7 +93,7 @@ def plot_influence(
     if smooth is None:
         smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _TOGETHER / max(1, len(field)))), 0.0, 60.0))
     shown = smoothed(values, smooth) if smooth > 0 else np.asarray(values, float)
-    axes = sky_axes(field.frame, ax, below=0.45)
+    axes = sky_axes(field.frame, ax, below=0.45 + 0.14 * title.count("\n"))
     reach = float(np.percentile(np.abs(shown[shown != 0]), 99)) if np.any(shown) else 1.0
     power = int(np.floor(np.log10(reach))) if reach < 0.01 else 0
     reach, shown = reach / 10.0**power, shown / 10.0**power
@@ -153,10 +153,10 @@ def plot_leakage(leakage: Any, *, ax: Any = None) -> Any:
                 found = leakage.bias_of([f"{vector}_{axis}" for axis in "xyz"], power)
                 rms.append(np.sqrt(sum(value**2 for value in found.values())))
             axes.plot(degrees, rms, "os"[row] + "-", color=KIND_COLOURS[kind], label=f"from {KIND_NAMES[kind]} degrees")
-        axes.set_ylabel(f"bias of the {name}  [µas/yr]")
+        axes.set_ylabel(f"{name}  [µas/yr]")
         axes.set_ylim(bottom=0)
     legend_above(drawn[0])
-    drawn[1].set_xlabel("degree that is not fitted, of power 1 (µas/yr)²")
+    drawn[1].set_xlabel("degree left out, of power 1 (µas/yr)²: its rms bias")
     drawn[1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return drawn
 

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 from fit.output._files import draw_figures, write_correlation, write_figures, write_html
-from fit.output._html import html_report
 from fit.output._notebook import html_of, latex_of
 from fit.output._report import WIDTH, report, report_check
 from fit.output._rows import (
@@ -23,6 +22,7 @@ from vsh.checks.notes import note_lines
 
 if TYPE_CHECKING:
     from fit.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum
+    from fit.output._html import html_report
 
 __all__ = [
     "WIDTH",
@@ -53,7 +53,7 @@ __all__ = [
 
 # matplotlib is imported when a figure is first asked for.
 _FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum"]
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_figures": _FIGURES})
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_figures": _FIGURES, "_html": ["html_report"]})
 
 
 def __dir__() -> list[str]:

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from matplotlib.lines import Line2D
 
 from fit.harmonic import HarmonicSolution
 from fit.output._rows import squared
@@ -24,6 +25,7 @@ from vsh.plot import (  # fmt: skip
     colour_bar,
     draw_matrix,
     legend_above,
+    log_ticks,
     panels,
     plot_map,
     styled,
@@ -62,7 +64,7 @@ def plot_spectrum(solution: HarmonicSolution, *, ax: Any = None) -> Axes:
     """
     (axes,) = panels(ax, size=(WIDTH, 2.7))
     rows = spectrum(solution)
-    levels = []
+    levels, handles = [], []
     for kind, side in zip(solution.modes.kinds, (-1, 1), strict=False):
         colour, marker = KIND_COLOURS[kind], "o" if kind == "T" else "s"
         own = [row for row in rows if row.kind == kind]
@@ -71,28 +73,40 @@ def plot_spectrum(solution: HarmonicSolution, *, ax: Any = None) -> Axes:
         seen = np.isfinite(power)
         signal = seen & (p <= _SIGNAL)
         limited = seen & ~signal & (noise > 0)
-        axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour, label=KIND_NAMES[kind])
+        axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour)
         size = 2 * np.array([row.l for row in own]) + 1
         limit = np.full(len(own), np.nan)
         for i in np.flatnonzero(limited):
             limit[i] = norm_limit(np.sqrt(power[[i]]), np.sqrt(noise[[i]] / size[i]), int(size[i]))[0] ** 2
-        label = "" if signal.any() else f"{KIND_NAMES[kind]}, "
-        axes.errorbar(l[limited], limit[limited], 0.45 * limit[limited], uplims=True, fmt="none", capsize=2.5, color=colour, elinewidth=0.8,
-                      label=f"{label}95 % limit")  # fmt: skip
-        axes.hlines(noise, l - 0.2, l + 0.2, color=colour, linestyle=":", label="noise alone")
+        axes.errorbar(
+            l[limited],
+            limit[limited],
+            0.45 * limit[limited],
+            uplims=True,
+            fmt="none",
+            capsize=2.5,
+            color=colour,
+            elinewidth=0.8,
+        )
+        axes.hlines(noise, l - 0.2, l + 0.2, color=colour, linestyle=":")
+        handles.append(Line2D([], [], color=colour, marker=marker, linestyle="none", label=KIND_NAMES[kind]))
         levels += [*power[signal], *(power + error)[signal], *limit[limited], *(0.5 * limit[limited]), *noise]
     # An error as large as the power has no lower end on a logarithmic axis: its bar runs out of it.
     axes.set_yscale("log", nonpositive="clip")
     known = np.array(levels)[np.isfinite(levels) & (np.array(levels) > 0)]
-    if known.size:
-        axes.set_ylim(known.min() / 2, known.max() * 2)
+    reach = (known.min() / 2, known.max() * 2) if known.size else (0.5, 2.0)
+    axes.set_ylim(reach)
+    log_ticks(axes.yaxis, *reach)
     if solution.modes.lmax <= 12:
         axes.set_xticks(np.unique([row.l for row in rows]))
     axes.set_xlabel("degree")
     axes.set_ylabel(f"power  {squared(solution)}")
     roots = axes.secondary_yaxis("right", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
     roots.set_ylabel(f"√power  [{solution.unit}]" if solution.unit else "√power")
-    legend_above(axes, 2 if len(solution.modes.kinds) == 2 else 3)
+    log_ticks(roots.yaxis, *np.sqrt(reach))
+    handles.append(Line2D([], [], color="0.3", marker=r"$\downarrow$", linestyle="none", label="95 % limit"))
+    handles.append(Line2D([], [], color="0.3", linestyle=":", label="noise alone"))
+    legend_above(axes, 2, handles=handles)
     return axes
 
 
@@ -197,7 +211,7 @@ def plot_residuals(
         deviate = np.where(dof > 0, wilson_hilferty(chi2, dof), np.nan)
     seen = deviate[np.isfinite(deviate)]
     reach = float(np.clip(np.percentile(np.abs(seen), 98), 3, None)) if seen.size else 3.0
-    label = f"χ² of residuals against their errors, {chi2.sum() / max(1, dof.sum()):.2f} of each on average  [σ]"
+    label = f"χ² of residuals, too large or too small by  [σ]; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
     title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
     return plot_map(deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both")  # fmt: skip
 

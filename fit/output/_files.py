@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -90,8 +91,17 @@ def write_figures(
     return save_figures(draw_figures(solution, field), folder, format=format, dpi=dpi)
 
 
-def write_html(solution: HarmonicSolution, field: Field | ScalarField | Parts, path: PathName, **about: Any) -> None:
-    """Write a self-contained page with everything; `about` as for `fit.output.html_report`, `further` more figures by name.
+def write_html(
+    solution: HarmonicSolution,
+    field: Field | ScalarField | Parts,
+    path: PathName,
+    *,
+    beside: Mapping[str, tuple[HarmonicSolution, Field]] | None = None,
+    figures: Mapping[str, Any] | None = None,
+    further: Mapping[str, Any] | None = None,
+    **about: Any,
+) -> None:
+    """Write a self-contained page with everything, its sky one that can be turned.
 
     Parameters
     ----------
@@ -101,15 +111,35 @@ def write_html(solution: HarmonicSolution, field: Field | ScalarField | Parts, p
         The sources.
     path : str or Path
         The file.
+    beside : dict of str to (Solution, Field), optional
+        One other solution in the same frame with its sources, by its label: its sky stands beside.
+    figures : dict of str to matplotlib axes, optional
+        Those of `draw_figures` where they are drawn already; they stay open.
+    further : dict of str to matplotlib axes, optional
+        More figures, by name.
     **about
-        What else the page says.
+        What else the page says, as for `fit.output.html_report`.
     """
     from fit.output._html import html_report
     from vsh.plot import close_figures
     from vsh.system.files import atomic_write
 
-    figures = draw_figures(solution, field) | about.pop("further", {})
-    page = html_report(solution, figures, **about)
-    close_figures(figures.values())
+    own = draw_figures(solution, field) if figures is None else {}
+    page = html_report(
+        solution, {**own, **(figures or {}), **(further or {})}, skies=_skies(solution, field, beside or {}), **about
+    )
+    close_figures(own.values())
     with atomic_write(path) as new:
         new.write_text(page, encoding="utf-8")
+
+
+def _skies(solution, field, beside):
+    from vsh.page import Shown
+
+    if isinstance(field, ScalarField):
+        return ()
+    own = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if beside else ""
+    return [
+        Shown(label, sample_of(sources) if isinstance(sources, Parts) else sources, each.coefficients, each.covariance, each.unit, each.n_sources)
+        for label, (each, sources) in {own: (solution, field), **beside}.items()
+    ]  # fmt: skip

@@ -9,12 +9,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fit.posterior._priors import UNITS
+from fit.sampling import Normal
 from vsh.errors import ParameterError
 from vsh.plot import COLOURS, WIDTH, figure_of, panels, styled
 from vsh.system.quiet import import_quietly
 
 corner = import_quietly("corner")
 
+#: The data say something of a quantity if they take a tenth off the width of its prior.
+_TOLD = 0.9
 _LABELS = {
     "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$", "peculiar_dispersion": r"$\sigma_{\rm pec}$",
     "excess_noise": r"$\sigma_{\rm excess}$", "outlier_fraction": "outliers", "a_x": r"$\tilde a_x$",
@@ -45,7 +48,8 @@ def plot_corner(
     posterior : Posterior or Samples
         What to draw.
     names : sequence of str, optional
-        Which quantities; velocity, H0, acceleration and what else was free unless given, not what was fixed.
+        Which quantities. Unless given: velocity, H0, acceleration and what else was free, but not those of which the data
+        say no more than their Gaussian prior did.
     truths : dict of str to float, optional
         True values by name, drawn as lines: of a simulated catalogue.
     ax : k² matplotlib axes, optional
@@ -66,7 +70,8 @@ def plot_corner(
     if unknown:
         raise ParameterError(f"no quantity is called {', '.join(unknown)}; there are {', '.join(samples)}")
     if names is None:
-        chosen = [name for name in chosen if not name.startswith(("omega_", "speed")) and np.ptp(samples[name]) > 0]
+        free = [name for name in chosen if not name.startswith(("omega_", "speed")) and np.ptp(samples[name]) > 0]
+        chosen = [name for name in free if np.std(samples[name]) < _TOLD * _prior_sigma(posterior, name)] or free
     if not chosen:
         raise ParameterError("no quantity was free: there is nothing to draw")
     data = np.stack([samples[name] for name in chosen], axis=1)
@@ -82,12 +87,25 @@ def plot_corner(
             smooth=1.0, bins=30, max_n_ticks=3, labelpad=0.12, range=[_reach(*each) for each in zip(data.T, true, strict=True)],
         )  # fmt: skip
     if ax is None:
-        edge = 0.62 / size  # else corner cuts labels off
+        edge = 0.8 / size  # else corner cuts labels off
         figure.subplots_adjust(left=edge, bottom=edge, right=1 - 0.1 / size, top=1 - 0.35 / size)
     drawn = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
     _draw_prior(drawn, posterior, chosen)
     figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right")
     return drawn
+
+
+def _prior_sigma(posterior, name):
+    """Standard deviation of a Gaussian prior on a quantity; inf of any other, and of samples without a model."""
+    if getattr(posterior, "model", None) is None:
+        return np.inf
+    priors, (vector, _, axis) = posterior.model.priors, name.rpartition("_")
+    if vector == "v" and priors.velocity.gaussian and np.linalg.det(priors.velocity.precision) > 0:
+        return np.sqrt(np.linalg.inv(priors.velocity.precision).diagonal()["xyz".index(axis)])
+    if vector == "a" and priors.acceleration is not None:
+        return priors.acceleration.sigma["xyz".index(axis)]
+    prior = priors.hubble if name == "H0" else priors.free.get(name)
+    return prior.sigma if isinstance(prior, Normal) else np.inf
 
 
 def _reach(values, true):

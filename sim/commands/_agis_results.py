@@ -10,11 +10,17 @@ import numpy as np
 import sim
 import vsh
 from sim import agis
-from vsh.commands import figures
+from vsh.commands.figures import Figures
 from vsh.units import JULIAN_YEAR
 
 #: Edges of bins of angle, in heights of a field: within it, about it, far beyond.
 _ANGLES = np.array([0.0, 0.15, 0.37, 0.73, 1.0, 1.5, 3.0, 7.0])
+CAPTIONS = {
+    "convergence": "How far the lowest degrees are from where they end, iteration by iteration.",
+    "errors": "True over formal errors of the five parameters by magnitude.",
+    "correlation": "Correlation of the errors of two parallaxes by the angle between the sources.",
+    "map": "True over formal errors of the motions over the sky.",
+}
 
 
 def report(
@@ -79,7 +85,13 @@ def report(
 
 
 def write(
-    folder: Path, text: str, system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture, options: Any
+    folder: Path,
+    text: str,
+    system: agis.System,
+    solution: agis.AgisSolution,
+    mixture: agis.Mixture,
+    options: Any,
+    drawn: Figures,
 ) -> None:
     """Write report, motions, sources, convergence and figures.
 
@@ -97,6 +109,8 @@ def write(
         The sources.
     options : argparse.Namespace
         Of the command.
+    drawn : Figures
+        Of `draw`.
     """
     from vsh import catalogue, tables
 
@@ -114,10 +128,21 @@ def write(
     tables.write(folder / "sources.fits", columns, {"UNITS": "muas, muas/yr"})
     history = {str(mode): solution.history[:, i] for i, mode in enumerate(solution.modes)}
     tables.write(folder / "convergence.ecsv", {"iteration": np.arange(1, len(solution.history) + 1)} | history)
-    figures.write_figures(lambda: _figures(system, solution, mixture), folder, options)
+    drawn.write(folder, options)
 
 
-def _figures(system, solution, mixture):
+def draw(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Any]:
+    """Convergence, errors by magnitude, by angle and over the sky: axes by name of file.
+
+    Parameters
+    ----------
+    system : System
+        The equations.
+    solution : AgisSolution
+        What was found.
+    mixture : Mixture
+        The sources.
+    """
     quasars = mixture.are("quasars") & system.solved
     # Errors in units of their true size, which goes by magnitude.
     sigma = np.sqrt(solution.formal[quasars, 2, 2])

@@ -14,8 +14,8 @@ import sim
 import vsh
 from sim import agis
 from sim.commands._agis_parser import make_parser
-from sim.commands._agis_results import report, write
-from vsh.commands import outputs, parsing, running
+from sim.commands._agis_results import CAPTIONS, draw, report, write
+from vsh.commands import figures, outputs, parsing, running
 from vsh.units import AU_PER_YEAR
 
 
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options):
     if not options.plan:
-        outputs.check_folder(options.output, "vsh-agis", options.overwrite)
+        outputs.check(options, "vsh-agis")
     # A stream of its own for each step, so that one option does not shift what another draws.
     gaps, sky, galaxies, stars, chosen, noise, start, radio = np.random.default_rng(options.seed).spawn(8)
     law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
@@ -92,13 +92,19 @@ def _solve(options, law, mixture, full, work, streams):
     exact = _exact(system, mixture) if options.exact else {}
     text = report(system, solution, notes + rotated, mixture, options, exact)
     meta = running.provenance([], options, {"vsh-astrometry": vsh.__version__})
+    drawn = figures.Figures(lambda: draw(system, solution, mixture))
     with outputs.results_folder(options.output, "vsh-agis", meta, options.overwrite) as folder:
-        write(folder, text, system, solution, mixture, options)
+        write(folder, text, system, solution, mixture, options, drawn)
         listed = [x.name for x in folder.iterdir()]
     (work / "checkpoint.npz").unlink()
     shutil.rmtree(work / "scans", ignore_errors=True)
     running.say(text)
     running.say(running.written(options.output, listed))
+    if options.html:
+        title = f"{options.quasars} quasars and the attitude, solved together"
+        figures.write_page(
+            options.html, title, text, drawn, captions=CAPTIONS, provenance=meta, command=options.command
+        )
 
 
 def _global(options, mixture):

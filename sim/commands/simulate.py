@@ -150,7 +150,9 @@ def _population(options, rng, chosen):
 
 def _plain(options):
     """All options but those that change nothing."""
-    kept = {key: value for key, value in vars(options).items() if key not in ("output", "threads", "overwrite")}
+    kept = {
+        key: value for key, value in vars(options).items() if key not in ("output", "threads", "overwrite", "command")
+    }
     if options.velocity is not None:
         kept["velocity"] = [options.velocity.amplitude, *options.velocity.to_frame("galactic").direction]
     return kept

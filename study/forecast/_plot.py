@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from study.forecast._surveys import QUANTITIES
-from vsh.plot import COLOURS, WIDTH, panels, styled
+from vsh.plot import COLOURS, WIDTH, log_ticks, panels, styled
 
 _SHOWN = ("spin", "acceleration", "direction", "r0", "waves", "shear", "velocity", "hubble")
 
@@ -43,8 +43,11 @@ def plot_forecast(found: Any, *, ax: Any = None) -> Any:
             axes.legend(fontsize=5.5, loc="best", handletextpad=0.1)
         if seen.any():
             axes.set_yscale("log")
+            axes.margins(y=0.15)
+            log_ticks(axes.yaxis, *axes.get_ylim())
         axes.set_xlim(-0.5, len(names) - 0.5)
         axes.grid(axis="y", color="0.9", linewidth=0.4)
         axes.set_xticks(place, names, rotation=55, ha="right", rotation_mode="anchor")
-        axes.set_title(f"{words.strip()}{f'  [{unit}]' if unit else ''}", fontsize=6.5)
+        axes.set_title(words.strip(), fontsize=6.5)
+        axes.set_ylabel(f"[{unit}]" if unit else "")
     return drawn

@@ -24,8 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options):
-    if options.output:
-        outputs.check_folder(options.output, "vsh-forecast", options.overwrite)
+    outputs.check(options, "vsh-forecast")
     # Not before: --help should not wait for what computes.
     from study.forecast import SURVEYS, Survey, forecast
 
@@ -38,13 +37,20 @@ def _run(options):
         surveys[name] = Survey(n, sigma=sigma, says="as given")
     found = forecast(surveys, sky=options.sky, flows=not options.no_flows)
     running.say(found.report())
+    meta = running.provenance([], options, {"vsh-astrometry": vsh.__version__})
+    drawn = figures.Figures(lambda: {"forecast": found.plot()})
     if options.output:
-        meta = running.provenance([], options, {"vsh-astrometry": vsh.__version__})
         with outputs.results_folder(options.output, "vsh-forecast", meta, options.overwrite) as folder:
             _write(folder, found, meta)
-            figures.write_figures(lambda: {"forecast": found.plot()}, folder, options)
+            drawn.write(folder, options)
             listed = [x.name for x in folder.iterdir()]
         running.say(running.written(options.output, listed))
+    if options.html:
+        sheets = {"Errors to come": found.to_table()}
+        title = "What catalogues to come will tell"
+        figures.write_page(
+            options.html, title, found.report(), drawn, sheets=sheets, provenance=meta, command=options.command
+        )
 
 
 def _write(folder, found, meta):

@@ -93,7 +93,7 @@ def _by_subset(rows: Sequence[DegreeOrSubset]) -> Any:
 
 
 def _density(field):
-    nside = 32
+    nside = 2 ** int(np.clip(np.log2(len(field) / 120) / 2, 2, 6))  # ten sources in a pixel
     counts = np.bincount(pixels_of(field.lon, field.lat, nside), minlength=12 * nside**2) / (41253 / (12 * nside**2))
     shown = np.where(counts > 0, counts, np.nan)
     return plot_map(

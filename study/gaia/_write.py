@@ -14,7 +14,8 @@ from study.gaia._run import GaiaStudy
 from study.gaia._tables import correlation_table, power_table, published_table, row_table
 from vsh import tables
 from vsh.commands.figures import without_windows
-from vsh.plot import save_figures
+from vsh.page import Shown
+from vsh.plot import close_figures, save_figures
 from vsh.types import Table
 
 _HEADINGS = {
@@ -63,16 +64,20 @@ def write_gaia(
     }
     for name, table in made.items():
         tables.write_table(table, folder / f"{name}.ecsv")
+    drawn = draw(study, truth)
     if figures is not None:
-        save_figures(draw(study, truth), folder, **figures)
+        save_figures(drawn, folder, **figures, close=False)
     text = _report(study, made, truth)
     (folder / "report.md").write_text(text, encoding="utf-8")
     main: Any = study.main
+    five = study.sources.field[~study.sources.six]
     page = html_report(
-        main.resampled, draw(study, truth), check=study.check, truth=None if truth is None else dict(truth), source=study.sources.label,
+        main.resampled, drawn, check=study.check, truth=None if truth is None else dict(truth), source=study.sources.label,
         provenance=dict(provenance or {}), title="The acceleration of the Solar System from Gaia's quasars",
         sections={_HEADINGS[name]: table for name, table in made.items()}, captions=CAPTIONS,
+        skies=[Shown("degree 3, errors from the bootstrap", five, main.solution.coefficients, main.resampled.covariance)],
     )  # fmt: skip
+    close_figures(drawn.values())
     (folder / "gaia.html").write_text(page, encoding="utf-8")
     return text
 

@@ -29,7 +29,7 @@ HEAVY = {
     "corner": ["fit/*/_plot.py"],
     "arviz": ["fit/posterior/_posterior.py"],
     "matplotlib": [
-        "vsh/plot/_*.py", "*/_plot.py", "vsh/commands/figures.py",
+        "vsh/plot/_*.py", "*/_plot.py", "fit/output/_figures.py", "vsh/commands/figures.py",
     ],
     "pyarrow": ["vsh/tables/_arrow.py"],
     "dask": ["vsh/parts/_dask.py"],

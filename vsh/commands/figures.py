@@ -1,11 +1,67 @@
-"""Figures that a command writes, without a window."""
+"""Figures and pages that a command writes, without a window; each figure is drawn once."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+from vsh.commands.running import say
+from vsh.system.files import atomic_write
+from vsh.types import PathName
+
+#: What a command says of a page whose sky cannot be turned.
+STATIC = "its sky cannot be turned: this package was built without the script (make page, with npm)"
+
+
+class Figures:
+    """The figures of a run, drawn when they are first asked for.
+
+    Parameters
+    ----------
+    draw : callable
+        Draws them: a dict of matplotlib axes by name of file.
+    """
+
+    def __init__(self, draw: Callable[[], Mapping[str, Any]]) -> None:
+        self._draw = draw
+
+    @cached_property
+    def drawn(self) -> dict[str, Any]:
+        """Axes by name of file."""
+        without_windows()
+        return dict(self._draw())
+
+    def write(self, folder: Path, options: argparse.Namespace) -> list[Path]:
+        """Write them, unless there are to be none; returns their paths.
+
+        Parameters
+        ----------
+        folder : Path
+            Where to write.
+        options : argparse.Namespace
+            With those of `vsh.commands.parsing.add_figures`.
+
+        Returns
+        -------
+        list[Path]
+        """
+        if options.no_figures:
+            return []
+        from vsh.plot import save_figures
+
+        paths = save_figures(self.drawn, folder, format=options.format, dpi=options.dpi, close=False)
+        if not options.html:  # nobody wants them any more
+            self.close()
+        return paths
+
+    def close(self) -> None:
+        """Close them."""
+        from vsh.plot import close_figures
+
+        close_figures(self.drawn.values())
 
 
 def without_windows() -> None:
@@ -15,25 +71,69 @@ def without_windows() -> None:
     matplotlib.use("agg")
 
 
-def write_figures(draw: Callable[[], Mapping[str, Any]], folder: Path, options: argparse.Namespace) -> list[Path]:
-    """Draw and write figures, unless there are to be none; returns their paths.
+def write_page(
+    path: PathName, title: str, text: str, figures: Figures, *, sheets: Mapping[str, Any] | None = None,
+    captions: Mapping[str, str] | None = None, skies: Sequence[Any] = (), notes: Sequence[object] = (), lead: str = "",
+    provenance: Mapping[str, Any] | None = None, command: Sequence[str] | None = None,
+) -> None:  # fmt: skip
+    """Write a page of a run: its sky, tables that sort, figures, what was printed, and where it comes from.
 
     Parameters
     ----------
-    draw : callable
-        Draws them: a dict of axes by name of file.
-    folder : Path
-        Where to write.
-    options : argparse.Namespace
-        With those of `vsh.commands.parsing.add_figures`.
-
-    Returns
-    -------
-    list[Path]
+    path : str or Path
+        The file.
+    title : str
+        Of the page.
+    text : str
+        What the command printed.
+    figures : Figures
+        Its figures.
+    sheets : dict of str to Table, optional
+        Its tables by their headings.
+    captions : dict of str to str, optional
+        Of figures, by name.
+    skies : sequence of vsh.page.Shown
+        One or two solutions on a sky that can be turned.
+    notes : sequence
+        What the reader should know.
+    lead : str
+        Under the title.
+    provenance : dict, optional
+        Plain values.
+    command : sequence of str, optional
+        That repeats the run.
     """
-    if options.no_figures:
-        return []
-    without_windows()
-    from vsh.plot import save_figures
+    from vsh import page
+    from vsh.plot import picture_of
 
-    return save_figures(draw(), folder, format=options.format, dpi=options.dpi)
+    said = captions or {}
+    pictures = [
+        page.figure(picture_of(drawn), said.get(name, name.replace("_", " "))) for name, drawn in figures.drawn.items()
+    ]
+    panels = [
+        page.heading("The sky", page.sky(*skies)) if skies else page.words(""),
+        page.heading("Figures", page.pictures(pictures)),
+        *(page.sheet(heading, columns) for heading, columns in (sheets or {}).items()),
+        page.heading("Report", page.preformatted(text.strip("\n"))),
+        page.notes(notes),
+        page.provenance(provenance or {}, command),
+    ]
+    figures.close()
+    with atomic_write(path) as new:
+        new.write_text(page.page(title, panels, lead=lead), encoding="utf-8")
+    say_page(path, bool(skies))
+
+
+def say_page(path: PathName, turned: bool = True) -> None:
+    """Say that a page is written, and if its sky cannot be turned.
+
+    Parameters
+    ----------
+    path : str or Path
+        The page.
+    turned : bool
+        Whether there should be a sky on it.
+    """
+    from vsh.page import bundle
+
+    say(f"written to {path}" if bundle() or not turned else f"written to {path}; {STATIC}")

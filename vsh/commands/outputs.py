@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 from collections.abc import Iterator
@@ -16,6 +17,27 @@ from vsh.types import PathName
 
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
+
+
+def check(options: argparse.Namespace, command: str) -> None:
+    """Raise VshError now if --output or --html could not be written later.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        With `output`, `html` and `overwrite`.
+    command : str
+        Its name, "vsh-fit".
+
+    Raises
+    ------
+    VshError
+        As `check_folder` and `check_file` do.
+    """
+    if options.output:
+        check_folder(options.output, command, options.overwrite)
+    if options.html:
+        check_file(options.html, options.overwrite, "--html")
 
 
 def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:

@@ -6,6 +6,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ _NEGATIVE = re.compile(r"-[\d.]")
 def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The options of a command; a negative number behind an option is its value, with or without an equals sign.
 
+    Among them `command`, the words that repeat the run as a page may hold them: names of files, not where they lie.
+
     Parameters
     ----------
     parser : argparse.ArgumentParser
@@ -35,7 +38,10 @@ def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = Non
             joined[-1] += f"={word}"
         else:
             joined.append(word)
-    return parser.parse_args(joined)
+    options = parser.parse_args(joined)
+    plain = (Path(word).name if "/" in word and not word.startswith("-") else word for word in words)
+    options.command = [parser.prog, *plain]
+    return options
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +69,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def add_figures(parser: argparse.ArgumentParser) -> None:
-    """Add --format, --dpi and --no-figures.
+    """Add --format, --dpi, --no-figures and --html.
 
     Parameters
     ----------
@@ -73,6 +79,7 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of the figures (default: png)")
     parser.add_argument("--dpi", type=positive, default=300, help="dots an inch of the figures (default: 300)")
     parser.add_argument("--no-figures", action="store_true", help="write no figures into the folder of --output")
+    parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
 
 
 def add_threads(parser: argparse.ArgumentParser) -> None:

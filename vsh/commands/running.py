@@ -66,19 +66,6 @@ def say(text: object) -> None:
     print("\n".join(printable(line) for line in str(text).split("\n")))
 
 
-def repeated(program: str, words: Iterable[str]) -> list[str]:
-    """The command that repeats a run, as a page may hold it: names of files, not where they lie on this disk.
-
-    Parameters
-    ----------
-    program : str
-        Its name.
-    words : iterable of str
-        Its arguments.
-    """
-    return [program, *(Path(word).name if "/" in word and not word.startswith("-") else word for word in words)]
-
-
 def written(path: object, files: Iterable[str]) -> str:
     """What the last line of a command says of its folder.
 
@@ -116,7 +103,7 @@ def provenance(paths: Any, options: argparse.Namespace, versions: dict[str, Any]
         "catalogue": paths[0].name if one else [path.name for path in paths],
         "sha256": hashes[0] if one else hashes,
         **counts,
-        "options": {key: _plain(value, paths) for key, value in vars(options).items() if value is not None and key not in ("output", "html", "overwrite")},
+        "options": {key: _plain(value, paths) for key, value in vars(options).items() if value is not None and key not in ("output", "html", "overwrite", "command")},
         "versions": versions | {
             "python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__,
             "astropy": astropy.__version__,

@@ -1,7 +1,7 @@
 """Figures of the sky and of everything else, in one style (matplotlib)."""
 
-from vsh.plot._arrows import draw_vectors
-from vsh.plot._field import plot_field
+from vsh.plot._arrows import LONGEST, draw_vectors
+from vsh.plot._field import SURE, plot_field
 from vsh.plot._files import FORMATS, close_figures, picture_of, save_figures
 from vsh.plot._grid import arrow_grid, even_grid
 from vsh.plot._maps import draw_empty, draw_map, plot_map
@@ -22,6 +22,7 @@ from vsh.plot._style import (
     colour_bar,
     figure_of,
     legend_above,
+    log_ticks,
     panels,
     styled,
 )
@@ -33,10 +34,12 @@ __all__ = [
     "FORMATS",
     "KIND_COLOURS",
     "KIND_NAMES",
+    "LONGEST",
     "PROJECTIONS",
     "SEQUENTIAL",
     "SIGNIFICANCE",
     "STYLE",
+    "SURE",
     "WIDTH",
     "SkyAxes",
     "arrow_grid",
@@ -53,6 +56,7 @@ __all__ = [
     "even_grid",
     "figure_of",
     "legend_above",
+    "log_ticks",
     "panels",
     "picture_of",
     "plot_field",

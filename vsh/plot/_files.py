@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
+from PIL import Image
 
 from vsh.checks.arguments import choice, positive
 from vsh.plot._style import STYLE, figure_of
@@ -19,8 +20,8 @@ FORMATS = ("png", "pdf", "svg")
 _METADATA = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
-def picture_of(drawn: Any, dpi: float = 220) -> bytes:
-    """A figure as PNG.
+def picture_of(drawn: Any, dpi: float = 200) -> bytes:
+    """A figure as a PNG of 256 colours, for a page.
 
     Parameters
     ----------
@@ -36,7 +37,13 @@ def picture_of(drawn: Any, dpi: float = 220) -> bytes:
     buffer = io.BytesIO()
     with plt.rc_context(STYLE):
         figure_of(drawn).savefig(buffer, format="png", dpi=dpi, metadata=_METADATA["png"])
-    return buffer.getvalue()
+    # A page holds many: 256 colours are what they need, and a third of the bytes.
+    for colours in (256, 32):
+        small = io.BytesIO()
+        Image.open(buffer).convert("RGB").quantize(colours).save(small, format="png", optimize=True)
+        if small.tell() < 150_000:  # else it is like noise, and a scale of 32 steps says as much
+            break
+    return small.getvalue()
 
 
 def close_figures(figures: Iterable[Any]) -> None:
@@ -52,9 +59,14 @@ def close_figures(figures: Iterable[Any]) -> None:
 
 
 def save_figures(
-    figures: Mapping[str, Any], folder: PathName, *, format: str | Sequence[str] = "png", dpi: float = 300
+    figures: Mapping[str, Any],
+    folder: PathName,
+    *,
+    format: str | Sequence[str] = "png",
+    dpi: float = 300,
+    close: bool = True,
 ) -> list[Path]:
-    """Write figures by name into a folder and close them; returns their paths.
+    """Write figures by name into a folder; returns their paths.
 
     Parameters
     ----------
@@ -66,6 +78,8 @@ def save_figures(
         Of the files.
     dpi : float
         Dots an inch: of a PNG, and of what is a picture in the others.
+    close : bool
+        Whether the figures are not wanted any more.
 
     Returns
     -------
@@ -85,5 +99,6 @@ def save_figures(
             paths.append(Path(folder) / f"{name}.{each}")
             with atomic_write(paths[-1]) as new, plt.rc_context(STYLE):
                 figure.savefig(new, format=each, dpi=dpi, metadata=_METADATA[each])
-    close_figures(figures.values())
+    if close:
+        close_figures(figures.values())
     return paths

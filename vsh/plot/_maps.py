@@ -73,7 +73,7 @@ def plot_map(
     -------
     SkyAxes
     """
-    axes = sky_axes(frame, ax, below=0.45)
+    axes = sky_axes(frame, ax, below=0.45 + 0.14 * (title or "").count("\n"))
     if np.isnan(np.asarray(values, float)).any():
         axes.set_facecolor("0.87")
     image = draw_map(axes, values, cmap, **style)

@@ -64,13 +64,13 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
         for i in first[1:]:
             heavy = groups[i][:1] != groups[i - 1][:1]
             for line in (axes.axhline, axes.axvline):
-                line(i - 0.5, color="0.4", linewidth=0.8 if heavy else 0.25)
+                line(i - 0.5, color="0.4" if heavy else "0.6", linewidth=0.8 if heavy else 0.25 if k <= 60 else 0.1)
     if k > NAMED and groups is not None:
         ends = [*first, k]
         middles = [(a + b - 1) / 2 for a, b in pairwise(ends)]
         words = [groups[i] for i in first]
         # The narrow ones of the lowest degrees would lie on each other.
-        shown = [i for i, (a, b) in enumerate(pairwise(ends)) if b - a > k / 28]
+        shown = [i for i, (a, b) in enumerate(pairwise(ends)) if b - a > k / 22]
         axes.set_xticks([middles[i] for i in shown], [words[i] for i in shown])
         axes.set_yticks([middles[i] for i in shown], [words[i] for i in shown])
     else:

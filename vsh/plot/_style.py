@@ -8,6 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from vsh.errors import ParameterError
 from vsh.types import Axes, Figure
@@ -154,6 +155,24 @@ def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
     bar.set_label(label)
     bar.outline.set_linewidth(0.4)
     return bar
+
+
+def log_ticks(axis: Any, low: float, high: float) -> None:
+    """Ticks of a logarithmic axis as plain numbers where it is short: 1, 2, 5, 10, 20.
+
+    Parameters
+    ----------
+    axis : matplotlib Axis
+        Of logarithmic scale.
+    low, high : float
+        What it shows.
+    """
+    decades = np.log10(high / low)
+    if not (0 < decades < 2.2 and low > 1e-4 and high < 1e5):
+        return
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def legend_above(axes: Axes, columns: int = 4, **how: Any) -> Any:

@@ -21,6 +21,7 @@ __all__ = [
     "pixels_of",
     "random_positions",
     "read_map",
+    "smoothed",
 ]
 
 
@@ -191,7 +192,7 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
 
 
 def smoothed(values: ArrayLike, width: float) -> FloatArray:
-    """A map smoothed by a Gaussian; its sum stays.
+    """A map smoothed by a Gaussian; its sum stays, to a thousandth.
 
     Parameters
     ----------

@@ -138,7 +138,8 @@ def test_figures():
     for smooth in (None, 0.0):
         image = plot_influence(values, field, "title", "label", smooth=smooth).images[0]
         assert image.norm.vmin == -image.norm.vmax
-    assert smoothed(values, 20.0).sum() == pytest.approx(values.sum(), rel=1e-6)
-    assert smoothed(values, 20.0).std() < 0.5 * values.std()
+    assert smoothed(values, 20.0).sum() == pytest.approx(values.sum(), abs=1e-3 * np.abs(values).sum())
+    assert smoothed(values, 20.0).std() < 0.8 * values.std()
+    np.testing.assert_allclose(smoothed(np.ones(192), 30.0), 1, atol=2e-3)  # healpy's transform
     assert len(leakage(field, 1, 3).plot()) == 2
     assert len(eigenmodes(field, 1).plot()) == 4

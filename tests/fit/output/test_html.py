@@ -5,6 +5,7 @@ import pytest
 from conftest import ROOT
 
 from fit.commands.fit import main
+from vsh.page import bundle
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +39,9 @@ def test_the_page_is_whole_and_asks_for_nothing(page):
     reader.feed(page)
     assert not reader.open
     assert all(wanted.startswith("data:") for wanted in reader.wanted)
-    assert reader.tags.count("img") == 4
-    assert not re.search(r"https?://|url\(|@import|fetch\(|XMLHttpRequest", page)
+    assert reader.tags.count("img") == (3 if bundle() else 4)  # the sky is one that turns
+    code = re.sub(r"/\*.*?\*/", "", page, flags=re.DOTALL)  # licences may name addresses
+    assert not re.search(r"https?://|url\(|@import|fetch\(|XMLHttpRequest", code)
 
 
 def test_it_says_what_the_report_says(page):

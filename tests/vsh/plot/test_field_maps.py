@@ -69,7 +69,7 @@ def test_stars_are_explained():
 def test_spectrum_has_limits_where_there_is_no_signal():
     solution = fit.fit_field(random_field(3000, seed=1), 4)
     axes = fit.output.plot_spectrum(solution)
-    names = axes.get_legend_handles_labels()[1]
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
     assert any("95 % limit" in name for name in names)
     assert axes.child_axes[0].get_ylabel() == "√power  [µas/yr]"
     shown = sum(len(each.lines[2][0].get_segments()) for each in axes.containers)
