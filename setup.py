@@ -37,7 +37,8 @@ class BuildPage(Command):
         try:
             make_bundle()
         except (OSError, subprocess.SubprocessError) as error:
-            said = f"the script of the interactive page was not made ({error}): pages will be static"
+            told = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip()
+            said = f"the script of the interactive page was not made ({error}): pages will be static\n{told[-500:]}".strip()
             if self.required:
                 sys.exit(said)
             print(said, file=sys.stderr)

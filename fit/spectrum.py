@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from fit.harmonic import HarmonicSolution
-from fit.quality import normal_deviate
+from fit.quality import norm_limit, normal_deviate
 
 __all__ = [
     "Degree",
@@ -40,6 +40,26 @@ class Degree(NamedTuple):
     def debiased(self) -> float:
         """Power less what noise gives on average. [(µas/yr)²]"""
         return self.power - self.noise
+
+    def limit(self, probability: float = 0.95) -> float:
+        """Upper limit of the true power: a larger one would have given a larger fit with this probability. [(µas/yr)²]
+
+        Never below that of noise alone (CLs). Exact where all coefficients of the degree have one error; on the sky of the
+        demo and on one without latitudes below 30° limits of 95 % hold 94 to 100 % of powers, from none to thirty times the
+        noise.
+
+        Parameters
+        ----------
+        probability : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        float
+        """
+        n = 2 * self.l + 1
+        norm, sigma = np.sqrt([self.power]), np.sqrt([self.noise / n])
+        return float(norm_limit(norm, sigma, n, probability)[0] ** 2)
 
 
 def spectrum(solution: HarmonicSolution) -> list[Degree]:

@@ -10,7 +10,6 @@ from matplotlib.lines import Line2D
 
 from fit.harmonic import HarmonicSolution
 from fit.output._rows import squared
-from fit.quality import norm_limit
 from fit.spectrum import spectrum, wilson_hilferty
 from vsh.checks.weighed import Weighed
 from vsh.coefficients import FIRST_DEGREE
@@ -60,7 +59,7 @@ def plot_spectrum(solution: HarmonicSolution, *, ax: Any = None) -> Axes:
 
     Notes
     -----
-    Limits are exact where all coefficients of a degree have one error (`fit.quality.norm_limit`).
+    Limits are those of `fit.spectrum.Degree.limit`.
     """
     (axes,) = panels(ax, size=(WIDTH, 2.7))
     rows = spectrum(solution)
@@ -74,10 +73,7 @@ def plot_spectrum(solution: HarmonicSolution, *, ax: Any = None) -> Axes:
         signal = seen & (p <= _SIGNAL)
         limited = seen & ~signal & (noise > 0)
         axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour)
-        size = 2 * np.array([row.l for row in own]) + 1
-        limit = np.full(len(own), np.nan)
-        for i in np.flatnonzero(limited):
-            limit[i] = norm_limit(np.sqrt(power[[i]]), np.sqrt(noise[[i]] / size[i]), int(size[i]))[0] ** 2
+        limit = np.array([row.limit() if shown else np.nan for row, shown in zip(own, limited, strict=True)])
         axes.errorbar(
             l[limited],
             limit[limited],

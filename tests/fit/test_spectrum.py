@@ -54,3 +54,22 @@ def test_mignard_and_klioners_w_is_power_over_the_zonal_variance():
     row = fit.spectrum.spectrum(solution)[4]
     zonal = solution.modes.slice_of("S", 2).start
     assert row.mk_w == pytest.approx(solution.coefficients.power("S", 2) / solution.sigma[zonal] ** 2)
+
+
+@pytest.mark.parametrize("over_noise", [0.0, 0.3, 1.0, 3.0, 10.0])
+def test_limits_hold_on_a_cut_sky(over_noise):
+    """Coefficients of one error or not, correlated or not: as often as they say, or more where there is little."""
+    solution = next(skies(1, TRUTH))
+    noise = np.linalg.cholesky(solution.covariance)
+    rng = np.random.default_rng(1)
+    for row in fit.spectrum.spectrum(solution):
+        place = solution.modes.slice_of(row.kind, row.l)
+        weight = solution.modes.norm2[place]
+        true = rng.normal(size=(300, 2 * row.l + 1))
+        true *= np.sqrt(over_noise * row.noise / np.sum(weight * true**2, 1))[:, None]
+        found = true + (rng.normal(size=(300, len(noise))) @ noise.T)[:, place]
+        limits = np.array([row._replace(power=power).limit() for power in np.sum(weight * found**2, 1)])
+        held = np.mean(limits >= over_noise * row.noise)
+        assert held > 0.95 - 4 * np.sqrt(0.05 * 0.95 / 300)
+        if over_noise == 10:
+            assert held < 0.995

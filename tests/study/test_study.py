@@ -213,11 +213,44 @@ quasars = { number = 500 }
     assert main([str(path), "--output", str(tmp_path / "out"), "--workers", "1"]) == 0
     text = capsys.readouterr().out
     assert "a_x" in text
+    assert "68 %" in text
+    assert "calibration.png" in text
     assert "written to" in text
     assert main([str(tmp_path / "none.toml"), "--output", str(tmp_path / "out")]) == 1
     assert "cannot be read" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["--output", "x"])
+
+
+def test_coverage_is_that_of_the_draws():
+    """Errors that are right hold the truth in 68 and 95 %, errors of half the size in 38 and 67."""
+    from study.calibration import plot_calibration
+    from study.results import summary
+
+    small = study.load(
+        {
+            "study": {"name": "x"},
+            "truth": {"acceleration": [4.3, 0, 0]},
+            "case": [{"name": "A", "quasars": {"number": 10}}],
+        }
+    )
+    rng = np.random.default_rng(1)
+    found = {
+        "A": (
+            {"a_x": 4.3 + rng.normal(size=4000), "a_y": rng.normal(size=4000)},
+            {"a_x": np.ones(4000), "a_y": np.full(4000, 0.5)},
+        )
+    }
+    right, wrong = summary(small, found)
+    assert right["within_68"] == pytest.approx(0.6827, abs=4 * right["within_68_error"])
+    assert right["within_95"] == pytest.approx(0.95, abs=4 * right["within_95_error"])
+    assert right["within_95_error"] == pytest.approx(np.sqrt(0.95 * 0.05 / 4000))
+    assert right["std_error"] == pytest.approx(right["std"] / np.sqrt(2 * 3999))
+    assert wrong["within_68"] == pytest.approx(0.383, abs=0.03)
+    assert wrong["within_95"] == pytest.approx(0.673, abs=0.03)
+    off, scatter, _ = plot_calibration([right, wrong])
+    assert len(off.containers) == len(scatter.containers) == 1
+    off.figure.canvas.draw()
 
 
 def test_the_paper_in_small(tmp_path):
