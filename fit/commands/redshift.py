@@ -124,7 +124,7 @@ def _run(options):
             texts.append(f"posterior: {error}\n")
         running.say(texts[-1])
     meta = running.provenance(options.catalogue, options, {"vsh-astrometry": vsh.__version__}, **counts)
-    drawn = figures.Figures(lambda: _draw(results))
+    drawn = figures.Figures(lambda: _draw(results, truth))
     if options.output:
         with outputs.results_folder(options.output, "vsh-redshift", meta, options.overwrite) as folder:
             _write(results, "\n".join(texts), folder, meta)
@@ -261,12 +261,24 @@ def _flow_of(results):
     return next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
 
 
-def _draw(results):
+def _truths(truth, posterior):
+    """Of a simulated catalogue, by the names of the posterior."""
+    if not truth or "velocity" not in truth:
+        return None
+    named = {"H0": truth["hubble"]}
+    for name, letter in (("velocity", "v"), ("acceleration", "a")):
+        vector = truth[name].to_frame(posterior.frame)
+        named |= {f"{letter}_{axis}": float(value) for axis, value in zip("xyz", vector.value, strict=True)}
+    return {name: value for name, value in named.items() if name in posterior.samples}
+
+
+def _draw(results, truth):
     drawn = {"bins": results["bins"].plot()} if "bins" in results else {}
     flow = _flow_of(results)
     drawn |= {} if flow is None else {"flow": flow.plot()}
     if "posterior" in results:
-        drawn |= {"corner": results["posterior"].corner(), "trace": results["posterior"].trace()}
+        posterior = results["posterior"]
+        drawn |= {"corner": posterior.corner(truths=_truths(truth, posterior)), "trace": posterior.trace()}
     return drawn
 
 

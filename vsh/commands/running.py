@@ -122,6 +122,8 @@ def _hash(path):
 
 
 def _plain(value, paths):
-    if isinstance(value, str) and value in map(str, paths):
+    if isinstance(value, str) and (
+        value in map(str, paths) or Path(value).is_absolute() or ("/" in value and Path(value).exists())
+    ):
         return Path(value).name  # results are handed round: names of files, not where they lie on this disk
     return value if isinstance(value, (str, int, float, tuple, list, dict)) else str(value)

@@ -314,3 +314,17 @@ def test_twenty_kills_of_other_commands(name, tmp_path):
     if name == "vsh-redshift":
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
         assert (out / "samples.fits").read_bytes() == samples
+
+
+def test_no_option_shows_where_its_author_works(catalogue, tmp_path):
+    """Not the catalogue's folder alone: that of a checkpoint, a map or a reconstruction, too."""
+    from argparse import Namespace
+
+    from vsh.commands import running
+
+    (tmp_path / "sub").mkdir()
+    options = Namespace(
+        catalogue=catalogue, checkpoint=str(tmp_path / "sub" / "c.npz"), units={"a": "uas/yr"}, frame="icrs", html=None
+    )
+    told = running.provenance(catalogue, options, {})["options"]
+    assert told == {"catalogue": "c.fits", "checkpoint": "c.npz", "units": {"a": "uas/yr"}, "frame": "icrs"}
