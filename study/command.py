@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 from collections.abc import Sequence
 from importlib.resources import files
@@ -49,6 +50,9 @@ def _gaia(options):
         listed = [x.name for x in folder.iterdir()]
     running.say(text)
     running.say(running.written(options.output, listed))
+    if options.html:
+        shutil.copyfile(Path(options.output) / "gaia.html", options.html)
+        figures.say_page(options.html)
 
 
 def _run(options):

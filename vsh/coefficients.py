@@ -13,6 +13,7 @@ from vsh.errors import ModesError
 from vsh.modes import Modes, as_modes
 from vsh.system.parallel import map_blocks
 from vsh.types import ArrayLike, FloatArray, Kind
+from vsh.vector import Vector
 
 #: Degree 1 is a rigid rotation (T) or a glide (S): rows (1,0), (1,1,re), (1,1,im) of its
 #: coefficients from x, y, z of the vector (docs/conventions.md).
@@ -92,6 +93,32 @@ class Coefficients(Frozen):
     def glide(self) -> FloatArray:
         """The glide vector g along the axes of the frame, (3,). [µas/yr]"""
         return np.linalg.solve(FIRST_DEGREE, self.values[self.modes.slice_of("S", 1)])
+
+    def vector(
+        self, kind: Kind, covariance: FloatArray | None = None, frame: str = "icrs", unit: str = "µas/yr"
+    ) -> Vector:
+        """Degree 1 as a vector along the axes of a frame: the rotation of T, the glide of S.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        covariance : (p, p) array, optional
+            Of the coefficients; they are exact unless given.
+        frame : str
+            In which the coefficients are.
+        unit : str
+            Of the coefficients.
+
+        Returns
+        -------
+        Vector
+        """
+        own = np.zeros((3, 3))
+        if covariance is not None:
+            place, back = self.modes.slice_of(kind, 1), np.linalg.inv(FIRST_DEGREE)
+            own = back @ np.asarray(covariance)[place, place] @ back.T
+        return Vector(self.rotation if kind == "T" else self.glide, own, frame, unit)
 
     def power(self, kind: Kind, l: int) -> float:
         """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]

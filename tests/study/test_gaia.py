@@ -120,7 +120,8 @@ def test_the_command_from_simulation_to_page(tmp_path, capsys):
     np.testing.assert_array_equal(truth_of(path)["spin"].value, [1, 2, 3])
     home = tmp_path / "gaia"
     options = ["--gaia", str(path), "--output", str(home), "--lmax", "3", "--n-bootstrap", "10"]
-    assert main(options) == 0
+    assert main([*options, "--html", str(tmp_path / "page.html")]) == 0
+    assert (tmp_path / "page.html").read_bytes() == (home / "gaia.html").read_bytes()
     text = (home / "report.md").read_text(encoding="utf-8")
     assert "| five-parameter sources | 1215942 |  | 6000 |  |" in text
     assert "A simulated catalogue; the truth is g = (-0.236, -3.756, -2.080)" in text

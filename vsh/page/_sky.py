@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsh.basis import harmonics
-from vsh.coefficients import FIRST_DEGREE, Coefficients
+from vsh.coefficients import Coefficients
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.page._page import bundle
@@ -19,7 +19,6 @@ from vsh.page._panels import Panel
 from vsh.plot import LONGEST, SURE, even_grid
 from vsh.sky.frames import ANGLES
 from vsh.types import FloatArray
-from vsh.vector import Vector
 
 #: Sources that are sent at most, those with the most significant residuals first; of so many also their names.
 MAX_SOURCES, MAX_NAMES = 20_000, 5_000
@@ -174,13 +173,10 @@ def _fields(shown, lon, lat):
 def _marks(shown):
     names = ("acceleration", "spin") if shown.unit == "µas/yr" else ("glide", "rotation")
     marks: list[dict[str, Any]] = []
-    back = np.linalg.inv(FIRST_DEGREE)
-    for name, kind, value in ((names[0], "S", shown.coefficients.glide), (names[1], "T", shown.coefficients.rotation)):
-        place = shown.coefficients.modes.slice_of(kind, 1)
-        vector = Vector(value, back @ shown.covariance[place, place] @ back.T, shown.field.frame)
-        if not value.any() or vector.p_value > 0.05:
-            continue  # it points nowhere in particular
-        marks.append({"name": name, "kind": kind, "at": vector.direction, "cone": vector.direction_cone()})
+    for name, kind in zip(names, "ST", strict=True):
+        vector = shown.coefficients.vector(kind, shown.covariance, shown.field.frame)
+        if vector.p_value <= 0.05:  # else it points nowhere in particular
+            marks.append({"name": name, "kind": kind, "at": vector.direction, "cone": vector.direction_cone()})
     return marks
 
 

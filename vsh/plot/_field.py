@@ -11,7 +11,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Patch
 
 from vsh.basis import harmonics
-from vsh.coefficients import FIRST_DEGREE, Coefficients
+from vsh.coefficients import Coefficients
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.plot._arrows import LONGEST, draw_vectors
@@ -21,7 +21,6 @@ from vsh.plot._marks import draw_direction, draw_sources
 from vsh.plot._sky_axes import HALO, PROJECTIONS, SkyAxes, sky_axes
 from vsh.plot._style import COLOURS, FADED, SIGNIFICANCE, colour_bar, styled
 from vsh.types import FloatArray
-from vsh.vector import Vector
 
 #: An arrow is grey below, and as dark as any from there on. [σ]
 SURE, TOP = 2.0, 6.0
@@ -128,15 +127,11 @@ def _colours():
 def _directions(axes, coefficients, covariance, names):
     """Stars of acceleration and spin, and why arrows need not meet there."""
     handles, shown = [], []
-    for kind, name, vector, colour in (("S", names[1], coefficients.glide, COLOURS[1]), ("T", names[0], coefficients.rotation, COLOURS[3])):  # fmt: skip
-        if not vector.any():
-            continue
-        own = np.zeros((3, 3))
-        if covariance is not None:
-            place, back = coefficients.modes.slice_of(kind, 1), np.linalg.inv(FIRST_DEGREE)
-            own = back @ np.asarray(covariance)[place, place] @ back.T
-        handles.append(draw_direction(axes, Vector(vector, own, axes.sky_frame), name, colour))
-        shown.append(name)
+    for kind, name, colour in (("S", names[1], COLOURS[1]), ("T", names[0], COLOURS[3])):
+        vector = coefficients.vector(kind, covariance, axes.sky_frame)
+        if vector.value.any():
+            handles.append(draw_direction(axes, vector, name, colour))
+            shown.append(name)
     others = names[1] in shown and (coefficients.modes.lmax > 1 or len(shown) > 1)
     return handles, "arrows: all degrees together; they need not meet at a star" if others else None
 
