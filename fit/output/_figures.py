@@ -74,16 +74,8 @@ def plot_spectrum(solution: HarmonicSolution, *, ax: Any = None) -> Axes:
         limited = seen & ~signal & (noise > 0)
         axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour)
         limit = np.array([row.limit() if shown else np.nan for row, shown in zip(own, limited, strict=True)])
-        axes.errorbar(
-            l[limited],
-            limit[limited],
-            0.45 * limit[limited],
-            uplims=True,
-            fmt="none",
-            capsize=2.5,
-            color=colour,
-            elinewidth=0.8,
-        )
+        axes.errorbar(l[limited], limit[limited], 0.45 * limit[limited], uplims=True, fmt="none", capsize=2.5, color=colour,
+                      elinewidth=0.8)  # fmt: skip
         axes.hlines(noise, l - 0.2, l + 0.2, color=colour, linestyle=":")
         handles.append(Line2D([], [], color=colour, marker=marker, linestyle="none", label=KIND_NAMES[kind]))
         levels += [*power[signal], *(power + error)[signal], *limit[limited], *(0.5 * limit[limited]), *noise]

@@ -73,10 +73,10 @@ def without_windows() -> None:
 
 def write_page(
     path: PathName, title: str, text: str, figures: Figures, *, sheets: Mapping[str, Any] | None = None,
-    captions: Mapping[str, str] | None = None, skies: Sequence[Any] = (), notes: Sequence[object] = (), lead: str = "",
-    provenance: Mapping[str, Any] | None = None, command: Sequence[str] | None = None,
+    captions: Mapping[str, str] | None = None, lead: str = "", provenance: Mapping[str, Any] | None = None,
+    command: Sequence[str] | None = None,
 ) -> None:  # fmt: skip
-    """Write a page of a run: its sky, tables that sort, figures, what was printed, and where it comes from.
+    """Write a page of a run: its figures, tables that sort, what was printed, and where it comes from.
 
     Parameters
     ----------
@@ -92,10 +92,6 @@ def write_page(
         Its tables by their headings.
     captions : dict of str to str, optional
         Of figures, by name.
-    skies : sequence of vsh.page.Shown
-        One or two solutions on a sky that can be turned.
-    notes : sequence
-        What the reader should know.
     lead : str
         Under the title.
     provenance : dict, optional
@@ -111,29 +107,25 @@ def write_page(
         page.figure(picture_of(drawn), said.get(name, name.replace("_", " "))) for name, drawn in figures.drawn.items()
     ]
     panels = [
-        page.heading("The sky", page.sky(*skies)) if skies else page.words(""),
         page.heading("Figures", page.pictures(pictures)),
         *(page.sheet(heading, columns) for heading, columns in (sheets or {}).items()),
         page.heading("Report", page.preformatted(text.strip("\n"))),
-        page.notes(notes),
         page.provenance(provenance or {}, command),
     ]
     figures.close()
     with atomic_write(path) as new:
         new.write_text(page.page(title, panels, lead=lead), encoding="utf-8")
-    say_page(path, bool(skies))
+    say(f"written to {path}")
 
 
-def say_page(path: PathName, turned: bool = True) -> None:
-    """Say that a page is written, and if its sky cannot be turned.
+def say_page(path: PathName) -> None:
+    """Say that a page with a sky is written, and if its sky cannot be turned.
 
     Parameters
     ----------
     path : str or Path
         The page.
-    turned : bool
-        Whether there should be a sky on it.
     """
     from vsh.page import bundle
 
-    say(f"written to {path}" if bundle() or not turned else f"written to {path}; {STATIC}")
+    say(f"written to {path}" if bundle() else f"written to {path}; {STATIC}")
