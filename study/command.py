@@ -11,7 +11,7 @@ from pathlib import Path
 
 import vsh
 from vsh.checks.notes import dropped
-from vsh.commands import figures, outputs, parsing, running
+from vsh.commands import figures, outputs, parsing, reading, running
 
 _CAPTIONS = {
     "calibration": "Mean less truth, scatter over formal errors, and how often intervals of 68 and 95 % hold the truth, each with "
@@ -131,7 +131,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=1, help="--gaia: of the bootstrap (default: 1)")
     parsing.add_threads(parser)
-    parsing.add_figures(parser)
+    reading.add_figures(parser)
     parsing.add_overwrite(parser)
     parser.add_argument("--version", action="version", version=f"vsh-study {vsh.__version__}")
     return parser

@@ -32,6 +32,10 @@ class NothingLeftError(FieldError):
     notes: tuple[str, ...] = ()
 
 
+class NothingSelectedError(NothingLeftError):
+    """A condition selects no row of a table."""
+
+
 class FrameError(VshError, ValueError):
     """A reference frame nobody knows, or two that do not match."""
 

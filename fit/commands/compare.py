@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import vsh
-from vsh.commands import figures, outputs, parsing, running
+from vsh.commands import figures, outputs, parsing, reading, running
 from vsh.errors import TableError, VshError
 
 
@@ -106,7 +106,7 @@ def _read(path, what, options):
     from vsh.catalogue import read_field, read_positions
 
     if what == "motions":
-        return read_field(path, on_bad=options.on_bad, columns=options.columns, units=options.units, frame=options.catalogue_frame, roles=("name",)).to_frame(options.frame)  # fmt: skip
+        return read_field(path, roles=("name",), **reading.arguments(options)).to_frame(options.frame)  # fmt: skip
     if options.frame != (options.catalogue_frame or "icrs"):
         raise VshError(f"positions are compared in the axes they are given in: leave out --frame {options.frame}")
     return read_positions(
@@ -115,6 +115,7 @@ def _read(path, what, options):
         sigma=options.position_error,
         on_bad=options.on_bad,
         frame=options.catalogue_frame or "icrs",
+        where=options.where,
     )
 
 
@@ -154,7 +155,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--position-error", type=parsing.positive, metavar="UAS", help="one error for all positions, µas"
     )
     parsing.add_threads(parser)
-    parsing.add_reading(parser)
+    reading.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-compare {vsh.__version__}")
     return parser
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import vsh
-from vsh.commands import figures, outputs, parsing, parts_options, running
+from vsh.commands import figures, outputs, parsing, parts_options, reading, running
 from vsh.errors import VshError
 from vsh.parts import Parts
 
@@ -101,7 +101,7 @@ def _sources(path, options):
     if parts_options.in_parts(options):
         options_of_parts = parts_options.reading_parts(options)
         return parts(path, motions=False, sigma=options.sigma, **options_of_parts).to_frame(options.frame)
-    return read_sources(path, sigma=options.sigma, **parsing.reading(options)).to_frame(options.frame)
+    return read_sources(path, sigma=options.sigma, **reading.arguments(options)).to_frame(options.frame)
 
 
 def _labels(paths):
@@ -239,7 +239,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--sigma", type=parsing.positive, help="one error for all sources, µas/yr")
     parsing.add_threads(parser)
     parts_options.add_workers(parser)
-    parsing.add_reading(parser)
+    reading.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-correlate {vsh.__version__}")
     return parser
 

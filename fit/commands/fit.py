@@ -12,8 +12,8 @@ from pathlib import Path
 import fit
 import vsh
 from fit.commands import background_options
-from vsh.checks.notes import dropped
-from vsh.commands import figures, outputs, parsing, parts_options, running
+from vsh.checks.notes import dropped, unselected
+from vsh.commands import figures, outputs, parsing, parts_options, reading, running
 
 DEMO = "demo.fits"
 
@@ -45,7 +45,7 @@ def _run(options):
     if parts_options.in_parts(options):
         whole = catalogue.parts(str(path), **parts_options.reading_parts(options))
     else:  # names tell of sources that stand there twice, and are in the report; no fit looks at the rest
-        whole = catalogue.read_field(source, **parsing.reading(options), roles=("name",))
+        whole = catalogue.read_field(source, **reading.arguments(options), roles=("name",))
     field = whole.to_frame(options.frame)
     solution, kept, clipped = _fit(field, vsh.Modes(options.lmax), options)
     backgrounds = background_options.found(solution, options)
@@ -56,8 +56,14 @@ def _run(options):
     running.say(text)
     if not (options.output or options.html):
         return
-    refused, used = dropped(solution.notes), solution.n_sources
-    counts = {"rows": used + clipped + refused, "rows_used": used, "rows_refused": refused, "rows_clipped": clipped}
+    refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
+    counts = {
+        "rows": used + clipped + refused + out,
+        "rows_used": used,
+        "rows_refused": refused,
+        "rows_clipped": clipped,
+    }
+    counts |= {"rows_not_selected": out} if options.where else {}
     meta = running.provenance(path, options, {"vsh-astrometry": vsh.__version__}, **counts)
     drawn = figures.Figures(lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw())
     if options.output:
@@ -150,7 +156,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
     parsing.add_threads(parser)
     parts_options.add_workers(parser)
-    parsing.add_reading(parser)
+    reading.add_reading(parser)
     parser.add_argument(
         "--beside",
         action="store_true",

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import vsh
-from vsh.commands import figures, outputs, parsing, parts_options, running
+from vsh.commands import figures, outputs, parsing, parts_options, reading, running
 
 #: As `fit.pairs.TEMPLATES`, which loads too much for --help.
 _TEMPLATES = ("spin", "glide", "waves")
@@ -37,7 +37,7 @@ def _run(options):
     if parts_options.in_parts(options):
         field = catalogue.parts(options.catalogue, **parts_options.reading_parts(options)).to_frame(options.frame)
     else:
-        field = catalogue.read_field(options.catalogue, roles=(), **parsing.reading(options)).to_frame(options.frame)
+        field = catalogue.read_field(options.catalogue, roles=(), **reading.arguments(options)).to_frame(options.frame)
     edges = np.radians(np.linspace(0, options.up_to, options.bins + 2))
     found = pairs.correlation(field, edges, lmax=options.lmax, nside=options.nside)
     fitted = found.fit(options.templates) if options.templates else None
@@ -104,7 +104,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parsing.add_threads(parser)
     parts_options.add_workers(parser)
-    parsing.add_reading(parser)
+    reading.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-pairs {vsh.__version__}")
     return parser
 

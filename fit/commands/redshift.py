@@ -12,7 +12,7 @@ import numpy as np
 import vsh
 from fit.commands.redshift_options import make_parser
 from vsh.checks.notes import dropped
-from vsh.commands import figures, outputs, parsing, parts_options, running
+from vsh.commands import figures, outputs, parsing, parts_options, reading, running
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ConvergenceError, VshError
 from vsh.parts import Parts
@@ -71,7 +71,7 @@ def _run(options):
         whole = catalogue.parts(options.catalogue, **parts_options.reading_parts(options))
         known = whole.has("redshift")
     else:
-        whole = catalogue.read_field(source, **parsing.reading(options))
+        whole = catalogue.read_field(source, **reading.arguments(options))
         known = whole.redshift is not None
     whole = whole.to_frame(options.frame)
     if not known:

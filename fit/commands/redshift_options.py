@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 import vsh
-from vsh.commands import parsing, parts_options
+from vsh.commands import parsing, parts_options, reading
 from vsh.sky.redshift_frames import REDSHIFT_FRAME_NAMES
 from vsh.vector import Vector
 
@@ -98,7 +98,7 @@ def make_parser() -> argparse.ArgumentParser:
     posterior.add_argument("--seed", type=int, default=1, help="the same seed, the same chain (default: 1)")
     parsing.add_threads(parser)
     parts_options.add_workers(parser)
-    parsing.add_reading(parser)
+    reading.add_reading(parser)
     parser.add_argument("--version", action="version", version=f"vsh-redshift {vsh.__version__}")
     return parser
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 import vsh
-from vsh.commands import parsing
+from vsh.commands import parsing, reading
 
 #: Sources that a solution has unless told.
 _QUASARS = 5000
@@ -164,7 +164,7 @@ def make_parser() -> argparse.ArgumentParser:
         help="one a core unless given; changes no digit of the results",
     )
     add("--output", metavar="DIR", help="a new folder for report, motions, sources and figures")
-    parsing.add_figures(parser)
+    reading.add_figures(parser)
     parsing.add_overwrite(parser)
     add("--version", action="version", version=f"vsh-agis {vsh.__version__}")
     return parser

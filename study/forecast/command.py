@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 import vsh
-from vsh.commands import figures, outputs, parsing, running
+from vsh.commands import figures, outputs, parsing, reading, running
 from vsh.errors import VshError
 
 
@@ -79,7 +79,7 @@ def make_parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument("--no-flows", action="store_true", help="leave out velocity and H0 with flows as unknowns")
     parser.add_argument("--output", metavar="DIR", help="write report, table and figure to this folder")
-    parsing.add_figures(parser)
+    reading.add_figures(parser)
     parsing.add_overwrite(parser)
     parser.add_argument("--version", action="version", version=f"vsh-forecast {vsh.__version__}")
     return parser

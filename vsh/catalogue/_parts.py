@@ -16,7 +16,7 @@ from vsh.errors import ParameterError, TableError
 from vsh.field import Field
 from vsh.parts import Dask, Engine, Here, Parts, Processes, is_delayed
 from vsh.system.parallel import ahead
-from vsh.tables import check_alike, files_of, open_table
+from vsh.tables import Where, check_alike, files_of, open_table
 from vsh.types import OnBad
 
 #: Sources in a block of a part: some 200 MB while it is read and checked.
@@ -35,6 +35,7 @@ def parts(
     sigma: float | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    where: str | None = None,
 ) -> Parts:
     """A catalogue of any size in parts, which are read and summed where they are.
 
@@ -44,7 +45,7 @@ def parts(
         A file; a folder of files, or a catalogue in HATS format, of which every file is a part; a collection with
         `to_delayed()` (LSDB's, also after a cone or a join, and Dask's), of which every partition is one; anything
         that `read_field` takes; or a list of paths, tables, Fields or delayed objects of Dask.
-    columns, units, on_bad, frame
+    columns, units, on_bad, frame, where
         As for `read_field`. Name, magnitude and redshift are read where a step or a sum wants them.
     rows : int
         The largest number of sources in memory at a time, for each process.
@@ -81,7 +82,9 @@ def parts(
     columns = as_columns(columns)
     if workers is not None and scheduler is not None:
         raise ParameterError("workers are processes of this machine, a scheduler has its own: give one of the two")
-    read = Reader(columns, units, on_bad, frame, whole("rows", rows), motions, sigma)
+    if where is not None:
+        Where(where)  # its mistakes before anything is read
+    read = Reader(columns, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where)
     pieces = _pieces(source, columns, motions)
     files = [piece for piece in pieces if isinstance(piece, Path)]
     if len(set(files)) < len(files):
@@ -108,6 +111,8 @@ class Reader:
         One error for all, without motions.
     like : (str, dict) or None
         The first of several files and the columns it has with their units: the others must have the same.
+    where : str or None
+        A condition on the rows.
     """
 
     columns: Columns
@@ -118,6 +123,7 @@ class Reader:
     motions: bool = True
     sigma: float | None = None
     like: tuple[str, Any] | None = None
+    where: str | None = None
 
     def __call__(self, piece: Any, roles: tuple[str, ...]) -> Iterator[Field]:
         """The fields of a piece.
@@ -140,8 +146,8 @@ class Reader:
         if not self.motions:
             piece, columns, said = without_motions(open_table(piece), columns, self.sigma)
         fields = iter_fields(
-            piece, self.rows, columns=columns, units=self.units, on_bad=self.on_bad, frame=self.frame, roles=roles
-        )
+            piece, self.rows, columns=columns, units=self.units, on_bad=self.on_bad, frame=self.frame, roles=roles, where=self.where
+        )  # fmt: skip
         for field in ahead(fields):
             yield field.add_note(*said) if said else field
 

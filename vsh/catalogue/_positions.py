@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vsh import tables
+from vsh.catalogue._chosen import Chosen
 from vsh.catalogue._columns import missing_column
 from vsh.catalogue._icrf import read_icrf
 from vsh.catalogue._units import unit_factor
@@ -33,6 +34,7 @@ def read_positions(
     on_bad: OnBad = "raise",
     frame: str = "icrs",
     designation: str = "iers",
+    where: str | None = None,
 ) -> Positions:
     """Read positions of a reference frame.
 
@@ -51,6 +53,8 @@ def read_positions(
         Of the positions of a table.
     designation : {"iers", "icrf"}
         Which names of ICRF's sources.
+    where : str, optional
+        A condition on a table's columns, as for `read_field`.
 
     Returns
     -------
@@ -64,6 +68,10 @@ def read_positions(
         If rows cannot be used.
     """
     if _is_icrf(source):
+        if where is not None:
+            raise TableError(
+                f"--where: {source} is a list of the IERS, whose columns have no names; make a table of it"
+            )
         found = read_icrf(source, designation)
         return found if sigma is None else _with_sigma(found, sigma)
     opened = tables.open_table(source)
@@ -77,7 +85,11 @@ def read_positions(
             also = "; or one error for all, sigma= (--position-error)" if role.endswith("error") else ""
             raise TableError(missing_column(roles[role], opened) + also)
     roles = {role: name for role, name in roles.items() if name in opened.names}
-    table = opened.columns(tuple(roles.values()))
+    clause = None if where is None else Chosen(where, opened)
+    table = opened.columns(tuple(dict.fromkeys([*roles.values(), *(clause.names if clause else ())])))
+    rows: Any = 0
+    if clause:
+        table, rows, chosen = clause.of(table, 0)
     numbers, bad = {}, {}
     for role, name in roles.items():
         if role == "name":
@@ -90,7 +102,8 @@ def read_positions(
             lost |= ~(numbers[role] > 0)
         bad[f"{name} missing or not usable"] = lost
     unusable = {reason: mask for reason, mask in bad.items() if mask.any()}
-    keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, mark=(numbers["ra"], numbers["dec"]))
+    keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
+    notes = (*notes, *chosen) if clause else notes
     lon, lat = numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE
     errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS if sigma is None else np.full((2, lon.size), positive("sigma", sigma))  # fmt: skip
     names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]

@@ -10,6 +10,7 @@ import numpy as np
 
 from vsh import tables
 from vsh.archive import DR4
+from vsh.catalogue._chosen import Chosen, nothing_selected
 from vsh.catalogue._columns import (
     REDSHIFT_FRAME_KEY,
     REQUIRED,
@@ -25,8 +26,8 @@ from vsh.catalogue._units import differing_units, factors, identifiers, plain
 from vsh.checks import arguments
 from vsh.checks.arguments import whole
 from vsh.checks.columns import MEASURED
-from vsh.checks.notes import DroppedRows, merge_notes, printable
-from vsh.errors import NothingLeftError, TableError, VshWarning
+from vsh.checks.notes import DroppedRows, dropped, merge_notes, printable
+from vsh.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
 from vsh.field import Field
 from vsh.parts import OPTIONAL
 from vsh.types import OnBad, PathName
@@ -41,6 +42,7 @@ def read_field(
     on_bad: OnBad = "raise",
     frame: str | None = None,
     roles: Iterable[str] = OPTIONAL,
+    where: str | None = None,
 ) -> Field:
     """Read a field from a table.
 
@@ -63,6 +65,9 @@ def read_field(
         dec ask for it.
     roles : iterable of str
         Those of name, redshift, magnitude, redshift_error, distance, distance_error that are wanted: what is not read takes no time.
+    where : str, optional
+        A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
+        `vsh.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
 
     Returns
     -------
@@ -83,7 +88,7 @@ def read_field(
     >>> field.notes[0]
     'no unit in the table, so taken in deg: ra, dec'
     """
-    make = _maker(source, columns, units, on_bad, frame, roles)
+    make = _maker(source, columns, units, on_bad, frame, roles, where)
     return make(make.source.columns(make.names))
 
 
@@ -96,6 +101,7 @@ def iter_fields(
     on_bad: OnBad = "raise",
     frame: str | None = None,
     roles: Iterable[str] = OPTIONAL,
+    where: str | None = None,
 ) -> Iterator[Field]:
     """Read a catalogue larger than memory, a field of at most `rows` sources at a time.
 
@@ -106,6 +112,8 @@ def iter_fields(
     rows : int
         The largest number of sources in a field.
     roles : iterable of str
+        As there.
+    where : str, optional
         As there.
 
     Returns
@@ -119,7 +127,7 @@ def iter_fields(
         As `read_field` does.
     """
     rows = whole("rows", rows)
-    make = _maker(source, columns, units, on_bad, frame, roles)
+    make = _maker(source, columns, units, on_bad, frame, roles, where)
     return _fields(make, rows)
 
 
@@ -130,28 +138,29 @@ def _fields(make, rows):
         try:
             field = make(block, first)
         except NothingLeftError as error:
-            if make.on_bad == "raise":
+            if make.on_bad == "raise" and not isinstance(error, NothingSelectedError):
                 raise
             lost, last = merge_notes(lost, error.notes), error
         else:
             if held is not None:
                 yield held
-            if make.on_bad == "drop" and len(field) == len(next(iter(block.values()))[0]):
+            if make.on_bad == "drop" and not any(isinstance(note, DroppedRows) for note in field.notes):
                 field = field.add_note(
                     DroppedRows.of_table({}, len(field), field.lon, field.lat)
                 )  # totals count all rows
             held, lost = field.add_note(*lost), ()
         first += len(next(iter(block.values()))[0])
     if held is None:
-        raise last
+        raise nothing_selected(lost) if make.chosen and not dropped(lost) else last
     yield held.add_note(*lost)
 
 
 class _maker:
     """What turns columns of one table into fields."""
 
-    def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL):
+    def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None):
         self.source = tables.open_table(source)
+        self.chosen = None if where is None else Chosen(where, self.source)
         where, self.said = locate(as_columns(columns), self.source)
         self.where = {role: name for role, name in where.items() if role not in OPTIONAL or role in roles}
         self.frame = frame_of(self.where, frame)
@@ -162,10 +171,13 @@ class _maker:
         lines += differing_units(self.where, self.factors)
         self.said = [*self.source.notes, *lines, *self.said]
         self.on_bad = on_bad
-        self.names = tuple(dict.fromkeys(self.where.values()))
+        self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
 
     def __call__(self, block, first_row=0):
         found, said = {}, list(self.said)
+        if self.chosen:
+            block, first_row, note = self.chosen.of(block, first_row)
+            said += note
         for role, name in self.where.items():
             values, mask = block[name]
             if role == "solution":

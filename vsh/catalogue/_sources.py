@@ -27,12 +27,13 @@ def read_sources(
     on_bad: OnBad = "raise",
     sigma: float | None = None,
     frame: str | None = None,
+    where: str | None = None,
 ) -> Field:
     """Read positions and errors; what the table lacks of motions is zero.
 
     Parameters
     ----------
-    source, columns, units, on_bad, frame
+    source, columns, units, on_bad, frame, where
         As for `vsh.catalogue.read_field`.
     sigma : float, optional
         One error for all, in place of the table's. [µas/yr]
@@ -48,7 +49,7 @@ def read_sources(
         As `vsh.catalogue.read_field` does.
     """
     opened, chosen, said = without_motions(tables.open_table(source), as_columns(columns), sigma)
-    return read_field(opened, chosen, units, on_bad=on_bad, frame=frame).add_note(*said)
+    return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*said)
 
 
 def without_motions(

@@ -105,6 +105,27 @@ class DroppedRows(CountedNote):
         return f"left out {sum(counts.values())} of {total} rows{': ' if listed else ''}{listed}"
 
 
+#: Why a condition does not hold: it is false, or not known.
+FALSE, MISSING = "not so", "a value missing"
+
+
+class NotSelected(CountedNote):
+    """A note that says how many rows a condition selected, and how many it could not tell of."""
+
+    @staticmethod
+    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+        """What the note says.
+
+        Parameters
+        ----------
+        counts, total, names
+            As for `CountedNote.words`.
+        """
+        missing = counts.get(MISSING, 0)
+        more = f", {missing} of the others with a value missing" if missing else ""
+        return f"selected {total - sum(counts.values())} of {total} rows, where {names[0]}{more}"
+
+
 class WithoutRedshift(CountedNote):
     """A note that says how many sources have no redshift that can be used."""
 
@@ -199,6 +220,17 @@ def dropped(notes: Iterable[str]) -> int:
         Of a field.
     """
     return sum((sum(note.counts.values()) for note in notes if isinstance(note, DroppedRows)), 0)
+
+
+def unselected(notes: Iterable[str]) -> int:
+    """How many rows the notes say a condition left out.
+
+    Parameters
+    ----------
+    notes : iterable of str
+        Of a field.
+    """
+    return sum((sum(note.counts.values()) for note in notes if isinstance(note, NotSelected)), 0)
 
 
 def printable(text: object) -> str:

@@ -222,8 +222,8 @@ def select_usable(
         How many.
     on_bad : {"raise", "drop"}
         What to do about rows that cannot be used.
-    first_row : int
-        Number of the first row in the table it is a part of.
+    first_row : int, or (n,) int array
+        Number of the first row in the table it is a part of, or of every row.
     mark : tuple of arrays
         That tell this table from others.
 
@@ -258,7 +258,7 @@ def select_usable(
 def _rows(mask, first_row=0, most=5):
     """The first rows of a mask, counted from 0."""
     rows = np.flatnonzero(mask)
-    listed = ", ".join(map(str, rows[:most] + first_row))
+    listed = ", ".join(map(str, rows[:most] + first_row if np.ndim(first_row) == 0 else first_row[rows[:most]]))
     return f"row{'s' * (rows.size > 1)} {listed}{', …' * (rows.size > most)}"
 
 

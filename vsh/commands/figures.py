@@ -42,7 +42,7 @@ class Figures:
         folder : Path
             Where to write.
         options : argparse.Namespace
-            With those of `vsh.commands.parsing.add_figures`.
+            With those of `vsh.commands.reading.add_figures`.
 
         Returns
         -------

@@ -7,13 +7,11 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from vsh.cosmology import VELOCITIES, velocity_from_apex
 from vsh.errors import ParameterError
-from vsh.sky.frames import FRAMES
 from vsh.vector import Vector
 
 _NEGATIVE = re.compile(r"-[\d.]")
@@ -44,44 +42,6 @@ def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = Non
     return options
 
 
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """The options of every command that reads a catalogue.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        To which options are added.
-    """
-    parser.add_argument("--frame", choices=list(FRAMES), default="icrs", help="axes of the result (default: icrs)")
-    parser.add_argument(
-        "--catalogue-frame", choices=list(FRAMES), help="axes of the catalogue's positions and motions (default: icrs)"
-    )
-    parser.add_argument(
-        "--columns", type=pairs, metavar="ROLE=NAME,…", help="where the table keeps what: pmra=mu_ra,redshift=z"
-    )
-    parser.add_argument("--units", type=pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
-    parser.add_argument(
-        "--on-bad", choices=["raise", "drop"], default="raise", help="rows that cannot be used (default: raise)"
-    )
-    parser.add_argument("--output", metavar="DIR", type=_named, help="write report, tables and figures to this folder")
-    add_figures(parser)
-    add_overwrite(parser)
-
-
-def add_figures(parser: argparse.ArgumentParser) -> None:
-    """Add --format, --dpi, --no-figures and --html.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of a command.
-    """
-    parser.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of the figures (default: png)")
-    parser.add_argument("--dpi", type=positive, default=300, help="dots an inch of the figures (default: 300)")
-    parser.add_argument("--no-figures", action="store_true", help="write no figures into the folder of --output")
-    parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
-
-
 def add_threads(parser: argparse.ArgumentParser) -> None:
     """How many threads, in every command that uses several.
 
@@ -104,22 +64,6 @@ def add_overwrite(parser: argparse.ArgumentParser) -> None:
         To which options are added.
     """
     parser.add_argument("--overwrite", action="store_true", help="replace results of the same command that are there")
-
-
-def reading(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `read_field` that `add_reading` asks for.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of a command.
-    """
-    return {
-        "columns": options.columns,
-        "units": options.units,
-        "on_bad": options.on_bad,
-        "frame": options.catalogue_frame,
-    }
 
 
 def count(least: int) -> Callable[[str], int]:
@@ -292,9 +236,3 @@ def pairs(text: str) -> dict[str, str]:
     if not all(found) or not all(found.values()):
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value,name=value")
     return found
-
-
-def _named(text):
-    if not text:
-        raise argparse.ArgumentTypeError("names no folder")
-    return text

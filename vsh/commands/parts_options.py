@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from vsh.commands.parsing import count, reading
+from vsh.commands import reading
+from vsh.commands.parsing import count
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
@@ -46,4 +47,4 @@ def reading_parts(options: argparse.Namespace) -> dict[str, Any]:
     options : argparse.Namespace
         Of a command.
     """
-    return reading(options) | {"workers": options.workers, "scheduler": options.scheduler}
+    return reading.arguments(options) | {"workers": options.workers, "scheduler": options.scheduler}

@@ -8,7 +8,7 @@ from typing import Any
 
 from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
-from vsh.errors import FieldError, NothingLeftError, VshError
+from vsh.errors import FieldError, NothingLeftError, NothingSelectedError, VshError
 from vsh.field import Field
 from vsh.parts._add import added, label_of
 from vsh.system.parallel import limited
@@ -84,7 +84,8 @@ class Work:
                     if field is not None:
                         total, sources = added(total, self.function(field)), sources + len(field)
             except NothingLeftError as error:  # of the whole part: a reader hands on what is lost of some of it
-                if error.notes and getattr(self.read, "on_bad", "drop") == "raise":
+                chosen = isinstance(error, NothingSelectedError)  # other parts may hold some
+                if error.notes and not chosen and getattr(self.read, "on_bad", "drop") == "raise":
                     raise _left_out(piece, error) from error
                 notes = notes + LostNotes(error.notes)
             except FieldError as error:

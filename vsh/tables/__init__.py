@@ -8,11 +8,13 @@ from vsh.tables._fits_layout import fits_rows
 from vsh.tables._matrix import read_matrix
 from vsh.tables._open import FORMATS, files_of, format_of, open_table
 from vsh.tables._source import TableSource, check_alike
+from vsh.tables._where import Where
 from vsh.tables._write import as_table, check_writable, read, table_of, write, write_table
 
 __all__ = [
     "FORMATS",
     "TableSource",
+    "Where",
     "as_table",
     "check_alike",
     "check_writable",
