@@ -10,9 +10,10 @@ import numpy as np
 
 from vsh.checks.arrays import float_array, read_only
 from vsh.checks.columns import MEASURED, check_measured, still_columns, usable_columns
+from vsh.checks.notes import merge_notes
 from vsh.checks.validation import check_shapes, checked_columns, invalid_rows, select_usable
 from vsh.checks.weighed import Weighed
-from vsh.errors import FieldError
+from vsh.errors import FieldError, FrameError
 from vsh.sky.frames import check_frame, rotation_matrix, turned
 from vsh.sky.redshift_frames import check_redshift_frame
 from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
@@ -191,6 +192,22 @@ class Field(Weighed):
         known = [name for name in (*MEASURED, "name") if getattr(self, name) is not None]
         return f"<Field: {len(self)} sources, {self.frame}{', with ' if known else ''}{', '.join(known)}>"
 
+    def __add__(self, other: Field) -> Field:
+        """The sources of both, one after the other, in one frame; what one does not know of its sources is missing."""
+        if not isinstance(other, Field):
+            return NotImplemented
+        if other.frame != self.frame:
+            raise FrameError(f"the fields are in {self.frame} and {other.frame}: take both to one frame")
+        frames = {each.redshift_frame for each in (self, other) if each.redshift is not None}
+        if len(frames) > 1:
+            raise FieldError(f"redshifts stand in {' and '.join(map(str, frames))}: take them to one frame first")
+        joined = {
+            each.name: _both(self, other, each.name)
+            for each in fields(self)
+            if each.name not in ("frame", "redshift_frame", "notes")
+        }
+        return self._with(**joined, redshift_frame=next(iter(frames), None), notes=merge_notes(self.notes, other.notes))
+
     def minus(self, model: ArrayLike) -> Field:
         """What is left when a model's motions are taken away.
 
@@ -254,3 +271,17 @@ class Field(Weighed):
         for f in fields(self):
             new._set(f.name, changes.get(f.name, getattr(self, f.name)))
         return new
+
+
+def _both(one, other, name):
+    """A column of two fields; NaN, or no name, for the sources of which it is not known."""
+    columns = [getattr(each, name) for each in (one, other)]
+    if all(column is None for column in columns):
+        return None
+    if name == "name" and len({None if column is None else column.dtype.kind for column in columns}) > 1:
+        columns = [
+            np.full(len(each), "") if column is None else column.astype(str)
+            for each, column in zip((one, other), columns)
+        ]
+    columns = [np.full(len(each), np.nan) if column is None else column for each, column in zip((one, other), columns)]
+    return np.concatenate(columns, axis=-1)

@@ -14,7 +14,7 @@ from vsh.checks.frozen import Frozen
 from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
-from vsh.types import FloatArray
+from vsh.types import FloatArray, Quantity
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +97,13 @@ class Vector(Frozen):
     def sigma(self) -> FloatArray:
         """Standard error of each component, (3,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def quantity(self) -> Quantity:
+        """The components as astropy's Quantity, (3,)."""
+        from astropy.units import Quantity
+
+        return Quantity(self.value, self.unit.replace("µ", "u"))
 
     @property
     def amplitude(self) -> float:

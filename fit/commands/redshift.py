@@ -11,7 +11,7 @@ import numpy as np
 
 import vsh
 from fit.commands.redshift_options import make_parser
-from vsh.checks.notes import dropped
+from vsh.checks.notes import dropped, unselected
 from vsh.commands import figures, outputs, parsing, parts_options, reading, running
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ConvergenceError, VshError
@@ -82,7 +82,7 @@ def _run(options):
     counts = {}
     if not isinstance(whole, Parts):
         refused = dropped(whole.notes)
-        counts = {"rows": len(whole) + refused, "rows_read": len(whole)}
+        counts = {"rows": len(whole) + refused + unselected(whole.notes), "rows_read": len(whole)}
     if options.clip:
         whole = _clipped(whole, options.clip)
     cosmology = _cosmology(options)

@@ -36,7 +36,7 @@ HEAVY = {
     "distributed": ["vsh/parts/_dask.py"],
     "astropy.cosmology": ["vsh/cosmology/_distance.py"],
     "astropy": [
-        "vsh/tables/_*.py", "vsh/cosmology/_distance.py", "vsh/catalogue/_columns.py", "vsh/catalogue/_units.py", "vsh/sky/frames.py", "vsh/commands/*.py", "vsh/plot/_sky_axes.py",
+        "vsh/tables/_*.py", "vsh/cosmology/_distance.py", "vsh/catalogue/_columns.py", "vsh/catalogue/_units.py", "vsh/sky/frames.py", "vsh/commands/*.py", "vsh/plot/_sky_axes.py", "vsh/vector.py",
         "sim/effects.py", "fit/storage/_result.py",
     ],
 }  # fmt: skip

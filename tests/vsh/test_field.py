@@ -6,8 +6,9 @@ import pytest
 from astropy.utils.masked import Masked
 from conftest import random_field
 
+import fit
 from vsh import Field
-from vsh.errors import FieldError
+from vsh.errors import FieldError, FrameError
 
 GOOD = {"ra": [10.0, 20, 30], "dec": [1.0, 2, 3], "pmra": [1.0, 2, 3], "pmdec": [4.0, 5, 6]}
 GOOD |= {"pmra_error": [0.1, 0.2, 0.3], "pmdec_error": [0.4, 0.5, 0.6]}
@@ -114,3 +115,34 @@ def test_turning_a_field_does_not_refuse_what_the_gate_let_through():
     turned = stretched.to_frame("galactic")
     assert (turned.rho**2).max() > 1 - 1e-6
     np.testing.assert_allclose(turned.chi2, stretched.chi2, rtol=1e-6)
+
+
+def test_fields_add():
+    one, two = random_field(30, seed=1), random_field(20, seed=2)
+    both = one + two
+    assert len(both) == 50
+    np.testing.assert_array_equal(both.motion, np.concatenate([one.motion, two.motion], axis=1))
+    sums, whole = fit.normal_equations(one, 2) + fit.normal_equations(two, 2), fit.normal_equations(both, 2)
+    np.testing.assert_allclose(whole.matrix, sums.matrix, atol=1e-12 * np.abs(sums.matrix).max())
+    assert [len(each) for each in (both[:30], both[30:])] == [30, 20]
+    with pytest.raises(FrameError, match="icrs and galactic"):
+        one + two.to_frame("galactic")
+    with pytest.raises(TypeError):
+        one + 1
+
+
+def test_what_one_field_does_not_know_is_missing_in_the_sum():
+    from dataclasses import replace
+
+    one = replace(random_field(3, seed=1), magnitude=np.arange(3.0), name=np.array([7, 8, 9])).add_note("from A")
+    two = replace(random_field(2, seed=2), name=np.array(["J1", "J2"])).add_note("from B")
+    both = one + two
+    np.testing.assert_array_equal(both.magnitude, [0, 1, 2, np.nan, np.nan])
+    assert both.name.tolist() == ["7", "8", "9", "J1", "J2"]
+    assert both.notes == ("from A", "from B")
+    assert (one + random_field(2, seed=2)).name.tolist() == ["7", "8", "9", "", ""]
+    near = replace(one, redshift=np.ones(3), redshift_frame="cmb")
+    assert (near + two).redshift_frame == "cmb"
+    np.testing.assert_array_equal((near + two).redshift, [1, 1, 1, np.nan, np.nan])
+    with pytest.raises(FieldError, match="redshifts stand in"):
+        near + replace(two, redshift=np.ones(2), redshift_frame="heliocentric")

@@ -82,3 +82,15 @@ def test_bad_vectors():
     ):
         with pytest.raises(VshError):
             Vector(value, spread)
+
+
+@pytest.mark.parametrize(
+    ("unit", "in_si"),
+    [("µas/yr", 4.848136811095e-12), ("km/s", 1.0), ("µas", 4.848136811095e-12), ("mas", 4.848136811095e-9)],
+)
+def test_quantities_out(unit, in_si):
+    from astropy import units as u
+
+    found = Vector([1, 2, 3], np.eye(3), unit=unit).quantity
+    target = {"µas/yr": u.rad / u.yr, "km/s": u.km / u.s}.get(unit, u.rad)
+    np.testing.assert_allclose(found.to_value(target), np.array([1, 2, 3]) * in_si)
