@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from typing import Any
 
@@ -51,6 +51,15 @@ class Columns:
 #: Gaia's archive names.
 GAIA = Columns()
 
+#: Sets of names that are called by one: the archive's, and those of VizieR's tables of Gaia (I/355/gaiadr3, I/350/gaiaedr3).
+NAMED = {
+    "gaia": GAIA,
+    "vizier": Columns(
+        ra="RA_ICRS", dec="DE_ICRS", pmra="pmRA", pmdec="pmDE", pmra_error="e_pmRA", pmdec_error="e_pmDE", pmra_pmdec_corr=("pmRApmDEcor",),
+        name=("Source", "ID", "Name"), magnitude=("Gmag",), redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),
+    ),
+}  # fmt: skip
+
 #: Where `write_field` keeps the frame of redshifts in a table's metadata.
 REDSHIFT_FRAME_KEY = "ZFRAME"
 REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
@@ -61,12 +70,12 @@ _OTHER_FRAMES = {"l": "galactic", "b": "galactic", "glon": "galactic", "glat": "
 
 
 def as_columns(columns: Any) -> Columns:
-    """Columns from None (Gaia's names), a dict of role to name, or Columns.
+    """Columns from None (Gaia's names), "gaia" or "vizier", a dict of role to name, or Columns.
 
     Parameters
     ----------
-    columns : Columns, dict or None
-        As users say it.
+    columns : Columns, str, dict or None
+        As users say it; in a dict "names" is one of the sets, which the other entries change.
 
     Raises
     ------
@@ -77,13 +86,20 @@ def as_columns(columns: Any) -> Columns:
         return GAIA
     if isinstance(columns, Columns):
         return columns
+    columns = {"names": columns} if isinstance(columns, str) else columns
     if not isinstance(columns, dict):
-        raise TableError(f"columns are a dict from role to name, or Columns, not {type(columns).__name__}")
+        raise TableError(
+            f"columns are {', '.join(NAMED)}, a dict from role to name, or Columns, not {type(columns).__name__}"
+        )
+    known = columns.get("names", "gaia")
+    if known not in NAMED:
+        raise TableError(f"columns: no set of names is called {known!r}; there are {', '.join(NAMED)}")
+    columns = {role: name for role, name in columns.items() if role != "names"}
     roles = [f.name for f in fields(Columns)]
     wrong = [str(role) for role in columns if role not in roles]
     if wrong:
         raise TableError(f"columns: nothing is called {', '.join(wrong)}; there are {', '.join(roles)}")
-    return Columns(**columns)
+    return replace(NAMED[known], **columns)
 
 
 def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[str]]:

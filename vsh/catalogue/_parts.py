@@ -26,7 +26,7 @@ ROWS = 500_000
 def parts(
     source: Any,
     *,
-    columns: Columns | Mapping[str, str] | None = None,
+    columns: Columns | Mapping[str, str] | str | None = None,
     units: Mapping[str, Any] | None = None,
     on_bad: OnBad = "raise",
     frame: str | None = None,

@@ -36,7 +36,7 @@ from vsh.units import MAS
 
 def read_field(
     source: Any,
-    columns: Columns | Mapping[str, str] | None = None,
+    columns: Columns | Mapping[str, str] | str | None = None,
     units: Mapping[str, Any] | None = None,
     *,
     on_bad: OnBad = "raise",
@@ -52,8 +52,9 @@ def read_field(
         Files: FITS, VOTable, ECSV, CSV, Parquet, or a folder of them; text and FITS also packed with
         gzip. Only the columns that are needed are read. Objects of pyarrow, polars and DuckDB are
         taken by their `__arrow_c_stream__`, classes made from DataFrame (LSDB's) as DataFrames.
-    columns : Columns or dict, optional
-        Where the table keeps what; Gaia's archive names unless given.
+    columns : Columns, "gaia", "vizier" or dict, optional
+        Where the table keeps what; Gaia's archive names unless given. A dict goes from roles to names, with "names"
+        for one of the two sets that it changes: {"names": "vizier", "redshift": "zsp"}.
     units : dict, optional
         From column names of the table to units, "uas/yr" say; they override the table's.
         A column without a unit is taken in Gaia's (deg, mas/yr) if it has Gaia's name,
@@ -96,7 +97,7 @@ def iter_fields(
     source: Any,
     rows: int = 1_000_000,
     *,
-    columns: Columns | Mapping[str, str] | None = None,
+    columns: Columns | Mapping[str, str] | str | None = None,
     units: Mapping[str, Any] | None = None,
     on_bad: OnBad = "raise",
     frame: str | None = None,

@@ -21,7 +21,7 @@ _ERRORS = ("pmra_error", "pmdec_error")
 
 def read_sources(
     source: Any,
-    columns: Columns | Mapping[str, str] | None = None,
+    columns: Columns | Mapping[str, str] | str | None = None,
     units: Mapping[str, Any] | None = None,
     *,
     on_bad: OnBad = "raise",

@@ -8,6 +8,9 @@ from typing import Any
 from vsh.commands import parsing
 from vsh.sky.frames import FRAMES
 
+#: As `vsh.catalogue` has them, which loads too much for --help.
+_SETS = ("gaia", "vizier")
+
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """The options of every command that reads a catalogue.
@@ -22,7 +25,10 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--catalogue-frame", choices=list(FRAMES), help="axes of the catalogue's positions and motions (default: icrs)"
     )
     parser.add_argument(
-        "--columns", type=parsing.pairs, metavar="ROLE=NAME,…", help="where the table keeps what: pmra=mu_ra,redshift=z"
+        "--columns",
+        type=_columns,
+        metavar="ROLE=NAME,…",
+        help="where the table keeps what: gaia (default), vizier, pmra=mu_ra,redshift=z, or vizier,redshift=zsp",
     )
     parser.add_argument("--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
     parser.add_argument(
@@ -65,6 +71,18 @@ def arguments(options: argparse.Namespace) -> dict[str, Any]:
         "frame": options.catalogue_frame,
         "where": options.where,
     }
+
+
+def _columns(text):
+    """NAME=VALUE,… with one of the sets of names before it."""
+    first, _, rest = text.partition(",")
+    if "=" in first:
+        return parsing.pairs(text)
+    if first.strip() not in _SETS:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not of the form name=value,name=value, {' or '.join(_SETS)} before it or not"
+        )
+    return {"names": first.strip()} | (parsing.pairs(rest) if rest else {})
 
 
 def _named(text):

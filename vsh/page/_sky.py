@@ -114,7 +114,7 @@ def _controls(top):
 
 
 _KEYS = f"""<p class="faint" id="sky-keys">Drag or arrow keys turn it, + and − zoom, 0 goes back, n and p step through the
-sources. Dark arrows stand above {SURE:.0f} σ; stars with circles: where acceleration and spin point, with 68 % cones.</p>"""
+sources. Coloured arrows stand above {SURE:.0f} σ, grey ones below; stars with circles: where acceleration and spin point, with 68 % cones.</p>"""
 
 
 def _figure(i, shown, sent):

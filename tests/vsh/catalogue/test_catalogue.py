@@ -94,3 +94,41 @@ def test_simulated_tables_tell_their_truth():
     assert truth_of(t) is None
     t.meta |= {f"{name}_{axis}": i for i, axis in enumerate("XYZ") for name in ("spin", "ACC")}
     np.testing.assert_array_equal(truth_of(t)["spin"].value, [0, 1, 2])
+
+
+def test_names_of_vizier():
+    """I/355/gaiadr3 as VizieR hands it round, alone and with a column of one's own."""
+    rng = np.random.default_rng(1)
+    table = {"RA_ICRS": rng.uniform(0, 360, 50), "DE_ICRS": rng.uniform(-60, 60, 50), "Source": np.arange(50), "pmRA": rng.normal(size=50), "pmDE": rng.normal(size=50),
+             "e_pmRA": np.full(50, 0.1), "e_pmDE": np.full(50, 0.2), "pmRApmDEcor": np.full(50, 0.3), "Gmag": np.full(50, 18.0), "zq": np.ones(50), "Solved": np.full(50, 31)}  # fmt: skip
+    units = {name: "deg" for name in ("RA_ICRS", "DE_ICRS")} | {
+        name: "mas/yr" for name in ("pmRA", "pmDE", "e_pmRA", "e_pmDE")
+    }
+    field = read_field(table, "vizier", units)
+    np.testing.assert_allclose(field.motion, 1000 * np.array([table["pmRA"], table["pmDE"]]))
+    assert (field.rho == 0.3).all()
+    assert (field.magnitude == 18).all()
+    assert field.redshift is None
+    assert (read_field(table, {"names": "vizier", "redshift": "zq"}, units).redshift == 1).all()
+    table["Solved"][:3] = 3
+    assert len(read_field(table, "vizier", units, on_bad="drop")) == 47
+    with pytest.raises(TableError, match="no set of names is called 'simbad'; there are gaia, vizier"):
+        read_field(table, "simbad", units)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("vizier", {"names": "vizier"}),
+        ("vizier,redshift=zq", {"names": "vizier", "redshift": "zq"}),
+        ("pmra=mu", {"pmra": "mu"}),
+    ],
+)
+def test_columns_as_they_are_typed(typed, meant):
+    from fit.commands.fit import make_parser
+    from vsh.catalogue._columns import NAMED
+    from vsh.commands.reading import _SETS
+
+    assert set(NAMED) == set(_SETS)
+
+    assert make_parser().parse_args(["x.fits", "--columns", typed]).columns == meant
