@@ -74,6 +74,11 @@ def read_positions(
             )
         found = read_icrf(source, designation)
         return found if sigma is None else _with_sigma(found, sigma)
+    wrong = [str(role) for role in columns or () if role not in (*_COLUMNS, *_OPTIONAL)]
+    if wrong:
+        raise TableError(
+            f"columns: nothing of positions is called {', '.join(wrong)}; there are {', '.join((*_COLUMNS, *_OPTIONAL))}"
+        )
     opened = tables.open_table(source)
     roles = {role: (columns or {}).get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}
     if "name" not in (columns or {}):
