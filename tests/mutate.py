@@ -329,6 +329,20 @@ BREAKS = [
     ("fit/output/_figures.py", "turn[place, place] = back", "turn[place, place] = np.eye(3)", "test_field_maps.py"),
     ("fit/sampling/_chain.py", "(half - 1) / half + between / within", "1.0 + 0 * between / within", "test_chain.py"),
     ("study/results.py", "away <= reach", "away <= 2 * reach", "test_study.py"),
+    (
+        "vsh/tables/_where.py",
+        "return value & ~unknown, unknown.copy()",
+        "return value, unknown.copy()",
+        "test_where.py",
+    ),
+    (
+        "vsh/tables/_where.py",
+        "unknown = (unknown | lost) & ~(sure[0] | sure[1])",
+        "unknown = unknown | lost",
+        "test_where.py",
+    ),
+    ("vsh/catalogue/_chosen.py", "first_row + rows", "first_row + np.arange(rows.size)", "test_where.py"),
+    ("vsh/field.py", "np.concatenate(columns, axis=-1)", "np.concatenate(columns[::-1], axis=-1)", "test_field.py"),
 ]
 
 

@@ -211,7 +211,6 @@ class Where:
             sure = [((a if not both else ~a) & ~b) for a, b in ((value, unknown), (other, lost))]
             unknown = (unknown | lost) & ~(sure[0] | sure[1])
             value = value & other if both else value | other
-            value = np.where(sure[0] | sure[1], not both, value)
         return value, unknown
 
     def _compared(self, node, block):
