@@ -53,8 +53,15 @@ def make_bundle():
         work = Path(folder)
         for name in ("package.json", "package-lock.json", "d3.js"):
             shutil.copy(SOURCE / name, work)
-        quiet = {"cwd": work, "check": True, "capture_output": True, "timeout": 300}
-        subprocess.run([npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"], **quiet)
+        quiet = {"cwd": work, "check": True, "capture_output": True, "timeout": 120}
+        # Where no registry can be reached an installation should not wait for it.
+        few = [
+            "--fetch-retries=1",
+            "--fetch-timeout=15000",
+            "--fetch-retry-mintimeout=1000",
+            "--fetch-retry-maxtimeout=5000",
+        ]
+        subprocess.run([npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund", *few], **quiet)
         subprocess.run([npm, "run", "build", "--", "--metafile=meta.json"], **quiet)
         inside = json.loads((work / "meta.json").read_text())["inputs"]
         packages = sorted({name.split("/")[1] for name in inside if name.startswith("node_modules/")})
