@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 
 from fit.linear import LinearSolution
-from vsh.coefficients import FIRST_DEGREE, Coefficients
+from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.types import FloatArray, Kind
@@ -210,11 +210,8 @@ class HarmonicSolution(LinearSolution):
         return float(values @ np.linalg.solve(covariance, values))
 
     def _first_degree(self, kind, rows, unit):
-        # The rows are orthogonal, but not of one length: the inverse, then.
-        inverse = np.linalg.inv(rows)
         degree = self.modes.slice_of(kind, 1)
-        covariance = inverse @ self.covariance[degree, degree] @ inverse.T
-        return Vector(inverse @ self.coefficients.values[degree], covariance, self.frame, unit)
+        return vector_of(rows, self.coefficients.values[degree], self.covariance[degree, degree], self.frame, unit)
 
     def _weighted_covariance(self, kind, l):
         return self._power_weights(l)[:, None] * self.of_degree(kind, l)[1]

@@ -114,11 +114,9 @@ class Coefficients(Frozen):
         -------
         Vector
         """
-        own = np.zeros((3, 3))
-        if covariance is not None:
-            place, back = self.modes.slice_of(kind, 1), np.linalg.inv(FIRST_DEGREE)
-            own = back @ np.asarray(covariance)[place, place] @ back.T
-        return Vector(self.rotation if kind == "T" else self.glide, own, frame, unit)
+        place = self.modes.slice_of(kind, 1)
+        own = np.zeros((3, 3)) if covariance is None else np.asarray(covariance)[place, place]
+        return vector_of(FIRST_DEGREE, self.values[place], own, frame, unit)
 
     def power(self, kind: Kind, l: int) -> float:
         """∫ |V_l|² dΩ of one kind and degree. [(µas/yr)²]
@@ -192,3 +190,24 @@ class Coefficients(Frozen):
         return type(self)(self.modes, self.values * float(factor))
 
     __rmul__ = __mul__
+
+
+def vector_of(rows: FloatArray, values: FloatArray, covariance: FloatArray, frame: str, unit: str) -> Vector:
+    """The vector whose components along the axes make the three coefficients of degree 1.
+
+    Parameters
+    ----------
+    rows : (3, 3) array
+        From components to coefficients: `FIRST_DEGREE`, or that of a scalar's dipole.
+    values, covariance : (3,) and (3, 3) arrays
+        Of the coefficients.
+    frame, unit : str
+        Theirs.
+
+    Returns
+    -------
+    Vector
+    """
+    # The rows are orthogonal, but not of one length: the inverse, then.
+    inverse = np.linalg.inv(rows)
+    return Vector(inverse @ values, inverse @ covariance @ inverse.T, frame, unit)

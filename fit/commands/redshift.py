@@ -123,7 +123,11 @@ def _run(options):
             unfinished = error
             texts.append(f"posterior: {error}\n")
         running.say(texts[-1])
-    meta = running.provenance(options.catalogue, options, {"vsh-astrometry": vsh.__version__}, **counts)
+    # It reads the whole file for its hash.
+    wanted = options.output or options.html
+    meta = (
+        running.provenance(options.catalogue, options, {"vsh-astrometry": vsh.__version__}, **counts) if wanted else {}
+    )
     drawn = figures.Figures(lambda: _draw(results, truth))
     if options.output:
         with outputs.results_folder(options.output, "vsh-redshift", meta, options.overwrite) as folder:

@@ -19,7 +19,6 @@ from fit.output._rows import (
     vectors_of,
 )
 from vsh import page
-from vsh.plot import picture_of
 from vsh.types import Table
 
 _CAPTIONS = {
@@ -28,7 +27,6 @@ _CAPTIONS = {
     "correlation": "Correlations of spin, acceleration and the coefficients of higher degrees.",
     "residuals": "Where residuals are larger (red) or smaller (blue) than their errors say, in standard deviations.",
 }
-_STATIC = "The sky of this page cannot be turned: the package was built without its script (make page, with npm)."
 
 
 def html_report(
@@ -80,14 +78,13 @@ def html_report(
     turned = page.sky(*skies) if skies else page.Panel("")
     shown = {name: drawn for name, drawn in figures.items() if not (turned.html and name == "sky")}
     said = {**_CAPTIONS, **(captions or {})}
-    pictures = [page.figure(picture_of(drawn), said.get(name, name)) for name, drawn in shown.items()]
-    static = page.words(_STATIC if skies and not turned.html else "", "faint")
+    static = page.words(f"The sky of this page {page.STATIC}." if skies and not turned.html else "", "faint")
     vectors = vectors_of(solution)
     panels = [
         _cards(solution), page.words(_warnings(solution), "warning"), page.heading("The sky", turned),
         page.heading(" and ".join(vectors).capitalize(), *_vectors(solution, truth or {})), _check(check), _powers(solution),
         *(page.sheet(heading, columns) for heading, columns in (sections or {}).items()),
-        page.heading("Figures", page.pictures(pictures), static), _coefficients(solution), page.notes(solution.notes),
+        page.heading("Figures", page.figures(shown, said), static), _coefficients(solution), page.notes(solution.notes),
         page.provenance(provenance or {}, command),
     ]  # fmt: skip
     modes = solution.modes

@@ -37,6 +37,8 @@ def _run(options):
         surveys[name] = Survey(n, sigma=sigma, says="as given")
     found = forecast(surveys, sky=options.sky, flows=not options.no_flows)
     running.say(found.report())
+    if not (options.output or options.html):
+        return
     meta = running.provenance([], options, {"vsh-astrometry": vsh.__version__})
     drawn = figures.Figures(lambda: {"forecast": found.plot()})
     if options.output:

@@ -219,7 +219,7 @@ def dropped(notes: Iterable[str]) -> int:
     notes : iterable of str
         Of a field.
     """
-    return sum((sum(note.counts.values()) for note in notes if isinstance(note, DroppedRows)), 0)
+    return _counted(notes, DroppedRows)
 
 
 def unselected(notes: Iterable[str]) -> int:
@@ -230,7 +230,11 @@ def unselected(notes: Iterable[str]) -> int:
     notes : iterable of str
         Of a field.
     """
-    return sum((sum(note.counts.values()) for note in notes if isinstance(note, NotSelected)), 0)
+    return _counted(notes, NotSelected)
+
+
+def _counted(notes, kind):
+    return sum((sum(note.counts.values()) for note in notes if isinstance(note, kind)), 0)
 
 
 def printable(text: object) -> str:

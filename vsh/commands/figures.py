@@ -12,9 +12,6 @@ from vsh.commands.running import say
 from vsh.system.files import atomic_write
 from vsh.types import PathName
 
-#: What a command says of a page whose sky cannot be turned.
-STATIC = "its sky cannot be turned: this package was built without the script (make page, with npm)"
-
 
 class Figures:
     """The figures of a run, drawn when they are first asked for.
@@ -100,14 +97,9 @@ def write_page(
         That repeats the run.
     """
     from vsh import page
-    from vsh.plot import picture_of
 
-    said = captions or {}
-    pictures = [
-        page.figure(picture_of(drawn), said.get(name, name.replace("_", " "))) for name, drawn in figures.drawn.items()
-    ]
     panels = [
-        page.heading("Figures", page.pictures(pictures)),
+        page.heading("Figures", page.figures(figures.drawn, captions or {})),
         *(page.sheet(heading, columns) for heading, columns in (sheets or {}).items()),
         page.heading("Report", page.preformatted(text.strip("\n"))),
         page.provenance(provenance or {}, command),
@@ -126,6 +118,6 @@ def say_page(path: PathName) -> None:
     path : str or Path
         The page.
     """
-    from vsh.page import bundle
+    from vsh.page import STATIC, bundle
 
-    say(f"written to {path}" if bundle() else f"written to {path}; {STATIC}")
+    say(f"written to {path}" if bundle() else f"written to {path}; its sky {STATIC}")

@@ -6,12 +6,12 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from vsh.cosmology import VELOCITIES, velocity_from_apex
 from vsh.errors import ParameterError
+from vsh.system.files import without_folder
 from vsh.vector import Vector
 
 _NEGATIVE = re.compile(r"-[\d.]")
@@ -37,9 +37,14 @@ def parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = Non
         else:
             joined.append(word)
     options = parser.parse_args(joined)
-    plain = (Path(word).name if "/" in word and not word.startswith("-") else word for word in words)
-    options.command = [parser.prog, *plain]
+    options.command = [parser.prog, *map(_told, words)]
     return options
+
+
+def _told(word):
+    """A word of the command as a page may hold it, the value of --option=value too."""
+    option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+    return option + equals + without_folder(value)
 
 
 def add_threads(parser: argparse.ArgumentParser) -> None:

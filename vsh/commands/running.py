@@ -15,6 +15,7 @@ import numpy as np
 
 from vsh.checks.notes import printable
 from vsh.errors import VshError, VshWarning
+from vsh.system.files import without_folder
 from vsh.system.parallel import limited
 
 
@@ -122,8 +123,6 @@ def _hash(path):
 
 
 def _plain(value, paths):
-    if isinstance(value, str) and (
-        value in map(str, paths) or Path(value).is_absolute() or ("/" in value and Path(value).exists())
-    ):
-        return Path(value).name  # results are handed round: names of files, not where they lie on this disk
-    return value if isinstance(value, (str, int, float, tuple, list, dict)) else str(value)
+    if isinstance(value, str):
+        return Path(value).name if value in map(str, paths) else without_folder(value)
+    return value if isinstance(value, (int, float, tuple, list, dict)) else str(value)

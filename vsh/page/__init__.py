@@ -1,10 +1,11 @@
 """Pages that need no network: panels of tables, figures and an interactive sky."""
 
-from vsh.page._page import bundle, page
+from vsh.page._page import STATIC, bundle, page
 from vsh.page._panels import (
     Panel,
     cards,
     figure,
+    figures,
     heading,
     notes,
     pictures,
@@ -18,11 +19,13 @@ from vsh.page._sky import MAX_SOURCES, Shown, sky
 
 __all__ = [
     "MAX_SOURCES",
+    "STATIC",
     "Panel",
     "Shown",
     "bundle",
     "cards",
     "figure",
+    "figures",
     "heading",
     "notes",
     "page",

@@ -12,6 +12,8 @@ from string import Template
 
 from vsh.page._panels import Panel
 
+#: What is said of a sky where there is no `bundle`.
+STATIC = "cannot be turned: this package was built without the script (make page, with npm)"
 _PAGE = Template("""<!doctype html>
 <html lang="en">
 <head>

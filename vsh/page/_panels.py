@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsh.plot import picture_of
 from vsh.types import Table
 
 
@@ -194,6 +195,25 @@ def pictures(figures: Sequence[Panel]) -> Panel:
     """
     inner = "".join(panel.html for panel in figures)
     return Panel(f'<div class="pictures">{inner}</div>' if inner else "")
+
+
+def figures(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
+    """Figures as pictures beside each other, each under its caption, or its name.
+
+    Parameters
+    ----------
+    drawn : dict of str to matplotlib axes
+        By name.
+    captions : dict of str to str
+        By name.
+
+    Returns
+    -------
+    Panel
+    """
+    return pictures(
+        [figure(picture_of(each), captions.get(name, name.replace("_", " "))) for name, each in drawn.items()]
+    )
 
 
 def notes(lines: Iterable[object]) -> Panel:

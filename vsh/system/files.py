@@ -49,6 +49,29 @@ def atomic_write(path: PathName) -> Iterator[Path]:
         new.unlink(missing_ok=True)
 
 
+def without_folder(text: str) -> str:
+    """The name of a file without where it lies on this disk; any other text as it is.
+
+    Results and pages are handed round: an absolute path, or one that is there, is told by its last part.
+
+    Parameters
+    ----------
+    text : str
+        A path, a condition, an address.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> without_folder("/home/me/catalogue.fits"), without_folder("pmra / pmra_error < 5"), without_folder("mu=uas/yr")
+    ('catalogue.fits', 'pmra / pmra_error < 5', 'mu=uas/yr')
+    """
+    path = Path(text)
+    return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
+
+
 def remove_unfinished(folder: PathName) -> None:
     """Remove what killed writers left in a folder and below: files by the names that only `atomic_write` gives.
 

@@ -328,3 +328,38 @@ def test_no_option_shows_where_its_author_works(catalogue, tmp_path):
     )
     told = running.provenance(catalogue, options, {})["options"]
     assert told == {"catalogue": "c.fits", "checkpoint": "c.npz", "units": {"a": "uas/yr"}, "frame": "icrs"}
+
+
+def test_the_command_of_a_page_repeats_the_run(tmp_path):
+    """Folders go, what only looks like a path stays: a quotient, a unit, an address."""
+    import argparse
+
+    from vsh.commands import parsing
+
+    parser = argparse.ArgumentParser(prog="vsh-fit")
+    parser.add_argument("catalogue")
+    for option in ("--where", "--units", "--checkpoint", "--scheduler"):
+        parser.add_argument(option)
+    where, units, address = "pmra / pmra_error < 5", "mu=uas/yr", "tcp://host:8786"
+    words = [
+        str(tmp_path / "c.fits"),
+        "--where",
+        where,
+        "--units",
+        units,
+        f"--checkpoint={tmp_path / 'k.npz'}",
+        "--scheduler",
+        address,
+    ]
+    told = parsing.parse(parser, words).command
+    assert told == [
+        "vsh-fit",
+        "c.fits",
+        "--where",
+        where,
+        "--units",
+        units,
+        "--checkpoint=k.npz",
+        "--scheduler",
+        address,
+    ]

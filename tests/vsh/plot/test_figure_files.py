@@ -20,6 +20,7 @@ def drawn():
 
 
 def test_formats(tmp_path):
+    plt.close("all")  # what other tests left open
     paths = save_figures({"a": drawn(), "b": drawn()}, tmp_path, format=("png", "pdf", "svg"), dpi=100)
     assert [path.name for path in paths] == ["a.png", "a.pdf", "a.svg", "b.png", "b.pdf", "b.svg"]
     assert not plt.get_fignums()
@@ -35,6 +36,17 @@ def test_the_same_figure_twice_is_the_same_file(tmp_path, ending):
         (tmp_path / name).mkdir()
         files += save_figures({"a": drawn()}, tmp_path / name, format=ending)
     assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_commands_offer_what_can_be_written():
+    from argparse import ArgumentParser
+
+    from vsh.commands.reading import add_figures
+    from vsh.plot import FORMATS
+
+    parser = ArgumentParser()
+    add_figures(parser)
+    assert next(each.choices for each in parser._actions if each.dest == "format") == list(FORMATS)
 
 
 def test_bad_ones(tmp_path):
