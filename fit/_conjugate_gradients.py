@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal
 
+from vsh.checks.types import FloatArray
 from vsh.errors import ConvergenceError
 from vsh.system.progress import progress_bar
-from vsh.types import FloatArray
 
 
 def conjugate_gradients(

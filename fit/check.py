@@ -10,15 +10,15 @@ import numpy as np
 from fit.frame import FrameSolution, solve_frame
 from fit.normal import normal_equations
 from fit.solution import Solution
-from fit.solve import solve
+from fit.solving import solve
 from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
+from vsh.checks.types import FloatArray, Table
 from vsh.covariance import Covariance
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts
-from vsh.types import FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False)

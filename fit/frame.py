@@ -22,13 +22,13 @@ from scipy.linalg.lapack import dgeqrf
 
 from fit.named import NamedSolution
 from vsh.checks.notes import merge_notes
+from vsh.checks.types import FloatArray
 from vsh.covariance import Covariance, as_covariance
 from vsh.errors import DegeneracyError, FieldError, FrameError
 from vsh.field import Field
 from vsh.parts import Parts, added, as_parts
 from vsh.sky.sphere import sin_cos, triad
 from vsh.system.parallel import map_blocks
-from vsh.types import FloatArray
 from vsh.vector import Vector
 
 __all__ = [

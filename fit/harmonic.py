@@ -9,10 +9,10 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 
 from fit.linear import LinearSolution
+from vsh.checks.types import FloatArray, Kind
 from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
 from vsh.field import Field
 from vsh.modes import Modes
-from vsh.types import FloatArray, Kind
 from vsh.vector import Vector
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from fit.quality import Quality
 from fit.storage import Result
+from vsh.checks.types import FloatArray
 from vsh.field import Field
-from vsh.types import FloatArray
 from vsh.vector import correlation_of
 
 

@@ -22,9 +22,9 @@ from fit.sums import Rings, fourier_sums
 from vsh import Coefficients, Field, Mode, Modes, tables
 from vsh.checks import arguments, nouns
 from vsh.checks.notes import merge_notes
+from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.errors import CovarianceError, FieldError, ParameterError
 from vsh.modes import as_modes
-from vsh.types import ArrayLike, FloatArray, Table
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.
 LOW = 12

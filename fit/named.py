@@ -9,9 +9,9 @@ from fit.linear import LinearSolution
 from fit.storage import count, decoded, encoded
 from vsh import tables
 from vsh.checks.arrays import covariance, float_array
+from vsh.checks.types import FloatArray, Table
 from vsh.errors import TableError
 from vsh.sky.frames import check_frame
-from vsh.types import FloatArray, Table
 from vsh.vector import Vector
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtr, chdtrc, chndtr, fdtrc, gammaln, ndtri_exp
 
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 
 __all__ = [
     "Quality",

@@ -11,10 +11,10 @@ from fit.harmonic import HarmonicSolution
 from fit.storage import Result, coefficient_columns, count, decoded, encoded, exact, number, words
 from vsh import tables
 from vsh.checks.arrays import covariance, float_array
+from vsh.checks.types import FloatArray, Kind, Table
 from vsh.coefficients import Coefficients
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
-from vsh.types import FloatArray, Kind, Table
 from vsh.vector import Vector
 
 

@@ -20,9 +20,9 @@ from sim.scanning import NominalScanningLaw, Transits
 from sim.variability import Variability, markov_chain
 from vsh.checks.arguments import generator
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import ArrayLike, BoolArray, FloatArray, Release, Rng
 from vsh.epochs import design_row
 from vsh.errors import ParameterError
-from vsh.types import ArrayLike, BoolArray, FloatArray, Release, Rng
 
 #: Knots of the attitude, whose error all sources seen in between share. [yr]
 KNOT = 30.0 / (365.25 * 86400)

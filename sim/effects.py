@@ -12,7 +12,7 @@ import numpy as np
 from astropy import constants
 from astropy import units as u
 
-from vsh.types import Quantity
+from vsh.checks.types import Quantity
 from vsh.units import AU_PER_YEAR
 
 __all__ = [

@@ -12,9 +12,9 @@ from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
 from sim.variability import Variability
 from vsh.checks import arguments
+from vsh.checks.types import ArrayLike, FloatArray, Release
 from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
-from vsh.types import ArrayLike, FloatArray, Release
 
 __all__ = [
     "errors_by_place",

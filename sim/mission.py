@@ -11,8 +11,8 @@ from sim.astrometry import attitude_noise, errors_of_unit_transits, transit_erro
 from sim.noise import RELEASES
 from sim.scanning import NominalScanningLaw
 from vsh.checks import arguments
+from vsh.checks.types import ArrayLike, FloatArray, Release, Rng
 from vsh.errors import FrameError, ParameterError
-from vsh.types import ArrayLike, FloatArray, Release, Rng
 
 
 @dataclass(frozen=True)

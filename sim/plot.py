@@ -9,12 +9,12 @@ import numpy as np
 from sim.population import Population
 from sim.variability import Variability, markov_chain
 from vsh.checks.arguments import generator
+from vsh.checks.types import Axes, Cosmology, FloatArray, Rng
 from vsh.cosmology import PLANCK_2013, transverse_distance
 from vsh.plot import COLOURS, WIDTH, SkyAxes, draw_line, panels, plot_map, styled
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import mean_map, pixels_of
 from vsh.sky.sphere import angles, triad
-from vsh.types import Axes, Cosmology, FloatArray, Rng
 from vsh.units import AU_PER_YEAR
 
 __all__ = [

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from vsh.checks.types import FloatArray, Rng
 from vsh.errors import ParameterError
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import centres, random_positions
 from vsh.sky.sphere import angles, triad
-from vsh.types import FloatArray, Rng
 
 __all__ = [
     "GUMS_PLANE",

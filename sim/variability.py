@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from vsh.checks.arguments import generator, not_negative, positive
+from vsh.checks.types import FloatArray, IntArray, Rng
 from vsh.errors import ParameterError
-from vsh.types import FloatArray, IntArray, Rng
 
 __all__ = [
     "Variability",

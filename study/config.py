@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from vsh.checks.notes import printable
+from vsh.checks.types import PathName
 from vsh.cosmology import VELOCITIES, velocity_from_apex
 from vsh.errors import ParameterError, VshError
 from vsh.sky.frames import FRAMES
-from vsh.types import PathName
 
 
 class StudyError(VshError, ValueError):

@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from study.config import Study
 from vsh import tables
-from vsh.types import Table
+from vsh.checks.types import Table
 
 
 def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:

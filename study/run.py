@@ -15,10 +15,10 @@ from study.prepare import prepared
 from study.realise import realise
 from study.results import write_results
 from vsh.checks.notes import printable
+from vsh.checks.types import PathName
 from vsh.system.files import atomic_write, remove_unfinished
 from vsh.system.parallel import cores, end_with_parent
 from vsh.system.progress import progress_bar
-from vsh.types import PathName
 
 
 def run(

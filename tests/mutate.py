@@ -179,7 +179,7 @@ BREAKS = [
         "rows @ motion, float(times @ motion**2)",
         "test_dense.py",
     ),
-    ("fit/solve.py", "chi2 -= float(assumed.chi2_null", "chi2 -= 0 * float(assumed.chi2_null", "test_fit.py"),
+    ("fit/solving.py", "chi2 -= float(assumed.chi2_null", "chi2 -= 0 * float(assumed.chi2_null", "test_fit.py"),
     (
         "fit/background/_likelihood.py",
         "known[:, -1])\n    return",

@@ -16,10 +16,10 @@ from __future__ import annotations
 import numpy as np
 
 from vsh.checks import arguments, arrays
+from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.sphere import multiples, sin_cos
-from vsh.types import FloatArray
 
 
 @arguments.accepts(lon=arrays.dimension(1), lat=arrays.dimension(1))

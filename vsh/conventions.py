@@ -10,11 +10,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from vsh.checks.types import ArrayLike, ComplexArray
 from vsh.coefficients import Coefficients
 from vsh.errors import ModesError
 from vsh.modes import Mode, Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients
-from vsh.types import ArrayLike, ComplexArray
 
 __all__ = [
     "from_healpy",

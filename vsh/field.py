@@ -11,12 +11,12 @@ import numpy as np
 from vsh.checks.arrays import float_array, read_only
 from vsh.checks.columns import MEASURED, check_measured, still_columns, usable_columns
 from vsh.checks.notes import merge_notes
+from vsh.checks.types import ArrayLike, BoolArray, FloatArray, OnBad
 from vsh.checks.validation import check_shapes, checked_columns, invalid_rows, select_usable
 from vsh.checks.weighed import Weighed
 from vsh.errors import FieldError, FrameError
 from vsh.sky.frames import check_frame, rotation_matrix, turned
 from vsh.sky.redshift_frames import check_redshift_frame
-from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -23,8 +23,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from vsh.checks.types import FloatArray, IntArray, Kind
 from vsh.errors import ModesError
-from vsh.types import FloatArray, IntArray, Kind
 
 
 class Mode(NamedTuple):

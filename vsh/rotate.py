@@ -14,10 +14,10 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from vsh.checks import arguments
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.coefficients import Coefficients
 from vsh.errors import FrameError, ModesError
 from vsh.sky.frames import rotation_matrix
-from vsh.types import ArrayLike, FloatArray
 
 __all__ = [
     "degree_matrix",

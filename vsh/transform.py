@@ -12,13 +12,13 @@ import ducc0
 import numpy as np
 
 from vsh.checks import arguments, arrays
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.coefficients import Coefficients
 from vsh.conventions import from_healpy, scalar_from_healpy, scalar_to_healpy, to_healpy
 from vsh.errors import FieldError
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.scalars import ScalarCoefficients
 from vsh.system.parallel import cores
-from vsh.types import ArrayLike, FloatArray
 
 __all__ = [
     "adjoint",

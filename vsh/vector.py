@@ -11,10 +11,10 @@ from scipy.special import chdtr, chdtrc, chndtr, log_ndtr
 from vsh.checks.arguments import between, number
 from vsh.checks.arrays import covariance, float_array, read_only
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import FloatArray, Quantity
 from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
-from vsh.types import FloatArray, Quantity
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from vsh.checks.arguments import between, choice
 from vsh.checks.frozen import Frozen
-from vsh.types import ArrayLike, FloatArray
+from vsh.checks.types import ArrayLike, FloatArray
 
 #: Densities that an amplitude A is given beforehand: 1, A^−½, 1/A.
 Prior: TypeAlias = Literal["flat", "root", "log"]

@@ -12,9 +12,9 @@ from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations
 from vsh.checks.arguments import choice
 from vsh.checks.notes import spoken
+from vsh.checks.types import IntArray
 from vsh.errors import DegeneracyError, ModesError, ParameterError
 from vsh.modes import Modes
-from vsh.types import IntArray
 
 #: How errors are named that the residuals have not scaled.
 QUOTED = "the catalogue"

@@ -25,9 +25,9 @@ from fit.normal import NormalEquations
 from fit.storage import Result
 from vsh import tables
 from vsh.checks.arguments import a, number, positive
+from vsh.checks.types import FloatArray, Table
 from vsh.covariance import Spectrum
 from vsh.errors import ParameterError
-from vsh.types import FloatArray, Table
 
 #: Amplitudes of a grid that is uniform in its logarithm, a decade.
 _A_DECADE = 20

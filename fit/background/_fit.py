@@ -16,9 +16,9 @@ from fit.normal import NormalEquations
 from fit.storage import Result
 from vsh import tables
 from vsh.checks.notes import note_lines
+from vsh.checks.types import FloatArray, Table
 from vsh.covariance import Spectrum
 from vsh.errors import ModesError
-from vsh.types import FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -15,10 +15,10 @@ from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations, gaussian_prior
 from fit.storage import Result
 from vsh import tables
+from vsh.checks.types import Table
 from vsh.covariance import Spectrum
 from vsh.errors import DegeneracyError, ModesError
 from vsh.modes import Modes
-from vsh.types import Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)

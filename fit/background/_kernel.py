@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.lapack import dposv
 
+from vsh.checks.types import FloatArray
 from vsh.errors import DegeneracyError
-from vsh.types import FloatArray
 
 
 def parts_of(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tuple[float, float]:

@@ -23,10 +23,10 @@ from scipy.special import chdtrc
 from fit.background._equations import places, words_of
 from fit.background._kernel import kernel, parts_of
 from fit.normal import NormalEquations
+from vsh.checks.types import FloatArray
 from vsh.covariance import Spectrum
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.system.parallel import blas_for
-from vsh.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

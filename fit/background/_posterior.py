@@ -16,8 +16,8 @@ from scipy.special import gammaln, logsumexp
 
 from fit.background._amplitude import Amplitude
 from fit.background._likelihood import Likelihood, Maximum
+from vsh.checks.types import FloatArray
 from vsh.system.parallel import blas_for
-from vsh.types import FloatArray
 
 #: How far below its maximum the likelihood is followed: e^−18.
 _DROP = 18.0

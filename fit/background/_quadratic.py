@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from fit.background._equations import places
 from fit.normal import NormalEquations
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 
 #: Of a probability.
 _ACCURACY = 1e-7

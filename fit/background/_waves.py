@@ -20,9 +20,9 @@ from fit.storage import Result
 from vsh import tables
 from vsh.checks.arguments import between, choice, positive
 from vsh.checks.notes import note_lines
+from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.covariance import Spectrum
 from vsh.errors import ModesError, ParameterError
-from vsh.types import ArrayLike, FloatArray, Table
 from vsh.units import JULIAN_YEAR, hubble_rate
 
 #: km in a megaparsec.

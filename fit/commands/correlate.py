@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-import vsh
-from vsh.commands import figures, outputs, parsing, parts_options, reading, running
+from vsh.commands import finishing, outputs, parsing, reading, running
+from vsh.commands.names import FRAME
+from vsh.commands.options import correlate as words
 from vsh.errors import VshError
 from vsh.parts import Parts
-
-#: The six components of spin and acceleration, as `fit.correlation.FRAME`, which loads too much for --help.
-FRAME = "spin+acceleration"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -27,22 +24,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : list of str, optional
         In place of those of the command line.
     """
-    parser = make_parser()
-    options = parsing.parse(parser, arguments)
-    if options.leakage is not None and options.leakage <= options.lmax:
-        parser.error(f"--leakage is the highest degree that is not fitted: more than --lmax {options.lmax}")
-    if options.parameters == FRAME and options.lmax > 1:
-        options.parameters = "modes"
-    return running.guarded("vsh-correlate", lambda: _run(options), options.threads)
+    return run(parsing.parse(words, arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """What the command does, with its options parsed; returns the exit status.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
+    """
+    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
-    outputs.check(options, "vsh-correlate")
-    # Not before: --help should not wait for astropy.
+    outputs.check(options)
+    paths = [path for path in (options.catalogue, options.catalogue2) if path]
+    for path in paths:
+        reading.opened(path, options)
     from fit import correlation
 
-    paths = [path for path in (options.catalogue, options.catalogue2) if path]
-    if parts_options.in_parts(options) and options.influence:
+    if reading.in_parts(options) and options.influence:
         raise VshError(
             "--influence looks at every source: it needs the catalogue whole, without --workers and --scheduler"
         )
@@ -67,23 +70,13 @@ def _run(options):
             lines.append(_leak(leaks[-1][1], label, options))
     notes = [f"  - {label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
     text = "\n".join(lines + (["Notes", *notes, ""] if notes else []))
-    running.say(text)
-    if not (options.output or options.html):
-        return
-    meta = running.provenance(paths, options, {"vsh-astrometry": vsh.__version__}, sources=[_count(f) for f in fields])
-    drawn = figures.Figures(lambda: _draw(found, influences, leaks))
-    if options.output:
-        with outputs.results_folder(options.output, "vsh-correlate", meta, options.overwrite) as folder:
-            _write(folder, text, found, influences, leaks, meta)
-            drawn.write(folder, options)
-            listed = [x.name for x in folder.iterdir()]
-        running.say(running.written(options.output, listed))
-    if options.html:
-        sheets = {"Correlations": found.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
-        figures.write_page(
-            options.html, f"What the sky of {' and '.join(labels)} cannot tell apart", text, drawn, sheets=sheets, provenance=meta,
-            command=options.command, captions={name: _caption(name) for name in drawn.drawn},
-        )  # fmt: skip
+    sheets = {"Correlations": found.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
+    finishing.finish(
+        options, finishing.Found(text, sheets, [note.removeprefix("  - ") for note in notes]),
+        provenance=lambda: running.provenance(paths, options, sources=[_count(f) for f in fields]),
+        draw=lambda: _draw(found, influences, leaks), write=lambda folder, meta: _write(folder, found, influences, leaks, meta),
+        title=f"What the sky of {' and '.join(labels)} cannot tell apart", captions=_caption,
+    )  # fmt: skip
 
 
 def _notes(field):
@@ -98,8 +91,8 @@ def _sources(path, options):
     """Positions and errors, whole or in parts."""
     from vsh.catalogue import parts, read_sources
 
-    if parts_options.in_parts(options):
-        options_of_parts = parts_options.reading_parts(options)
+    if reading.in_parts(options):
+        options_of_parts = reading.reading_parts(options)
         return parts(path, motions=False, sigma=options.sigma, **options_of_parts).to_frame(options.frame)
     return read_sources(path, sigma=options.sigma, **reading.arguments(options)).to_frame(options.frame)
 
@@ -165,10 +158,9 @@ def _three(values):
     return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
 
 
-def _write(folder, text, found, influences, leaks, meta):
+def _write(folder, found, influences, leaks, meta):
     from vsh import tables
 
-    (folder / "report.txt").write_text(text, encoding="utf-8")
     tables.write_table(found.to_table(), folder / "correlation.ecsv", meta)
     for label, pair, field, values in influences:
         tables.write(
@@ -201,54 +193,6 @@ def _draw(found, influences, leaks):
             values, field, f"{label}:\nwhat drives the {what}", "change per doubling of weight"
         )
     return drawn | {f"leakage_{label}": leak.plot() for label, leak in leaks}
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The parser of its options."""
-    parser = argparse.ArgumentParser(
-        prog="vsh-correlate",
-        description="Which parameters are correlated on a catalogue's sky, which part of the sky causes it, and what leaks into "
-        "a fit from degrees that were left out. Positions and errors are enough; no motions are needed.",
-        epilog="Example: vsh-correlate gums.fits igql.fits --influence omega_y,a_x --leakage 6 --frame galactic --output results",
-    )
-    parser.add_argument("catalogue", help="FITS, VOTable, ECSV, CSV or Parquet file")
-    parser.add_argument("catalogue2", nargs="?", help="a second one, for the other triangle of the matrix")
-    parser.add_argument("--lmax", type=parsing.count(1), default=1, help="highest degree of the fit (default: 1)")
-    parser.add_argument(
-        "--parameters", choices=[FRAME, "modes"], default=FRAME,
-        help="spin and acceleration (with --lmax 1), or all coefficients",
-    )  # fmt: skip
-    parser.add_argument(
-        "--influence", type=_pair, action="append", metavar="NAME,NAME",
-        help="map what drives the correlation of two parameters, or the variance of one: omega_y,a_x; may be repeated",
-    )  # fmt: skip
-    parser.add_argument("--nside", type=parsing.nside, default=16, help="of these maps (default: 16)")
-    parser.add_argument(
-        "--add-sources", type=parsing.count(1), default=1000, metavar="N", help="sources to add (default: 1000)"
-    )
-    parser.add_argument(
-        "--leakage", type=parsing.count(2), metavar="L", help="bias of the fit by degrees up to L that are not fitted"
-    )
-    parser.add_argument(
-        "--power-per-degree",
-        type=parsing.not_negative,
-        default=1.0,
-        metavar="P",
-        help="their power a degree and kind, (µas/yr)² (default: 1)",
-    )
-    parser.add_argument("--sigma", type=parsing.positive, help="one error for all sources, µas/yr")
-    parsing.add_threads(parser)
-    parts_options.add_workers(parser)
-    reading.add_reading(parser)
-    parser.add_argument("--version", action="version", version=f"vsh-correlate {vsh.__version__}")
-    return parser
-
-
-def _pair(text):
-    names = tuple(name.strip() for name in re.findall(r"[^,()]+(?:\([^)]*\))?", text))
-    if len(names) not in (1, 2) or not all(names) or len(set(names)) != len(names):
-        raise argparse.ArgumentTypeError(f"one or two different names are wanted, not {text!r}")
-    return names
 
 
 if __name__ == "__main__":

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 import vsh
-from fit.commands.redshift_options import make_parser
 from vsh.checks.notes import dropped, unselected
-from vsh.commands import figures, outputs, parsing, parts_options, reading, running
+from vsh.commands import finishing, outputs, parsing, reading, running
+from vsh.commands.options import redshift as words
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ConvergenceError, VshError
 from vsh.parts import Parts
@@ -40,35 +40,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : list of str, optional
         In place of those of the command line.
     """
-    parser = make_parser()
-    options = parsing.parse(parser, arguments)
-    if options.checkpoint and not options.posterior:
-        parser.error("--checkpoint is for --posterior")
-    for name, needs in (("local_group", "flows"), ("reconstruction", "flows"), ("flow_amplitude", "flows"), ("flow_amplitude", "posterior"),
-                        ("local_group", "velocity")):  # fmt: skip
-        if getattr(options, name) and not getattr(options, needs):
-            parser.error(f"--{name.replace('_', '-')} needs --{needs}")
-    if not (options.h0 or options.velocity or options.bins or options.posterior):
-        parser.error("say what is wanted: --h0 H0, --velocity planck, --bins EDGES, --posterior")
-    if (
-        options.checkpoint
-        and options.output
-        and Path(options.output).resolve() in Path(options.checkpoint).resolve().parents
-    ):
-        parser.error("keep the checkpoint outside the folder of results, which is replaced as a whole")
-    return running.guarded("vsh-redshift", lambda: _run(options), options.threads)
+    return run(parsing.parse(words, arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """What the command does, with its options parsed; returns the exit status.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
+    """
+    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
-    outputs.check(options, "vsh-redshift")
-    # Not before: --help should not wait for astropy and emcee.
+    outputs.check(options)
+    source = reading.opened(options.catalogue, options)
     from fit.secular_parallax import hubble_constant, observer_velocity
-    from vsh import catalogue, tables
+    from vsh import catalogue
     from vsh.cosmology import with_redshift
 
-    source = tables.open_table(options.catalogue)
-    if parts_options.in_parts(options):
-        whole = catalogue.parts(options.catalogue, **parts_options.reading_parts(options))
+    if reading.in_parts(options):
+        whole = catalogue.parts(options.catalogue, **reading.reading_parts(options))
         known = whole.has("redshift")
     else:
         whole = catalogue.read_field(source, **reading.arguments(options))
@@ -85,7 +79,7 @@ def _run(options):
         counts = {"rows": len(whole) + refused + unselected(whole.notes), "rows_read": len(whole)}
     if options.clip:
         whole = _clipped(whole, options.clip)
-    cosmology = _cosmology(options)
+    velocity, cosmology = reading.velocity_of(options.velocity), _cosmology(options)
     results, texts, truth = {}, [], catalogue.truth_of(source)
     if options.bins:
         results["bins"] = _binned(whole, options)
@@ -94,7 +88,7 @@ def _run(options):
         "cosmology": cosmology,
         "peculiar_dispersion": options.peculiar_dispersion,
         "spin": "free" if options.free_spin else None,
-        "acceleration": options.acceleration,
+        "acceleration": _known(options.acceleration),
     } | _distances(options)
     if options.h0 or options.velocity or options.posterior:
         field = whole
@@ -106,13 +100,13 @@ def _run(options):
         results["velocity"] = observer_velocity(field, options.h0, **common)
         texts.append(results["velocity"].report(source=options.catalogue, truth=truth))
     if options.velocity:
-        results["hubble"] = hubble_constant(field, options.velocity, local_group=options.local_group, **common)
+        results["hubble"] = hubble_constant(field, velocity, local_group=options.local_group, **common)
         texts.append(results["hubble"].report(source=options.catalogue, truth=truth))
     flow = next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
     if flow is not None:
         texts.append(flow.report())
     for text in texts:
-        running.say(text)
+        finishing.add(options, text)
     unfinished = None
     if options.posterior:
         try:
@@ -122,27 +116,23 @@ def _run(options):
         except ConvergenceError as error:  # what else was found is written all the same
             unfinished = error
             texts.append(f"posterior: {error}\n")
-        running.say(texts[-1])
-    # It reads the whole file for its hash.
-    wanted = options.output or options.html
-    meta = (
-        running.provenance(options.catalogue, options, {"vsh-astrometry": vsh.__version__}, **counts) if wanted else {}
-    )
-    drawn = figures.Figures(lambda: _draw(results, truth))
-    if options.output:
-        with outputs.results_folder(options.output, "vsh-redshift", meta, options.overwrite) as folder:
-            _write(results, "\n".join(texts), folder, meta)
-            drawn.write(folder, options)
-            listed = [x.name for x in folder.iterdir()]
-        running.say(running.written(options.output, listed))
-    if options.html:
-        sheets = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
-        figures.write_page(
-            options.html, f"Motions against redshift: {Path(options.catalogue).name}", "\n".join(texts), drawn, sheets=sheets,
-            captions=_CAPTIONS, provenance=meta, command=options.command,
-        )  # fmt: skip
+        finishing.add(options, texts[-1])
+    sheets = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
+    text = "\n".join(texts)
+    finishing.finish(
+        options, finishing.Found(text, sheets, () if isinstance(whole, Parts) else whole.notes),
+        told=not (options.json or options.latex),
+        provenance=lambda: running.provenance(options.catalogue, options, **counts),
+        draw=lambda: _draw(results, truth), write=lambda folder, meta: _write(results, folder, meta),
+        title=f"Motions against redshift: {source.label}", captions=_CAPTIONS,
+    )  # fmt: skip
     if unfinished is not None:
         raise unfinished
+
+
+def _known(acceleration):
+    """A Vector along ICRS axes from three components and one error."""
+    return None if acceleration is None else Vector(np.array(acceleration[:3]), acceleration[3] ** 2 * np.eye(3))
 
 
 def _cosmology(options):
@@ -234,7 +224,7 @@ def _posterior(field, options, common):
         common = common | {"flow_amplitude": Normal(*options.flow_amplitude, low=0.0)}
     if options.peculiar_dispersion_max:
         common = common | {"peculiar_dispersion": Flat(0.0, options.peculiar_dispersion_max)}
-    prior = options.velocity or PLANCK_2018
+    prior = reading.velocity_of(options.velocity) or PLANCK_2018
     if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
         l, b = prior.direction
         prior = Vector.from_spherical(prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s")
@@ -244,10 +234,9 @@ def _posterior(field, options, common):
     )  # fmt: skip
 
 
-def _write(results, text, folder, meta):
+def _write(results, folder, meta):
     from vsh import tables
 
-    (folder / "report.txt").write_text(text, encoding="utf-8")
     if "bins" in results:
         tables.write_table(results["bins"].to_table(), folder / "bins.ecsv", meta)
     for name in ("velocity", "hubble"):

@@ -17,12 +17,12 @@ from fit.solution import AboutSolution, Solution
 from vsh import tables
 from vsh.catalogue import counterparts, match
 from vsh.checks import arguments
+from vsh.checks.types import FloatArray, Table
 from vsh.conventions import ICRF3, to_icrf3
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
 from vsh.sky.positions import Positions
-from vsh.types import FloatArray, Table
 
 #: Outliers that the report lists.
 _LISTED = 10

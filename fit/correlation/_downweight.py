@@ -14,9 +14,9 @@ from fit.storage import Result
 from vsh import Coefficients, tables
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.checks.types import ArrayLike, BoolArray, FloatArray, Rng, Table
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
-from vsh.types import ArrayLike, BoolArray, FloatArray, Rng, Table
 from vsh.vector import correlation_of
 
 

@@ -11,16 +11,16 @@ import numpy as np
 from fit.correlation._parameters import FRAME_NAMES, named, without_motions
 from fit.normal import normal_equations
 from fit.solution import Solution
-from fit.solve import solve
+from fit.solving import solve
 from fit.storage import exact, number
 from vsh import Coefficients, Field
 from vsh.checks import arguments
 from vsh.checks.arrays import covariance
+from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import FieldError, ParameterError
 from vsh.modes import KINDS, Modes, as_modes
 from vsh.parts import as_parts
-from vsh.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of
 
 

@@ -10,14 +10,14 @@ import numpy as np
 from fit.correlation._parameters import FRAME, named
 from fit.harmonic import at_sources
 from fit.normal import normal_equations
-from fit.solve import solve
+from fit.solving import solve
 from vsh import Coefficients
 from vsh.basis import harmonics
 from vsh.checks import arguments, arrays
+from vsh.checks.types import ArrayLike, BoolArray, FloatArray
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
-from vsh.types import ArrayLike, BoolArray, FloatArray
 
 
 @arguments.accepts(nside=arguments.whole)

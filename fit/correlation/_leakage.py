@@ -10,15 +10,15 @@ import numpy as np
 
 from fit.correlation._parameters import FRAME_NAMES, check_lower, named, without_motions
 from fit.normal import normal_equations
-from fit.solve import solve
+from fit.solving import solve
 from fit.storage import Result, words
 from vsh import Coefficients, Modes, tables
 from vsh.checks import arguments
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.errors import DegeneracyError, ParameterError, TableError
 from vsh.modes import as_modes
 from vsh.sky.frames import check_frame
-from vsh.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of
 
 

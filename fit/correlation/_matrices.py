@@ -11,16 +11,16 @@ import numpy as np
 from fit.correlation._parameters import FRAME, parameters_of, without_motions
 from fit.frame import solve_frame
 from fit.normal import normal_equations
-from fit.solve import solve
+from fit.solving import solve
 from fit.storage import Result, exact, number, words
 from vsh.checks.arrays import covariance, float_array
+from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.errors import FrameError, ParameterError, TableError
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import triad
-from vsh.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of
 
 

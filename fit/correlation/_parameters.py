@@ -11,12 +11,12 @@ import numpy as np
 
 from vsh.checks.arguments import positive
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.coefficients import FIRST_DEGREE
 from vsh.errors import ModesError, ParameterError
 from vsh.field import Field
 from vsh.modes import KINDS, Modes, as_modes
 from vsh.parts import Parts
-from vsh.types import ArrayLike, FloatArray
 
 #: What stands for the six components of spin and acceleration.
 FRAME: Literal["spin+acceleration"] = "spin+acceleration"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from vsh.checks.types import Axes, FloatArray
 from vsh.field import Field
 from vsh.modes import KINDS
 from vsh.plot import (
@@ -30,7 +31,6 @@ from vsh.plot import (
     symbol,
 )
 from vsh.sky.pixels import smoothed
-from vsh.types import Axes, FloatArray
 
 #: A map of influence has so many sources within its smoothing.
 _TOGETHER = 30

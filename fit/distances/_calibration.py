@@ -11,11 +11,11 @@ from scipy.interpolate import make_interp_spline
 from fit.distances._density import SourceDensity
 from fit.distances._errors import ErrorsByRedshift
 from fit.distances._luminosity import LuminosityFunction
+from vsh.checks.types import Cosmology, FloatArray
 from vsh.cosmology import FLOW_LIMIT, count_unusable, hubble_value, to_cmb, transverse_distance, usable
 from vsh.errors import FieldError
 from vsh.field import Field
 from vsh.sky.redshift_frames import TRUE
-from vsh.types import Cosmology, FloatArray
 from vsh.units import SPEED_OF_LIGHT
 
 

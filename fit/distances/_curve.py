@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fit.distances._curve import LogCurve, curve_basis, fit_log_curve
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 
 #: Cells of ln z in which redshifts are counted.
 EDGES = np.arange(np.log(1e-4), np.log(30.0), 0.02)

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from fit.distances._curve import LogCurve, curve_basis
 from fit.distances._density import EDGES
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from fit.distances._curve import LogCurve, curve_basis, fit_log_curve
+from vsh.checks.types import FloatArray
 from vsh.errors import DegeneracyError
-from vsh.types import FloatArray
 
 #: Cells of absolute magnitude and of distance modulus, by their lower ends.
 _STEP = 0.1

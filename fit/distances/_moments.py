@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fit.distances._calibration import Calibration
+from vsh.checks.types import FloatArray
 from vsh.cosmology import FLOW_LIMIT, to_cmb, transverse_distance, usable
 from vsh.field import Field
 from vsh.system.parallel import map_blocks
-from vsh.types import FloatArray
 from vsh.units import AU_PER_YEAR
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)

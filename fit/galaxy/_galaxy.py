@@ -15,8 +15,8 @@ from fit.quality import printed_p_value
 from fit.storage import Result
 from vsh import tables
 from vsh.checks.arguments import number, positive
+from vsh.checks.types import FloatArray, Table
 from vsh.errors import ParameterError
-from vsh.types import FloatArray, Table
 from vsh.units import KM_S_MYR
 from vsh.vector import Vector
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from fit.galaxy._relations import expected_acceleration
+from vsh.checks.types import Axes
 from vsh.plot import COLOURS, legend_above, panels, styled
-from vsh.types import Axes
 
 
 @styled

@@ -10,10 +10,10 @@ import numpy as np
 from fit.normal._equations import NormalEquations
 from vsh.basis import harmonics
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.covariance import as_covariance
 from vsh.field import Field
 from vsh.modes import Modes
-from vsh.types import ArrayLike, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

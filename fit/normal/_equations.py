@@ -11,9 +11,9 @@ from vsh import Modes
 from vsh.checks.arrays import float_array
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import FrameError, ModesError
 from vsh.modes import ScalarModes, as_modes
-from vsh.types import ArrayLike, FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -15,6 +15,7 @@ from fit.normal._moments import Moments
 from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
 from vsh.checks.arguments import choice
 from vsh.checks.nouns import modes_for
+from vsh.checks.types import FloatArray
 from vsh.checks.weighed import Weighed
 from vsh.covariance import Covariance
 from vsh.errors import FieldError, ModesError
@@ -22,7 +23,6 @@ from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts
 from vsh.scalars import ScalarField
-from vsh.types import FloatArray
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30

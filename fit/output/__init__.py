@@ -17,6 +17,7 @@ from fit.output._rows import (
     vector_rows,
     vectors_of,
 )
+from fit.output._tables import powers_table, vectors_table
 from fit.quality import printed_p_value as p_value
 from vsh.checks.notes import note_lines
 
@@ -41,11 +42,13 @@ __all__ = [
     "plot_residuals",
     "plot_spectrum",
     "power_rows",
+    "powers_table",
     "pulls",
     "report",
     "report_check",
     "vector_rows",
     "vectors_of",
+    "vectors_table",
     "write_correlation",
     "write_figures",
     "write_html",

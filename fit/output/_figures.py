@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from fit.harmonic import HarmonicSolution
 from fit.output._rows import squared
 from fit.spectrum import spectrum, wilson_hilferty
+from vsh.checks.types import Axes
 from vsh.checks.weighed import Weighed
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
@@ -32,7 +33,6 @@ from vsh.plot import (  # fmt: skip
 )
 from vsh.scalars import ScalarField
 from vsh.sky.pixels import pixels_of
-from vsh.types import Axes
 from vsh.vector import correlation_of
 
 #: A degree whose p-value is above this is shown as a limit.

@@ -11,10 +11,11 @@ import numpy as np
 
 from fit.harmonic import HarmonicSolution
 from vsh import tables
+from vsh.checks.types import PathName
 from vsh.field import Field
 from vsh.parts import Parts, sample_of
 from vsh.scalars import ScalarField
-from vsh.types import PathName
+from vsh.system.files import atomic_write
 
 
 def write_correlation(solution: HarmonicSolution, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -122,7 +123,6 @@ def write_html(
     """
     from fit.output._html import html_report
     from vsh.plot import close_figures
-    from vsh.system.files import atomic_write
 
     own = draw_figures(solution, field) if figures is None else {}
     page = html_report(

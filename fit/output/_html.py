@@ -19,7 +19,7 @@ from fit.output._rows import (
     vectors_of,
 )
 from vsh import page
-from vsh.types import Table
+from vsh.checks.types import Table
 
 _CAPTIONS = {
     "sky": "The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ.",

@@ -10,8 +10,8 @@ import numpy as np
 from fit.harmonic import HarmonicSolution
 from fit.quality import printed_p_value as p_value
 from fit.spectrum import spectrum
+from vsh.checks.types import FloatArray
 from vsh.sky.frames import ANGLES
-from vsh.types import FloatArray
 from vsh.vector import Vector
 
 #: From this signal to noise on, a length has a symmetric error.

@@ -16,10 +16,10 @@ from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
 from vsh.checks.notes import note_lines
+from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import ArrayLike, FloatArray, Table
 
 #: The narrowest bin, in units of 1/lmax, that is resolved to 1e-3.
 _RESOLVED = 15.0

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from fit.pairs._sums import PairSums
+from vsh.checks.types import FloatArray
 from vsh.modes import Modes, ScalarModes
-from vsh.types import FloatArray
 
 
 def covariance_of(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArray, weight: FloatArray) -> FloatArray:

@@ -14,11 +14,11 @@ from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
 from vsh.checks.notes import note_lines
+from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.covariance import d_minus, d_plus
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import ArrayLike, FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -15,13 +15,13 @@ import numpy as np
 
 from vsh.checks.arrays import float_array
 from vsh.checks.notes import merge_notes, spoken
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import FieldError, ParameterError
 from vsh.field import Field
 from vsh.modes import Modes, ScalarModes
 from vsh.parts import Parts
 from vsh.sky.pixels import pixels_of
 from vsh.system.parallel import map_blocks
-from vsh.types import ArrayLike, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,9 @@ from fit.pairs._windows import windows
 from fit.storage import Result
 from vsh import tables
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.covariance import d_minus, d_plus
 from vsh.errors import ParameterError
-from vsh.types import ArrayLike, FloatArray, Table
 from vsh.units import hubble_rate
 
 #: Templates by name, and what their amplitudes are.

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.covariance import d_minus, d_plus
 from vsh.errors import ParameterError
-from vsh.types import ArrayLike, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,10 @@ from fit.secular_parallax import (
     noted,
     parallax_equations,
 )
+from vsh.checks.types import Cosmology
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import Cosmology
 
 
 def distances_of(options: dict[str, Any]) -> DistanceOptions:

@@ -15,10 +15,10 @@ from fit.sampling import Prior
 from fit.storage import Result
 from vsh import tables
 from vsh.checks import arguments
+from vsh.checks.types import Cosmology, FloatArray, Table
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import Cosmology, FloatArray, Table
 from vsh.vector import Vector
 
 

@@ -16,9 +16,9 @@ from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import ModelPriors
 from fit.sampling import Prior
 from fit.secular_parallax import OMEGA, A, ParallaxEquations
+from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
-from vsh.types import FloatArray
 from vsh.vector import Vector
 
 _BLOCK = 2**12

@@ -19,8 +19,8 @@ import numpy as np
 from fit.posterior._likelihood import CompressedLikelihood, compress_likelihood
 from fit.posterior._priors import ModelPriors
 from fit.secular_parallax import ParallaxEquations, ParallaxParts
+from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
-from vsh.types import FloatArray
 from vsh.vector import Vector
 
 

@@ -14,9 +14,9 @@ from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS
 from fit.posterior._summary import SampleResult, Samples, text_of
 from fit.sampling import Flat, Normal, autocorrelation, split_r_hat
+from vsh.checks.types import FloatArray, PathName
 from vsh.errors import ConvergenceError
 from vsh.system.quiet import import_quietly
-from vsh.types import FloatArray, PathName
 
 #: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
 ENOUGH = 50

@@ -11,8 +11,8 @@ import numpy as np
 from fit.posterior._velocity_prior import VelocityPrior, velocity_prior
 from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube
 from fit.secular_parallax import DistanceOptions, dispersion_of
+from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
-from vsh.types import FloatArray
 from vsh.vector import Vector
 
 #: Planck Collaboration (2020, A&A 641, A6): H0 from the microwave background. [km/s/Mpc]

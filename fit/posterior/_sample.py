@@ -17,10 +17,10 @@ from fit.secular_parallax import ParallaxEquations
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.checks.columns import MEASURED
+from vsh.checks.types import Cosmology, FloatArray, PathName, Rng
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import Cosmology, FloatArray, PathName, Rng
 from vsh.vector import Vector
 
 

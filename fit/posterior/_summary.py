@@ -12,8 +12,8 @@ from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
 from fit.storage import Result, words
 from vsh import tables
 from vsh.checks.arrays import float_array
+from vsh.checks.types import FloatArray, Table
 from vsh.sky.frames import check_frame
-from vsh.types import FloatArray, Table
 from vsh.vector import Vector
 
 

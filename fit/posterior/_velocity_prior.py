@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from fit.sampling import named_function
+from vsh.checks.types import FloatArray
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ParameterError
-from vsh.types import FloatArray
 from vsh.vector import Vector
 
 

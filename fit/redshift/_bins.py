@@ -12,15 +12,15 @@ from fit.distances import calibrate_if_known, mean_rates
 from fit.normal import NormalEquations, normal_equations
 from fit.redshift._solution import BinnedSolution
 from fit.solution import Solution
-from fit.solve import solve
+from fit.solving import solve
 from vsh import Coefficients, Field
 from vsh.checks import arguments, arrays
 from vsh.checks.notes import merge_notes, spoken
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.cosmology import usable, with_redshift
 from vsh.errors import DegeneracyError, NothingLeftError, ParameterError
 from vsh.modes import Modes, as_modes
 from vsh.parts import Parts, added, as_parts, fields_or_parts, weighted_quantiles
-from vsh.types import ArrayLike, FloatArray
 from vsh.units import AU_PER_YEAR
 
 

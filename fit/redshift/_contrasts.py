@@ -9,7 +9,7 @@ import numpy as np
 
 from fit.storage import Result
 from vsh import tables
-from vsh.types import FloatArray, Table
+from vsh.checks.types import FloatArray, Table
 from vsh.vector import Vector
 
 

@@ -10,12 +10,12 @@ from fit.redshift._solution import BinnedSolution
 from vsh.basis import harmonics
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.checks.types import Rng
 from vsh.cosmology import velocity_along, with_redshift
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import KINDS, Modes
 from vsh.sky.sphere import triad
-from vsh.types import Rng
 from vsh.vector import Vector
 
 

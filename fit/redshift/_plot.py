@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import Axes
 from vsh.cosmology import FLOW_LIMIT, transverse_distance, velocity_along
 from vsh.errors import ParameterError
 from vsh.plot import COLOURS, WIDTH, figure_of, legend_above, panels, styled
-from vsh.types import Axes
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
 

@@ -14,11 +14,11 @@ from fit.redshift._contrasts import ChiSquare, Trend, gls, information, slope_of
 from fit.redshift._report import text_of
 from fit.storage import Result
 from vsh import Modes, tables
+from vsh.checks.types import ArrayLike, FloatArray, Kind, Table
 from vsh.coefficients import FIRST_DEGREE
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ParameterError
 from vsh.modes import KINDS
-from vsh.types import ArrayLike, FloatArray, Kind, Table
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
 

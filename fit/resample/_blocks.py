@@ -17,10 +17,11 @@ import numpy as np
 
 from fit.normal import Moments, NormalEquations, WhiteRows, normal_equations
 from fit.resample._resampled import Resampled
-from fit.solve import solve
+from fit.solving import solve
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
 from vsh.checks.nouns import modes_for
+from vsh.checks.types import FloatArray, Rng
 from vsh.covariance import Covariance
 from vsh.errors import DegeneracyError
 from vsh.field import Field
@@ -29,7 +30,6 @@ from vsh.parts import Parts
 from vsh.scalars import ScalarField
 from vsh.sky.pixels import pixels_of
 from vsh.system.progress import progress_bar
-from vsh.types import FloatArray, Rng
 
 #: Beyond this, the normal matrices of all blocks are not kept at once. [bytes]
 MEMORY = 4 * 2**30

@@ -16,11 +16,12 @@ from scipy.special import gammaincc
 from fit.normal import WhiteRows, normal_equations
 from fit.resample._resampled import Resampled
 from fit.solution import Solution
-from fit.solve import solve
+from fit.solving import solve
 from vsh.basis import harmonics
 from vsh.checks import arguments
 from vsh.checks.arguments import choice, generator
 from vsh.checks.nouns import modes_for
+from vsh.checks.types import FloatArray, Rng
 from vsh.checks.weighed import Weighed, weighed
 from vsh.covariance import Covariance
 from vsh.errors import ParameterError
@@ -30,7 +31,6 @@ from vsh.parts import Parts, as_parts
 from vsh.scalars import ScalarField
 from vsh.system.parallel import map_blocks
 from vsh.system.progress import progress_bar
-from vsh.types import FloatArray, Rng
 
 #: Catalogues of so many sources, and so many for each coefficient, take one step where nobody says which.
 LARGE, SOURCES_PER_COEFFICIENT = 20_000, 100

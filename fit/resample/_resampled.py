@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 
 from fit.solution import AboutSolution, Solution
 from vsh.checks.arguments import between
-from vsh.types import FloatArray, Table
+from vsh.checks.types import FloatArray, Table
 from vsh.vector import Vector
 
 

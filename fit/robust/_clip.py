@@ -11,10 +11,11 @@ from scipy.special import chdtr, chdtri
 
 from fit.normal import normal_equations
 from fit.solution import AboutSolution, Solution
-from fit.solve import solve
+from fit.solving import solve
 from vsh.checks import arguments
 from vsh.checks.arguments import positive
 from vsh.checks.nouns import modes_for
+from vsh.checks.types import BoolArray, FloatArray
 from vsh.checks.weighed import Weighed
 from vsh.covariance import Covariance, as_covariance
 from vsh.errors import ConvergenceError
@@ -22,7 +23,6 @@ from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts, median
 from vsh.scalars import ScalarField
-from vsh.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from fit.normal import normal_equations
 from fit.solution import AboutSolution, Solution
-from fit.solve import solve
+from fit.solving import solve
 from fit.sums import sandwich, weighted_sums
 from vsh.checks import arguments
 from vsh.errors import ConvergenceError

@@ -12,9 +12,9 @@ from scipy.optimize import minimize_scalar
 from scipy.special import gamma, gammainc, gammaln
 
 from fit.solution import Solution
+from vsh.checks.types import FloatArray
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import FloatArray
 
 #: Newton's steps to a source's share in its own fit, at most; with thousands of sources three are enough.
 _STEPS = 10

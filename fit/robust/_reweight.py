@@ -14,17 +14,17 @@ import numpy as np
 from fit.normal import normal_equations
 from fit.robust._likelihoods import Permissive, Share, StudentT
 from fit.solution import AboutSolution, Solution
-from fit.solve import solve
+from fit.solving import solve
 from fit.sums import sandwich
 from vsh.checks import arguments
 from vsh.checks.nouns import modes_for
+from vsh.checks.types import FloatArray, IntArray
 from vsh.checks.weighed import Weighed
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
 from vsh.scalars import ScalarField
-from vsh.types import FloatArray, IntArray
 
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,9 @@ import emcee
 import numpy as np
 
 from fit.sampling import _checkpoint as checkpoints
+from vsh.checks.types import FloatArray, PathName
 from vsh.errors import CheckpointError, ParameterError
 from vsh.system.progress import progress_bar
-from vsh.types import FloatArray, PathName
 
 
 def autocorrelation(chain: FloatArray) -> FloatArray:

@@ -11,9 +11,9 @@ from typing import Any, cast
 
 import numpy as np
 
+from vsh.checks.types import ArrayLike, FloatArray, PathName
 from vsh.errors import CheckpointError
 from vsh.system.files import atomic_write
-from vsh.types import ArrayLike, FloatArray, PathName
 
 _STATE = ("key", "position", "has_gauss", "gauss")
 

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
-from vsh.types import FloatArray
 
 
 class Prior(Protocol):

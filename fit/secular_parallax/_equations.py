@@ -19,12 +19,12 @@ import numpy as np
 
 from fit.distances import Calibration, inverse_distances
 from fit.secular_parallax._flow import FlowRows, known_flow
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.cosmology import PLANCK_2018, hubble_value
 from vsh.field import Field
 from vsh.flows import FlowModes, VelocityGrid
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
-from vsh.types import ArrayLike, FloatArray
 
 #: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr]; v of those with distances in Mpc [km/s].
 U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)

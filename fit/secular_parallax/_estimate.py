@@ -17,11 +17,11 @@ from fit.secular_parallax._setup import DistanceOptions, dispersion_of, noted, p
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from fit.secular_parallax._solve import solve_for
 from vsh.checks import arguments
+from vsh.checks.types import ArrayLike, Cosmology
 from vsh.cosmology import LOCAL_GROUP, PLANCK_2013, hubble_value, velocity_along
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.types import ArrayLike, Cosmology
 from vsh.vector import Vector
 
 #: By which the Local Group departs from the flow of the modes: with 250 of them they leave 106 km/s of linear flows,

@@ -11,10 +11,10 @@ from fit.output import WIDTH, amplitude, components, direction
 from fit.storage import Result
 from vsh import tables
 from vsh.checks.arguments import positive
+from vsh.checks.types import FloatArray, Table
 from vsh.field import Field
 from vsh.flows import FlowModes, VelocityGrid
 from vsh.sky.sphere import across_and_along
-from vsh.types import FloatArray, Table
 from vsh.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fit.secular_parallax._equations import A, ParallaxSums, U
+from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
 from vsh.flows import FlowModes
-from vsh.types import FloatArray
 from vsh.vector import Vector
 
 

@@ -9,12 +9,12 @@ from typing import Any
 from fit.distances import Calibration
 from fit.secular_parallax._equations import ParallaxEquations, ParallaxSums, equations_of
 from vsh.checks.notes import merge_notes
+from vsh.checks.types import ArrayLike
 from vsh.cosmology import hubble_value
 from vsh.errors import FrameError
 from vsh.field import Field
 from vsh.flows import FlowModes
 from vsh.parts import DISTANCES, Parts
-from vsh.types import ArrayLike
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,12 @@ import numpy as np
 from fit.distances import WHOLE_DISPERSION, calibrate
 from fit.secular_parallax._equations import ParallaxEquations
 from fit.secular_parallax._parts import ParallaxParts, equations
+from vsh.checks.types import Cosmology, FloatArray
 from vsh.cosmology import PLANCK_2013, transverse_distance
 from vsh.errors import ParameterError, VshError, VshWarning
 from vsh.field import Field
 from vsh.flows import PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
 from vsh.parts import Parts
-from vsh.types import Cosmology, FloatArray
 
 #: Dispersion of peculiar velocities in each component beyond the flows of linear theory. [km/s]
 LEFT_DISPERSION = 150.0

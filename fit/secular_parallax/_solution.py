@@ -12,10 +12,10 @@ from fit.named import NamedSolution
 from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._report import text_of
 from vsh import Coefficients
+from vsh.checks.types import FloatArray
 from vsh.cosmology import PLANCK_2018, transverse_distance
 from vsh.field import Field
 from vsh.sky.sphere import triad
-from vsh.types import FloatArray
 from vsh.units import AU_PER_YEAR
 from vsh.vector import Vector
 

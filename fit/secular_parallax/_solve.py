@@ -11,8 +11,8 @@ from fit.secular_parallax._equations import OMEGA, ParallaxEquations, ParallaxSu
 from fit.secular_parallax._flow import flow_of
 from fit.secular_parallax._known import LocalGroup, with_acceleration, with_flow, without_flow
 from fit.secular_parallax._parts import ParallaxParts
+from vsh.checks.types import FloatArray
 from vsh.errors import DegeneracyError, ParameterError
-from vsh.types import FloatArray
 from vsh.vector import Vector
 
 

@@ -17,9 +17,9 @@ from vsh.checks import arguments
 from vsh.checks.arguments import between, positive
 from vsh.checks.arrays import covariance, float_array, read_only
 from vsh.checks.notes import note_lines
+from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles
-from vsh.types import ArrayLike, FloatArray, Table
 from vsh.units import hubble_rate
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.coefficients import Coefficients
 from vsh.errors import ModesError, ParameterError
 from vsh.modes import Modes
-from vsh.types import ArrayLike, FloatArray
 
 #: The five coefficients (2,0), (2,1,re), (2,1,im), (2,2,re), (2,2,im) from Σ_zz, Σ_xz, Σ_yz, Σ_xx − Σ_yy, Σ_xy.
 _FACTORS = np.sqrt(np.pi / 5) * np.array([np.sqrt(6), -2, 2, 1, -2])

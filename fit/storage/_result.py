@@ -22,8 +22,8 @@ from fit.storage._plain import decoded, encoded, same
 from vsh import tables
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import printable
+from vsh.checks.types import PathName, Table
 from vsh.errors import TableError, VshError
-from vsh.types import PathName, Table
 
 #: Kinds of results whose modules have been imported, by name.
 _KINDS: dict[str, type[Result]] = {}

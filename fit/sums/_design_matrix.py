@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from vsh.basis import scalar_harmonics, toroidal_harmonics
+from vsh.checks.types import FloatArray
 from vsh.modes import Modes, ScalarModes
 from vsh.system.parallel import map_blocks
-from vsh.types import FloatArray
 
 
 def design_matrix_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:

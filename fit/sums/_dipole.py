@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import FloatArray
 from vsh.coefficients import FIRST_DEGREE
-from vsh.types import FloatArray
 
 #: Sources in a block: all of its scratch, 1 MiB a dozen rows, stays in the cache.
 BLOCK = 2**14

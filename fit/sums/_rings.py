@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 
 from vsh.basis import scalar_harmonics, toroidal_harmonics
+from vsh.checks.types import ComplexArray, FloatArray
 from vsh.checks.weighed import weighed
 from vsh.modes import Mode, Modes, ScalarModes
 from vsh.system.parallel import map_blocks
-from vsh.types import ComplexArray, FloatArray
 
 #: Sources in a block.
 BLOCK = 2**16

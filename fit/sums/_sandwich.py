@@ -16,12 +16,12 @@ import numpy as np
 from fit.sums._design_matrix import design_matrix_up_to
 from fit.sums._rings import compressed_sums
 from vsh.basis import harmonics
+from vsh.checks.types import FloatArray
 from vsh.checks.weighed import weighed
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, added
 from vsh.system.parallel import map_blocks
-from vsh.types import FloatArray
 
 #: Work up to which the leverage of each source is computed exactly: sources times coefficients squared.
 EXACT = 2e9

@@ -13,10 +13,10 @@ from fit.waves._map import Whitened, chance, map_of
 from fit.waves._search import WaveSearch
 from vsh.basis import harmonics
 from vsh.checks import arguments
+from vsh.checks.types import FloatArray, Rng
 from vsh.epochs import Observations
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import as_modes
-from vsh.types import FloatArray, Rng
 
 
 @arguments.accepts(frequency=arguments.positive, nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)

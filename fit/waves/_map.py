@@ -10,11 +10,11 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
 from vsh.checks.arguments import generator
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import BoolArray, FloatArray, Rng
 from vsh.errors import DegeneracyError
 from vsh.modes import Modes
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
-from vsh.types import BoolArray, FloatArray, Rng
 from vsh.waves import wave_templates
 
 

@@ -17,11 +17,11 @@ from fit.waves._map import Whitened, chance, map_of
 from vsh import tables
 from vsh.checks import arguments
 from vsh.checks.notes import note_lines
+from vsh.checks.types import FloatArray, Rng, Table
 from vsh.errors import ModesError, ParameterError
 from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
-from vsh.types import FloatArray, Rng, Table
 from vsh.units import UAS
 from vsh.vector import Vector
 from vsh.waves import strain_of

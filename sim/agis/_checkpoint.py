@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import PathName
 from vsh.errors import CheckpointError
 from vsh.system.files import atomic_write
-from vsh.types import PathName
 
 
 def key_of(things: Iterable[Any]) -> str:

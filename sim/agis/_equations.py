@@ -18,8 +18,8 @@ from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from sim.agis._globals import GlobalMotion
 from sim.agis.passes import Scans, check_memory, make_passes, smooth, system_memory
+from vsh.checks.types import FloatArray
 from vsh.errors import DegeneracyError
-from vsh.types import FloatArray
 from vsh.units import JULIAN_YEAR
 
 #: A source is solved if it has more transits than parameters, and its block is no worse conditioned.

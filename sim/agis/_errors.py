@@ -9,11 +9,11 @@ from sim.agis._iteration import Iteration
 from sim.agis._motion_fit import MotionFit, sources_at
 from sim.variability import Variability, chain_products
 from vsh.checks import arrays
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.modes import Modes, as_modes
 from vsh.system.parallel import blas_for
 from vsh.system.progress import progress_bar
-from vsh.types import ArrayLike, FloatArray
 
 #: Functionals solved for together.
 TOGETHER = 3

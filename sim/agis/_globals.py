@@ -10,9 +10,9 @@ import numpy as np
 from vsh.basis import harmonics
 from vsh.checks import arrays
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import ArrayLike, BoolArray, FloatArray
 from vsh.errors import ParameterError
 from vsh.modes import Modes, as_modes
-from vsh.types import ArrayLike, BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

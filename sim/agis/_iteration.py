@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 
 
 class Iteration:

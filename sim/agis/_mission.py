@@ -13,7 +13,7 @@ from sim.agis.passes import FULL, check_memory, plan, scaled, scans
 from sim.agis.results import AgisSolution
 from sim.variability import Variability
 from vsh.checks.arguments import generator
-from vsh.types import ArrayLike, BoolArray, FloatArray, Rng
+from vsh.checks.types import ArrayLike, BoolArray, FloatArray, Rng
 
 #: Errors across the scan, in errors along: Gaia's windows are wider than long, and most are binned across.
 ACROSS = 5.0

@@ -9,9 +9,9 @@ import numpy as np
 from sim.agis.passes import Scans
 from vsh.basis import harmonics
 from vsh.checks import arrays
+from vsh.checks.types import ArrayLike, FloatArray, IntArray
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import Modes
-from vsh.types import ArrayLike, FloatArray, IntArray
 
 #: Degrees that must come to rest.
 LOW_DEGREES = 3

@@ -9,7 +9,7 @@ from sim.variability import Variability, markov_chain
 from vsh.basis import harmonics
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
-from vsh.types import FloatArray, Rng
+from vsh.checks.types import FloatArray, Rng
 
 
 @arguments.accepts(scans=arguments.a(Scans), rng=arguments.seed)

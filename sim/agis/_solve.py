@@ -11,9 +11,9 @@ from sim.agis._checkpoint import key_of, load, save
 from sim.agis._iteration import Iteration
 from sim.agis._motion_fit import MotionFit
 from sim.agis.results import AgisSolution
+from vsh.checks.types import FloatArray, PathName
 from vsh.system.parallel import blas_for
 from vsh.system.progress import progress_bar
-from vsh.types import FloatArray, PathName
 
 #: Iterations within which the low degrees must have come to rest.
 REST = 10

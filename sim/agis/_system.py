@@ -15,8 +15,8 @@ from sim.agis._solve import solve_observations
 from sim.agis.passes import Scans
 from sim.agis.results import AgisSolution
 from vsh.checks import arguments, arrays
+from vsh.checks.types import ArrayLike, FloatArray, PathName
 from vsh.errors import ParameterError, VshWarning
-from vsh.types import ArrayLike, FloatArray, PathName
 
 #: Second differences smaller than this are a statement on the attitude, not a bridge over gaps. [µas]
 ROUGH = 1e4

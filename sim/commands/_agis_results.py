@@ -10,7 +10,7 @@ import numpy as np
 import sim
 import vsh
 from sim import agis
-from vsh.commands.figures import Figures
+from vsh.checks.types import Table
 from vsh.units import JULIAN_YEAR
 
 #: Edges of bins of angle, in heights of a field: within it, about it, far beyond.
@@ -84,23 +84,13 @@ def report(
     return "\n".join(lines) + "\n"
 
 
-def write(
-    folder: Path,
-    text: str,
-    system: agis.System,
-    solution: agis.AgisSolution,
-    mixture: agis.Mixture,
-    options: Any,
-    drawn: Figures,
-) -> None:
-    """Write report, motions, sources, convergence and figures.
+def write(folder: Path, system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture, options: Any) -> None:
+    """Write motions, sources and convergence.
 
     Parameters
     ----------
     folder : Path
         Where to.
-    text : str
-        The report.
     system : System
         The equations.
     solution : AgisSolution
@@ -109,26 +99,43 @@ def write(
         The sources.
     options : argparse.Namespace
         Of the command.
-    drawn : Figures
-        Of `draw`.
     """
     from vsh import catalogue, tables
 
-    (folder / "report.txt").write_text(text, encoding="utf-8")
     truth = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     motions = solution.field(
         truth, sources=mixture.are("quasars"), redshift=mixture.redshift, magnitude=mixture.magnitude
     )
     meta = {f"{name}_{axis}": float(v) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration)) for axis, v in zip("XYZ", vector, strict=True)}  # fmt: skip
     catalogue.write_field(motions, folder / "motions.fits", meta | {"PROGRAM": f"vsh-agis {vsh.__version__}"})
+    found = tables_of(system, solution, mixture)
+    tables.write_table(found["sources"], folder / "sources.fits", {"UNITS": "muas, muas/yr"})
+    tables.write_table(found["convergence"], folder / "convergence.ecsv")
+
+
+def tables_of(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Table]:
+    """Errors of every source, and the lowest degrees after every iteration.
+
+    Parameters
+    ----------
+    system : System
+        The equations.
+    solution : AgisSolution
+        What was found.
+    mixture : Mixture
+        The sources.
+    """
+    from vsh.tables import table_of
+
     names = ("ra", "dec", "parallax", "pmra", "pmdec")
     columns = {"ra": np.degrees(mixture.lon), "dec": np.degrees(mixture.lat), "kind": np.array(agis.KINDS)[mixture.kind], "transits": system.scans.counts}  # fmt: skip
     columns |= {f"error_{name}": solution.sources[:, i] for i, name in enumerate(names)}
     columns |= {f"sigma_{name}": np.sqrt(np.where(system.solved, solution.formal[:, i, i], np.nan)) for i, name in enumerate(names)}  # fmt: skip
-    tables.write(folder / "sources.fits", columns, {"UNITS": "muas, muas/yr"})
     history = {str(mode): solution.history[:, i] for i, mode in enumerate(solution.modes)}
-    tables.write(folder / "convergence.ecsv", {"iteration": np.arange(1, len(solution.history) + 1)} | history)
-    drawn.write(folder, options)
+    return {
+        "convergence": table_of({"iteration": np.arange(1, len(solution.history) + 1)} | history),
+        "sources": table_of(columns),
+    }
 
 
 def draw(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import sys
 from collections.abc import Sequence
@@ -13,9 +14,9 @@ import numpy as np
 import sim
 import vsh
 from sim import agis
-from sim.commands._agis_parser import make_parser
-from sim.commands._agis_results import CAPTIONS, draw, report, write
-from vsh.commands import figures, outputs, parsing, running
+from sim.commands._agis_results import CAPTIONS, draw, report, tables_of, write
+from vsh.commands import finishing, outputs, parsing, running
+from vsh.commands.options import agis as words
 from vsh.units import AU_PER_YEAR
 
 
@@ -27,20 +28,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : list of str, optional
         In place of those of the command line.
     """
-    parser = make_parser()
-    options = parsing.parse(parser, arguments)
-    if not options.plan and not options.output:
-        parser.error("say where results go, --output DIR, or --plan, which only tells what they would take")
-    if options.vlbi > options.quasars:
-        parser.error(f"--vlbi: {options.vlbi} of {options.quasars} quasars cannot be chosen")
-    if options.motions == "velocity" and not options.galaxies:
-        parser.error("--global velocity is told by galaxies: say --galaxies N")
-    return running.guarded("vsh-agis", lambda: _run(options), options.threads)
+    return run(parsing.parse(words, arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """What the command does, with its options parsed; returns the exit status.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
+    """
+    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
     if not options.plan:
-        outputs.check(options, "vsh-agis")
+        outputs.check(options)
     # A stream of its own for each step, so that one option does not shift what another draws.
     gaps, sky, galaxies, stars, chosen, noise, start, radio = np.random.default_rng(options.seed).spawn(8)
     law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
@@ -56,7 +60,7 @@ def _run(options):
     full = agis.FULL if options.scale else None
     if options.plan:
         wide, knots, _ = agis.as_whole(law, options.quasars, options.knots, full)
-        running.say(agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds))
+        finishing.tell(options, finishing.Found(agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds)))
         return
     # What a killed run goes on from.
     work = Path(f"{options.output}.unfinished")
@@ -91,20 +95,13 @@ def _solve(options, law, mixture, full, work, streams):
     solution, rotated = _framed(system, solution, options, quasars, chosen, radio)
     exact = _exact(system, mixture) if options.exact else {}
     text = report(system, solution, notes + rotated, mixture, options, exact)
-    meta = running.provenance([], options, {"vsh-astrometry": vsh.__version__})
-    drawn = figures.Figures(lambda: draw(system, solution, mixture))
-    with outputs.results_folder(options.output, "vsh-agis", meta, options.overwrite) as folder:
-        write(folder, text, system, solution, mixture, options, drawn)
-        listed = [x.name for x in folder.iterdir()]
+    finishing.finish(
+        options, finishing.Found(text, tables_of(system, solution, mixture), notes + rotated), provenance=lambda: running.provenance([], options),
+        draw=lambda: draw(system, solution, mixture), write=lambda folder, meta: write(folder, system, solution, mixture, options),
+        title=f"{options.quasars} quasars and the attitude, solved together", captions=CAPTIONS,
+    )  # fmt: skip
     (work / "checkpoint.npz").unlink()
     shutil.rmtree(work / "scans", ignore_errors=True)
-    running.say(text)
-    running.say(running.written(options.output, listed))
-    if options.html:
-        title = f"{options.quasars} quasars and the attitude, solved together"
-        figures.write_page(
-            options.html, title, text, drawn, captions=CAPTIONS, provenance=meta, command=options.command
-        )
 
 
 def _global(options, mixture):

@@ -6,23 +6,16 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 import sim
 import vsh
 from sim.expected import errors_by_place
-from sim.observe import REDSHIFT_ERRORS
-from vsh.commands import outputs, parsing, running
-
-#: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
-ACCELERATION = "-0.235965,-3.755779,-2.080491"
-
-
-_NOT_OF_CRF3 = (
-    "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts", "redshift_error", "variability", "attitude", "excess_noise",
-    "years", "dead_time", "release", "no_transits",
-)  # fmt: skip
+from vsh.commands import configuration, finishing, outputs, parsing, reading, running
+from vsh.commands.options import simulate as words
+from vsh.system.files import atomic_write
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -33,27 +26,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : list of str, optional
         In place of those of the command line.
     """
-    parser = make_parser()
-    options = parsing.parse(parser, arguments)
-    if options.selection and options.sky:
-        parser.error("--sky and --selection exclude each other")
-    if options.velocity is not None and options.kind != "galaxies":
-        parser.error("--velocity is for galaxies: quasars are too far to show it")
-    if options.flow and options.kind != "galaxies":
-        parser.error("--flow is for galaxies: quasars are too far to show it")
-    if options.kind == "crf3":
-        foreign = [
-            f"--{name.replace('_', '-')}" for name in _NOT_OF_CRF3 if getattr(options, name) != parser.get_default(name)
-        ]
-        if foreign:
-            parser.error(f"crf3 is as it is: {', '.join(foreign)} cannot be chosen")
-    elif options.number is None:
-        options.number = 10_000
-    if options.attitude == "solved" and options.no_transits:
-        parser.error("--attitude solved needs transits, which --no-transits leaves out")
-    if options.variability and options.no_transits:
-        parser.error("--variability needs transits, which --no-transits leaves out")
-    return running.guarded("vsh-sim", lambda: _run(options), options.threads)
+    return run(parsing.parse(words, arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """What the command does, with its options parsed; returns the exit status.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
+    """
+    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
@@ -61,6 +45,7 @@ def _run(options):
 
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     outputs.check_file(options.output, options.overwrite)
+    outputs.check_file(_repeats(options), options.overwrite)
     if options.kind == "crf3":
         _crf3(options)
         return
@@ -68,7 +53,8 @@ def _run(options):
     sky, chosen, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
     population = _population(options, sky, chosen)
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
-    velocity = np.zeros(3) if options.velocity is None else options.velocity.to_frame("icrs").value
+    ours = reading.velocity_of(options.velocity)
+    velocity = np.zeros(3) if ours is None else ours.to_frame("icrs").value
     if options.kind == "galaxies":
         if velocity.any():
             signal += sim.secular_parallax(velocity, hubble=options.h0)
@@ -100,11 +86,10 @@ def _run(options):
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = options.h0
     catalogue.write_field(field, options.output, meta)
-    for note in field.notes:
-        running.say(note)
+    notes = list(field.notes)
     if tables.format_of(options.output) == "ascii.csv":
-        running.say("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
-    running.say(f"written to {options.output}: {len(field)} sources")
+        notes.append("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
+    _finish(options, notes, meta, f"{len(field)} sources")
 
 
 def _crf3(options):
@@ -116,7 +101,25 @@ def _crf3(options):
     table = sim.crf3(options.seed, signal, **counts)
     tables.write_table(table, options.output, _truth({"SPIN": options.spin, "ACC": options.acceleration}, options))
     five = int(np.sum(table["astrometric_params_solved"] == 31))
-    running.say(f"written to {options.output}: {five} sources with five parameters, {len(table) - five} with six")
+    _finish(options, [], table.meta, f"{five} sources with five parameters, {len(table) - five} with six")
+
+
+def _finish(options, notes, meta, what):
+    """The configuration that repeats it, and what is said."""
+    with atomic_write(_repeats(options)) as new:
+        new.write_text(outputs.repeats(options), encoding="utf-8")
+    text = "\n".join([*notes, f"written to {options.output}: {what}"])
+    truth = {name: value for name, value in meta.items() if isinstance(value, (int, float))}
+    from vsh.tables import table_of
+
+    told = table_of({"name": np.array(list(truth), str), "value": np.array(list(truth.values()), float)})
+    finishing.tell(options, finishing.Found(text, {"truth": told}, notes))
+
+
+def _repeats(options):
+    """Beside the table: its name with run.toml for the ending."""
+    path = Path(options.output)
+    return path.with_name(f"{path.name.split('.')[0]}.{configuration.NAME}")
 
 
 def _truth(vectors, options):
@@ -137,7 +140,9 @@ def _population(options, rng, chosen):
         sky, named = read_map(options.selection)
         empty = missing_pixels(sky)
         if empty:
-            running.say(f"note: {empty} of {sky.size} pixels of {options.selection} have no value and hold no sources")
+            finishing.add(
+                options, f"note: {empty} of {sky.size} pixels of {options.selection} have no value and hold no sources"
+            )
         frame = options.map_frame or named or "icrs"
     if options.kind == "galaxies":
         return sim.galaxies(options.number, rng, sky, map_frame=frame)
@@ -150,103 +155,12 @@ def _population(options, rng, chosen):
 
 def _plain(options):
     """All options but those that change nothing."""
-    kept = {
-        key: value for key, value in vars(options).items() if key not in ("output", "threads", "overwrite", "command")
-    }
+    other = (*configuration.NOT_KEPT, "threads", "command", "given", "program")
+    kept = {key: value for key, value in vars(options).items() if key not in other}
     if options.velocity is not None:
-        kept["velocity"] = [options.velocity.amplitude, *options.velocity.to_frame("galactic").direction]
+        ours = reading.velocity_of(options.velocity)
+        kept["velocity"] = [ours.amplitude, *ours.to_frame("galactic").direction]
     return kept
-
-
-def make_parser() -> argparse.ArgumentParser:
-    """The parser of its options."""
-    parser = argparse.ArgumentParser(
-        prog="vsh-sim",
-        description="Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "
-        "that vary, five-parameter solutions. The table is one that vsh-fit reads; its metadata hold the truth.",
-        epilog="Example: vsh-sim quasars --number 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
-    )
-    parser.add_argument(
-        "kind", choices=["quasars", "galaxies", "vlbi", "crf3"],
-        help="vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns"
-    )  # fmt: skip
-    parser.add_argument(
-        "--number",
-        type=parsing.count(1),
-        metavar="N",
-        help="how many (default: 10000; crf3: 1215942 with five parameters, and those with six in proportion)",
-    )
-    parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
-    parsing.add_overwrite(parser)
-    parser.add_argument("--sky", choices=["uniform", "plane-avoiding", "gums", "igql"], help="default: uniform")
-    parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
-    parser.add_argument(
-        "--map-frame", choices=["icrs", "galactic", "ecliptic"], help="of the map; its header's, or icrs"
-    )
-    parser.add_argument(
-        "--spin", type=parsing.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="ICRS, µas/yr (default: none)"
-    )
-    parser.add_argument(
-        "--acceleration", type=parsing.vector, default=parsing.vector(ACCELERATION), metavar="X,Y,Z",
-        help="ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--orientation", type=parsing.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas"
-    )
-    parser.add_argument(
-        "--velocity",
-        type=parsing.velocity,
-        metavar="planck|SPEED,L,B",
-        help="galaxies: ours, km/s toward Galactic degrees",
-    )
-    parser.add_argument("--h0", type=parsing.positive, default=67.3, help="km/s/Mpc (default: 67.3)")
-    parser.add_argument(
-        "--peculiar-dispersion",
-        type=parsing.not_negative,
-        default=0.0,
-        metavar="SIGMA",
-        help="galaxies: dispersion, km/s",
-    )
-    parser.add_argument("--flow", choices=["linear"], help="galaxies: add the flow of linear theory, which they share")
-    parser.add_argument(
-        "--redshifts", choices=["true", "heliocentric", "cmb"], default="true",
-        help="of the expansion alone, or as they are seen, with velocities in them (default: true)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--redshift-error", type=_redshift_error, default=0.0, metavar="SIGMA", help="or spectroscopic, photometric"
-    )
-    parser.add_argument(
-        "--variability", type=parsing.not_negative, default=0.0, metavar="SIGMA", help="of photocentres, µas"
-    )
-    parser.add_argument("--tau", type=parsing.positive, default=2.0, help="its correlation time, yr (default: 2)")
-    parser.add_argument(
-        "--attitude",
-        type=_attitude,
-        default=10.0,
-        metavar="SIGMA|solved",
-        help="noise, µas (default: 10); or solved together with the sources, see vsh-agis",
-    )
-    parser.add_argument(
-        "--excess-noise", type=parsing.not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
-    )
-    parser.add_argument("--years", type=parsing.positive, default=5.0, help="length of the mission (default: 5)")
-    parser.add_argument(
-        "--dead-time", type=parsing.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06"
-    )
-    parser.add_argument("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
-    parser.add_argument("--no-transits", action="store_true", help="errors by place and magnitude, without transits")
-    parser.add_argument("--seed", type=int, default=1, help="the same seed, the same table (default: 1)")
-    parsing.add_threads(parser)
-    parser.add_argument("--version", action="version", version=f"vsh-sim {vsh.__version__}")
-    return parser
-
-
-def _attitude(text):
-    return text if text == "solved" else parsing.not_negative(text)
-
-
-def _redshift_error(text):
-    return text if text in REDSHIFT_ERRORS else parsing.not_negative(text)
 
 
 if __name__ == "__main__":

@@ -20,9 +20,9 @@ from sim.signal import Signal, acceleration, as_signal
 from sim.skies import draw_positions
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.checks.types import FloatArray, Rng, Table
 from vsh.coefficients import Coefficients
 from vsh.sky.pixels import centres, pixels_of
-from vsh.types import FloatArray, Rng, Table
 from vsh.units import MAS
 
 #: Parallaxes of quasars in DR3, on average. [mas] (Lindegren et al. 2021, A&A 649, A4)

@@ -10,12 +10,12 @@ from sim.scanning import NominalScanningLaw, sun_position
 from sim.signal import Signal, as_signal
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.checks.types import Release, Rng, Table
 from vsh.coefficients import Coefficients
 from vsh.epochs import design_row
 from vsh.errors import ParameterError
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
-from vsh.types import Release, Rng, Table
 from vsh.units import MAS
 
 #: CCDs of the astrometric field along a row, and the time from one to the next. [ns]

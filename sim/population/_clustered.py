@@ -7,10 +7,10 @@ import numpy as np
 from sim.population._population import Population
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.checks.types import Rng
 from vsh.errors import ParameterError
 from vsh.flows import HUBBLE, PLANCK_2018, LinearTheory, VelocityGrid
 from vsh.sky.sphere import angles
-from vsh.types import Rng
 
 
 @arguments.accepts(

@@ -6,9 +6,10 @@ import numpy as np
 
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.checks.types import FloatArray, Rng
 from vsh.errors import ParameterError
+from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import angles, triad
-from vsh.types import FloatArray, Rng
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
 _BRIGHTER_THAN = {18.0: 29_200, 19.0: 175_814, 20.0: 665_975, 21.0: 1_215_942}
@@ -59,8 +60,6 @@ def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatA
     -------
     tuple[array, array]
     """
-    from vsh.sky.frames import rotation_matrix
-
     rng = generator(rng)
     l = rng.uniform(0, 2 * np.pi, n)
     b = np.arcsin(rng.uniform(np.sin(np.radians(latitude)), 1, n)) * rng.choice([-1, 1], n)

@@ -8,8 +8,8 @@ from sim.population._draws import plane_avoiding_sky, quasar_magnitudes, quasar_
 from sim.population._population import Population
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
+from vsh.checks.types import FloatArray, Rng
 from vsh.errors import ParameterError
-from vsh.types import FloatArray, Rng
 
 #: Magnitudes, and millions of stars that are brighter, over the whole sky.
 STAR_COUNTS = (10.0, 15.0, 18.0, 20.0), (0.34, 26.0, 250.0, 1000.0)

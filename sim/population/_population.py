@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import FloatArray
 from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, TableError
 from vsh.sky.frames import check_frame
-from vsh.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

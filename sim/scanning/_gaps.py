@@ -8,8 +8,8 @@ import numpy as np
 
 from vsh.checks.arguments import generator
 from vsh.checks.arrays import float_array
+from vsh.checks.types import BoolArray, FloatArray, Rng
 from vsh.errors import ParameterError
-from vsh.types import BoolArray, FloatArray, Rng
 
 #: Mean length of the lost intervals that are drawn. [yr]
 _MEAN = 0.25 / 365.25

@@ -24,11 +24,11 @@ from sim.scanning._sun import YEAR, sun_position, sun_rate
 from sim.scanning._transits import Transits
 from vsh.checks.arguments import between, number, positive
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import ArrayLike, FloatArray, Rng
 from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
-from vsh.types import ArrayLike, FloatArray, Rng
 from vsh.units import DEGREE
 
 MAX_YEARS = 100  # longer missions are typing errors

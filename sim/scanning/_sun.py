@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 from vsh.units import DEGREE
 
 YEAR = 365.25  # days

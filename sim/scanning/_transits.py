@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsh.checks.frozen import Frozen
-from vsh.types import FloatArray, IntArray
+from vsh.checks.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

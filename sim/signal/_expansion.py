@@ -10,9 +10,9 @@ from sim.signal._signal import Signal, direction_of
 from vsh import Coefficients
 from vsh.checks.arguments import number, positive
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import FieldError, ParameterError
 from vsh.sky.sphere import triad
-from vsh.types import ArrayLike, FloatArray
 
 
 @dataclass(frozen=True)

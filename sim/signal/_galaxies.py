@@ -9,8 +9,8 @@ import numpy as np
 from sim.signal._peculiar import distance_of
 from sim.signal._signal import Observer, Signal, direction_of
 from vsh.checks.arguments import positive
+from vsh.checks.types import ArrayLike, Cosmology, FloatArray
 from vsh.sky.sphere import triad
-from vsh.types import ArrayLike, Cosmology, FloatArray
 from vsh.units import AU_PER_YEAR
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from sim.signal._signal import Signal
 from vsh.checks import arguments
 from vsh.checks.arguments import generator, not_negative, positive, whole
+from vsh.checks.types import ArrayLike, Cosmology, FloatArray, Rng
 from vsh.errors import ParameterError
 from vsh.flows import PLANCK_2018, LinearTheory, VelocityGrid, flow_modes
 from vsh.sky.sphere import across_and_along, triad
-from vsh.types import ArrayLike, Cosmology, FloatArray, Rng
 from vsh.units import AU_PER_YEAR
 
 #: Galaxies whose flows are drawn exactly: 3n × 3n numbers are as many as memory holds.

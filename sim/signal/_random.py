@@ -11,9 +11,9 @@ from sim.signal._signal import Signal, from_coefficients
 from vsh import Coefficients
 from vsh.checks import arguments
 from vsh.checks.arguments import generator, not_negative
+from vsh.checks.types import ArrayLike, FloatArray, Rng
 from vsh.covariance import Spectrum
 from vsh.modes import as_modes
-from vsh.types import ArrayLike, FloatArray, Rng
 
 
 @arguments.accepts(rng=arguments.seed)

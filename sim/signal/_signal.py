@@ -9,10 +9,10 @@ import numpy as np
 
 from vsh import Coefficients
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, ParameterError
 from vsh.sky.sphere import triad
-from vsh.types import ArrayLike, FloatArray
 from vsh.units import SPEED_OF_LIGHT
 
 

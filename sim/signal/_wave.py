@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sim.signal._signal import Signal
 from vsh.checks.arguments import number
-from vsh.types import ArrayLike, FloatArray
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.waves import unit, wave_motions
 
 

@@ -17,10 +17,10 @@ from sim.population import galaxies
 from study.forecast._surveys import QUANTITIES, SURVEYS, Survey
 from vsh import Coefficients, Field
 from vsh.checks import arguments
+from vsh.checks.types import Rng, Table
 from vsh.cosmology import PLANCK_2013, transverse_distance
 from vsh.covariance import LINDEGREN_2021, Spectrum
 from vsh.errors import ParameterError
-from vsh.types import Rng, Table
 from vsh.units import AU_PER_YEAR, hubble_rate
 
 #: So many stand for all: so many quasars; of galaxies the nearest and every tenth of the rest, fewer where flows are unknowns.

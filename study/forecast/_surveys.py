@@ -11,8 +11,8 @@ import numpy as np
 from sim.noise import gaia_errors
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes
 from vsh.checks import arguments
+from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
-from vsh.types import FloatArray
 
 
 @dataclass(frozen=True)

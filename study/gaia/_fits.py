@@ -8,8 +8,8 @@ from fit import Solution
 from fit.resample import bootstrap
 from fit.robust import clip
 from vsh import Field
+from vsh.checks.types import Rng
 from vsh.errors import VshError
-from vsh.types import Rng
 
 #: As in the paper.
 KAPPA = 3.0

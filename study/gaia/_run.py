@@ -10,9 +10,9 @@ from study.gaia._fits import DegreeOrSubset, fit_sources
 from study.gaia._published import LMAX
 from study.gaia._sources import FEWEST, Sources, subsets
 from vsh.checks.arguments import generator
+from vsh.checks.types import Rng
 from vsh.errors import DegeneracyError
 from vsh.system.progress import progress_bar
-from vsh.types import Rng
 
 
 @dataclass(frozen=True, eq=False)

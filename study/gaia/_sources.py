@@ -10,10 +10,10 @@ import numpy as np
 from vsh import Field, tables
 from vsh.archive import DR3, DR4
 from vsh.catalogue import Columns, missing_column, read_field
+from vsh.checks.types import BoolArray, FloatArray
 from vsh.errors import TableError
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import angles, triad
-from vsh.types import BoolArray, FloatArray
 
 _NEEDED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
 _FURTHER = ("pmra_pmdec_corr", "phot_g_mean_mag", "nu_eff_used_in_astrometry", "used_for_reference_frame_spin")

@@ -12,7 +12,7 @@ from study.gaia._fits import DegreeOrSubset
 from study.gaia._published import AMPLITUDE, CLIPPED, COMPONENTS, COUNTS, DEC, ERRORS, RA, SOURCES
 from study.gaia._run import GaiaStudy
 from vsh import tables
-from vsh.types import Table
+from vsh.checks.types import Table
 from vsh.vector import Vector, correlation_of
 
 _FRAME = [f"{v}_{axis}" for v in ("spin", "g") for axis in "xyz"]

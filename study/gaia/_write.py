@@ -13,10 +13,10 @@ from study.gaia._figures import CAPTIONS, draw
 from study.gaia._run import GaiaStudy
 from study.gaia._tables import correlation_table, power_table, published_table, row_table
 from vsh import tables
+from vsh.checks.types import Table
 from vsh.commands.figures import without_windows
 from vsh.page import Shown
 from vsh.plot import close_figures, save_figures
-from vsh.types import Table
 
 _HEADINGS = {
     "published": "Beside the paper",

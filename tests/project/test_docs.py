@@ -9,16 +9,13 @@ import pytest
 import yaml
 from conftest import ROOT
 
+import _vsh_commands
 import vsh
 
 DOCS = ROOT / "docs"
 PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]
 PAGES = [path for path in PAGES if "_build" not in path.parts and "gallery" not in path.parts]
-COMMANDS = {
-    "vsh-fit": "fit.commands.fit", "vsh-sim": "sim.commands.simulate", "vsh-agis": "sim.commands.agis", "vsh-redshift": "fit.commands.redshift",
-    "vsh-correlate": "fit.commands.correlate", "vsh-study": "study.command", "vsh-archive": "vsh.commands.archive",
-    "vsh-pairs": "fit.commands.pairs", "vsh-compare": "fit.commands.compare", "vsh-forecast": "study.forecast.command",
-}  # fmt: skip
+COMMANDS = [f"vsh-{name}" for name in _vsh_commands.COMMANDS]
 #: Faces whose names are used inside the project only.
 INTERNAL = {
     "sim.agis.passes",
@@ -30,7 +27,12 @@ INTERNAL = {
     "vsh.checks",
     "vsh.system",
     "vsh.commands",
+    "vsh.commands.options",
 }
+
+
+def words_of(command):
+    return _vsh_commands.words_of(command.removeprefix("vsh-"))
 
 
 def name(path):
@@ -56,14 +58,14 @@ def test_what_a_face_promises_is_there(face):
 
 
 def test_every_command_has_its_page():
-    for command, module in COMMANDS.items():
+    for command in COMMANDS:
         text = (DOCS / "commands" / f"{command}.md").read_text(encoding="utf-8")
-        assert f":module: {module}\n" in text
+        assert f":module: {words_of(command).__name__}\n" in text
 
 
 def test_every_option_of_a_command_has_a_word_of_help():
-    for module in COMMANDS.values():
-        parser = importlib.import_module(module).make_parser()
+    for command in COMMANDS:
+        parser = words_of(command).make_parser()
         assert all(action.help for action in parser._actions)
 
 
@@ -79,7 +81,7 @@ def test_links_to_files_hold(path):
 def test_options_that_the_pages_name_exist(command):
     """Every option of a command that stands on a page is one that the command has."""
     done = subprocess.run(
-        [sys.executable, "-m", COMMANDS[command], "--help"], cwd=ROOT, capture_output=True, text=True, encoding="utf-8",
+        [sys.executable, "-m", "vsh", command, "--help"], cwd=ROOT, capture_output=True, text=True, encoding="utf-8",
         check=True,
     )  # fmt: skip
     known = set(re.findall(r"--[a-z0-9-]+", done.stdout))

@@ -20,10 +20,10 @@ from typing import Any
 from vsh import tables
 from vsh.checks.arguments import positive, whole
 from vsh.checks.notes import printable
+from vsh.checks.types import PathName
 from vsh.errors import ArchiveError, TableError
 from vsh.system.files import atomic_write
 from vsh.system.progress import progress_bar
-from vsh.types import PathName
 
 #: ESA's archive of Gaia.
 ESA = "https://gea.esac.esa.int/tap-server/tap"

@@ -51,13 +51,15 @@ class Columns:
 #: Gaia's archive names.
 GAIA = Columns()
 
-#: Sets of names that are called by one: the archive's, and those of VizieR's tables of Gaia (I/355/gaiadr3, I/350/gaiaedr3).
+#: Sets of names that are called by one: the archive's, those of VizieR's tables of Gaia (I/355/gaiadr3, I/350/gaiaedr3), and those that
+#: the IERS's lists of ICRF2 and ICRF3 are given, where they are read as tables.
 NAMED = {
     "gaia": GAIA,
     "vizier": Columns(
         ra="RA_ICRS", dec="DE_ICRS", pmra="pmRA", pmdec="pmDE", pmra_error="e_pmRA", pmdec_error="e_pmDE", pmra_pmdec_corr=("pmRApmDEcor",),
         name=("Source", "ID", "Name"), magnitude=("Gmag",), redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),
     ),
+    "icrf": replace(GAIA, name=("iers", "icrf")),
 }  # fmt: skip
 
 #: Where `write_field` keeps the frame of redshifts in a table's metadata.
@@ -70,7 +72,7 @@ _OTHER_FRAMES = {"l": "galactic", "b": "galactic", "glon": "galactic", "glat": "
 
 
 def as_columns(columns: Any) -> Columns:
-    """Columns from None (Gaia's names), "gaia" or "vizier", a dict of role to name, or Columns.
+    """Columns from None (Gaia's names), "gaia", "vizier" or "icrf", a dict of role to name, or Columns.
 
     Parameters
     ----------

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from vsh import tables
 from vsh.checks.notes import printable
+from vsh.checks.types import PathName
 from vsh.errors import TableError
 from vsh.sky.positions import Positions
-from vsh.types import PathName
+from vsh.units import DEGREE, MAS
 
 
 def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
@@ -35,6 +39,50 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     """
     if name not in ("icrf", "iers"):
         raise TableError(f"sources are named by icrf or iers, not {name!r}")
+    icrf, iers, defining, *numbers = _columns(path)
+    lon, lat, east, north, rho = np.array(numbers)
+    names = np.array(icrf if name == "icrf" else iers)
+    return Positions(lon, lat, np.stack([east, north]), rho, name=names, defining=np.array(defining))
+
+
+def opened(source: Any, format: str | None = None) -> tables.TableSource:
+    """A table that is open, of any format that a catalogue may come in.
+
+    Parameters
+    ----------
+    source : path or table
+        Whatever `vsh.tables.open_table` takes.
+    format : str, optional
+        Of a file: one of `vsh.tables.INPUT_FORMATS`, or "icrf" for ICRF2 and ICRF3 as the IERS hands them round, whose columns are then called
+        icrf, iers, defining (D or nothing), ra, dec, ra_error, dec_error and ra_dec_corr.
+
+    Returns
+    -------
+    TableSource
+
+    Raises
+    ------
+    TableError
+        If it cannot be read.
+    """
+    if format != "icrf" or isinstance(source, tables.TableSource):
+        return tables.open_table(source, format)
+    icrf, iers, defining, *numbers = _columns(source)
+    lon, lat, east, north, rho = np.array(numbers)
+    columns = {"icrf": np.array(icrf), "iers": np.array(iers), "defining": np.where(defining, "D", "")}
+    columns |= {
+        "ra": lon / DEGREE,
+        "dec": lat / DEGREE,
+        "ra_error": east / MAS,
+        "dec_error": north / MAS,
+        "ra_dec_corr": rho,
+    }
+    units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
+    return replace(tables.open_table(tables.table_of(columns, units=units)), label=printable(source))
+
+
+def _columns(path):
+    """Designations, D marks, angles [rad], errors [µas] and correlations, each of all sources."""
     label = printable(path)
     try:
         lines = Path(path).read_text(encoding="utf-8", errors="replace").splitlines()
@@ -46,10 +94,7 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     # Above the first source is the heading; below it, every line that is not blank is a source.
     rows = [(number, line) for number, line in enumerate(lines[first:], first + 1) if line.strip()]
     parsed = [_parse(label, number, line) for number, line in rows]
-    icrf, iers, defining, *numbers = zip(*parsed, strict=True)
-    lon, lat, east, north, rho = np.array(numbers)
-    names = np.array(icrf if name == "icrf" else iers)
-    return Positions(lon, lat, np.stack([east, north]), rho, name=names, defining=np.array(defining))
+    return list(zip(*parsed, strict=True))
 
 
 def _parse(label, number, line):

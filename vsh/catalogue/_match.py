@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from vsh.checks.columns import MEASURED
+from vsh.checks.types import IntArray
 from vsh.errors import FieldError, FrameError, TableError
 from vsh.field import Field
 from vsh.sky.positions import Positions
 from vsh.sky.sphere import triad
-from vsh.types import IntArray
 from vsh.units import DEGREE, UAS
 
 __all__ = ["Counterparts", "counterparts", "match"]
@@ -150,6 +149,8 @@ def _by_position(a, b, radius):
     if not 0 < radius < 180 * 3600:
         raise FieldError(f"the radius of a match is an angle above zero, not {radius} arcsec")
     chord = 2 * np.sin(radius * DEGREE / 7200)
+    from scipy.spatial import cKDTree  # half of what reading a bad file would take
+
     trees = [cKDTree(triad(each.lon, each.lat)[2].T) for each in (a, b)]
     pairs = trees[0].query_ball_tree(trees[1], chord)
     counts = np.array([len(each) for each in pairs])

@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from vsh.catalogue._columns import REQUIRED, Columns, as_columns
+from vsh.catalogue._icrf import opened
 from vsh.catalogue._read import iter_fields
 from vsh.catalogue._sources import without_motions
 from vsh.checks.arguments import whole
+from vsh.checks.types import OnBad
 from vsh.errors import ParameterError, TableError
 from vsh.field import Field
 from vsh.parts import Dask, Engine, Here, Parts, Processes, is_delayed
 from vsh.system.parallel import ahead
-from vsh.tables import Where, check_alike, files_of, open_table
-from vsh.types import OnBad
+from vsh.tables import TableSource, Where, check_alike, files_of, open_table
 
 #: Sources in a block of a part: some 200 MB while it is read and checked.
 ROWS = 500_000
@@ -36,6 +37,7 @@ def parts(
     workers: int | None = None,
     scheduler: str | None = None,
     where: str | None = None,
+    format: str | None = None,
 ) -> Parts:
     """A catalogue of any size in parts, which are read and summed where they are.
 
@@ -45,7 +47,7 @@ def parts(
         A file; a folder of files, or a catalogue in HATS format, of which every file is a part; a collection with
         `to_delayed()` (LSDB's, also after a cone or a join, and Dask's), of which every partition is one; anything
         that `read_field` takes; or a list of paths, tables, Fields or delayed objects of Dask.
-    columns, units, on_bad, frame, where
+    columns, units, on_bad, frame, where, format
         As for `read_field`. Name, magnitude and redshift are read where a step or a sum wants them.
     rows : int
         The largest number of sources in memory at a time, for each process.
@@ -84,13 +86,13 @@ def parts(
         raise ParameterError("workers are processes of this machine, a scheduler has its own: give one of the two")
     if where is not None:
         Where(where)  # its mistakes before anything is read
-    read = Reader(columns, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where)
-    pieces = _pieces(source, columns, motions)
+    read = Reader(columns, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
+    pieces = _pieces(source, columns, motions, format)
     files = [piece for piece in pieces if isinstance(piece, Path)]
     if len(set(files)) < len(files):
         raise ParameterError(f"{len(files) - len(set(files))} of the parts are files that stand there twice")
     if len(files) > 1:
-        first = open_table(files[0])
+        first = opened(files[0], format)
         read = replace(read, like=(first.label, _layout(first, columns)))
     return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
 
@@ -113,6 +115,8 @@ class Reader:
         The first of several files and the columns it has with their units: the others must have the same.
     where : str or None
         A condition on the rows.
+    format : str or None
+        Of files.
     """
 
     columns: Columns
@@ -124,6 +128,7 @@ class Reader:
     sigma: float | None = None
     like: tuple[str, Any] | None = None
     where: str | None = None
+    format: str | None = None
 
     def __call__(self, piece: Any, roles: tuple[str, ...]) -> Iterator[Field]:
         """The fields of a piece.
@@ -139,8 +144,9 @@ class Reader:
             yield piece
             return
         columns = self.columns
-        if self.like is not None and isinstance(piece, Path):
-            piece = open_table(piece)
+        if isinstance(piece, (str, os.PathLike)):
+            piece = opened(piece, self.format)
+        if self.like is not None and isinstance(piece, TableSource):
             _check_same_columns(piece, columns, *self.like)
         said: tuple[str, ...] = ()
         if not self.motions:
@@ -183,17 +189,19 @@ def _engine(pieces, workers, scheduler) -> Engine:
     return Here()
 
 
-def _pieces(source, columns, motions):
+def _pieces(source, columns, motions, format):
     """What the parts are read from, a tuple."""
     if isinstance(source, (str, os.PathLike)):
-        return tuple(files_of(source))
+        return tuple(files_of(source, None if format == "icrf" else format))
     if isinstance(source, Parts):
         raise ParameterError("this is a catalogue in parts already")
     if hasattr(type(source), "to_delayed"):
         return tuple(_narrowed(source, columns, motions).to_delayed())
     if isinstance(source, list | tuple) and source:
         return tuple(
-            piece for each in source for piece in (_pieces(each, columns, motions) if _has_parts(each) else (each,))
+            piece
+            for each in source
+            for piece in (_pieces(each, columns, motions, format) if _has_parts(each) else (each,))
         )
     if isinstance(source, list | tuple):
         raise ParameterError("the list of parts is empty")

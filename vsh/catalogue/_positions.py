@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from vsh import tables
 from vsh.catalogue._chosen import Chosen
 from vsh.catalogue._columns import missing_column
+from vsh.catalogue._icrf import opened as opened_table
 from vsh.catalogue._icrf import read_icrf
 from vsh.catalogue._units import unit_factor
 from vsh.checks.arguments import positive
+from vsh.checks.types import OnBad
 from vsh.checks.validation import select_usable
 from vsh.errors import TableError
 from vsh.sky.positions import Positions
-from vsh.types import OnBad
 from vsh.units import DEGREE, MAS
 
 #: Roles of columns, Gaia's names, and what a column without a unit is in.
@@ -28,13 +28,14 @@ _NAMES = ("source_id", "name", "designation")
 
 def read_positions(
     source: Any,
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | str | None = None,
     *,
     sigma: float | None = None,
     on_bad: OnBad = "raise",
     frame: str = "icrs",
     designation: str = "iers",
     where: str | None = None,
+    format: str | None = None,
 ) -> Positions:
     """Read positions of a reference frame.
 
@@ -43,7 +44,7 @@ def read_positions(
     source : path or table
         ICRF2 or ICRF3 as the IERS hands them round, or a table: ra and dec [deg], ra_error (of α cos δ) and dec_error [mas],
         ra_dec_corr, and names where they are.
-    columns : dict of str to str, optional
+    columns : dict of str to str, or "gaia", "icrf", optional
         Other names of these columns, by role; "name" is source_id, name or designation unless given.
     sigma : float, optional
         One error for all, in place of the table's; needed where it has none. [µas]
@@ -54,7 +55,9 @@ def read_positions(
     designation : {"iers", "icrf"}
         Which names of ICRF's sources.
     where : str, optional
-        A condition on a table's columns, as for `read_field`.
+        A condition on a table's columns, as for `read_field`; on those of ICRF with `format="icrf"` (`opened` names them).
+    format : str, optional
+        Of a file, as for `read_field`.
 
     Returns
     -------
@@ -67,21 +70,24 @@ def read_positions(
     FieldError
         If rows cannot be used.
     """
-    if _is_icrf(source):
-        if where is not None:
-            raise TableError(
-                f"--where: {source} is a list of the IERS, whose columns have no names; make a table of it"
-            )
+    columns = {"names": columns} if isinstance(columns, str) else dict(columns or {})
+    known = columns.pop("names", "gaia")
+    if known not in ("gaia", "icrf"):
+        raise TableError(f"columns: no set of names of positions is called {known!r}; there are gaia, icrf")
+    listed = format == "icrf" or (format is None and _is_icrf(source))
+    if listed and where is None and not columns:
         found = read_icrf(source, designation)
         return found if sigma is None else _with_sigma(found, sigma)
-    wrong = [str(role) for role in columns or () if role not in (*_COLUMNS, *_OPTIONAL)]
+    wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
     if wrong:
         raise TableError(
             f"columns: nothing of positions is called {', '.join(wrong)}; there are {', '.join((*_COLUMNS, *_OPTIONAL))}"
         )
-    opened = tables.open_table(source)
-    roles = {role: (columns or {}).get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}
-    if "name" not in (columns or {}):
+    opened = opened_table(source, "icrf" if listed else format)
+    if listed or known == "icrf":
+        columns = {"name": designation} | columns
+    roles = {role: columns.get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}
+    if "name" not in columns:
         roles["name"] = next((name for name in _NAMES if name in opened.names), "name")
     if sigma is not None:
         roles.pop("ra_error"), roles.pop("dec_error"), roles.pop("ra_dec_corr")

@@ -22,15 +22,16 @@ from vsh.catalogue._columns import (
     locate,
     redshift_frame_of,
 )
+from vsh.catalogue._icrf import opened
 from vsh.catalogue._units import differing_units, factors, identifiers, plain
 from vsh.checks import arguments
 from vsh.checks.arguments import whole
 from vsh.checks.columns import MEASURED
 from vsh.checks.notes import DroppedRows, dropped, merge_notes, printable
+from vsh.checks.types import OnBad, PathName
 from vsh.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
 from vsh.field import Field
 from vsh.parts import OPTIONAL
-from vsh.types import OnBad, PathName
 from vsh.units import MAS
 
 
@@ -43,6 +44,7 @@ def read_field(
     frame: str | None = None,
     roles: Iterable[str] = OPTIONAL,
     where: str | None = None,
+    format: str | None = None,
 ) -> Field:
     """Read a field from a table.
 
@@ -69,6 +71,8 @@ def read_field(
     where : str, optional
         A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
         `vsh.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
+    format : str, optional
+        Of a file whose ending does not tell it: one of `vsh.tables.INPUT_FORMATS`, or "icrf".
 
     Returns
     -------
@@ -89,7 +93,7 @@ def read_field(
     >>> field.notes[0]
     'no unit in the table, so taken in deg: ra, dec'
     """
-    make = _maker(source, columns, units, on_bad, frame, roles, where)
+    make = _maker(opened(source, format), columns, units, on_bad, frame, roles, where)
     return make(make.source.columns(make.names))
 
 
@@ -103,12 +107,13 @@ def iter_fields(
     frame: str | None = None,
     roles: Iterable[str] = OPTIONAL,
     where: str | None = None,
+    format: str | None = None,
 ) -> Iterator[Field]:
     """Read a catalogue larger than memory, a field of at most `rows` sources at a time.
 
     Parameters
     ----------
-    source, columns, units, on_bad, frame
+    source, columns, units, on_bad, frame, format
         As for `read_field`. Joined, the fields are the one that it reads. (A VOTable is read whole first.)
     rows : int
         The largest number of sources in a field.
@@ -128,7 +133,7 @@ def iter_fields(
         As `read_field` does.
     """
     rows = whole("rows", rows)
-    make = _maker(source, columns, units, on_bad, frame, roles, where)
+    make = _maker(opened(source, format), columns, units, on_bad, frame, roles, where)
     return _fields(make, rows)
 
 
@@ -160,7 +165,7 @@ class _maker:
     """What turns columns of one table into fields."""
 
     def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None):
-        self.source = tables.open_table(source)
+        self.source = source
         self.chosen = None if where is None else Chosen(where, self.source)
         where, self.said = locate(as_columns(columns), self.source)
         self.where = {role: name for role, name in where.items() if role not in OPTIONAL or role in roles}

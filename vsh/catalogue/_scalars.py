@@ -9,9 +9,9 @@ import numpy as np
 from vsh import tables
 from vsh.catalogue._columns import missing_column
 from vsh.catalogue._units import parse_unit, unit_factor
+from vsh.checks.types import OnBad
 from vsh.errors import TableError
 from vsh.scalars import ScalarField
-from vsh.types import OnBad
 
 
 def read_scalars(

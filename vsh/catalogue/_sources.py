@@ -10,10 +10,11 @@ import numpy as np
 
 from vsh import tables
 from vsh.catalogue._columns import Columns, as_columns
+from vsh.catalogue._icrf import opened as opened_table
 from vsh.catalogue._read import read_field
 from vsh.checks.arguments import positive
+from vsh.checks.types import OnBad
 from vsh.field import Field
-from vsh.types import OnBad
 
 _MOTIONS = ("pmra", "pmdec")
 _ERRORS = ("pmra_error", "pmdec_error")
@@ -28,12 +29,13 @@ def read_sources(
     sigma: float | None = None,
     frame: str | None = None,
     where: str | None = None,
+    format: str | None = None,
 ) -> Field:
     """Read positions and errors; what the table lacks of motions is zero.
 
     Parameters
     ----------
-    source, columns, units, on_bad, frame, where
+    source, columns, units, on_bad, frame, where, format
         As for `vsh.catalogue.read_field`.
     sigma : float, optional
         One error for all, in place of the table's. [µas/yr]
@@ -48,7 +50,7 @@ def read_sources(
     TableError, FieldError
         As `vsh.catalogue.read_field` does.
     """
-    opened, chosen, said = without_motions(tables.open_table(source), as_columns(columns), sigma)
+    opened, chosen, said = without_motions(opened_table(source, format), as_columns(columns), sigma)
     return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*said)
 
 

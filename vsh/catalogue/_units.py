@@ -10,10 +10,10 @@ from astropy import units as u
 
 from vsh.catalogue._columns import GAIA, REQUIRED, UNITS, missing_column
 from vsh.checks.notes import printable
+from vsh.checks.types import BoolArray
 from vsh.checks.validation import as_floats
 from vsh.errors import TableError
 from vsh.tables import TableSource
-from vsh.types import BoolArray
 
 
 def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource) -> Any:

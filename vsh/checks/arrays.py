@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import ArrayLike, FloatArray, IntArray
 from vsh.errors import ParameterError, first_line
-from vsh.types import ArrayLike, FloatArray, IntArray
 
 
 def float_array(

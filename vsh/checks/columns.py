@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import ArrayLike, BoolArray, FloatArray, OnBad
 from vsh.checks.validation import as_floats, check_shapes, invalid_rows, placeholders, select_usable
 from vsh.errors import FieldError
-from vsh.types import ArrayLike, BoolArray, FloatArray, OnBad
 from vsh.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.

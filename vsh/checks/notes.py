@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.types import ArrayLike
+from vsh.checks.types import ArrayLike
 
 #: So many different notes are listed when tables are added up; the others are counted.
 MAX_NOTES = 9

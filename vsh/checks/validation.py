@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from vsh.checks.notes import DroppedRows
+from vsh.checks.types import BoolArray, FloatArray, OnBad
 from vsh.errors import FieldError, NothingLeftError
-from vsh.types import BoolArray, FloatArray, OnBad
 
 #: ρ² at and above which a covariance counts as singular.
 RHO2_LIMIT = 1 - 1e-6

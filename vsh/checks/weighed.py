@@ -9,8 +9,8 @@ import numpy as np
 
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import merge_notes
+from vsh.checks.types import FloatArray
 from vsh.errors import FieldError, FrameError
-from vsh.types import FloatArray
 
 
 class Weighed(Frozen):

@@ -8,9 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from vsh.commands.running import say
+from vsh.checks.types import PathName
 from vsh.system.files import atomic_write
-from vsh.types import PathName
 
 
 class Figures:
@@ -107,17 +106,20 @@ def write_page(
     figures.close()
     with atomic_write(path) as new:
         new.write_text(page.page(title, panels, lead=lead), encoding="utf-8")
-    say(f"written to {path}")
 
 
-def say_page(path: PathName) -> None:
-    """Say that a page with a sky is written, and if its sky cannot be turned.
+def of_page(path: PathName) -> str:
+    """What is said of a page with a sky that was written, and if its sky cannot be turned.
 
     Parameters
     ----------
     path : str or Path
         The page.
+
+    Returns
+    -------
+    str
     """
     from vsh.page import STATIC, bundle
 
-    say(f"written to {path}" if bundle() else f"written to {path}; its sky {STATIC}")
+    return f"written to {path}" if bundle() else f"written to {path}; its sky {STATIC}"

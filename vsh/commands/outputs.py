@@ -5,29 +5,29 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import vsh
 from vsh.checks.notes import printable
+from vsh.checks.types import PathName
+from vsh.commands import citing, configuration
 from vsh.errors import VshError
 from vsh.system.files import atomic_folder
-from vsh.types import PathName
 
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
 
 
-def check(options: argparse.Namespace, command: str) -> None:
+def check(options: argparse.Namespace) -> None:
     """Raise VshError now if --output or --html could not be written later.
 
     Parameters
     ----------
     options : argparse.Namespace
-        With `output`, `html` and `overwrite`.
-    command : str
-        Its name, "vsh-fit".
+        Of `vsh.commands.parsing.parse`, with `output`, `html` and `overwrite`.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def check(options: argparse.Namespace, command: str) -> None:
         As `check_folder` and `check_file` do.
     """
     if options.output:
-        check_folder(options.output, command, options.overwrite)
+        check_folder(options.output, options.program, options.overwrite)
     if options.html:
         check_file(options.html, options.overwrite, "--html")
 
@@ -107,28 +107,47 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
 
 
 @contextmanager
-def results_folder(path: PathName, command: str, provenance: dict[str, Any], overwrite: bool = False) -> Iterator[Path]:
-    """A folder to write results to, which takes the place of `path` when all of them are written.
+def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> Iterator[Path]:
+    """A folder to write results to, which takes the place of --output when all of them are written.
+
+    It holds, besides, the configuration that repeats the run (`run.toml`), whom to cite for it, and where it comes from.
 
     Parameters
     ----------
-    path : path
-        The folder.
-    command : str
-        The name of the command.
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
     provenance : dict
         Plain values, kept in `provenance.json`.
-    overwrite : bool
-        Replace what is there.
     """
-    check_folder(path, command, overwrite)
-    Path(os.path.realpath(path)).parent.mkdir(parents=True, exist_ok=True)
-    with atomic_folder(path) as folder:
+    check_folder(options.output, options.program, options.overwrite)
+    Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)
+    with atomic_folder(options.output) as folder:
         yield folder
+        (folder / configuration.NAME).write_text(repeats(options, provenance), encoding="utf-8")
+        (folder / "citation.bib").write_text(citing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
         files = sorted(x.name for x in folder.iterdir())
-        mark = {"command": command, "files": files} | provenance
+        mark = {"command": options.program, "files": files} | provenance
         (folder / MARK).write_text(json.dumps(mark, indent=1, default=str, ensure_ascii=False), encoding="utf-8")
-        check_folder(path, command, overwrite)  # somebody else may have written meanwhile
+        check_folder(options.output, options.program, options.overwrite)  # somebody else may have written meanwhile
+
+
+def repeats(options: argparse.Namespace, provenance: Mapping[str, Any] | None = None) -> str:
+    """The configuration that repeats a run, as TOML.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
+    provenance : dict, optional
+        With names and hashes of the files that were read.
+
+    Returns
+    -------
+    str
+    """
+    files, hashes = ((provenance or {}).get(key, []) for key in ("catalogue", "sha256"))
+    read = dict(zip(files, hashes, strict=True)) if isinstance(files, list) else {files: hashes}
+    return configuration.Configuration(options.program, options.given, vsh.__version__, read).text()
 
 
 def _check_parent(path, shown, made=False):

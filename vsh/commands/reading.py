@@ -1,15 +1,21 @@
-"""Options of the commands that read a catalogue, and of those that write figures."""
+"""Options of the commands that read a catalogue, whole or in parts, and of those that write figures."""
 
 from __future__ import annotations
 
 import argparse
-from typing import Any
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from vsh.commands import parsing
-from vsh.sky.frames import FRAMES
+from vsh.commands import names, parsing, values
 
-#: As `vsh.catalogue` has them, which loads too much for --help.
-_SETS = ("gaia", "vizier")
+if TYPE_CHECKING:
+    from vsh.tables import TableSource
+    from vsh.vector import Vector
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
@@ -20,17 +26,22 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     parser : argparse.ArgumentParser
         To which options are added.
     """
-    parser.add_argument("--frame", choices=list(FRAMES), default="icrs", help="axes of the result (default: icrs)")
+    parser.add_argument("--frame", choices=names.FRAMES, default="icrs", help="axes of the result (default: icrs)")
     parser.add_argument(
-        "--catalogue-frame", choices=list(FRAMES), help="axes of the catalogue's positions and motions (default: icrs)"
+        "--catalogue-frame", choices=names.FRAMES, help="axes of the catalogue's positions and motions (default: icrs)"
     )
     parser.add_argument(
         "--columns",
-        type=_columns,
+        type=values.columns,
         metavar="ROLE=NAME,…",
-        help="where the table keeps what: gaia (default), vizier, pmra=mu_ra,redshift=z, or vizier,redshift=zsp",
+        help="where the table keeps what: gaia (default), vizier, icrf, pmra=mu_ra,redshift=z, or vizier,redshift=zsp",
     )
-    parser.add_argument("--units", type=parsing.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
+    parser.add_argument(
+        "--input-format",
+        choices=names.INPUT_FORMATS,
+        help="of the catalogue, where its name does not tell it: mrt and cds are the journals' tables, ascii whatever astropy guesses",
+    )
+    parser.add_argument("--units", type=values.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
     parser.add_argument(
         "--on-bad", choices=["raise", "drop"], default="raise", help="rows that cannot be used (default: raise)"
     )
@@ -51,7 +62,7 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
         Of a command.
     """
     parser.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of the figures (default: png)")
-    parser.add_argument("--dpi", type=parsing.positive, default=300, help="dots an inch of the figures (default: 300)")
+    parser.add_argument("--dpi", type=values.positive, default=300, help="dots an inch of the figures (default: 300)")
     parser.add_argument("--no-figures", action="store_true", help="write no figures into the folder of --output")
     parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
 
@@ -70,19 +81,131 @@ def arguments(options: argparse.Namespace) -> dict[str, Any]:
         "on_bad": options.on_bad,
         "frame": options.catalogue_frame,
         "where": options.where,
+        "format": options.input_format,
     }
 
 
-def _columns(text):
-    """NAME=VALUE,… with one of the sets of names before it."""
-    first, _, rest = text.partition(",")
-    if "=" in first:
-        return parsing.pairs(text)
-    if first.strip() not in _SETS:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not of the form name=value,name=value, {' or '.join(_SETS)} before it or not"
-        )
-    return {"names": first.strip()} | (parsing.pairs(rest) if rest else {})
+def opened(path: str, options: argparse.Namespace) -> TableSource:
+    """A catalogue that is open; of a file that cannot be read that is said at once, before all that reads and fits is imported.
+
+    Parameters
+    ----------
+    path : str
+        The catalogue.
+    options : argparse.Namespace
+        Of a command.
+
+    Returns
+    -------
+    TableSource
+    """
+    from vsh import tables
+
+    if options.input_format == "icrf":
+        from vsh import catalogue
+
+        return catalogue.opened(path, "icrf")
+    return tables.open_table(path, options.input_format)
+
+
+@contextmanager
+def standard_input(options: argparse.Namespace) -> Iterator[None]:
+    """What comes in on standard input, where a catalogue is called -, stands in a file meanwhile: it is read more than once.
+
+    A file that is not there is told, too, before anything heavy is imported.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of a command.
+
+    Raises
+    ------
+    TableError
+        If nothing comes in, or a file is not there.
+    """
+    from vsh.errors import TableError
+
+    for name in ("catalogue", "catalogue2"):
+        path = getattr(options, name, None)
+        if path not in (None, "-") and "://" not in path and not Path(path).exists():
+            raise TableError(f"{path}: no such file")
+    asked = [name for name in ("catalogue", "catalogue2") if getattr(options, name, None) == "-"]
+    if not asked:
+        yield
+        return
+    if len(asked) > 1:
+        raise TableError("standard input holds one catalogue: name a file for the other")
+    if sys.stdin is None or sys.stdin.isatty():
+        raise TableError("- is standard input, and nothing comes in: pipe a table into it, or name a file")
+    with tempfile.TemporaryDirectory(prefix="vsh-") as folder:
+        path = Path(folder, "standard input")
+        with path.open("wb") as file:
+            shutil.copyfileobj(sys.stdin.buffer, file, 2**22)
+        if not path.stat().st_size:
+            raise TableError("standard input is empty")
+        setattr(options, asked[0], str(path))
+        yield
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Where a catalogue is read and summed in parts, in every command that reads one.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        To which options are added.
+    """
+    parser.add_argument(
+        "--workers", type=values.count(1), metavar="N",
+        help="go through the catalogue in parts, of any size, with N processes; without this it is read whole",
+    )  # fmt: skip
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="the same on the cluster of Dask at this address, or of this scheduler file",
+    )
+
+
+def in_parts(options: argparse.Namespace) -> bool:
+    """Whether a command was asked to go through its catalogue in parts.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of a command.
+    """
+    return options.workers is not None or options.scheduler is not None
+
+
+def reading_parts(options: argparse.Namespace) -> dict[str, Any]:
+    """The arguments of `vsh.catalogue.parts` that `add_reading` and `add_workers` ask for.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of a command.
+    """
+    return arguments(options) | {"workers": options.workers, "scheduler": options.scheduler}
+
+
+def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
+    """Our velocity, as `vsh.commands.values.velocity` has it.
+
+    Parameters
+    ----------
+    value : str, three numbers or None
+        Its name; or km/s, Galactic longitude and latitude of the apex.
+
+    Returns
+    -------
+    Vector or None
+    """
+    from vsh.cosmology import VELOCITIES, velocity_from_apex
+
+    if value is None:
+        return None
+    return VELOCITIES[value] if isinstance(value, str) else velocity_from_apex(*value)
 
 
 def _named(text):

@@ -4,39 +4,57 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import logging
 import platform
+import shlex
 import sys
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import vsh
 from vsh.checks.notes import printable
+from vsh.commands.configuration import NOT_KEPT
+from vsh.commands.parsing import without_folder
+from vsh.commands.reading import standard_input
 from vsh.errors import VshError, VshWarning
-from vsh.system.files import without_folder
 from vsh.system.parallel import limited
+from vsh.system.progress import without_bars
+
+#: Whose loggers --log writes.
+PACKAGES = ("vsh", "sim", "fit", "study")
+#: Options that change no result, and what the parser found besides.
+_NOT_TOLD = (*NOT_KEPT, "command", "given", "program")
+_LOG = logging.getLogger(__name__)
 
 
-def guarded(program: str, action: Callable[[], object], threads: int | None = None) -> int:
+def guarded(options: argparse.Namespace, action: Callable[[], object]) -> int:
     """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong.
 
     Parameters
     ----------
-    program : str
-        The name that the line begins with.
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
     action : function without arguments
         What the command does.
-    threads : int, optional
-        How many it may use.
 
     Returns
     -------
     int
     """
+    program = options.program
     try:
-        with warnings.catch_warnings(), limited(threads):
+        with (
+            warnings.catch_warnings(),
+            limited(getattr(options, "threads", None)),
+            logged(options),
+            without_bars(options.quiet),
+            standard_input(options),
+        ):
             warnings.simplefilter("ignore", VshWarning)  # the report's notes say it
             action()
     except MemoryError:
@@ -49,6 +67,41 @@ def guarded(program: str, action: Callable[[], object], threads: int | None = No
     except KeyboardInterrupt:
         return _failed(program, "interrupted")
     return 0
+
+
+@contextmanager
+def logged(options: argparse.Namespace) -> Iterator[None]:
+    """What our packages log goes to the file of --log meanwhile, begun by the command and ended by how it ended.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        With `log`, `program` and `command`.
+    """
+    if options.log is None:
+        yield
+        return
+    handler = logging.FileHandler(options.log, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
+    loggers = [logging.getLogger(name) for name in PACKAGES]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.DEBUG)
+    try:
+        _LOG.info("%s", shlex.join(options.command))
+        yield
+        _LOG.info("%s is done", options.program)
+    except BaseException as error:
+        _LOG.error(
+            "%s: %s", type(error).__name__, printable(error), exc_info=not isinstance(error, (VshError, OSError))
+        )
+        raise
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.removeHandler(handler)
+            logger.setLevel(level)
+        handler.close()
 
 
 def _failed(program, said):
@@ -80,7 +133,7 @@ def written(path: object, files: Iterable[str]) -> str:
     return f"written to {path}: {', '.join(sorted(files))}"
 
 
-def provenance(paths: Any, options: argparse.Namespace, versions: dict[str, Any], **counts: Any) -> dict[str, Any]:
+def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[str, Any]:
     """Where a result comes from: files and their hashes, counts of rows, options, versions.
 
     Parameters
@@ -89,8 +142,6 @@ def provenance(paths: Any, options: argparse.Namespace, versions: dict[str, Any]
         The files.
     options : argparse.Namespace
         The other arguments.
-    versions : dict
-        Of this program and whatever else matters.
     **counts
         Rows by what became of them.
     """
@@ -104,9 +155,9 @@ def provenance(paths: Any, options: argparse.Namespace, versions: dict[str, Any]
         "catalogue": paths[0].name if one else [path.name for path in paths],
         "sha256": hashes[0] if one else hashes,
         **counts,
-        "options": {key: _plain(value, paths) for key, value in vars(options).items() if value is not None and key not in ("output", "html", "overwrite", "command")},
-        "versions": versions | {
-            "python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__,
+        "options": {key: _plain(value, paths) for key, value in vars(options).items() if value is not None and key not in _NOT_TOLD},
+        "versions": {
+            "vsh-astrometry": vsh.__version__, "python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__,
             "astropy": astropy.__version__,
         },
     }  # fmt: skip

@@ -7,9 +7,9 @@ from astropy.cosmology import FlatLambdaCDM
 from scipy.interpolate import make_interp_spline
 
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, Cosmology, FloatArray
 from vsh.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable
 from vsh.errors import ConvergenceError, FieldError
-from vsh.types import ArrayLike, Cosmology, FloatArray
 
 #: Flat, Ω_m = 0.315, H0 = 67.3 km/s/Mpc: Bachchan, Hobbs & Lindegren (2016).
 PLANCK_2013 = FlatLambdaCDM(H0=67.3, Om0=0.315)

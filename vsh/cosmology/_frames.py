@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from vsh.checks.types import FloatArray
 from vsh.cosmology._apex import PLANCK_2018
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.redshift_frames import TRUE
 from vsh.sky.sphere import triad
-from vsh.types import FloatArray
 from vsh.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
 

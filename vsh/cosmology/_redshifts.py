@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from vsh.checks.notes import WithoutRedshift
+from vsh.checks.types import ArrayLike, BoolArray
 from vsh.cosmology._frames import to_cmb
 from vsh.errors import FieldError, NothingLeftError
 from vsh.field import Field
 from vsh.sky.redshift_frames import check_redshift_frame
-from vsh.types import ArrayLike, BoolArray
 
 #: Below this redshift a source moves with its neighbours, not with the expansion.
 FLOW_LIMIT = 1e-4

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import ParameterError
-from vsh.types import ArrayLike, FloatArray
 
 #: Panels of 16 nodes in the integral over θ, at least, and the power by which they crowd towards zero.
 _PANELS, _GRADING = 250, 3

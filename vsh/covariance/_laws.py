@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from vsh.checks.types import FloatArray, IntArray
 from vsh.errors import ModesError
-from vsh.types import FloatArray, IntArray
 
 
 def wave_fractions(lmax: int) -> FloatArray:

@@ -12,9 +12,9 @@ from scipy.linalg.lapack import dpotrf
 
 from vsh.checks.arrays import float_array, read_only
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import FloatArray
 from vsh.errors import CovarianceError, ParameterError
 from vsh.field import Field
-from vsh.types import FloatArray
 
 #: More sources have matrices that no machine of today likes: 3 GiB at 10 000, and as much again for its factor.
 MAX_SOURCES = 10_000

@@ -10,7 +10,9 @@ import numpy as np
 from vsh.basis import harmonics
 from vsh.checks import arguments
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray, PathName
 from vsh.covariance._angular import values_of
+from vsh.covariance._files import read_matrix
 from vsh.covariance._matrix import Covariance, check_size
 from vsh.covariance._spectrum import Spectrum
 from vsh.errors import ParameterError
@@ -18,8 +20,6 @@ from vsh.field import Field
 from vsh.modes import as_modes
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
-from vsh.tables import read_matrix
-from vsh.types import ArrayLike, FloatArray, PathName
 
 
 @arguments.accepts(field=arguments.a(Field))

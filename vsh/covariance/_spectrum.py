@@ -10,11 +10,11 @@ import numpy as np
 
 from vsh.checks import arguments
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.covariance._angular import d_plus, power_of, values_of
 from vsh.covariance._laws import both, cut, is_odd, wave_fractions, without_rounding
 from vsh.errors import ParameterError
 from vsh.modes import Modes, as_modes
-from vsh.types import ArrayLike, FloatArray
 from vsh.units import hubble_rate
 
 #: The two parities, by what the field at the antipode is.

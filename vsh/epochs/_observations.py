@@ -13,9 +13,9 @@ from vsh.archive import DR4
 from vsh.catalogue import missing_column, unit_factor
 from vsh.checks.frozen import Frozen
 from vsh.checks.notes import DroppedRows
+from vsh.checks.types import FloatArray, IntArray
 from vsh.epochs._solve import design_row
 from vsh.errors import NothingLeftError, TableError
-from vsh.types import FloatArray, IntArray
 from vsh.units import DEGREE, MAS
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.

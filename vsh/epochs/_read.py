@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from vsh.archive import DR4
+from vsh.checks.types import OnBad
 from vsh.checks.validation import select_usable
 from vsh.epochs._observations import read_observations
 from vsh.epochs._solve import solve_epochs
 from vsh.field import Field
-from vsh.types import OnBad
 
 
 def read_epochs(

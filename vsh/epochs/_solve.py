@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsh.checks.frozen import Frozen
-from vsh.types import BoolArray, FloatArray, IntArray
+from vsh.checks.types import BoolArray, FloatArray, IntArray
 
 #: The cubic between two and three σ that joins 1 to e^{−z/3} with its slope (eq. 66 there).
 _SQUARE, _CUBE = 3 - 10 / 3 * np.exp(-1.0), 2 - 7 / 3 * np.exp(-1.0)

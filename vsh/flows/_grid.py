@@ -9,11 +9,11 @@ import numpy as np
 
 from vsh.checks import arguments
 from vsh.checks.notes import printable
+from vsh.checks.types import FloatArray, PathName
 from vsh.errors import ParameterError, TableError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.system.files import atomic_write
-from vsh.types import FloatArray, PathName
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -20,9 +20,9 @@ from scipy.special import spherical_jn
 
 from vsh.basis import scalar_harmonics, spheroidal_twin, toroidal_harmonics
 from vsh.checks import arguments
+from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
 from vsh.flows._theory import HUBBLE, PLANCK_2018, LinearTheory
-from vsh.types import FloatArray
 
 #: Beyond this distance flows move nobody's estimate: sources there have independent velocities. [Mpc/h]
 _FARTHEST = 600.0

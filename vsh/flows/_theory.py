@@ -19,8 +19,8 @@ from scipy.special import spherical_jn
 
 from vsh.checks.arguments import positive
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import ParameterError
-from vsh.types import ArrayLike, FloatArray
 
 #: The Hubble constant where distances are in Mpc/h. [km/s per Mpc/h]
 HUBBLE = 100.0

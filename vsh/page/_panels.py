@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vsh.checks.types import Table
 from vsh.plot import picture_of
-from vsh.types import Table
 
 
 class Panel(NamedTuple):

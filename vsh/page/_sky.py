@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsh.basis import harmonics
+from vsh.checks.types import FloatArray
 from vsh.coefficients import Coefficients
 from vsh.errors import ParameterError
 from vsh.field import Field
@@ -18,7 +19,6 @@ from vsh.page._page import bundle
 from vsh.page._panels import Panel
 from vsh.plot import LONGEST, SURE, even_grid
 from vsh.sky.frames import ANGLES
-from vsh.types import FloatArray
 
 #: Sources that are sent at most, those with the most significant residuals first; of so many also their names.
 MAX_SOURCES, MAX_NAMES = 20_000, 5_000

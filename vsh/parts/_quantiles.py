@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 
+from vsh.checks.types import ArrayLike, FloatArray, IntArray
 from vsh.field import Field
 from vsh.parts._parts import Parts
-from vsh.types import ArrayLike, FloatArray, IntArray
 
 #: Bins: 512 in every factor of two, from 2⁻⁶⁴ to 2⁶⁴. What lies beyond is in the first and the last.
 BINS = 2**16

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 
+from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
 from vsh.plot._sky_axes import SkyAxes
 from vsh.sky.sphere import angles, triad
-from vsh.types import FloatArray
 
 #: Of the largest arrow; a little less than the step of the grid. [deg]
 LONGEST = 11.0

@@ -11,6 +11,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Patch
 
 from vsh.basis import harmonics
+from vsh.checks.types import FloatArray
 from vsh.coefficients import Coefficients
 from vsh.errors import ParameterError
 from vsh.field import Field
@@ -20,7 +21,6 @@ from vsh.plot._maps import draw_empty
 from vsh.plot._marks import draw_direction, draw_sources
 from vsh.plot._sky_axes import HALO, PROJECTIONS, SkyAxes, sky_axes
 from vsh.plot._style import COLOURS, FADED, SIGNIFICANCE, colour_bar, styled
-from vsh.types import FloatArray
 
 #: An arrow is grey below, and as dark as any from there on. [σ]
 SURE, TOP = 2.0, 6.0

@@ -11,9 +11,9 @@ import matplotlib.pyplot as plt
 from PIL import Image
 
 from vsh.checks.arguments import choice, positive
+from vsh.checks.types import PathName
 from vsh.plot._style import STYLE, figure_of
 from vsh.system.files import atomic_write
-from vsh.types import PathName
 
 FORMATS = ("png", "pdf", "svg")
 #: Nothing that two runs would not have in common.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from vsh.checks.types import FloatArray
 from vsh.plot._sky_axes import SkyAxes
-from vsh.types import FloatArray
 
 
 def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:

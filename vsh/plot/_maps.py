@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.plot._sky_axes import SkyAxes, sky_axes
 from vsh.plot._style import SEQUENTIAL, colour_bar, styled
 from vsh.sky.pixels import pixels_of
 from vsh.sky.sphere import triad
-from vsh.types import ArrayLike, FloatArray
 
 
 def draw_map(axes: SkyAxes, values: ArrayLike, cmap: str = SEQUENTIAL, **style: Any) -> Any:

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.plot._sky_axes import HALO, SkyAxes, lines_on
 from vsh.sky.sphere import angles, triad
-from vsh.types import ArrayLike, FloatArray
 from vsh.vector import Vector
 
 #: A cone as wide as this says nothing of where a vector points. [deg]

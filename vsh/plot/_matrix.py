@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import Axes, FloatArray
 from vsh.plot._style import DIVERGING
-from vsh.types import Axes, FloatArray
 
 #: So many rows have a name each, and so many a number in each cell.
 NAMED, NUMBERED = 30, 8

@@ -12,10 +12,10 @@ from astropy.wcs import WCS
 from matplotlib.patheffects import withStroke
 
 from vsh.checks.arguments import choice
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import ParameterError
 from vsh.plot._style import WIDTH, styled
 from vsh.sky.frames import ANGLES, check_frame
-from vsh.types import ArrayLike, FloatArray
 
 #: FITS's names of the projections (Calabretta & Greisen 2002), and the radius of each along the abscissa. [rad]
 PROJECTIONS = {

@@ -10,8 +10,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from vsh.checks.types import Axes, Figure
 from vsh.errors import ParameterError
-from vsh.types import Axes, Figure
 
 P = ParamSpec("P")
 R = TypeVar("R")

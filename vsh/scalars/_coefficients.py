@@ -6,9 +6,9 @@ import numpy as np
 
 from vsh.checks.arguments import number
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.coefficients import Coefficients
 from vsh.modes import ScalarModes
-from vsh.types import ArrayLike, FloatArray
 
 #: Degree 1 is d·r: rows (1,0), (1,1,re), (1,1,im) of its coefficients from x, y, z of d. That of a glide, over √2.
 DIPOLE = np.sqrt(2 * np.pi / 3) * np.array([[0, 0, np.sqrt(2)], [-1, 0, 0], [0, 1, 0]])

@@ -9,11 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray, OnBad
 from vsh.checks.validation import as_floats, check_shapes, invalid_rows, select_usable
 from vsh.checks.weighed import Weighed
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
-from vsh.types import ArrayLike, FloatArray, OnBad
 from vsh.units import DEGREE
 
 

@@ -6,9 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from vsh.checks.types import FloatArray
 from vsh.errors import FrameError
 from vsh.sky.sphere import angles, triad
-from vsh.types import FloatArray
 
 __all__ = [
     "FRAMES",

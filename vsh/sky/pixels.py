@@ -10,8 +10,8 @@ import numpy as np
 from vsh.checks import arguments, arrays
 from vsh.checks.arguments import generator
 from vsh.checks.notes import printable
+from vsh.checks.types import ArrayLike, FloatArray, IntArray, PathName, Rng
 from vsh.errors import FieldError, TableError, first_line
-from vsh.types import ArrayLike, FloatArray, IntArray, PathName, Rng
 
 __all__ = [
     "centres",

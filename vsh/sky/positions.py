@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import BoolArray, FloatArray
 from vsh.checks.validation import checked_columns
 from vsh.errors import FieldError
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import angles, triad
-from vsh.types import BoolArray, FloatArray
 from vsh.units import UAS
 
 __all__ = [

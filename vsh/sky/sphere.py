@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.types import ArrayLike, FloatArray
+from vsh.checks.types import ArrayLike, FloatArray
 
 __all__ = [
     "across_and_along",

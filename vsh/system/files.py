@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from vsh.types import PathName
+from vsh.checks.types import PathName
 
 #: How the names of files that are being written begin; nobody else's files do.
 _UNFINISHED = ".vsh-unfinished-"
@@ -47,29 +47,6 @@ def atomic_write(path: PathName) -> Iterator[Path]:
         os.replace(new, path)
     finally:
         new.unlink(missing_ok=True)
-
-
-def without_folder(text: str) -> str:
-    """The name of a file without where it lies on this disk; any other text as it is.
-
-    Results and pages are handed round: an absolute path, or one that is there, is told by its last part.
-
-    Parameters
-    ----------
-    text : str
-        A path, a condition, an address.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> without_folder("/home/me/catalogue.fits"), without_folder("pmra / pmra_error < 5"), without_folder("mu=uas/yr")
-    ('catalogue.fits', 'pmra / pmra_error < 5', 'mu=uas/yr')
-    """
-    path = Path(text)
-    return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
 
 
 def remove_unfinished(folder: PathName) -> None:

@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 from tqdm import tqdm
+
+_HIDDEN: ContextVar[bool] = ContextVar("hidden", default=False)
+
+
+@contextmanager
+def without_bars(hidden: bool = True) -> Iterator[None]:
+    """No progress bar is shown meanwhile.
+
+    Parameters
+    ----------
+    hidden : bool
+        With False it changes nothing.
+    """
+    token = _HIDDEN.set(hidden or _HIDDEN.get())
+    try:
+        yield
+    finally:
+        _HIDDEN.reset(token)
 
 
 def progress_bar(
@@ -34,4 +54,12 @@ def progress_bar(
         Others.
     """
     # With None tqdm looks whether stderr is a terminal.
-    return tqdm(things, total=total, desc=words or None, delay=2, disable=None if shown else True, unit=unit, **options)
+    return tqdm(
+        things,
+        total=total,
+        desc=words or None,
+        delay=2,
+        disable=None if shown and not _HIDDEN.get() else True,
+        unit=unit,
+        **options,
+    )

@@ -5,14 +5,14 @@ Every way a file can be unreadable ends in a TableError that names it.
 
 from vsh.tables._fits import fits_checked
 from vsh.tables._fits_layout import fits_rows
-from vsh.tables._matrix import read_matrix
-from vsh.tables._open import FORMATS, files_of, format_of, open_table
+from vsh.tables._open import FORMATS, INPUT_FORMATS, files_of, format_of, open_table
 from vsh.tables._source import TableSource, check_alike
 from vsh.tables._where import Where
 from vsh.tables._write import as_table, check_writable, read, table_of, write, write_table
 
 __all__ = [
     "FORMATS",
+    "INPUT_FORMATS",
     "TableSource",
     "Where",
     "as_table",
@@ -24,7 +24,6 @@ __all__ = [
     "format_of",
     "open_table",
     "read",
-    "read_matrix",
     "table_of",
     "write",
     "write_table",

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import PathName
 from vsh.errors import TableError, first_line
 from vsh.tables._source import TableSource
-from vsh.types import PathName
 
 
 def open_parquet(paths: Sequence[PathName], label: str) -> TableSource:

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import PathName
 from vsh.errors import TableError, first_line
 from vsh.system.parallel import cores
 from vsh.tables._fits_layout import check_layout
 from vsh.tables._source import TableSource
-from vsh.types import PathName
 
 #: What astropy says of a file that is not as it was written.
 _DAMAGE = re.compile(r"truncat|checksum|datasum|corrupt|invalid|illegal|extra bytes", re.IGNORECASE)

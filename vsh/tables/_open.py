@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
+import zlib
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vsh.checks.notes import printable
+from vsh.checks.types import PathName
 from vsh.errors import TableError
 from vsh.tables._arrow import open_parquet, open_stream
 from vsh.tables._fits import open_fits
@@ -14,7 +19,7 @@ from vsh.tables._memory import is_frame, open_astropy, open_frame, open_other
 from vsh.tables._source import TableSource, chained
 from vsh.tables._text import open_text
 from vsh.tables._votable import open_votable
-from vsh.types import PathName
+from vsh.tables._whole import open_whole
 
 #: File name endings and astropy's formats; a further .gz is understood by all but Parquet.
 FORMATS = {
@@ -28,16 +33,36 @@ FORMATS = {
     ".parquet": "parquet",
     ".pq": "parquet",
 }
+#: Those that are read and not written.
+_READ_ONLY = {".hdf5": "hdf5", ".h5": "hdf5", ".mrt": "ascii.mrt"}
+#: The names by which a user tells a format where the name of a file does not, and astropy's.
+INPUT_FORMATS = {name: name for name in ("fits", "votable", "parquet", "hdf5", "ascii")} | {
+    name: f"ascii.{name}" for name in ("ecsv", "csv", "mrt", "cds")
+}
 _READERS = {"fits": open_fits, "votable": open_votable, "ascii.ecsv": open_text, "ascii.csv": open_text}
+_READERS |= {kind: partial(open_whole, kind=kind) for kind in ("hdf5", "ascii.mrt", "ascii.cds", "ascii")}
+#: How files begin. VOTables are XML, which may begin with a comment.
+_BEGINNINGS = (
+    (re.compile(rb"SIMPLE  ="), "fits"),
+    (re.compile(rb"PAR1"), "parquet"),
+    (re.compile(rb"\x89HDF\r\n"), "hdf5"),
+    (re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml|<!--|<VOTABLE)"), "votable"),
+    (re.compile(rb"(\xef\xbb\xbf)?#\s*%ECSV", re.IGNORECASE), "ascii.ecsv"),
+    (re.compile(rb"[\s\S]*^Byte-by-byte Description", re.MULTILINE), "ascii.mrt"),
+    (re.compile(rb"(\xef\xbb\xbf)?[^,\n\0]+(,[^,\n\0]+){4,}\r?\n"), "ascii.csv"),
+)
 
 
-def open_table(source: Any) -> TableSource:
+def open_table(source: Any, format: str | None = None) -> TableSource:
     """Open a table without reading its rows.
 
     Parameters
     ----------
     source : path of a file or a folder of files, astropy Table, pandas DataFrame (or a class made from
         it), an object with `__arrow_c_stream__` (pyarrow, polars, DuckDB), dict or structured array
+        The table.
+    format : str, optional
+        Of a file: one of `vsh.tables.INPUT_FORMATS`. Unless given its ending tells it, or how the file begins.
 
     Returns
     -------
@@ -51,7 +76,7 @@ def open_table(source: Any) -> TableSource:
     if isinstance(source, TableSource):
         return source
     if isinstance(source, (str, os.PathLike)):
-        return _open_path(source)
+        return _open_path(source, format)
     if is_frame(source):
         return open_frame(source)
     if any(c.__name__ == "Table" and c.__module__.startswith("astropy.table") for c in type(source).__mro__):
@@ -61,35 +86,40 @@ def open_table(source: Any) -> TableSource:
     return open_other(source)
 
 
-def format_of(path: PathName) -> str | None:
+def format_of(path: PathName, further: Mapping[str, str] | None = None) -> str:
     """astropy's name of the format that the ending of a name tells; TableError where it tells none.
 
     Parameters
     ----------
     path : str or Path
         The file.
+    further : dict of str to str, optional
+        Formats by ending besides FORMATS.
 
     Returns
     -------
-    str | None
+    str
 
     Raises
     ------
     TableError
         If it cannot be read; the message says why.
     """
+    known = FORMATS | dict(further or {})
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
     if suffixes and suffixes[-1] == ".gz":
         suffixes.pop()
-    if not suffixes or suffixes[-1] not in FORMATS:
+    if not suffixes or suffixes[-1] not in known:
         raise TableError(
-            f"{printable(path)}: what format is this? Known endings: {', '.join(FORMATS)}, each also with .gz"
+            f"{printable(path)}: what format is this? Known endings: {', '.join(known)}, each also with .gz"
         )
-    return FORMATS[suffixes[-1]]
+    return known[suffixes[-1]]
 
 
-def _open_path(path):
+def _open_path(path, format):
+    if format is not None and format not in INPUT_FORMATS:
+        raise TableError(f"no format is called {format!r}: {', '.join(INPUT_FORMATS)} are")
     text = os.fspath(path)
     text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
     label = printable(text)
@@ -98,10 +128,10 @@ def _open_path(path):
     path = Path(path if not isinstance(path, bytes) else os.fsdecode(path))
     try:
         if path.is_dir():
-            return _open_folder(path, label)
+            return _open_folder(path, label, format)
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
-        kind = format_of(path)
+        kind = INPUT_FORMATS[format] if format else _kind(path)
         if kind == "parquet":
             return open_parquet([path], label)
         return _READERS[kind](path, label)
@@ -111,20 +141,40 @@ def _open_path(path):
         raise TableError(f"{label} cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
-def _open_folder(path, label):
-    kind, files = _tables_in(path, label)
+def _kind(path):
+    """The format of a file by its ending, or by its first bytes."""
+    try:
+        return format_of(path, _READ_ONLY)
+    except TableError as unknown:
+        with path.open("rb") as file:
+            begin = file.read(2**14)
+        if begin[:2] == b"\x1f\x8b":
+            try:
+                begin = zlib.decompressobj(31).decompress(begin, 2**14)
+            except zlib.error:
+                begin = b""
+        for pattern, kind in _BEGINNINGS:
+            if pattern.match(begin):
+                return kind
+        raise TableError(f"{unknown}; or say it: format=…, --input-format {'|'.join(INPUT_FORMATS)}") from None
+
+
+def _open_folder(path, label, format):
+    kind, files = _tables_in(path, label, format)
     if kind == "parquet":
         return open_parquet(files, label)
     return chained(label, [_READERS[kind](file, printable(file)) for file in files])
 
 
-def files_of(path: PathName) -> list[Path]:
+def files_of(path: PathName, format: str | None = None) -> list[Path]:
     """The files that `open_table` would read from a path: those of a folder in the order of their names, or the file.
 
     Parameters
     ----------
     path : str or Path
         A file, a folder of files, or a catalogue in HATS format.
+    format : str, optional
+        Of the files, where their endings do not tell it.
 
     Returns
     -------
@@ -137,13 +187,13 @@ def files_of(path: PathName) -> list[Path]:
     """
     path, label = Path(path), printable(path)
     if path.is_dir():
-        return _tables_in(path, label)[1]
+        return _tables_in(path, label, format)[1]
     if not path.is_file():
         raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
     return [path]
 
 
-def _tables_in(path, label):
+def _tables_in(path, label, format=None):
     """The format and the files of a folder."""
     path = _main_table(path, label)
     if _is_hats(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
@@ -156,8 +206,11 @@ def _tables_in(path, label):
         inside = file.relative_to(path).parts
         if any(part.startswith((".", "_")) for part in inside) or not file.is_file():
             continue
+        if format:
+            kinds.setdefault(INPUT_FORMATS[format], []).append(file)
+            continue
         try:
-            kinds.setdefault(format_of(file), []).append(file)
+            kinds.setdefault(format_of(file, _READ_ONLY), []).append(file)
         except TableError:
             continue
     if not kinds:

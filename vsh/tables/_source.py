@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import Table
 from vsh.errors import TableError
-from vsh.types import Table
 
 #: Rows in a block where nobody asked for a number.
 ROWS = 2**20

@@ -11,9 +11,9 @@ from operator import itemgetter
 
 import numpy as np
 
+from vsh.checks.types import PathName
 from vsh.errors import TableError, first_line
 from vsh.tables._source import TableSource
-from vsh.types import PathName
 
 #: Longer lines are damage, or no table. [characters]
 LINE = 2**22

@@ -7,10 +7,10 @@ import warnings
 
 import numpy as np
 
+from vsh.checks.types import PathName
 from vsh.errors import TableError, first_line
 from vsh.tables._fits import plain_file
 from vsh.tables._source import TableSource
-from vsh.types import PathName
 
 _SIZE = re.compile(rb"""\b(arraysize|nrows|width)\s*=\s*["']\s*([0-9][0-9x]*)""")
 #: Warnings of astropy's parser by which a value was changed or lost.

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from vsh.checks.notes import printable
+from vsh.checks.types import BoolArray
 from vsh.errors import TableError
-from vsh.types import BoolArray
 
 #: What may be called. `column("e_pm-RA")` names a column whose name is no word, `ismissing(redshift)` asks for gaps.
 FUNCTIONS: dict[str, Callable[..., Any]] = {

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from vsh.checks.notes import printable
+from vsh.checks.types import PathName, Table
 from vsh.errors import TableError, first_line
 from vsh.system.files import atomic_write
 from vsh.tables._open import format_of, open_table
-from vsh.types import PathName, Table
 
 
 def read(path: PathName) -> Table:

@@ -17,13 +17,13 @@ import numpy as np
 from vsh.checks import arguments
 from vsh.checks.arguments import number, positive
 from vsh.checks.arrays import float_array
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.coefficients import Coefficients
 from vsh.covariance import wave_fractions
 from vsh.errors import ParameterError
 from vsh.modes import Modes
 from vsh.rotate import degree_matrix
 from vsh.sky.sphere import angles, triad
-from vsh.types import ArrayLike, FloatArray
 from vsh.units import JULIAN_YEAR, UAS
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from sim.agis.passes import _kernels
 from sim.agis.passes._cost import PARTS
 from sim.agis.passes._spline import BANDS
+from vsh.checks.types import FloatArray
 from vsh.system.parallel import cores
-from vsh.types import FloatArray
 
 
 class CompiledPasses:

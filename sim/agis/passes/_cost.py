@@ -8,9 +8,9 @@ import numpy as np
 
 from sim.scanning import NominalScanningLaw
 from vsh.checks import arguments, arrays
+from vsh.checks.types import ArrayLike
 from vsh.errors import ParameterError
 from vsh.system.memory import GIB, free_memory
-from vsh.types import ArrayLike
 from vsh.units import JULIAN_YEAR
 
 #: Parts that the transits are cut into for threads: fixed, so that their number changes no bit of a sum.

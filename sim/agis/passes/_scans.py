@@ -16,12 +16,12 @@ from sim.agis.passes._cost import check_memory, expected_transits
 from sim.scanning import NominalScanningLaw
 from vsh.checks import arguments, arrays
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import ArrayLike, FloatArray, IntArray, PathName
 from vsh.errors import ParameterError
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.system.files import atomic_folder
 from vsh.system.progress import progress_bar
-from vsh.types import ArrayLike, FloatArray, IntArray, PathName
 from vsh.units import JULIAN_YEAR
 
 #: The nine CCDs of a row are passed so many seconds apart.

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from sim.agis.passes._spline import BANDS, values
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 
 #: Transits that a design matrix is made for; each takes 400 bytes.
 MAX_TRANSITS = 3_000_000

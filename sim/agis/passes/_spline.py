@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.types import FloatArray
+from vsh.checks.types import FloatArray
 
 #: Coefficients that meet in an interval, times three components: rows of the band, the diagonal among them.
 BANDS = 12

@@ -8,9 +8,9 @@ import numpy as np
 
 from sim.agis.results._solution import AgisSolution
 from vsh.checks import arguments, arrays
+from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import ParameterError
 from vsh.sky.sphere import triad
-from vsh.types import ArrayLike, FloatArray
 
 
 def rotate_frame(

@@ -11,11 +11,11 @@ from sim.signal import Signal, as_signal
 from vsh import Field
 from vsh.checks import arguments, arrays
 from vsh.checks.frozen import Frozen
+from vsh.checks.types import ArrayLike, BoolArray, FloatArray
 from vsh.coefficients import Coefficients
 from vsh.errors import ParameterError
 from vsh.modes import Modes
 from vsh.sky.sphere import triad
-from vsh.types import ArrayLike, BoolArray, FloatArray
 
 _COLUMNS = {"position": slice(0, 2), "motion": slice(3, 5)}
 

@@ -29,7 +29,8 @@ def test_demo_finds_its_truth(tmp_path, capsys):
     assert "they agree to" in text
     written = {path.name for path in tmp_path.iterdir()}
     figures = {"sky.png", "spectrum.png", "correlation.png", "residuals.png"}
-    assert written == {"report.txt", "solution.ecsv", "correlation.ecsv", "provenance.json"} | figures
+    tables = {"solution.ecsv", "correlation.ecsv"}
+    assert written == {"report.txt", "run.toml", "citation.bib", "provenance.json"} | tables | figures
     assert (tmp_path / "report.txt").read_text(encoding="utf-8") in text
     assert all(path.stat().st_size > 10_000 for path in tmp_path.glob("*.png"))
 

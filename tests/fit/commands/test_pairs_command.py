@@ -22,6 +22,8 @@ def test_results(catalogue, tmp_path, capsys):
     files = {x.name for x in folder.iterdir()}
     assert files == {
         "report.txt",
+        "run.toml",
+        "citation.bib",
         "pairs.ecsv",
         "templates.ecsv",
         "power.ecsv",

@@ -39,7 +39,7 @@ def test_everything_at_once(path, tmp_path, capsys):
     text = capsys.readouterr().out
     for words in ("spin alike in all bins", "toward the apex", "H0  ", "Posterior (galactic axes"):
         assert words in text
-    wanted = {"bins.ecsv", "bins.png", "corner.png", "hubble.ecsv", "posterior.ecsv", "report.txt", "trace.png", "provenance.json",
+    wanted = {"bins.ecsv", "bins.png", "corner.png", "hubble.ecsv", "posterior.ecsv", "report.txt", "trace.png", "provenance.json", "run.toml", "citation.bib",
               "samples.fits", "velocity.ecsv"}  # fmt: skip
     assert {each.name for each in out.iterdir()} == wanted
     assert (out / "report.txt").read_text(encoding="utf-8").strip() in text

@@ -130,7 +130,7 @@ def test_command(tmp_path, capsys):
     folder, page = tmp_path / "out", tmp_path / "page.html"
     assert main([*paths, "--lmax", "2", "--output", str(folder), "--html", str(page)]) == 0
     files = {x.name for x in folder.iterdir()}
-    assert files == {"report.txt", "comparison.ecsv", "solution.ecsv", "correlation.ecsv", "outliers.ecsv", "parameters.ecsv", "provenance.json",
+    assert files == {"report.txt", "comparison.ecsv", "solution.ecsv", "correlation.ecsv", "outliers.ecsv", "parameters.ecsv", "provenance.json", "run.toml", "citation.bib",
                      "sky.png", "spectrum.png", "correlation.png", "residuals.png", "catalogues.png"}  # fmt: skip
     found = fit.storage.read(folder / "comparison.ecsv")
     assert found.names == tuple(fit.storage.read(folder / "comparison.ecsv").names)

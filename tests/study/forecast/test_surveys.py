@@ -99,5 +99,6 @@ def test_messages(capsys):
 def test_command(tmp_path, capsys):
     folder = tmp_path / "forecast"
     assert main(["--only", "VLBI", "--survey", "mine=3000,2", "--no-flows", "--output", str(folder)]) == 0
-    assert {x.name for x in folder.iterdir()} == {"report.txt", "forecast.ecsv", "forecast.png", "provenance.json"}
+    made = {"report.txt", "forecast.ecsv", "forecast.png", "provenance.json", "run.toml", "citation.bib"}
+    assert {x.name for x in folder.iterdir()} == made
     assert "mine" in capsys.readouterr().out

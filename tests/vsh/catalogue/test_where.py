@@ -177,7 +177,7 @@ def test_positions_and_sources_too():
     made = TABLE.copy()
     made["ra_error"], made["dec_error"] = 0.1, 0.1
     assert len(read_positions(made, where="g < 19")) == (G < 19).sum()
-    with pytest.raises(TableError, match="nothing of positions is called names; there are ra, dec"):
+    with pytest.raises(TableError, match="no set of names of positions is called 'vizier'; there are gaia, icrf"):
         read_positions(made, {"names": "vizier"})
     assert len(read_sources(TABLE["ra", "dec", "g"], where="g < 19")) == (G < 19).sum()
 

@@ -163,22 +163,22 @@ def test_kills_leave_whole_folders(kills, catalogue, tmp_path):
 
 def test_vectors_and_velocities_from_the_shell():
     """Faults B5 and D5: three meanings of --velocity, and negative numbers behind a space."""
-    import argparse
-
+    from vsh.commands.options import simulate
+    from vsh.commands.reading import velocity_of
     from vsh.cosmology import PLANCK_2018
 
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--velocity", type=parsing.velocity)
-    parser.add_argument("--spin", type=parsing.vector)
-    assert parsing.parse(parser, ["--spin", "-1,2,-3"]).spin == (-1, 2, -3)
-    assert parsing.parse(parser, ["--spin", "-.5,2,3"]).spin == (-0.5, 2, 3)
-    assert parsing.parse(parser, ["--velocity", "planck"]).velocity is PLANCK_2018
-    found = parsing.parse(parser, ["--velocity", "369,264,48"]).velocity
+    def parsed(*words):
+        return parsing.parse(simulate, ["galaxies", "--output", "x.fits", *words])
+
+    assert parsed("--spin", "-1,2,-3").spin == (-1, 2, -3)
+    assert parsed("--spin", "-.5,2,3").spin == (-0.5, 2, 3)
+    assert velocity_of(parsed("--velocity", "planck").velocity) is PLANCK_2018
+    found = velocity_of(parsed("--velocity", "369,264,48").velocity)
     assert found.amplitude == pytest.approx(369)
     assert found.direction == pytest.approx((264, 48))
     for wrong in ("-358,77,-45", "369,264,148", "358", "cobe", "0,1,2"):
         with pytest.raises(SystemExit):
-            parsing.parse(parser, ["--velocity", wrong])
+            parsed("--velocity", wrong)
 
 
 def test_the_page_does_not_show_where_its_author_works(catalogue, tmp_path):
@@ -326,20 +326,14 @@ def test_no_option_shows_where_its_author_works(catalogue, tmp_path):
     options = Namespace(
         catalogue=catalogue, checkpoint=str(tmp_path / "sub" / "c.npz"), units={"a": "uas/yr"}, frame="icrs", html=None
     )
-    told = running.provenance(catalogue, options, {})["options"]
+    told = running.provenance(catalogue, options)["options"]
     assert told == {"catalogue": "c.fits", "checkpoint": "c.npz", "units": {"a": "uas/yr"}, "frame": "icrs"}
 
 
 def test_the_command_of_a_page_repeats_the_run(tmp_path):
     """Folders go, what only looks like a path stays: a quotient, a unit, an address."""
-    import argparse
+    from vsh.commands.options import redshift
 
-    from vsh.commands import parsing
-
-    parser = argparse.ArgumentParser(prog="vsh-fit")
-    parser.add_argument("catalogue")
-    for option in ("--where", "--units", "--checkpoint", "--scheduler"):
-        parser.add_argument(option)
     where, units, address = "pmra / pmra_error < 5", "mu=uas/yr", "tcp://host:8786"
     words = [
         str(tmp_path / "c.fits"),
@@ -350,10 +344,11 @@ def test_the_command_of_a_page_repeats_the_run(tmp_path):
         f"--checkpoint={tmp_path / 'k.npz'}",
         "--scheduler",
         address,
+        "--posterior",
     ]
-    told = parsing.parse(parser, words).command
+    told = parsing.parse(redshift, words).command
     assert told == [
-        "vsh-fit",
+        "vsh-redshift",
         "c.fits",
         "--where",
         where,
@@ -362,4 +357,5 @@ def test_the_command_of_a_page_repeats_the_run(tmp_path):
         "--checkpoint=k.npz",
         "--scheduler",
         address,
+        "--posterior",
     ]

@@ -18,10 +18,10 @@ from sim.variability import Variability
 from vsh import Field
 from vsh.checks import arguments, arrays
 from vsh.checks.arguments import generator
+from vsh.checks.types import ArrayLike, Release, Rng
 from vsh.coefficients import Coefficients
 from vsh.errors import ParameterError
 from vsh.system.parallel import map_blocks
-from vsh.types import ArrayLike, Release, Rng
 
 #: Errors of redshifts by name: at z = 0, and for each unit of z.
 REDSHIFT_ERRORS = {"spectroscopic": (1e-4, 0.0), "photometric": (0.015, 0.015)}

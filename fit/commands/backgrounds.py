@@ -8,34 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import fit
-from vsh.commands import parsing
 from vsh.errors import ModesError
-
-
-def add(parser: argparse.ArgumentParser) -> None:
-    """Add the options.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of the command.
-    """
-    group = parser.add_argument_group("what sources share")
-    group.add_argument(
-        "--floor",
-        action="store_true",
-        help="put errors that sources share into the errors of spin and acceleration, estimated from degrees 2 to --lmax "
-        "(3 at least), and a prior of that power on those degrees",
-    )
-    group.add_argument(
-        "--waves", action="store_true", help="limit the energy in gravitational waves by degree 2, of three kinds"
-    )
-    group.add_argument(
-        "--years",
-        type=parsing.positive,
-        metavar="T",
-        help="with --waves: how long the motions were measured, for the band of frequency and the strain",
-    )
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.types import FloatArray, PathName
 from vsh.errors import TableError, first_line
-from vsh.types import FloatArray, PathName
 
 
 def read_matrix(path: PathName, check_shape: Callable[[tuple[int, ...]], Any]) -> FloatArray:

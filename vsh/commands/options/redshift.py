@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import argparse
 from itertools import pairwise
+from pathlib import Path
 
-import numpy as np
-
-import vsh
-from vsh.commands import parsing, parts_options, reading
-from vsh.sky.redshift_frames import REDSHIFT_FRAME_NAMES
-from vsh.vector import Vector
+from vsh.commands import names, parsing, reading, values
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -22,26 +18,26 @@ def make_parser() -> argparse.ArgumentParser:
         epilog="Example: vsh-redshift galaxies.fits --h0 67.4 --velocity planck --bins 0.001,0.01,0.03 --output results",
     )
     parser.add_argument("catalogue", help="FITS, VOTable, ECSV, CSV or Parquet file, or a folder of them")
-    parser.add_argument("--h0", type=parsing.positive, metavar="H0", help="km/s/Mpc: fit our velocity")
+    parser.add_argument("--h0", type=values.positive, metavar="H0", help="km/s/Mpc: fit our velocity")
     parser.add_argument(
         "--velocity",
-        type=parsing.velocity,
+        type=values.velocity,
         metavar="planck|SPEED,L,B",
         help="km/s, Galactic degrees of the apex: fit H0",
     )
     parser.add_argument(
         "--bins", type=_edges, metavar="N|Z,Z,…", help="spin and acceleration in bins of redshift: edges, or how many"
     )
-    parser.add_argument("--lmax", type=parsing.count(1), default=1, help="highest degree in the bins (default: 1)")
+    parser.add_argument("--lmax", type=values.count(1), default=1, help="highest degree in the bins (default: 1)")
     parser.add_argument("--shared-higher-degrees", action="store_true", help="degrees above 1 the same in all bins")
     parser.add_argument(
-        "--peculiar-dispersion", type=parsing.not_negative, metavar="SIGMA",
+        "--peculiar-dispersion", type=values.not_negative, metavar="SIGMA",
         help="dispersion of peculiar velocities in each component, km/s (default: 750; with --flows what they leave, 150)",
     )  # fmt: skip
     parser.add_argument("--omega-m", type=_fraction, metavar="X", help="flat cosmology (default: 0.315)")
     parser.add_argument(
         "--clip",
-        type=parsing.positive,
+        type=values.positive,
         metavar="KAPPA",
         help="first leave out sources beyond KAPPA medians of a degree-1 fit",
     )
@@ -54,13 +50,13 @@ def make_parser() -> argparse.ArgumentParser:
     )
     distances = parser.add_argument_group("redshifts as they are, and flows that galaxies share")
     distances.add_argument(
-        "--redshift-frame", choices=list(REDSHIFT_FRAME_NAMES),
+        "--redshift-frame", choices=names.REDSHIFT_FRAMES,
         help="in which the redshifts stand, where the table does not say it; true: of the expansion alone",
     )  # fmt: skip
     distances.add_argument("--no-magnitudes", action="store_true", help="distances follow from redshifts alone")
     distances.add_argument("--flows", action="store_true", help="fit the flow that linear theory expects as well")
     distances.add_argument(
-        "--n-modes", type=parsing.count(3), default=250, metavar="N", help="unknowns of the flow (default: 250)"
+        "--n-modes", type=values.count(3), default=250, metavar="N", help="unknowns of the flow (default: 250)"
     )
     distances.add_argument(
         "--local-group",
@@ -75,7 +71,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--reconstruction", metavar="FILE", help="velocities on a grid, .npz or .npy as 2M++'s; --flows fits its error"
     )
     distances.add_argument(
-        "--reconstruction-error", type=parsing.positive, default=0.5, metavar="X", help="of the flow (default: 0.5)"
+        "--reconstruction-error", type=values.positive, default=0.5, metavar="X", help="of the flow (default: 0.5)"
     )
     posterior = parser.add_argument_group("posterior of our velocity and H0")
     posterior.add_argument(
@@ -83,59 +79,85 @@ def make_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="sample it; prior on the velocity: Planck's or --velocity; on H0: flat, or by --h0-error or --h0-range",
     )
-    posterior.add_argument("--n-samples", type=parsing.count(1), default=400_000, metavar="N", help="default: 400000")
+    posterior.add_argument("--n-samples", type=values.count(1), default=400_000, metavar="N", help="default: 400000")
     posterior.add_argument(
         "--checkpoint", metavar="FILE", help="keep the chain here; an interrupted run resumes from it"
     )
-    posterior.add_argument("--h0-error", type=parsing.positive, metavar="SIGMA", help="prior H0 ± SIGMA (or flat)")
+    posterior.add_argument("--h0-error", type=values.positive, metavar="SIGMA", help="prior H0 ± SIGMA (or flat)")
     posterior.add_argument("--h0-range", type=_range, metavar="LOW,HIGH", help="a prior flat between limits")
     posterior.add_argument(
         "--peculiar-dispersion-max",
-        type=parsing.positive,
+        type=values.positive,
         metavar="MAX",
         help="dispersion free, flat from 0 to MAX km/s",
     )
     posterior.add_argument("--seed", type=int, default=1, help="the same seed, the same chain (default: 1)")
     parsing.add_threads(parser)
-    parts_options.add_workers(parser)
+    reading.add_workers(parser)
     reading.add_reading(parser)
-    parser.add_argument("--version", action="version", version=f"vsh-redshift {vsh.__version__}")
+    parsing.add_common(parser)
     return parser
 
 
 def _edges(text):
-    edges = parsing.numbers(text)
+    edges = values.numbers(text)
     if len(edges) == 1:
-        parsing.count(1)(text)
+        values.count(1)(text)
     elif not all(a < b for a, b in pairwise(edges)):
         raise argparse.ArgumentTypeError(f"edges must rise, not {text!r}")
     return edges
 
 
 def _range(text):
-    limits = parsing.numbers(text)
+    limits = values.numbers(text)
     if len(limits) != 2 or not 0 < limits[0] < limits[1]:
         raise argparse.ArgumentTypeError(f"two rising numbers above zero are wanted, not {text!r}")
     return limits
 
 
 def _fraction(text):
-    number = parsing.positive(text)
+    number = values.positive(text)
     if number >= 2:
         raise argparse.ArgumentTypeError(f"Ω_m between 0 and 2 is wanted, not {text!r}")
     return number
 
 
 def _known_vector(text):
-    """A Vector along ICRS axes from three components and one error."""
-    found = parsing.numbers(text)
+    """Three components along ICRS axes, and one error."""
+    found = values.numbers(text)
     if len(found) != 4 or not found[3] > 0:
         raise argparse.ArgumentTypeError(f"three components and an error above zero are wanted, not {text!r}")
-    return Vector(np.array(found[:3]), found[3] ** 2 * np.eye(3))
+    return found
 
 
 def _amplitude(text):
-    found = parsing.numbers(text)
+    found = values.numbers(text)
     if len(found) != 2 or not min(found) > 0:
         raise argparse.ArgumentTypeError(f"a mean and an error above zero are wanted, not {text!r}")
     return found
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of the command.
+    options : Namespace
+        As they were parsed.
+    """
+    if options.checkpoint and not options.posterior:
+        parser.error("--checkpoint is for --posterior")
+    for name, needs in (("local_group", "flows"), ("reconstruction", "flows"), ("flow_amplitude", "flows"), ("flow_amplitude", "posterior"),
+                        ("local_group", "velocity")):  # fmt: skip
+        if getattr(options, name) and not getattr(options, needs):
+            parser.error(f"--{name.replace('_', '-')} needs --{needs}")
+    if not (options.h0 or options.velocity or options.bins or options.posterior):
+        parser.error("say what is wanted: --h0 H0, --velocity planck, --bins EDGES, --posterior")
+    if (
+        options.checkpoint
+        and options.output
+        and Path(options.output).resolve() in Path(options.checkpoint).resolve().parents
+    ):
+        parser.error("keep the checkpoint outside the folder of results, which is replaced as a whole")

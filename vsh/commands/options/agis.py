@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-import vsh
-from vsh.commands import parsing, reading
+from vsh.commands import parsing, reading, values
 
 #: Sources that a solution has unless told.
 _QUASARS = 5000
@@ -20,24 +19,24 @@ def make_parser() -> argparse.ArgumentParser:
         epilog="Example: vsh-agis --quasars 20000 --sky igql --exact --output igql; vsh-fit igql/motions.fits --lmax 1",
     )
     add = parser.add_argument
-    add("--quasars", type=parsing.count(1), default=_QUASARS, metavar="N", help=f"how many (default: {_QUASARS})")
+    add("--quasars", type=values.count(1), default=_QUASARS, metavar="N", help=f"how many (default: {_QUASARS})")
     add(
         "--stars",
-        type=parsing.count(0),
+        type=values.count(0),
         default=0,
         metavar="N",
         help="of the background, by counts of magnitude (default: none)",
     )
     add(
         "--star-error",
-        type=parsing.positive,
+        type=values.positive,
         metavar="SIGMA",
         help="of a star's transit, µas; by magnitude unless given",
     )
-    add("--galaxies", type=parsing.count(0), default=0, metavar="N", help="how many (default: none)")
+    add("--galaxies", type=values.count(0), default=0, metavar="N", help="how many (default: none)")
     add(
         "--vlbi",
-        type=parsing.count(0),
+        type=values.count(0),
         default=0,
         metavar="N",
         help="quasars with radio positions, which end it with a frame rotator",
@@ -50,7 +49,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add(
         "--knots",
-        type=parsing.positive,
+        type=values.positive,
         default=30.0,
         metavar="SECONDS",
         help="of the whole mission's attitude (default: 30)",
@@ -70,7 +69,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add(
         "--start-attitude",
-        type=parsing.not_negative,
+        type=values.not_negative,
         default=10.0,
         metavar="SIGMA",
         help="the attitude's, µas (default: 10)",
@@ -84,7 +83,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add(
         "--smoothing",
-        type=parsing.positive,
+        type=values.positive,
         default=1e6,
         metavar="SIGMA",
         help="of second differences, µas: bridges gaps (default: 1e6)",
@@ -98,7 +97,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     add(
         "--scatter",
-        type=parsing.positive,
+        type=values.positive,
         default=10.0,
         metavar="SIGMA",
         help="of motions about --global, µas/yr (default: 10)",
@@ -110,10 +109,10 @@ def make_parser() -> argparse.ArgumentParser:
         default="conjugate",
         help="gradients, or the simple iteration, which creeps",
     )
-    add("--iterations", type=parsing.count(1), default=500, metavar="N", help="at most (default: 500)")
+    add("--iterations", type=values.count(1), default=500, metavar="N", help="at most (default: 500)")
     add(
         "--stop",
-        type=parsing.positive,
+        type=values.positive,
         default=0.05,
         metavar="ERRORS",
         help="by which degrees 1 to 3 may move in ten iterations (default: 0.05)",
@@ -121,7 +120,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--exact", action="store_true", help="exact errors of spin and acceleration besides, by six more solutions")
     add(
         "--across",
-        type=parsing.positive,
+        type=values.positive,
         default=5.0,
         metavar="FACTOR",
         help="errors across the scan in those along (default: 5)",
@@ -129,25 +128,25 @@ def make_parser() -> argparse.ArgumentParser:
     add("--ccds", type=int, choices=[1, 9], default=1, help="observations in a transit (default: 1)")
     add(
         "--variability",
-        type=parsing.not_negative,
+        type=values.not_negative,
         default=0.0,
         metavar="SIGMA",
         help="of the quasars' photocentres, µas",
     )
-    add("--tau", type=parsing.positive, default=2.0, help="its correlation time, yr (default: 2)")
-    add("--years", type=parsing.positive, default=5.0, help="length of the mission (default: 5)")
-    add("--dead-time", type=parsing.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
+    add("--tau", type=values.positive, default=2.0, help="its correlation time, yr (default: 2)")
+    add("--years", type=values.positive, default=5.0, help="length of the mission (default: 5)")
+    add("--dead-time", type=values.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
     add("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
     add(
         "--spin",
-        type=parsing.vector,
+        type=values.vector,
         default=(0.0, 0.0, 0.0),
         metavar="X,Y,Z",
         help="true, of motions.fits, ICRS, µas/yr",
     )
     add(
         "--acceleration",
-        type=parsing.vector,
+        type=values.vector,
         default=(0.0, 0.0, 0.0),
         metavar="X,Y,Z",
         help="true, of motions.fits, ICRS, µas/yr",
@@ -159,26 +158,26 @@ def make_parser() -> argparse.ArgumentParser:
         "--workers",
         "--threads",
         dest="threads",
-        type=parsing.count(1),
+        type=values.count(1),
         metavar="N",
         help="one a core unless given; changes no digit of the results",
     )
     add("--output", metavar="DIR", help="a new folder for report, motions, sources and figures")
     reading.add_figures(parser)
     parsing.add_overwrite(parser)
-    add("--version", action="version", version=f"vsh-agis {vsh.__version__}")
+    parsing.add_common(parser)
     return parser
 
 
 def _two(text):
-    found = parsing.numbers(text)
+    found = values.numbers(text)
     if len(found) != 2 or min(found) < 0:
         raise argparse.ArgumentTypeError(f"two numbers that are not negative are wanted, not {text!r}")
     return found
 
 
 def _attitude(text):
-    return text if text == "solved" else parsing.positive(text)
+    return text if text == "solved" else values.positive(text)
 
 
 def _motions(text):
@@ -187,3 +186,21 @@ def _motions(text):
     if text not in ("acceleration", "velocity"):
         raise argparse.ArgumentTypeError(f"acceleration, velocity or a degree is wanted, not {text!r}")
     return text
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of the command.
+    options : Namespace
+        As they were parsed.
+    """
+    if not options.plan and not options.output:
+        parser.error("say where results go, --output DIR, or --plan, which only tells what they would take")
+    if options.vlbi > options.quasars:
+        parser.error(f"--vlbi: {options.vlbi} of {options.quasars} quasars cannot be chosen")
+    if options.motions == "velocity" and not options.galaxies:
+        parser.error("--global velocity is told by galaxies: say --galaxies N")

@@ -1,0 +1,81 @@
+"""What `fit` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
+
+from . import (
+    background,
+    compare,
+    correlation,
+    frame,
+    galaxy,
+    output,
+    pairs,
+    posterior,
+    redshift,
+    resample,
+    robust,
+    secular_parallax,
+    shear,
+    spectrum,
+    waves,
+)
+from .check import (
+    CrossCheck,
+    cross_check,
+)
+from .frame import (
+    FrameSolution,
+    solve_frame,
+)
+from .matrix_free import (
+    MatrixFreeSolution,
+    solve_matrix_free,
+)
+from .normal import (
+    Moments,
+    NormalEquations,
+    gaussian_prior,
+    normal_equations,
+)
+from .output import report
+from .robust import (
+    Clipped,
+    clip,
+)
+from .solution import Solution
+from .solving import (
+    fit_field,
+    solve,
+)
+
+__all__ = [
+    "Clipped",
+    "CrossCheck",
+    "FrameSolution",
+    "MatrixFreeSolution",
+    "Moments",
+    "NormalEquations",
+    "Solution",
+    "background",
+    "clip",
+    "compare",
+    "correlation",
+    "cross_check",
+    "fit_field",
+    "frame",
+    "galaxy",
+    "gaussian_prior",
+    "normal_equations",
+    "output",
+    "pairs",
+    "posterior",
+    "redshift",
+    "report",
+    "resample",
+    "robust",
+    "secular_parallax",
+    "shear",
+    "solve",
+    "solve_frame",
+    "solve_matrix_free",
+    "spectrum",
+    "waves",
+]

@@ -1,0 +1,65 @@
+"""A solution as tables of numbers: what a program reads where a person reads the report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fit.harmonic import HarmonicSolution
+from fit.output._rows import vectors_of
+from fit.spectrum import spectrum
+from vsh import tables
+from vsh.checks.types import Table
+
+
+def vectors_table(solution: Any) -> Table:
+    """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+
+    Returns
+    -------
+    Table
+        Components, errors, covariances, length, direction [deg] and chance of nothing; the fit's facts in the metadata.
+    """
+    vectors = vectors_of(solution)
+    names = ("amplitude", "amplitude_error", "lon", "lat", "lon_error", "lat_error", "p_value")
+    rows = [
+        (*v.value, *v.sigma, *v.covariance[np.triu_indices(3, 1)], v.amplitude, v.amplitude_error, *v.direction, *v.direction_error, v.p_value)
+        for v in vectors.values()
+    ]  # fmt: skip
+    heads = ("x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "cov_xy", "cov_xz", "cov_yz", *names)
+    values = np.array(rows, float).reshape(-1, len(heads)).T
+    unit = solution.unit
+    units = dict.fromkeys(heads[:6] + names[:2], unit) | dict.fromkeys(heads[6:9], f"({unit})2" if unit else "")
+    units |= dict.fromkeys(names[2:6], "deg")
+    meta = {
+        "frame": solution.frame, "lmax": solution.modes.lmax, "n_sources": solution.n_sources, "n_data": solution.n_data,
+        "chi2": float(solution.chi2), "reduced_chi2": float(solution.reduced_chi2), "errors_from": solution.errors_from,
+    }  # fmt: skip
+    columns = {"name": np.array(list(vectors), str)} | dict(zip(heads, values, strict=True))
+    return tables.table_of(columns, meta, {name: each for name, each in units.items() if each})
+
+
+def powers_table(solution: HarmonicSolution) -> Table:
+    """Power by degree and kind as an astropy Table, with errors, chances, and roots of the powers.
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+
+    Returns
+    -------
+    Table
+    """
+    found = spectrum(solution)
+    numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
+    columns = {"kind": np.array([d.kind for d in found]), "l": np.array([d.l for d in found])}
+    columns |= {name: np.array([getattr(d, name) for d in found], float) for name in numbers}
+    unit = f"({solution.unit})2" if solution.unit else ""
+    return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], unit) if unit else {})

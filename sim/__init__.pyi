@@ -1,0 +1,93 @@
+"""What `sim` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
+
+from . import (
+    agis,
+    astrometry,
+    effects,
+    gaia,
+    plot,
+    population,
+    scanning,
+    signal,
+    skies,
+    variability,
+)
+from .expected import expected_covariances
+from .gaia import (
+    crf3,
+    epochs,
+)
+from .mission import Mission
+from .noise import gaia_errors
+from .observing import (
+    observe,
+    observe_offsets,
+)
+from .population import (
+    Population,
+    clustered_galaxies,
+    galaxies,
+    plane_avoiding_sky,
+    quasars,
+    stars,
+    uniform_sky,
+    vlbi_quasars,
+)
+from .scanning import NominalScanningLaw
+from .signal import (
+    Signal,
+    acceleration,
+    anisotropic_expansion,
+    from_coefficients,
+    gravitational_waves,
+    off_centre_void,
+    peculiar,
+    random_field,
+    secular_parallax,
+    spin,
+    systematics,
+    wave,
+)
+from .variability import Variability
+
+__all__ = [
+    "Mission",
+    "NominalScanningLaw",
+    "Population",
+    "Signal",
+    "Variability",
+    "acceleration",
+    "agis",
+    "anisotropic_expansion",
+    "astrometry",
+    "clustered_galaxies",
+    "crf3",
+    "effects",
+    "epochs",
+    "expected_covariances",
+    "from_coefficients",
+    "gaia",
+    "gaia_errors",
+    "galaxies",
+    "gravitational_waves",
+    "observe",
+    "observe_offsets",
+    "off_centre_void",
+    "peculiar",
+    "plane_avoiding_sky",
+    "plot",
+    "population",
+    "quasars",
+    "random_field",
+    "scanning",
+    "secular_parallax",
+    "signal",
+    "skies",
+    "spin",
+    "stars",
+    "systematics",
+    "uniform_sky",
+    "variability",
+    "vlbi_quasars",
+    "wave",
+]

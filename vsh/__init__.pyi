@@ -1,0 +1,81 @@
+"""What `vsh` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
+
+from . import (
+    archive,
+    catalogue,
+    conventions,
+    cosmology,
+    covariance,
+    epochs,
+    rotate,
+    sky,
+    tables,
+    transform,
+    waves,
+)
+from .coefficients import Coefficients
+from .errors import (
+    ArchiveError,
+    CheckpointError,
+    ConvergenceError,
+    CovarianceError,
+    DegeneracyError,
+    FieldError,
+    FrameError,
+    ModesError,
+    NothingLeftError,
+    NothingSelectedError,
+    ParameterError,
+    TableError,
+    VshError,
+    VshWarning,
+)
+from .field import Field
+from .modes import (
+    Mode,
+    Modes,
+    ScalarModes,
+)
+from .scalars import (
+    ScalarCoefficients,
+    ScalarField,
+)
+from .vector import Vector
+
+__version__: str
+
+__all__ = [
+    "ArchiveError",
+    "CheckpointError",
+    "Coefficients",
+    "ConvergenceError",
+    "CovarianceError",
+    "DegeneracyError",
+    "Field",
+    "FieldError",
+    "FrameError",
+    "Mode",
+    "Modes",
+    "ModesError",
+    "NothingLeftError",
+    "NothingSelectedError",
+    "ParameterError",
+    "ScalarCoefficients",
+    "ScalarField",
+    "ScalarModes",
+    "TableError",
+    "Vector",
+    "VshError",
+    "VshWarning",
+    "archive",
+    "catalogue",
+    "conventions",
+    "cosmology",
+    "covariance",
+    "epochs",
+    "rotate",
+    "sky",
+    "tables",
+    "transform",
+    "waves",
+]

@@ -1,0 +1,94 @@
+"""Whom to cite for a run: BibTeX of ours, and of the methods and libraries that it uses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import vsh
+
+_ALWAYS = ("vsh_astrometry", "harris2020", "virtanen2020", "astropy2022")
+_PIXELS = ("gorski2005", "zonca2019")
+_FIT = ("mignard2012", "ducc")
+#: What each command rests on whatever it is asked.
+_COMMANDS = {
+    "vsh-fit": (*_FIT, "lindegren2012", "bachchan2016"),
+    "vsh-sim": ("bachchan2016",),
+    "vsh-agis": ("lindegren2012", "bachchan2016", "lam2015", *_PIXELS, *_FIT),
+    "vsh-redshift": (*_FIT, "bachchan2016", "planck2020parameters"),
+    "vsh-correlate": (*_FIT, "bachchan2016"),
+    "vsh-study": (*_FIT, "bachchan2016"),
+    "vsh-archive": ("gaia2016",),
+    "vsh-pairs": (*_FIT, *_PIXELS, "book2011"),
+    "vsh-compare": (*_FIT, "charlot2020"),
+    "vsh-forecast": (*_FIT, "bachchan2016", "book2011", "planck2020overview", "planck2020parameters"),
+}
+#: And what it uses where it is asked for something.
+_OPTIONS = {
+    "posterior": ("foremanmackey2013", "foremanmackey2016", "planck2020overview"),
+    "waves": ("book2011",),
+    "jackknife": _PIXELS,
+    "influence": _PIXELS,
+    "selection": _PIXELS,
+    "gaia": ("gaia2016", "gaia2021acceleration", "gaia2022crf3", *_PIXELS),
+    "workers": ("rocklin2015",),
+    "scheduler": ("rocklin2015",),
+    "output": ("hunter2007",),
+    "html": ("hunter2007",),
+}
+#: The same for values of options.
+_VALUES = {
+    "planck": ("planck2020overview",),
+    "crf3": ("gaia2016", "gaia2022crf3"),
+    "gaia-crf3": ("gaia2022crf3",),
+    "gaia-edr3-qso": ("gaia2022crf3",),
+    "solved": ("lindegren2012", "lam2015"),
+}
+
+
+def keys(command: str, given: Mapping[str, Any]) -> list[str]:
+    """The keys of what a run uses, ours first.
+
+    Parameters
+    ----------
+    command : str
+        "vsh-fit"
+    given : dict
+        What it was asked, by name of option.
+
+    Returns
+    -------
+    list of str
+    """
+    found = [*_ALWAYS, *_COMMANDS[command]]
+    for name, value in given.items():
+        drawn = name not in ("output", "html") or not (
+            given.keys() & {"no-figures"} or command in ("vsh-sim", "vsh-archive")
+        )
+        found += _OPTIONS.get(name, ()) if drawn else ()
+        found += _VALUES.get(value, ()) if isinstance(value, str) else ()
+    return list(dict.fromkeys(found))
+
+
+def bibtex(command: str, given: Mapping[str, Any]) -> str:
+    """The entries of what a run uses.
+
+    Parameters
+    ----------
+    command : str
+        "vsh-fit"
+    given : dict
+        What it was asked, by name of option.
+
+    Returns
+    -------
+    str
+    """
+    from importlib.resources import files
+
+    text = (
+        files("vsh.commands").joinpath("citations.bib").read_text(encoding="utf-8").replace("VERSION", vsh.__version__)
+    )
+    entries = dict(re.findall(r"^(?=@\w+\{(\w+),)(.*?^\}$)", text, re.MULTILINE | re.DOTALL))
+    return "\n\n".join(entries[key] for key in keys(command, given))

@@ -1,0 +1,206 @@
+"""A run as a TOML file: every run writes one (`run.toml`), and `--config` reads it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any
+
+#: What says where results go and how they are told, not what they are.
+NOT_KEPT = ("config", "output", "html", "overwrite", "json", "latex", "quiet", "log", "citation")
+#: What a run writes its configuration to, in its folder of results.
+NAME = "run.toml"
+_NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What a run was asked for.
+
+    Attributes
+    ----------
+    command : str
+        "vsh-fit"
+    options : dict of str to str, True or a tuple of str
+        What was said, by the names of options without their dashes.
+    version : str
+        Of the package that ran it.
+    files : dict of str to str
+        SHA-256 of what it read, by name.
+    """
+
+    command: str
+    options: Mapping[str, Any]
+    version: str = ""
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    def text(self) -> str:
+        """The file, as TOML."""
+        lines = [f"# Repeats a run: {self.command} --config {NAME} --output NEW"]
+        lines += [f"command = {_toml(self.command)}", f"version = {_toml(self.version)}", "", "[options]"]
+        lines += [f"{name} = {_toml(value)}" for name, value in self.options.items() if name not in NOT_KEPT]
+        if self.files:
+            lines += ["", "# SHA-256 of what was read", "[files]"]
+            lines += [f"{_quoted(name)} = {_toml(sha)}" for name, sha in self.files.items()]
+        return "\n".join(lines) + "\n"
+
+
+def read(path: str, command: str) -> Configuration:
+    """The configuration in a file.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    command : str
+        That it should be for.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read, or is for another command.
+    """
+    import tomllib
+
+    try:
+        with open(path, "rb") as file:
+            raw = tomllib.loads(file.read(2**20).decode("utf-8"), parse_float=str)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is no TOML file: {error}") from None
+    foreign = set(raw) - {"command", "version", "options", "files"}
+    if foreign or not all(isinstance(raw.get(name, {}), dict) for name in ("options", "files")):
+        what = ", ".join(sorted(foreign)) or "options and files"
+        raise ValueError(f"{path}: {what}? A configuration has command, version, [options] and [files]")
+    if raw.get("command", command) != command:
+        raise ValueError(f"{path} is a configuration of {raw['command']}, not of {command}")
+    options = {str(name): _said(path, name, value) for name, value in raw.get("options", {}).items()}
+    return Configuration(command, options, str(raw.get("version", "")), raw.get("files", {}))
+
+
+def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, Any]:
+    """What words say, as text, by the names of options without their dashes; nothing is asked for or checked.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        A new one of the command: it is changed.
+    words : list of str
+        Of the command line.
+
+    Returns
+    -------
+    dict of str to str, True or a tuple of str
+    """
+    actions = parser._actions
+    for action in actions:
+        action.type = action.choices = None
+        action.default, action.required = argparse.SUPPRESS, False
+        if not action.option_strings:
+            action.nargs = "?"
+        elif action.nargs == "?":
+            action.const = True
+    for exclusive in parser._mutually_exclusive_groups:
+        exclusive.required = False
+    found = vars(parser.parse_args(list(words)))
+    named = {action.dest: name_of(action) for action in actions}
+    return {
+        named[dest]: True if isinstance(value, bool) else tuple(value) if isinstance(value, list) else value
+        for dest, value in found.items()
+    }
+
+
+def merged(
+    parser: argparse.ArgumentParser, make_parser: Callable[[], argparse.ArgumentParser], words: Sequence[str]
+) -> list[str]:
+    """The words of the command line, with those that its --config stands for before them; what is on the line prevails.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the command; it ends the program where the file is wrong.
+    make_parser : function
+        Makes another.
+    words : list of str
+        Of the command line.
+
+    Returns
+    -------
+    list of str
+    """
+    here = given(make_parser(), words)
+    try:
+        kept = read(here["config"], parser.prog)
+    except ValueError as error:
+        parser.error(f"--config {error}")
+    known = {name_of(action): action for action in parser._actions}
+    for name in kept.options:
+        if name not in known or name in ("config", "help", "version", "citation"):
+            near = get_close_matches(name, [each for each in known if each not in ("help", "version")], n=3)
+            hint = f"; nearest: {', '.join(near)}" if near else ""
+            parser.error(f"--config {here['config']}: {parser.prog} has no option {name!r}{hint}")
+    excluded = set(here)
+    for exclusive in parser._mutually_exclusive_groups:
+        names = {name_of(action) for action in exclusive._group_actions}
+        excluded |= names if names & set(here) else set()
+    said = {name: value for name, value in kept.options.items() if name not in excluded}
+    return [word for name, value in said.items() for word in _words(known[name], value)] + list(words)
+
+
+def name_of(action: argparse.Action) -> str:
+    """What a configuration calls an option: its name without dashes.
+
+    Parameters
+    ----------
+    action : argparse.Action
+        Of a parser.
+    """
+    return (
+        action.option_strings[-1 if len(action.option_strings) < 2 else 0].lstrip("-")
+        if action.option_strings
+        else action.dest
+    )
+
+
+def _words(action, value):
+    if not action.option_strings:
+        return [value] if isinstance(value, str) else list(value)
+    option = f"--{name_of(action)}"
+    if value is True:
+        return [option]
+    if isinstance(value, tuple):
+        repeats = isinstance(action, argparse._AppendAction)
+        return [f"{option}={each}" for each in value] if repeats else [f"{option}={','.join(value)}"]
+    return [f"{option}={value}"]
+
+
+def _said(path, name, value):
+    """A value of the file as words have it."""
+    if value is True or isinstance(value, str):
+        return value
+    if isinstance(value, int) and not isinstance(value, bool):
+        return str(value)
+    if isinstance(value, list):
+        return tuple(str(_said(path, name, each)) for each in value)
+    if isinstance(value, dict):
+        return ",".join(f"{key}={_said(path, name, each)}" for key, each in value.items())
+    raise ValueError(
+        f"{path}: {name} is text, a number, true, or several of them, not {value!r}; what is not wanted is left out"
+    )
+
+
+def _toml(value):
+    if value is True:
+        return "true"
+    if isinstance(value, (tuple, list)):
+        return f"[{', '.join(map(_toml, value))}]"
+    return value if _NUMBER.fullmatch(value) else _quoted(value)
+
+
+def _quoted(text):
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,210 @@
+"""What a command does with what it found: print it as it was asked to, write the folder and the page."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import vsh
+from vsh.commands import figures, outputs, running
+from vsh.commands.configuration import NOT_KEPT
+
+if TYPE_CHECKING:
+    from vsh.checks.types import Table
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a run found, however it is told.
+
+    Attributes
+    ----------
+    text : str
+        The report.
+    tables : dict of str to Table
+        By heading: of --json, --latex and the page.
+    notes : iterable of str
+        What a reader should know of the data.
+    latex : callable, optional
+        The result as LaTeX; its tables unless given.
+    """
+
+    text: str
+    tables: Mapping[str, Table] = field(default_factory=dict)
+    notes: Iterable[str] = ()
+    latex: Callable[[], str] | None = None
+
+
+def tell(options: argparse.Namespace, found: Found) -> None:
+    """Print the report, or with --json or --latex what other programs read, or nothing.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
+    found : Found
+        What there is to tell.
+    """
+    if options.json:
+        print(as_json(options, found))
+    elif options.latex:
+        running.say((found.latex or (lambda: "\n\n".join(map(as_latex, found.tables.values()))))())
+    elif not options.quiet:
+        running.say(found.text)
+
+
+def add(options: argparse.Namespace, text: str) -> None:
+    """Print a line besides the report, where nobody asked for something else.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
+    text : str
+        What to print.
+    """
+    if not (options.json or options.latex or options.quiet):
+        running.say(text)
+
+
+def finish(
+    options: argparse.Namespace,
+    found: Found,
+    *,
+    provenance: Callable[[], dict[str, Any]],
+    draw: Callable[[], Mapping[str, Any]],
+    write: Callable[[Path, dict[str, Any]], None],
+    title: str = "",
+    captions: Mapping[str, str] | Callable[[str], str] | None = None,
+    page: Callable[[figures.Figures, dict[str, Any]], None] | None = None,
+    told: bool = False,
+) -> None:
+    """Tell what was found, and write what was asked for: a folder, a page.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
+    found : Found
+        What there is to tell.
+    provenance : function
+        Where it comes from; it reads whole files for their hashes, so it is called only if something is written.
+    draw : function
+        Axes by name of file.
+    write : function of a folder and the provenance
+        Writes the tables; report, figures, configuration and citations are written here.
+    title : str
+        Of the page.
+    captions : dict, or function of a name, optional
+        Of the figures.
+    page : function of the figures and the provenance, optional
+        Writes a page of the command's own in place of the common one.
+    told : bool
+        Whether it was told before.
+    """
+    if not told:
+        tell(options, found)
+    if not (options.output or options.html):
+        return
+    meta = provenance()
+    drawn = figures.Figures(draw)
+    if options.output:
+        with outputs.results_folder(options, meta) as folder:
+            (folder / "report.txt").write_text(found.text, encoding="utf-8")
+            write(folder, meta)
+            drawn.write(folder, options)
+        add(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
+    if options.html:
+        if page is not None:
+            page(drawn, meta)
+            drawn.close()
+            add(options, figures.of_page(options.html))
+        else:
+            said = {name: captions(name) for name in drawn.drawn} if callable(captions) else captions
+            figures.write_page(
+                options.html, title, found.text, drawn, sheets=found.tables, captions=said, provenance=meta, command=options.command
+            )  # fmt: skip
+            add(options, f"written to {options.html}")
+
+
+def as_json(options: argparse.Namespace, found: Found) -> str:
+    """A result as one JSON object: command, version, what was asked, notes, and tables column by column; what is no number is null.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of `vsh.commands.parsing.parse`.
+    found : Found
+        What there is to tell.
+
+    Returns
+    -------
+    str
+    """
+    told = {
+        "command": options.program,
+        "version": vsh.__version__,
+        "options": {name: value for name, value in options.given.items() if name not in NOT_KEPT},
+        "notes": [str(note) for note in found.notes],
+        "tables": {name: _columns(table) for name, table in found.tables.items()},
+        "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],
+    }
+    return json.dumps(_plain(told), ensure_ascii=False, allow_nan=False)
+
+
+def as_latex(table: Table) -> str:
+    """A table in LaTeX, with units and the rules of booktabs.
+
+    Parameters
+    ----------
+    table : Table
+        Any.
+
+    Returns
+    -------
+    str
+    """
+    from astropy.io import ascii
+
+    out, shown = io.StringIO(), table.copy()
+    for name in shown.colnames:
+        if shown[name].dtype.kind == "f":
+            shown[name].info.format = "%.5g"
+    shown.rename_columns(shown.colnames, [name.replace("_", r"\_") for name in shown.colnames])
+    rules = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
+    ascii.write(shown, out, format="latex", latexdict=rules)
+    return out.getvalue().rstrip("\n")
+
+
+def _columns(table):
+    meta = {str(key): value for key, value in table.meta.items()}
+    columns = {
+        name: {"unit": None if table[name].unit is None else str(table[name].unit), "values": table[name].tolist()}
+        for name in table.colnames
+    }
+    return {"meta": meta, "columns": columns}
+
+
+def _plain(value):
+    """Of what JSON knows."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str) else str(value)

@@ -1,0 +1,46 @@
+"""The options of `vsh-archive`."""
+
+from __future__ import annotations
+
+import argparse
+
+from vsh.commands import names, parsing, values
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = argparse.ArgumentParser(
+        prog="vsh-archive",
+        description="Fetch a catalogue from an archive (TAP), as a FITS file that vsh-fit reads. A file that is there is "
+        "the answer; an interrupted call goes on where it was.",
+        epilog="Example: vsh-archive gaia-crf3 --output qso.fits, then vsh-fit qso.fits --clip 3",
+    )
+    parser.add_argument("what", help=f"{', '.join(names.QUERIES)}, or a file with a query in ADQL")
+    parser.add_argument("--output", metavar="FILE", help="the FITS file to be")
+    parser.add_argument("--show", action="store_true", help="print the query and ask nobody")
+    parser.add_argument("--url", default=names.ESA, help="of the TAP service (default: ESA's archive of Gaia)")
+    parser.add_argument("--max-rows", type=values.count(1), metavar="N", help="the server's own limit unless given")
+    parser.add_argument(
+        "--patience",
+        type=values.positive,
+        default=7200.0,
+        metavar="S",
+        help="how long to wait for the job (default: 7200 s)",
+    )
+    parsing.add_overwrite(parser)
+    parsing.add_common(parser, "list of what was written")
+    return parser
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of the command.
+    options : Namespace
+        As they were parsed.
+    """
+    if not (options.output or options.show):
+        parser.error("say where to: --output FILE.fits, or --show")

@@ -1,0 +1,43 @@
+"""The options of `vsh-compare`."""
+
+from __future__ import annotations
+
+import argparse
+
+from vsh.commands import parsing, reading, values
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = argparse.ArgumentParser(
+        prog="vsh-compare",
+        description="Match two catalogues of one sky and fit their differences, with both covariances: how one frame is turned "
+        "against the other, drifts and is deformed, and which sources do not fit.",
+        epilog="Example: vsh-compare icrf3sx.txt icrf2-all.txt --lmax 2 --output comparison --html comparison.html",
+    )
+    parser.add_argument(
+        "catalogue", help="ICRF2 or ICRF3 as the IERS hands them round, or FITS, VOTable, ECSV, CSV, Parquet"
+    )
+    parser.add_argument("catalogue2", help="the one that is subtracted")
+    parser.add_argument("--lmax", type=values.count(1), default=2, help="highest degree of the fit (default: 2)")
+    parser.add_argument(
+        "--what", choices=["positions", "motions"],
+        help="what is compared (default: motions where both have some, positions otherwise)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--by", choices=["name", "position"], default="name", help="how sources are matched (default: name)"
+    )
+    parser.add_argument(
+        "--radius", type=values.positive, metavar="ARCSEC", help="of a match by position, arcsec (default: 1)"
+    )
+    parser.add_argument(
+        "--threshold", type=values.positive, default=5.0, metavar="X",
+        help="differences beyond so many errors are left out and listed (default: 5)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--position-error", type=values.positive, metavar="UAS", help="one error for all positions, µas"
+    )
+    parsing.add_threads(parser)
+    reading.add_reading(parser)
+    parsing.add_common(parser)
+    return parser

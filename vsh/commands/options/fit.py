@@ -1,0 +1,94 @@
+"""The options of `vsh-fit`."""
+
+from __future__ import annotations
+
+import argparse
+
+from vsh.commands import parsing, reading, values
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = argparse.ArgumentParser(
+        prog="vsh-fit",
+        description="Fit vector spherical harmonics to a catalogue of proper motions: the spin of its frame, the "
+        "acceleration of the Solar System, and the power of every degree.",
+        epilog="Example: vsh-fit catalogue.fits --lmax 3 --clip 3 --frame galactic --output results",
+    )
+    parser.add_argument("catalogue", nargs="?", help="FITS, VOTable, ECSV, CSV or Parquet file, or a folder of them")
+    parser.add_argument("--demo", action="store_true", help="run on a simulated catalogue that comes with the package")
+    parser.add_argument("--lmax", type=values.count(1), default=3, help="highest degree (default: 3)")
+    clips = parser.add_mutually_exclusive_group()
+    clips.add_argument(
+        "--clip",
+        type=values.positive,
+        metavar="KAPPA",
+        help="leave out sources farther from the fit than KAPPA medians",
+    )
+    clips.add_argument(
+        "--clip-threshold", type=values.positive, metavar="X", help="leave out sources farther than X, in errors"
+    )
+    errors = parser.add_mutually_exclusive_group()
+    errors.add_argument(
+        "--robust", choices=["student", "permissive"], help="robust likelihood, for catalogues with some wrong errors"
+    )
+    errors.add_argument(
+        "--excess-noise",
+        nargs="?",
+        const="add",
+        choices=["add", "scale"],
+        help="add a variance to every source, by maximum likelihood; with 'scale', a factor on its errors too",
+    )
+    errors.add_argument("--bootstrap", type=values.count(2), metavar="N", help="errors from N draws of the sources")
+    errors.add_argument(
+        "--jackknife", type=values.nside, nargs="?", const=0, metavar="NSIDE",
+        help="errors from leaving out HEALPix blocks; without NSIDE several sizes are compared and the report says which is "
+        "long enough",
+    )  # fmt: skip
+    _add_backgrounds(parser)
+    parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
+    parsing.add_threads(parser)
+    reading.add_workers(parser)
+    reading.add_reading(parser)
+    parser.add_argument(
+        "--beside",
+        action="store_true",
+        help="on the page of --html: plain least squares of all sources beside this fit",
+    )
+    parsing.add_common(parser)
+    return parser
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of the command.
+    options : Namespace
+        As they were parsed.
+    """
+    if bool(options.catalogue) == options.demo:
+        parser.error("name one catalogue, or say --demo")
+    if options.beside and not options.html:
+        parser.error("--beside is for the page: name it, --html FILE")
+
+
+def _add_backgrounds(parser):
+    group = parser.add_argument_group("what sources share")
+    group.add_argument(
+        "--floor",
+        action="store_true",
+        help="put errors that sources share into the errors of spin and acceleration, estimated from degrees 2 to --lmax "
+        "(3 at least), and a prior of that power on those degrees",
+    )
+    group.add_argument(
+        "--waves", action="store_true", help="limit the energy in gravitational waves by degree 2, of three kinds"
+    )
+    group.add_argument(
+        "--years",
+        type=values.positive,
+        metavar="T",
+        help="with --waves: how long the motions were measured, for the band of frequency and the strain",
+    )

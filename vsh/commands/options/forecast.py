@@ -1,0 +1,47 @@
+"""The options of `vsh-forecast`."""
+
+from __future__ import annotations
+
+import argparse
+
+from vsh.commands import parsing, reading, values
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = argparse.ArgumentParser(
+        prog="vsh-forecast",
+        description="Errors to come of spin, acceleration, R0, gravitational waves, shear, our velocity and H0: for Gaia DR3, "
+        "DR4, DR5, a successor in the near infrared, VLBI, and surveys of one's own.",
+        epilog="Example: vsh-forecast --only 'Gaia DR4' --survey mine=5000,3.0 --output forecast",
+    )
+    parser.add_argument("--only", type=_names, metavar="NAME,…", help="some of the surveys that are known")
+    parser.add_argument(
+        "--survey", type=_surveys, metavar="NAME=N,SIGMA",
+        help="one of your own: so many quasars with this error, µas/yr",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sky", choices=["even", "gums", "igql"], default="even",
+        help="of the quasars: even, behind no Galactic plane, or as in the list of known ones (default: even)",
+    )  # fmt: skip
+    parser.add_argument("--no-flows", action="store_true", help="leave out velocity and H0 with flows as unknowns")
+    parser.add_argument("--output", metavar="DIR", help="write report, table and figure to this folder")
+    reading.add_figures(parser)
+    parsing.add_overwrite(parser)
+    parsing.add_common(parser)
+    return parser
+
+
+def _names(text):
+    return tuple(name.strip() for name in text.split(","))
+
+
+def _surveys(text):
+    name, _, numbers = text.partition("=")
+    try:
+        n, sigma = values.numbers(numbers)
+    except (ValueError, argparse.ArgumentTypeError):
+        n, sigma = 0.5, 0.0
+    if not name.strip() or n < 1 or n != int(n) or not sigma > 0:
+        raise argparse.ArgumentTypeError(f"NAME=N,SIGMA is wanted, a whole number and an error in µas/yr, not {text!r}")
+    return {name.strip(): (int(n), sigma)}

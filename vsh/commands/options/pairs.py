@@ -1,0 +1,54 @@
+"""The options of `vsh-pairs`."""
+
+from __future__ import annotations
+
+import argparse
+
+from vsh.commands import names, parsing, reading, values
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = argparse.ArgumentParser(
+        prog="vsh-pairs",
+        description="How the motions of sources at an angle are correlated, of any number of sources: without bias from their "
+        "errors, whatever these are. Spin, glide and gravitational waves are fitted to the curves.",
+        epilog="Example: vsh-pairs crf3.fits --bins 18 --powers 5 --output results",
+    )
+    parser.add_argument("catalogue", help="FITS, VOTable, ECSV, CSV or Parquet file, or a folder of them")
+    parser.add_argument("--bins", type=values.count(1), default=14, help="of angle (default: 14)")
+    parser.add_argument(
+        "--up-to", type=_angle, default=180.0, metavar="DEG", help="the largest angle, degrees (default: 180)"
+    )
+    parser.add_argument(
+        "--lmax", type=values.count(1), help="highest degree of the sums; what resolves the bins unless given"
+    )
+    parser.add_argument(
+        "--templates", type=_templates, default=names.TEMPLATES, metavar="NAME,…",
+        help=f"what is fitted: some of {', '.join(names.TEMPLATES)}, or none (default: all)",
+    )  # fmt: skip
+    parser.add_argument("--powers", type=values.count(1), metavar="L", help="powers by degree up to L from pairs, too")
+    parser.add_argument(
+        "--nside", type=values.nside, default=2, help="of the blocks of the sky that errors come from (default: 2)"
+    )
+    parsing.add_threads(parser)
+    reading.add_workers(parser)
+    reading.add_reading(parser)
+    parsing.add_common(parser)
+    return parser
+
+
+def _angle(text):
+    found = values.positive(text)
+    if found > 180:
+        raise argparse.ArgumentTypeError(f"an angle up to 180 degrees is wanted, not {text!r}")
+    return found
+
+
+def _templates(text):
+    if text == "none":
+        return ()
+    found = tuple(name.strip() for name in text.split(","))
+    if not set(found) <= set(names.TEMPLATES):
+        raise argparse.ArgumentTypeError(f"none, or some of {', '.join(names.TEMPLATES)} are wanted, not {text!r}")
+    return found

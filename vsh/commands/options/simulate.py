@@ -1,0 +1,133 @@
+"""The options of `vsh-sim`."""
+
+from __future__ import annotations
+
+import argparse
+
+from vsh.commands import names, parsing, values
+
+#: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
+ACCELERATION = "-0.235965,-3.755779,-2.080491"
+_NOT_OF_CRF3 = (
+    "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts", "redshift_error", "variability", "attitude", "excess_noise",
+    "years", "dead_time", "release", "no_transits",
+)  # fmt: skip
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = argparse.ArgumentParser(
+        prog="vsh-sim",
+        description="Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "
+        "that vary, five-parameter solutions. The table is one that vsh-fit reads; its metadata hold the truth.",
+        epilog="Example: vsh-sim quasars --number 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
+    )
+    parser.add_argument(
+        "kind", choices=["quasars", "galaxies", "vlbi", "crf3"],
+        help="vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns"
+    )  # fmt: skip
+    parser.add_argument(
+        "--number",
+        type=values.count(1),
+        metavar="N",
+        help="how many (default: 10000; crf3: 1215942 with five parameters, and those with six in proportion)",
+    )
+    parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
+    parsing.add_overwrite(parser)
+    parser.add_argument("--sky", choices=["uniform", "plane-avoiding", "gums", "igql"], help="default: uniform")
+    parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
+    parser.add_argument(
+        "--map-frame", choices=["icrs", "galactic", "ecliptic"], help="of the map; its header's, or icrs"
+    )
+    parser.add_argument(
+        "--spin", type=values.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="ICRS, µas/yr (default: none)"
+    )
+    parser.add_argument(
+        "--acceleration", type=values.vector, default=values.vector(ACCELERATION), metavar="X,Y,Z",
+        help="ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--orientation", type=values.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas"
+    )
+    parser.add_argument(
+        "--velocity",
+        type=values.velocity,
+        metavar="planck|SPEED,L,B",
+        help="galaxies: ours, km/s toward Galactic degrees",
+    )
+    parser.add_argument("--h0", type=values.positive, default=67.3, help="km/s/Mpc (default: 67.3)")
+    parser.add_argument(
+        "--peculiar-dispersion",
+        type=values.not_negative,
+        default=0.0,
+        metavar="SIGMA",
+        help="galaxies: dispersion, km/s",
+    )
+    parser.add_argument("--flow", choices=["linear"], help="galaxies: add the flow of linear theory, which they share")
+    parser.add_argument(
+        "--redshifts", choices=["true", "heliocentric", "cmb"], default="true",
+        help="of the expansion alone, or as they are seen, with velocities in them (default: true)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--redshift-error", type=_redshift_error, default=0.0, metavar="SIGMA", help="or spectroscopic, photometric"
+    )
+    parser.add_argument(
+        "--variability", type=values.not_negative, default=0.0, metavar="SIGMA", help="of photocentres, µas"
+    )
+    parser.add_argument("--tau", type=values.positive, default=2.0, help="its correlation time, yr (default: 2)")
+    parser.add_argument(
+        "--attitude",
+        type=_attitude,
+        default=10.0,
+        metavar="SIGMA|solved",
+        help="noise, µas (default: 10); or solved together with the sources, see vsh-agis",
+    )
+    parser.add_argument(
+        "--excess-noise", type=values.not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
+    )
+    parser.add_argument("--years", type=values.positive, default=5.0, help="length of the mission (default: 5)")
+    parser.add_argument("--dead-time", type=values.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
+    parser.add_argument("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
+    parser.add_argument("--no-transits", action="store_true", help="errors by place and magnitude, without transits")
+    parser.add_argument("--seed", type=int, default=1, help="the same seed, the same table (default: 1)")
+    parsing.add_threads(parser)
+    parsing.add_common(parser, "list of what was written")
+    return parser
+
+
+def _attitude(text):
+    return text if text == "solved" else values.not_negative(text)
+
+
+def _redshift_error(text):
+    return text if text in names.REDSHIFT_ERRORS else values.not_negative(text)
+
+
+def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    """End with what contradicts itself; a number that nobody gave is set.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of the command.
+    options : Namespace
+        As they were parsed.
+    """
+    if options.selection and options.sky:
+        parser.error("--sky and --selection exclude each other")
+    if options.velocity is not None and options.kind != "galaxies":
+        parser.error("--velocity is for galaxies: quasars are too far to show it")
+    if options.flow and options.kind != "galaxies":
+        parser.error("--flow is for galaxies: quasars are too far to show it")
+    if options.kind == "crf3":
+        foreign = [
+            f"--{name.replace('_', '-')}" for name in _NOT_OF_CRF3 if getattr(options, name) != parser.get_default(name)
+        ]
+        if foreign:
+            parser.error(f"crf3 is as it is: {', '.join(foreign)} cannot be chosen")
+    elif options.number is None:
+        options.number = 10_000
+    if options.attitude == "solved" and options.no_transits:
+        parser.error("--attitude solved needs transits, which --no-transits leaves out")
+    if options.variability and options.no_transits:
+        parser.error("--variability needs transits, which --no-transits leaves out")

@@ -1,0 +1,207 @@
+"""The types of the values that options have."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+
+from vsh.commands.names import COLUMNS, VELOCITIES
+
+
+def count(least: int) -> Callable[[str], int]:
+    """The type of a whole number of at least `least`.
+
+    Parameters
+    ----------
+    least : int
+        The smallest that is taken.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        The type, if a text is no such number.
+    """
+
+    def whole(text):
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"a whole number of at least {least} is wanted, not {text!r}")
+        return int(text)
+
+    return whole
+
+
+def nside(text: str) -> int:
+    """The type of a power of two from 1 to 8192.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is not.
+    """
+    if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
+        raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is wanted, not {text!r}")
+    return int(text)
+
+
+def not_negative(text: str) -> float:
+    """The type of a number of zero or more.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is not.
+    """
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 <= number < float("inf"):
+        raise argparse.ArgumentTypeError(f"a number that is not negative is wanted, not {text!r}")
+    return number
+
+
+def positive(text: str) -> float:
+    """The type of a number above zero.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is not.
+    """
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"a positive number is wanted, not {text!r}")
+    return number
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Numbers separated by commas.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If they are none.
+    """
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = (float("nan"),)
+    if not all(map(math.isfinite, found)):
+        raise argparse.ArgumentTypeError(f"numbers separated by commas are wanted, not {text!r}")
+    return found
+
+
+def vector(text: str) -> tuple[float, ...]:
+    """The type of three numbers separated by commas.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is not.
+    """
+    try:
+        found = numbers(text)
+    except argparse.ArgumentTypeError:
+        found = ()
+    if len(found) != 3:
+        raise argparse.ArgumentTypeError(f"three numbers separated by commas are wanted, not {text!r}")
+    return found
+
+
+def velocity(text: str) -> str | tuple[float, ...]:
+    """Our velocity as every command takes it: a name, or SPEED,L,B (`vsh.commands.reading.velocity_of` has the Vector).
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is neither.
+    """
+    if text in VELOCITIES:
+        return text
+    try:
+        speed, l, b = vector(text)
+    except argparse.ArgumentTypeError:
+        speed, l, b = 0.0, 0.0, 0.0
+    if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
+        raise argparse.ArgumentTypeError(
+            f"{' or '.join(VELOCITIES)}, or SPEED,L,B is wanted (km/s above zero; Galactic longitude and latitude of the apex, "
+            f"degrees), not {text!r}"
+        )
+    return speed, l, b
+
+
+def pairs(text: str) -> dict[str, str]:
+    """NAME=VALUE,… as a dict.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If the text is not of that form.
+    """
+    split = [part.partition("=") for part in text.split(",")]
+    found = {name.strip(): value.strip() for name, _, value in split}
+    if not all(found) or not all(found.values()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value,name=value")
+    return found
+
+
+def columns(text: str) -> dict[str, str]:
+    """NAME=VALUE,… with one of the sets of names before it, or not.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If the text is not of that form.
+    """
+    first, _, rest = text.partition(",")
+    if "=" in first:
+        return pairs(text)
+    if first.strip() not in COLUMNS:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not of the form name=value,name=value, {' or '.join(COLUMNS)} before it or not"
+        )
+    return {"names": first.strip()} | (pairs(rest) if rest else {})
