@@ -1,6 +1,7 @@
-"""The one step that setup.cfg cannot say: the script of the interactive page, from npm's lock in requirements/page."""
+"""The steps that setup.cfg cannot say: the script of the interactive page, completion for shells, manual pages."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,8 @@ from setuptools.command.sdist import sdist
 
 ROOT = Path(__file__).parent
 SOURCE = ROOT / "requirements" / "page"
+#: Where completion and manual pages are made.
+SHARE = ROOT / "build" / "share"
 #: What is made; not in the repository, in every wheel and sdist that was built where there is npm.
 BUNDLE, LICENCES = (ROOT / "vsh" / "page" / name for name in ("d3.min.js", "d3.LICENSES.txt"))
 
@@ -70,11 +73,61 @@ def make_bundle():
         shutil.copy(work / "d3.min.js", BUNDLE)
 
 
+class BuildShell(Command):
+    """Completion for bash and zsh (shtab) and manual pages (argparse-manpage) of every command, from its parser."""
+
+    description = "make completion for shells and manual pages"
+    user_options = []  # noqa: RUF012
+
+    def initialize_options(self):
+        pass
+
+    def finalize_options(self):
+        pass
+
+    def run(self):
+        sys.path.insert(0, str(ROOT))
+        import shtab
+        from argparse_manpage.manpage import Manpage
+
+        import _vsh_commands
+
+        made = {}
+
+        def write(folder, name, text):
+            path = SHARE / folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+            made.setdefault(f"share/{folder}", []).append(path.relative_to(ROOT).as_posix())
+
+        version = self.distribution.get_version()
+        about = {
+            "project_name": "vsh-astrometry",
+            "version": version,
+            "manual_title": "vsh-astrometry",
+            "manual_section": 1,
+        }
+        for name in _vsh_commands.COMMANDS:
+            words = _vsh_commands.words_of(name)
+            parser = words.make_parser()
+            short = re.split(r"[:.] ", parser.description)[0].rstrip(".")
+            write("man/man1", f"vsh-{name}.1", str(Manpage(words.make_parser(), about | {"description": short})))
+            for action in parser._actions:
+                if action.metavar in ("FILE", "MAP") or (not action.option_strings and not action.choices):
+                    action.complete = shtab.FILE
+                elif action.metavar == "DIR":
+                    action.complete = shtab.DIRECTORY
+            write("bash-completion/completions", f"vsh-{name}", shtab.complete(parser, "bash"))
+            write("zsh/site-functions", f"_vsh-{name}", shtab.complete(parser, "zsh"))
+        self.distribution.data_files = [*(self.distribution.data_files or []), *made.items()]
+
+
 class WithPage(build_py):
-    """The build, with the bundle."""
+    """The build, with the bundle and what shells want."""
 
     def run(self):
         self.run_command("build_page")
+        self.run_command("build_shell")
         super().run()
 
 
@@ -86,4 +139,8 @@ class SourceWithPage(sdist):
         super().run()
 
 
-setup(cmdclass={"build_page": BuildPage, "build_py": WithPage, "sdist": SourceWithPage})
+setup(
+    cmdclass={"build_page": BuildPage, "build_shell": BuildShell, "build_py": WithPage, "sdist": SourceWithPage},
+    # Made by the build; without one here, there would be nothing of which it asks.
+    data_files=[],
+)

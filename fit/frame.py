@@ -28,6 +28,7 @@ from vsh.errors import DegeneracyError, FieldError, FrameError
 from vsh.field import Field
 from vsh.parts import Parts, added, as_parts
 from vsh.sky.sphere import sin_cos, triad
+from vsh.system.logs import told
 from vsh.system.parallel import map_blocks
 from vsh.vector import Vector
 
@@ -97,6 +98,7 @@ class FrameSolution(NamedSolution):
         return self._vector("epsilon", "µas") if "epsilon_x" in self.names else None
 
 
+@told("frame solver")
 def solve_frame(
     motions: Field | Parts, offsets: Field | Parts | None = None, *, covariance: Covariance | FloatArray | None = None
 ) -> FrameSolution:

@@ -22,12 +22,14 @@ from vsh.covariance import Covariance
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients, ScalarField
+from vsh.system.logs import told
 
 _LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.
 MAX_CONDITION = 1e10
 
 
+@told("solved")
 @arguments.accepts(prior=arguments.a(NormalEquations), max_condition=arguments.positive)
 def solve(
     normal: NormalEquations,

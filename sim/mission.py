@@ -11,12 +11,13 @@ from sim.astrometry import attitude_noise, errors_of_unit_transits, transit_erro
 from sim.noise import RELEASES
 from sim.scanning import NominalScanningLaw
 from vsh.checks import arguments
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import ArrayLike, FloatArray, Release, Rng
 from vsh.errors import FrameError, ParameterError
 
 
 @dataclass(frozen=True)
-class Mission:
+class Mission(InNotebook):
     """A scanning law with the errors of its measurements.
 
     Attributes

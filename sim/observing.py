@@ -21,12 +21,14 @@ from vsh.checks.arguments import generator
 from vsh.checks.types import ArrayLike, Release, Rng
 from vsh.coefficients import Coefficients
 from vsh.errors import ParameterError
+from vsh.system.logs import told
 from vsh.system.parallel import map_blocks
 
 #: Errors of redshifts by name: at z = 0, and for each unit of z.
 REDSHIFT_ERRORS = {"spectroscopic": (1e-4, 0.0), "photometric": (0.015, 0.015)}
 
 
+@told("observed")
 @arguments.accepts(population=arguments.a(Population), rng=arguments.seed)
 def observe(
     population: Population,

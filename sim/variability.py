@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from vsh.checks.arguments import generator, not_negative, positive
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray, IntArray, Rng
 from vsh.errors import ParameterError
 
@@ -23,7 +24,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class Variability:
+class Variability(InNotebook):
     """Variability of the photocentre: independent in α* and δ, with the same parameters.
 
     Attributes

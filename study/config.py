@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.notebook import InNotebook
 from vsh.checks.notes import printable
 from vsh.checks.types import PathName
 from vsh.cosmology import VELOCITIES, velocity_from_apex
@@ -49,7 +50,7 @@ _SOURCES = {
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(InNotebook):
     """A checked configuration.
 
     Attributes

@@ -9,18 +9,25 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vsh.checks.arrays import float_array, read_only
-from vsh.checks.columns import MEASURED, check_measured, still_columns, usable_columns
-from vsh.checks.notes import merge_notes
+from vsh.checks.columns import (
+    MEASURED,
+    check_measured,
+    joined,
+    skycoord_columns,
+    still_columns,
+    table_columns,
+    usable_columns,
+)
+from vsh.checks.tabled import Tabled
 from vsh.checks.types import ArrayLike, BoolArray, FloatArray, OnBad
 from vsh.checks.validation import check_shapes, checked_columns, invalid_rows, select_usable
-from vsh.checks.weighed import Weighed
-from vsh.errors import FieldError, FrameError
+from vsh.errors import FieldError
 from vsh.sky.frames import check_frame, rotation_matrix, turned
 from vsh.sky.redshift_frames import check_redshift_frame
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field(Weighed):
+class Field(Tabled):
     """Proper motions of n sources, with their errors; checked once, here. Its arrays are read-only.
 
     Attributes
@@ -146,6 +153,35 @@ class Field(Weighed):
         return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *said))
 
     @classmethod
+    def from_skycoord(
+        cls, coord: Any, pmra_error: Any, pmdec_error: Any, pmra_pmdec_corr: ArrayLike | None = None, **further: Any
+    ) -> Field:
+        """A field from an astropy SkyCoord with proper motions, and their errors along the same axes.
+
+        Parameters
+        ----------
+        coord : SkyCoord
+            In ICRS, galactic or barycentricmeanecliptic coordinates; the field is in that frame.
+        pmra_error, pmdec_error : (n,) arrays
+            Errors of the motion in longitude, cos(latitude) included, and latitude. [mas/yr, or Quantities]
+        pmra_pmdec_corr : (n,) array, optional
+            Their correlation; zero unless given.
+        **further
+            As for `from_columns`: name, redshift, magnitude, on_bad, notes, …
+
+        Raises
+        ------
+        FieldError
+            If it is no SkyCoord, has no motions, or sources cannot be used.
+        FrameError
+            If it is in another frame.
+        """
+        columns, frame = skycoord_columns(coord)
+        return cls.from_columns(
+            **columns, pmra_error=pmra_error, pmdec_error=pmdec_error, pmra_pmdec_corr=pmra_pmdec_corr, frame=frame, **further
+        )  # fmt: skip
+
+    @classmethod
     def without_motions(cls, sources: Any, sigma: ArrayLike | None = None) -> Field:
         """Positions and errors as a Field whose motions are zero; a Field as it is.
 
@@ -194,19 +230,7 @@ class Field(Weighed):
 
     def __add__(self, other: Field) -> Field:
         """The sources of both, one after the other, in one frame; what one does not know of its sources is missing."""
-        if not isinstance(other, Field):
-            return NotImplemented
-        if other.frame != self.frame:
-            raise FrameError(f"the fields are in {self.frame} and {other.frame}: take both to one frame")
-        frames = {each.redshift_frame for each in (self, other) if each.redshift is not None}
-        if len(frames) > 1:
-            raise FieldError(f"redshifts stand in {' and '.join(map(str, frames))}: take them to one frame first")
-        joined = {
-            each.name: _both(self, other, each.name)
-            for each in fields(self)
-            if each.name not in ("frame", "redshift_frame", "notes")
-        }
-        return self._with(**joined, redshift_frame=next(iter(frames), None), notes=merge_notes(self.notes, other.notes))
+        return self._with(**joined(self, other)) if isinstance(other, Field) else NotImplemented
 
     def minus(self, model: ArrayLike) -> Field:
         """What is left when a model's motions are taken away.
@@ -261,6 +285,9 @@ class Field(Weighed):
         lon, lat, motion, sigma, rho = turned(matrix, self.lon, self.lat, self.motion, self.sigma, self.rho)
         return self._with(lon=lon, lat=lat, motion=motion, sigma=sigma, rho=rho, frame=name)
 
+    def _table(self):
+        return table_columns(self)
+
     def _set(self, column, value):
         # A read-only view: the caller's array stays as it is.
         object.__setattr__(self, column, read_only(value) if isinstance(value, np.ndarray) else value)
@@ -271,17 +298,3 @@ class Field(Weighed):
         for f in fields(self):
             new._set(f.name, changes.get(f.name, getattr(self, f.name)))
         return new
-
-
-def _both(one, other, name):
-    """A column of two fields; NaN, or no name, for the sources of which it is not known."""
-    columns = [getattr(each, name) for each in (one, other)]
-    if all(column is None for column in columns):
-        return None
-    if name == "name" and len({None if column is None else column.dtype.kind for column in columns}) > 1:
-        columns = [
-            np.full(len(each), "") if column is None else column.astype(str)
-            for each, column in zip((one, other), columns)
-        ]
-    columns = [np.full(len(each), np.nan) if column is None else column for each, column in zip((one, other), columns)]
-    return np.concatenate(columns, axis=-1)

@@ -23,6 +23,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray, IntArray, Kind
 from vsh.errors import ModesError
 
@@ -45,7 +46,7 @@ KINDS: tuple[Kind, Kind] = ("T", "S")
 
 
 @dataclass(frozen=True)
-class Modes:
+class Modes(InNotebook):
     """All modes of a vector field up to degree `lmax`, in storage order.
 
     Parameters

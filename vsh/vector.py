@@ -269,6 +269,12 @@ class Vector(Frozen):
         matrix = rotation_matrix(self.frame, name)
         return replace(self, value=matrix @ self.value, covariance=matrix @ self.covariance @ matrix.T, frame=name)
 
+    def _facts(self):
+        """Length and direction, for a notebook."""
+        lon, lat = self.direction
+        size = f"{self.amplitude:.4g} ± {self.amplitude_error:.2g} {self.unit}"
+        return {"amplitude": size, "direction": f"{lon:.1f}°, {lat:+.1f}° ({self.frame})"}
+
     def _unit_vector(self):
         with np.errstate(invalid="ignore"):
             return self.value / np.linalg.norm(self.value)

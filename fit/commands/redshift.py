@@ -70,7 +70,7 @@ def _run(options):
     whole = whole.to_frame(options.frame)
     if not known:
         raise VshError(
-            f"{options.catalogue} has no column of redshifts: name it, --columns redshift=NAME. "
+            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME. "
             f"The table has {', '.join(source.names)}"
         )
     counts = {}
@@ -95,13 +95,13 @@ def _run(options):
         if options.on_bad == "drop":
             step = partial(with_redshift, redshift_frame=options.redshift_frame)
             field = whole.map(step) if isinstance(whole, Parts) else step(whole)
-        _ask_for_frame(field, options, common)
+        _ask_for_frame(field, options, common, source.label)
     if options.h0:
         results["velocity"] = observer_velocity(field, options.h0, **common)
-        texts.append(results["velocity"].report(source=options.catalogue, truth=truth))
+        texts.append(results["velocity"].report(source=source.label, truth=truth))
     if options.velocity:
         results["hubble"] = hubble_constant(field, velocity, local_group=options.local_group, **common)
-        texts.append(results["hubble"].report(source=options.catalogue, truth=truth))
+        texts.append(results["hubble"].report(source=source.label, truth=truth))
     flow = next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
     if flow is not None:
         texts.append(flow.report())
@@ -156,7 +156,7 @@ def _distances(options):
     return found
 
 
-def _ask_for_frame(field, options, common):
+def _ask_for_frame(field, options, common, label):
     """Say what hangs on the frame of the redshifts where nobody told it, and stop.
 
     Raises
@@ -177,7 +177,7 @@ def _ask_for_frame(field, options, common):
     frames = ("heliocentric", "cmb", "true")
     lines = [f"{frame}: {said}" for frame, (_, said) in by_frame(found, frames).items()]
     raise VshError(
-        f"nobody says in which frame the redshifts of {options.catalogue} stand: say --redshift-frame heliocentric, cmb, "
+        f"nobody says in which frame the redshifts of {label} stand: say --redshift-frame heliocentric, cmb, "
         "local-group, or true (of the expansion alone, as simulations have them). What it changes here, for "
         f"H0 = {hubble:g}: " + "; ".join(lines)
     )

@@ -11,6 +11,7 @@ from scipy.interpolate import make_interp_spline
 from fit.distances._density import SourceDensity
 from fit.distances._errors import ErrorsByRedshift
 from fit.distances._luminosity import LuminosityFunction
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import Cosmology, FloatArray
 from vsh.cosmology import FLOW_LIMIT, count_unusable, hubble_value, to_cmb, transverse_distance, usable
 from vsh.errors import FieldError
@@ -20,7 +21,7 @@ from vsh.units import SPEED_OF_LIGHT
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(InNotebook):
     """How the distances of a catalogue follow from its redshifts.
 
     Attributes

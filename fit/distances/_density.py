@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fit.distances._curve import LogCurve, curve_basis, fit_log_curve
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray
 
 #: Cells of ln z in which redshifts are counted.
@@ -16,7 +17,7 @@ EDGES = np.arange(np.log(1e-4), np.log(30.0), 0.02)
 
 
 @dataclass(frozen=True, eq=False)
-class SourceDensity:
+class SourceDensity(InNotebook):
     """The number of sources per comoving volume, up to a factor.
 
     Attributes

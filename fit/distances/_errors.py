@@ -9,11 +9,12 @@ from scipy.optimize import minimize
 
 from fit.distances._curve import LogCurve, curve_basis
 from fit.distances._density import EDGES
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorsByRedshift:
+class ErrorsByRedshift(InNotebook):
     """The mean variance of motions, a smooth function of redshift.
 
     Weights by a source's own error, which follows its magnitude, tell near sources from far ones of the same

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fit.distances._curve import LogCurve, curve_basis, fit_log_curve
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray
 from vsh.errors import DegeneracyError
 
@@ -20,7 +21,7 @@ _LEAST = 30
 
 
 @dataclass(frozen=True, eq=False)
-class LuminosityFunction:
+class LuminosityFunction(InNotebook):
     """The density of galaxies by absolute magnitude, up to a factor.
 
     Attributes

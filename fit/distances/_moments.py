@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fit.distances._calibration import Calibration
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray
 from vsh.cosmology import FLOW_LIMIT, to_cmb, transverse_distance, usable
 from vsh.field import Field
@@ -28,7 +29,7 @@ _BLOCK = 8192
 
 
 @dataclass(frozen=True, eq=False)
-class InverseDistances:
+class InverseDistances(InNotebook):
     """What is known of 1/d of each source, as the motion that 1 km/s gives.
 
     Attributes

@@ -23,11 +23,13 @@ from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts
 from vsh.scalars import ScalarField
+from vsh.system.logs import told
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30
 
 
+@told("normal equations")
 def normal_equations(
     field: Field | ScalarField | Parts | Iterable[Field],
     modes: Modes | int,

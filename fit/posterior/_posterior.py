@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fit.posterior._arviz import inference_data
 from fit.posterior._mixture import MixtureModel
 from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS
@@ -16,7 +17,6 @@ from fit.posterior._summary import SampleResult, Samples, text_of
 from fit.sampling import Flat, Normal, autocorrelation, split_r_hat
 from vsh.checks.types import FloatArray, PathName
 from vsh.errors import ConvergenceError
-from vsh.system.quiet import import_quietly
 
 #: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
 ENOUGH = 50
@@ -147,9 +147,12 @@ class Posterior(SampleResult):
     def to_arviz(self) -> Any:
         """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker.
 
+        Every quantity of `samples` by its name; and `velocity` and `acceleration` with the coordinate `axis` (x, y, z). Units and the
+        frame are attributes; `sample_stats` has the log-probability.
+
         Returns
         -------
-        object
+        arviz.InferenceData
 
         Raises
         ------
@@ -158,17 +161,12 @@ class Posterior(SampleResult):
         ConvergenceError
             If the chain is too short.
         """
-        try:
-            arviz = import_quietly("arviz")
-        except ImportError:
-            raise ImportError("arviz is not installed: pip install 'vsh-astrometry[arviz]'") from None
         self._check_length()
-        kept = np.moveaxis(self.chain[self.burn_in :: self.thinning], 1, 0)
-        rng = np.random.default_rng([self.seed, 1])
-        named = self.model.to_samples(kept.reshape(-1, kept.shape[-1]), rng)
-        groups = {"posterior": {name: values.reshape(kept.shape[:2]) for name, values in named.items()}}
-        new = int(arviz.__version__.split(".")[0]) >= 1
-        return arviz.from_dict(groups) if new else arviz.from_dict(**groups)
+        every = slice(self.burn_in, None, self.thinning)
+        kept = np.moveaxis(self.chain[every], 1, 0)
+        named = self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
+        chains = {name: values.reshape(kept.shape[:2]) for name, values in named.items()}
+        return inference_data(chains, self.log_probability[every].T, self.frame)
 
     def corner(
         self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: Any = None

@@ -11,6 +11,7 @@ import numpy as np
 from fit.posterior._velocity_prior import VelocityPrior, velocity_prior
 from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube
 from fit.secular_parallax import DistanceOptions, dispersion_of
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
 from vsh.vector import Vector
@@ -52,7 +53,7 @@ DISTANCES = frozenset(DistanceOptions.__annotations__)
 
 
 @dataclass(frozen=True)
-class Priors:
+class Priors(InNotebook):
     """What is known before, as users say it.
 
     Attributes

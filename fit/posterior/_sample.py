@@ -21,12 +21,14 @@ from vsh.checks.types import Cosmology, FloatArray, PathName, Rng
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
+from vsh.system.logs import told
 from vsh.vector import Vector
 
 
 @arguments.accepts(
     field=arguments.a(Field, Parts), n_samples=arguments.whole, rng=arguments.seed, n_walkers=arguments.whole
 )
+@told("chain")
 def sample(
     field: Field | Parts,
     velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None = None,

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
 
@@ -55,7 +56,7 @@ def _limit(name, value):
 
 
 @dataclass(frozen=True)
-class Flat:
+class Flat(InNotebook):
     """Equal density between two limits; improper (and then unnormalised) where one is infinite."""
 
     low: float
@@ -89,7 +90,7 @@ class Flat:
 
 
 @dataclass(frozen=True)
-class Normal:
+class Normal(InNotebook):
     """A Gaussian, which may be cut off below (at zero, for what is positive)."""
 
     mean: float
@@ -122,7 +123,7 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class Density:
+class Density(InNotebook):
     """Any density: a function that takes an array and returns log-densities, between two limits."""
 
     function: Callable[[FloatArray], FloatArray]

@@ -18,6 +18,7 @@ from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from sim.agis._globals import GlobalMotion
 from sim.agis.passes import Scans, check_memory, make_passes, smooth, system_memory
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray
 from vsh.errors import DegeneracyError
 from vsh.units import JULIAN_YEAR
@@ -26,7 +27,7 @@ from vsh.units import JULIAN_YEAR
 _LEAST = 1e-6
 
 
-class Equations:
+class Equations(InNotebook):
     """S, A factored, and what both do to vectors; those of sources are (n, 5, K).
 
     Parameters

@@ -9,6 +9,7 @@ import numpy as np
 
 from vsh import Coefficients
 from vsh.checks.arrays import float_array
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import ArrayLike, FloatArray
 from vsh.checks.validation import as_floats
 from vsh.errors import FieldError, ParameterError
@@ -23,7 +24,7 @@ class Observer:
 
 
 @dataclass(frozen=True, repr=False)
-class Signal:
+class Signal(InNotebook):
     """A true field of motions: called as signal(lon, lat, redshift) → (2, n) µas/yr, added with +.
 
     Attributes

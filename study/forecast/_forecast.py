@@ -17,6 +17,7 @@ from sim.population import galaxies
 from study.forecast._surveys import QUANTITIES, SURVEYS, Survey
 from vsh import Coefficients, Field
 from vsh.checks import arguments
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import Rng, Table
 from vsh.cosmology import PLANCK_2013, transverse_distance
 from vsh.covariance import LINDEGREN_2021, Spectrum
@@ -33,7 +34,7 @@ _ALONE, _BEYOND, _NONE = 300.0, 150.0, 1e-3
 
 
 @dataclass(frozen=True)
-class Forecast:
+class Forecast(InNotebook):
     """Errors to come.
 
     Attributes

@@ -11,12 +11,13 @@ import numpy as np
 from sim.noise import gaia_errors
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes
 from vsh.checks import arguments
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
 
 
 @dataclass(frozen=True)
-class Survey:
+class Survey(InNotebook):
     """A catalogue of quasars, and of galaxies where it has some. A new one is a new value of this.
 
     Attributes

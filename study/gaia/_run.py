@@ -10,13 +10,14 @@ from study.gaia._fits import DegreeOrSubset, fit_sources
 from study.gaia._published import LMAX
 from study.gaia._sources import FEWEST, Sources, subsets
 from vsh.checks.arguments import generator
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import Rng
 from vsh.errors import DegeneracyError
 from vsh.system.progress import progress_bar
 
 
 @dataclass(frozen=True, eq=False)
-class GaiaStudy:
+class GaiaStudy(InNotebook):
     """What was found.
 
     Attributes

@@ -10,6 +10,7 @@ import numpy as np
 from vsh import Field, tables
 from vsh.archive import DR3, DR4
 from vsh.catalogue import Columns, missing_column, read_field
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import BoolArray, FloatArray
 from vsh.errors import TableError
 from vsh.sky.frames import rotation_matrix
@@ -24,7 +25,7 @@ PLANE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Sources:
+class Sources(InNotebook):
     """Sources that can be used.
 
     Attributes

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vsh.checks.notebook import InNotebook
+
 
 @dataclass(frozen=True)
-class DataRelease:
+class DataRelease(InNotebook):
     """What one release calls things, and when it was observed.
 
     Attributes

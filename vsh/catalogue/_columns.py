@@ -11,15 +11,16 @@ import numpy as np
 from astropy import units as u
 
 from vsh.archive import DR3, DR4
+from vsh.checks.notebook import InNotebook
 from vsh.checks.notes import printable
 from vsh.errors import FieldError, TableError
-from vsh.sky.frames import check_frame
-from vsh.sky.redshift_frames import REDSHIFT_FRAME_NAMES, redshift_frame_in
+from vsh.sky.frames import FRAME_KEY, FRAMES, check_frame
+from vsh.sky.redshift_frames import REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, redshift_frame_in
 from vsh.tables import TableSource
 
 
 @dataclass(frozen=True)
-class Columns:
+class Columns(InNotebook):
     """Where a table keeps what a field needs: a new survey is a new value of this.
 
     The first six must be there. The others may be left out with None; of several names in
@@ -62,8 +63,6 @@ NAMED = {
     "icrf": replace(GAIA, name=("iers", "icrf")),
 }  # fmt: skip
 
-#: Where `write_field` keeps the frame of redshifts in a table's metadata.
-REDSHIFT_FRAME_KEY = "ZFRAME"
 REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
 UNITS = dict.fromkeys(("ra", "dec"), u.deg) | dict.fromkeys(REQUIRED[2:], u.mas / u.yr)
 #: Names that positions have in other frames than the equatorial one.
@@ -144,8 +143,8 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
     return where, said
 
 
-def frame_of(where: Mapping[str, str], frame: str | None) -> str | None:
-    """The frame of a table's positions: the one that was told, or ICRS if the columns' names say nothing else.
+def frame_of(where: Mapping[str, str], frame: str | None, meta: Mapping[str, Any] | None = None) -> str:
+    """The frame of a table's positions: the one that was told, that of a field that was written, or ICRS if the columns' names say nothing else.
 
     Parameters
     ----------
@@ -153,6 +152,8 @@ def frame_of(where: Mapping[str, str], frame: str | None) -> str | None:
         Columns by role.
     frame : str, optional
         What the user said.
+    meta : dict, optional
+        The table's; FRAME is what `Field.write` keeps there.
 
     Raises
     ------
@@ -161,6 +162,9 @@ def frame_of(where: Mapping[str, str], frame: str | None) -> str | None:
     """
     if frame is not None:
         return check_frame(frame)
+    said = next((value for key, value in (meta or {}).items() if str(key).upper() == FRAME_KEY), None)
+    if said in FRAMES:
+        return str(said)
     for role in ("ra", "dec"):
         name = where.get(role)
         known = name and _OTHER_FRAMES.get(name.lower())

@@ -8,13 +8,10 @@ from warnings import warn
 
 import numpy as np
 
-from vsh import tables
 from vsh.archive import DR4
 from vsh.catalogue._chosen import Chosen, nothing_selected
 from vsh.catalogue._columns import (
-    REDSHIFT_FRAME_KEY,
     REQUIRED,
-    UNITS,
     Columns,
     as_columns,
     doubt_positions,
@@ -26,15 +23,15 @@ from vsh.catalogue._icrf import opened
 from vsh.catalogue._units import differing_units, factors, identifiers, plain
 from vsh.checks import arguments
 from vsh.checks.arguments import whole
-from vsh.checks.columns import MEASURED
 from vsh.checks.notes import DroppedRows, dropped, merge_notes, printable
 from vsh.checks.types import OnBad, PathName
 from vsh.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
 from vsh.field import Field
 from vsh.parts import OPTIONAL
-from vsh.units import MAS
+from vsh.system.logs import told
 
 
+@told("read")
 def read_field(
     source: Any,
     columns: Columns | Mapping[str, str] | str | None = None,
@@ -169,7 +166,7 @@ class _maker:
         self.chosen = None if where is None else Chosen(where, self.source)
         where, self.said = locate(as_columns(columns), self.source)
         self.where = {role: name for role, name in where.items() if role not in OPTIONAL or role in roles}
-        self.frame = frame_of(self.where, frame)
+        self.frame = frame_of(self.where, frame, self.source.meta)
         self.redshift_frame = redshift_frame_of(self.where, self.source)
         self.factors, assumed = factors(self.where, units, self.source)
         self.assumed = any("ra" in names for names in assumed.values())
@@ -239,12 +236,4 @@ def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None
         If it is no Field.
     """
     arguments.a(Field)("field", field)
-    columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
-    columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
-    columns |= {"pmra": field.motion[0] / MAS, "pmdec": field.motion[1] / MAS}
-    columns |= {"pmra_error": field.sigma[0] / MAS, "pmdec_error": field.sigma[1] / MAS, "pmra_pmdec_corr": field.rho}
-    optional = {"phot_g_mean_mag" if role == "magnitude" else role: getattr(field, role) for role in MEASURED}
-    if field.redshift is not None and field.redshift_frame is not None:
-        meta = {REDSHIFT_FRAME_KEY: field.redshift_frame} | (meta or {})
-    columns |= {name: values for name, values in optional.items() if values is not None}
-    tables.write(path, columns, meta, {role: str(unit) for role, unit in UNITS.items()})
+    field.write(path, meta)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vsh import tables
-from vsh.catalogue._columns import missing_column
+from vsh.catalogue._columns import frame_of, missing_column
 from vsh.catalogue._units import parse_unit, unit_factor
 from vsh.checks.types import OnBad
 from vsh.errors import TableError
@@ -24,7 +24,7 @@ def read_scalars(
     name: str | None = None,
     unit: str | None = None,
     on_bad: OnBad = "raise",
-    frame: str = "icrs",
+    frame: str | None = None,
 ) -> ScalarField:
     """Read a scalar field from a table: parallaxes of quasars, unless another column is asked for.
 
@@ -42,8 +42,8 @@ def read_scalars(
         To convert to, "uas" say; that of the table unless given, and mas for Gaia's parallaxes without one.
     on_bad : {"raise", "drop"}
         What to do about rows that cannot be used; the field's notes count them.
-    frame : str
-        "icrs", "galactic" or "ecliptic".
+    frame : str, optional
+        "icrs", "galactic" or "ecliptic"; that of a field that was written, or ICRS, unless given.
 
     Returns
     -------
@@ -90,5 +90,5 @@ def read_scalars(
     }
     return ScalarField.from_columns(
         numbers[ra], numbers[dec], numbers[value], numbers[error], unit=target.to_string(),
-        name=None if name is None else found[name][0], frame=frame, on_bad=on_bad, notes=notes,
+        name=None if name is None else found[name][0], frame=frame_of({}, frame, opened.meta), on_bad=on_bad, notes=notes,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""From columns as catalogues have them to the arrays of a field: units, implausible values, rows that cannot be used."""
+"""From columns as catalogues have them to the arrays of a field, and back: units, implausible values, rows that cannot be used."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.notes import merge_notes
 from vsh.checks.types import ArrayLike, BoolArray, FloatArray, OnBad
 from vsh.checks.validation import as_floats, check_shapes, invalid_rows, placeholders, select_usable
-from vsh.errors import FieldError
+from vsh.errors import FieldError, FrameError
+from vsh.sky.frames import FRAME_KEY, FRAMES
+from vsh.sky.redshift_frames import REDSHIFT_FRAME_KEY
 from vsh.units import DEGREE, MAS
 
 #: Beyond these a number stands for a missing value, or is none.
@@ -149,3 +152,90 @@ def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
     shape = (2, lon.size)
     still = {"lon": lon, "lat": sources.lat, "motion": np.zeros(shape), "sigma": np.broadcast_to(sigma, shape)}
     return still | {name: getattr(sources, name, None) for name in ("rho", "redshift")}
+
+
+def skycoord_columns(coord: Any) -> tuple[dict[str, Any], str]:
+    """Positions and motions of an astropy SkyCoord as `from_columns` takes them, and the frame.
+
+    Parameters
+    ----------
+    coord : SkyCoord
+        Of any shape.
+
+    Raises
+    ------
+    FieldError
+        If it is none, or has no motions.
+    FrameError
+        If it is in a frame that no field is in.
+    """
+    frame = getattr(coord, "frame", None)
+    if frame is None or not hasattr(coord, "spherical"):
+        raise FieldError(f"a SkyCoord is wanted, not {type(coord).__name__}")
+    known = {theirs: ours for ours, theirs in FRAMES.items()}
+    if frame.name not in known:
+        raise FrameError(f"coordinates in {frame.name} are no field: take {', '.join(known)}, coord.icrs say")
+    if "s" not in frame.data.differentials:
+        raise FieldError("the SkyCoord has no proper motions: give it pm_ra_cosdec and pm_dec")
+    seen, moves = coord.spherical, coord.sphericalcoslat.differentials["s"]
+    found = {"ra": seen.lon, "dec": seen.lat, "pmra": moves.d_lon_coslat, "pmdec": moves.d_lat}
+    return {name: np.ravel(values) for name, values in found.items()}, known[frame.name]
+
+
+def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
+    """A field in Gaia's names: columns, their units, and plain facts.
+
+    Parameters
+    ----------
+    field : Field
+        The sources; those without names are numbered from one.
+    """
+    columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
+    columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
+    columns |= {"pmra": field.motion[0] / MAS, "pmdec": field.motion[1] / MAS}
+    columns |= {"pmra_error": field.sigma[0] / MAS, "pmdec_error": field.sigma[1] / MAS, "pmra_pmdec_corr": field.rho}
+    optional = {"phot_g_mean_mag" if role == "magnitude" else role: getattr(field, role) for role in MEASURED}
+    columns |= {name: values for name, values in optional.items() if values is not None}
+    facts = {} if field.frame == "icrs" else {FRAME_KEY: field.frame}
+    if field.redshift is not None and field.redshift_frame is not None:
+        facts[REDSHIFT_FRAME_KEY] = field.redshift_frame
+    return columns, dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr"), facts
+
+
+def joined(one: Any, other: Any) -> dict[str, Any]:
+    """The attributes of a field with the sources of two, one after the other; what one does not know of its sources is missing.
+
+    Parameters
+    ----------
+    one, other : Field
+        In one frame.
+
+    Raises
+    ------
+    FrameError
+        If they are in two.
+    FieldError
+        If their redshifts are.
+    """
+    if other.frame != one.frame:
+        raise FrameError(f"the fields are in {one.frame} and {other.frame}: take both to one frame")
+    frames = {each.redshift_frame for each in (one, other) if each.redshift is not None}
+    if len(frames) > 1:
+        raise FieldError(f"redshifts stand in {' and '.join(map(str, frames))}: take them to one frame first")
+    names = ("lon", "lat", "motion", "sigma", "rho", *MEASURED, "name")
+    columns = {name: _both(one, other, name) for name in names}
+    return columns | {"redshift_frame": next(iter(frames), None), "notes": merge_notes(one.notes, other.notes)}
+
+
+def _both(one, other, name):
+    """A column of two fields; NaN, or no name, for the sources of which it is not known."""
+    columns = [getattr(each, name) for each in (one, other)]
+    if all(column is None for column in columns):
+        return None
+    if name == "name" and len({None if column is None else column.dtype.kind for column in columns}) > 1:
+        columns = [
+            np.full(len(each), "") if column is None else column.astype(str)
+            for each, column in zip((one, other), columns)
+        ]
+    columns = [np.full(len(each), np.nan) if column is None else column for each, column in zip((one, other), columns)]
+    return np.concatenate(columns, axis=-1)

@@ -8,9 +8,10 @@ from typing import Any, cast
 import numpy as np
 
 from vsh.checks.arrays import read_only
+from vsh.checks.notebook import InNotebook
 
 
-class Frozen:
+class Frozen(InNotebook):
     """Base of frozen dataclasses that hold arrays: every array attribute becomes a read-only view."""
 
     def __post_init__(self) -> None:

@@ -139,7 +139,9 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
     if sys.stdin is None or sys.stdin.isatty():
         raise TableError("- is standard input, and nothing comes in: pipe a table into it, or name a file")
     with tempfile.TemporaryDirectory(prefix="vsh-") as folder:
-        path = Path(folder, "standard input")
+        from vsh.tables import STANDARD_INPUT
+
+        path = Path(folder, STANDARD_INPUT)
         with path.open("wb") as file:
             shutil.copyfileobj(sys.stdin.buffer, file, 2**22)
         if not path.stat().st_size:

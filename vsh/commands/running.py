@@ -22,11 +22,10 @@ from vsh.commands.configuration import NOT_KEPT
 from vsh.commands.parsing import without_folder
 from vsh.commands.reading import standard_input
 from vsh.errors import VshError, VshWarning
+from vsh.system.logs import PACKAGES
 from vsh.system.parallel import limited
 from vsh.system.progress import without_bars
 
-#: Whose loggers --log writes.
-PACKAGES = ("vsh", "sim", "fit", "study")
 #: Options that change no result, and what the parser found besides.
 _NOT_TOLD = (*NOT_KEPT, "command", "given", "program")
 _LOG = logging.getLogger(__name__)
@@ -81,7 +80,10 @@ def logged(options: argparse.Namespace) -> Iterator[None]:
     if options.log is None:
         yield
         return
-    handler = logging.FileHandler(options.log, encoding="utf-8")
+    try:
+        handler = logging.FileHandler(options.log, encoding="utf-8")
+    except OSError as error:
+        raise VshError(f"--log {printable(options.log)}: {error.strerror}") from None
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
     loggers = [logging.getLogger(name) for name in PACKAGES]
     levels = [logger.level for logger in loggers]

@@ -10,6 +10,7 @@ import numpy as np
 
 from vsh.checks import arguments
 from vsh.checks.arrays import float_array
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import ArrayLike, FloatArray
 from vsh.covariance._angular import d_plus, power_of, values_of
 from vsh.covariance._laws import both, cut, is_odd, wave_fractions, without_rounding
@@ -22,7 +23,7 @@ PARITIES = ("odd", "even")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Spectrum:
+class Spectrum(InNotebook):
     """The mean power of a statistically isotropic field in each kind and degree, for an amplitude of one.
 
     Spectra add, and are multiplied by numbers.

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vsh.checks import arguments
+from vsh.checks.notebook import InNotebook
 from vsh.checks.notes import printable
 from vsh.checks.types import FloatArray, PathName
 from vsh.errors import ParameterError, TableError
@@ -17,7 +18,7 @@ from vsh.system.files import atomic_write
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VelocityGrid:
+class VelocityGrid(InNotebook):
     """Velocities on a cube around us.
 
     Attributes

@@ -19,6 +19,7 @@ from scipy.special import spherical_jn
 
 from vsh.checks.arguments import positive
 from vsh.checks.arrays import float_array
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import ParameterError
 
@@ -29,7 +30,7 @@ _FARTHEST = 3000.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LinearTheory:
+class LinearTheory(InNotebook):
     """A power spectrum of matter today and the rate at which structures grow.
 
     Attributes

@@ -12,6 +12,7 @@ from multiprocessing import get_context
 from typing import Any
 from weakref import finalize
 
+from vsh.checks.notebook import InNotebook
 from vsh.errors import ParameterError, TableError
 from vsh.parts._add import Tree, label_of
 from vsh.system.parallel import end_with_parent
@@ -20,7 +21,7 @@ from vsh.system.parallel import end_with_parent
 ATTEMPTS = 2
 
 
-class Engine:
+class Engine(InNotebook):
     """What computes the sums of parts and adds them up in a fixed tree."""
 
     #: How many threads a sum may use where it is computed; None for one a core.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from vsh.checks.columns import MEASURED
+from vsh.checks.notebook import InNotebook
 from vsh.checks.weighed import Weighed
 from vsh.errors import FieldError, NothingLeftError, ParameterError
 from vsh.field import Field
@@ -23,7 +24,7 @@ DISTANCES = MEASURED
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Parts:
+class Parts(InNotebook):
     """Sources in parts: made by `vsh.catalogue.parts`, or of Fields by `as_parts`.
 
     Attributes

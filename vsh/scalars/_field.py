@@ -9,16 +9,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vsh.checks.arrays import float_array
+from vsh.checks.tabled import Tabled
 from vsh.checks.types import ArrayLike, FloatArray, OnBad
 from vsh.checks.validation import as_floats, check_shapes, invalid_rows, select_usable
-from vsh.checks.weighed import Weighed
-from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.frames import FRAME_KEY, check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.units import DEGREE
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ScalarField(Weighed):
+class ScalarField(Tabled):
     """Numbers of n sources, with their errors: parallaxes, differences of magnitudes or colours, logarithms of ratios.
 
     A field is checked once, here. Its arrays are read-only.
@@ -143,6 +143,17 @@ class ScalarField(Weighed):
         return cls(
             lon[keep], lat[keep], columns["values"][keep], columns["errors"][keep], unit, label, frame, (*notes, *said)
         )
+
+    def _table(self):
+        columns = {"source_id": np.arange(1, len(self) + 1) if self.name is None else self.name}
+        columns |= {
+            "ra": np.degrees(self.lon),
+            "dec": np.degrees(self.lat),
+            "value": self.values,
+            "value_error": self.sigma,
+        }
+        units = {"ra": "deg", "dec": "deg"} | (dict.fromkeys(("value", "value_error"), self.unit) if self.unit else {})
+        return columns, units, {} if self.frame == "icrs" else {FRAME_KEY: self.frame}
 
     def __len__(self) -> int:
         return self.lon.size

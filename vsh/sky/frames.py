@@ -18,6 +18,8 @@ __all__ = [
 
 #: Our names and astropy's. "ecliptic" is the mean ecliptic and equinox of J2000, barycentric.
 FRAMES = {"icrs": "icrs", "galactic": "galactic", "ecliptic": "barycentricmeanecliptic"}
+#: Where a table's metadata keep the frame of a field, if it is not ICRS.
+FRAME_KEY = "FRAME"
 #: What longitude and latitude are called.
 ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")}
 

@@ -9,6 +9,8 @@ from vsh.errors import ParameterError
 
 #: Redshifts of the expansion alone, without anybody's velocity: those of simulations.
 TRUE = "true"
+#: Where a table's metadata keep the frame of its redshifts.
+REDSHIFT_FRAME_KEY = "ZFRAME"
 #: Of observers: the Sun's, one at rest in the microwave background, one in the Local Group.
 REDSHIFT_FRAME_NAMES = ("heliocentric", "cmb", "local-group", TRUE)
 _WORDS = (

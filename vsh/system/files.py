@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import os
 import shutil
 import tempfile
@@ -13,6 +14,7 @@ from pathlib import Path
 
 from vsh.checks.types import PathName
 
+_LOG = logging.getLogger(__name__)
 #: How the names of files that are being written begin; nobody else's files do.
 _UNFINISHED = ".vsh-unfinished-"
 
@@ -45,6 +47,7 @@ def atomic_write(path: PathName) -> Iterator[Path]:
             os.fsync(written.fileno())  # else a power cut could leave an empty file under the name
         os.chmod(new, _mode(path))
         os.replace(new, path)
+        _LOG.info("written: %s", path)
     finally:
         new.unlink(missing_ok=True)
 

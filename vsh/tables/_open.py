@@ -33,6 +33,8 @@ FORMATS = {
     ".parquet": "parquet",
     ".pq": "parquet",
 }
+#: The name of the file in which a command keeps what came in on standard input; where it lies is nobody's business.
+STANDARD_INPUT = "standard input"
 #: Those that are read and not written.
 _READ_ONLY = {".hdf5": "hdf5", ".h5": "hdf5", ".mrt": "ascii.mrt"}
 #: The names by which a user tells a format where the name of a file does not, and astropy's.
@@ -122,7 +124,7 @@ def _open_path(path, format):
         raise TableError(f"no format is called {format!r}: {', '.join(INPUT_FORMATS)} are")
     text = os.fspath(path)
     text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
-    label = printable(text)
+    label = STANDARD_INPUT if os.path.basename(text) == STANDARD_INPUT else printable(text)
     if "://" in text[:12]:
         raise TableError(f"{label} is an address, not a file: fetch it first, and name the file")
     path = Path(path if not isinstance(path, bytes) else os.fsdecode(path))

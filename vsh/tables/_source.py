@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import Table
 from vsh.errors import TableError
 
@@ -16,7 +17,7 @@ ROWS = 2**20
 
 
 @dataclass(frozen=True)
-class TableSource:
+class TableSource(InNotebook):
     """What every format opens as; nothing but the columns that are asked for is read.
 
     Attributes

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vsh.checks.notebook import InNotebook
 from vsh.checks.notes import printable
 from vsh.checks.types import BoolArray
 from vsh.errors import TableError
@@ -27,7 +28,7 @@ _ORDER = {
 MAX_LENGTH, MAX_PARTS, MAX_POWER = 2000, 300, 20.0
 
 
-class Where:
+class Where(InNotebook):
     """A condition on the rows of a table.
 
     Parameters

@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.scanning import NominalScanningLaw
 from vsh.checks import arguments, arrays
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import ArrayLike
 from vsh.errors import ParameterError
 from vsh.system.memory import GIB, free_memory
@@ -28,7 +29,7 @@ _SAMPLE = 300
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(InNotebook):
     """What a joint solution would take.
 
     Attributes

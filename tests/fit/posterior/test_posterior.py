@@ -251,9 +251,16 @@ def test_samples_travel(ending, tmp_path):
 @pytest.mark.filterwarnings("ignore")
 def test_arviz():
     found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=500_000, **SETTINGS)
-    posterior = found.to_arviz()["posterior"]
+    data = found.to_arviz()
+    posterior = data["posterior"]
     assert float(posterior["H0"].mean()) == pytest.approx(found.summary()["H0"].mean)
     assert posterior["v_x"].shape[0] == 128
+    velocity = posterior["velocity"]
+    assert velocity.dims == ("chain", "draw", "axis")
+    np.testing.assert_array_equal(velocity.sel(axis="y"), posterior["v_y"])
+    assert velocity.attrs == {"unit": "km/s", "frame": found.frame}
+    assert posterior["H0"].attrs["unit"] == "km/s/Mpc"
+    assert data["sample_stats"]["lp"].shape == posterior["H0"].shape
 
 
 def test_a_posterior_without_limits_says_so():

@@ -1,0 +1,52 @@
+"""A chain as arviz knows chains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fit.posterior._priors import UNITS
+from vsh.checks.types import FloatArray
+from vsh.system.quiet import import_quietly
+
+_AXES = ("x", "y", "z")
+
+
+def inference_data(samples: Mapping[str, FloatArray], log_probability: FloatArray, frame: str) -> Any:
+    """arviz' InferenceData (its DataTree from version 1 on) of samples, each (chains, draws).
+
+    Parameters
+    ----------
+    samples : dict of str to (chains, draws) array
+        By name; v_x, v_y, v_z become a velocity with the coordinate `axis`, too, and a_x, a_y, a_z an acceleration.
+    log_probability : (chains, draws) array
+        In sample_stats.
+    frame : str
+        Of the vectors.
+
+    Raises
+    ------
+    ImportError
+        If arviz is not installed.
+    """
+    try:
+        arviz = import_quietly("arviz")
+    except ImportError:
+        raise ImportError("arviz is not installed: pip install 'vsh-astrometry[arviz]'") from None
+    variables = dict(samples)
+    about = {name: {"unit": UNITS.get(name, "")} for name in variables}
+    for vector, letter in (("velocity", "v"), ("acceleration", "a")):
+        parts = [f"{letter}_{axis}" for axis in _AXES]
+        if set(parts) <= set(samples):
+            variables[vector] = np.stack([samples[part] for part in parts], axis=-1)
+            about[vector] = {"unit": UNITS[parts[0]], "frame": frame}
+    vectors = [name for name, values in variables.items() if np.ndim(values) == 3]
+    where = {"coords": {"axis": list(_AXES)}, "dims": {name: ["axis"] for name in vectors}}
+    groups = {"posterior": variables, "sample_stats": {"lp": log_probability}}
+    new = int(arviz.__version__.split(".")[0]) >= 1
+    found = arviz.from_dict(groups, **where) if new else arviz.from_dict(**groups, **where)
+    for name, facts in about.items():
+        found["posterior"][name].attrs.update(facts)
+    return found

@@ -1,0 +1,102 @@
+"""What a notebook shows of a noun: what it is, and what it holds, a row each."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+
+#: Longer texts are cut.
+_WIDTH = 160
+
+
+class InNotebook:
+    """Gives a noun a form in notebooks: its attributes in a table; arrays by their shape and range, missing ones not at all."""
+
+    def _repr_html_(self) -> str:
+        names = [each.name for each in fields(self)] if is_dataclass(self) else list(_public(self))
+        rows = {name: shown(getattr(self, name)) for name in names if not name.startswith("_")}
+        return as_html(type(self).__name__, rows | self._facts(), heading=self._heading())
+
+    def _heading(self) -> str:
+        """In one line; nothing unless the class says it."""
+        own = type(self).__repr__
+        return repr(self).strip("<>") if own.__module__.partition(".")[0] in _OURS and not _generated(own) else ""
+
+    def _facts(self) -> dict[str, str]:
+        """Further rows, in HTML, by name."""
+        return {}
+
+
+_OURS = ("vsh", "sim", "fit", "study")
+
+
+def as_html(title: str, rows: dict[str, str | None], *, heading: str = "") -> str:
+    """A table of two columns under a title.
+
+    Parameters
+    ----------
+    title : str
+        In bold.
+    rows : dict of str to str or None
+        In HTML; what is None is left out.
+    heading : str
+        Behind the title.
+
+    Returns
+    -------
+    str
+    """
+    cells = "".join(
+        f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{value}</td></tr>'
+        for name, value in rows.items()
+        if value is not None
+    )
+    rest = heading.removeprefix(title).lstrip(": ")
+    return f"<p><b>{escape(title)}</b>{': ' if rest else ''}{escape(rest)}</p><table>{cells}</table>"
+
+
+def shown(value: Any) -> str | None:
+    """A value in a cell, in HTML: arrays by shape and range, what is longer cut; None for what is not there, and for functions.
+
+    Parameters
+    ----------
+    value : object
+        Any.
+
+    Returns
+    -------
+    str or None
+    """
+    if value is None or (callable(value) and not hasattr(value, "_repr_html_")):
+        return None
+    if isinstance(value, np.ndarray):
+        return escape(_array(value))
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.6g}"
+    if isinstance(value, (tuple, list)) and all(isinstance(each, str) for each in value):
+        return f"<ul>{''.join(f'<li>{escape(each)}</li>' for each in value)}</ul>" if value else None
+    text = str(value)
+    return escape(text if len(text) <= _WIDTH else f"{text[:_WIDTH]} …")
+
+
+def _array(values):
+    if values.size <= 9 and values.dtype.kind in "iufb":
+        return np.array2string(values, precision=5, separator=", ").replace("\n", "")
+    shape = " × ".join(map(str, values.shape))
+    if values.dtype.kind in "iuf" and np.isfinite(values).any():
+        known = values[np.isfinite(values)]
+        lost = values.size - known.size
+        return f"{shape}, from {known.min():.5g} to {known.max():.5g}" + (f", {lost} missing" if lost else "")
+    return f"{shape}: {', '.join(map(str, values.ravel()[:3]))}{', …' if values.size > 3 else ''}"
+
+
+def _public(thing):
+    return [name for name in getattr(thing, "__dict__", {}) if not name.startswith("_")]
+
+
+def _generated(method):
+    """Whether it is the one that a dataclass writes of its fields, which the rows say better."""
+    return "__create_fn__" in getattr(method, "__qualname__", "") or hasattr(method, "__wrapped__")

@@ -1,0 +1,43 @@
+"""Sources with values and errors as a table: what `vsh.catalogue` reads, and what other programs do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vsh import tables
+from vsh.checks.types import PathName, Table
+from vsh.checks.weighed import Weighed
+
+
+class Tabled(Weighed):
+    """What a noun of sources knows of tables; `_table` gives its columns, their units, and plain facts, all by name."""
+
+    def _table(self) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
+        raise NotImplementedError
+
+    def to_table(self) -> Table:
+        """The sources as an astropy Table in the names and units of Gaia's archive.
+
+        Returns
+        -------
+        Table
+        """
+        columns, units, facts = self._table()
+        return tables.table_of(columns, facts, units)
+
+    def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
+        """Write the sources as a table, which `vsh.catalogue` reads.
+
+        Parameters
+        ----------
+        path : str or Path
+            Its ending tells the format: .fits, .ecsv, .csv, .vot, .parquet.
+        meta : dict, optional
+            Plain values, kept with the table (not by CSV).
+
+        Raises
+        ------
+        TableError
+            If the ending is not known, or the format needs a library that is not there.
+        """
+        tables.write_table(self.to_table(), path, meta)

@@ -1,0 +1,59 @@
+"""What the packages tell the standard library's logging: which step gave what, in how long."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+#: Whose loggers there are; nothing is printed unless somebody listens to them.
+PACKAGES = ("vsh", "sim", "fit", "study")
+for _name in PACKAGES:
+    logging.getLogger(_name).addHandler(logging.NullHandler())
+
+
+def told(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+    """A decorator: at level INFO the logger of a function's module says what came out of it, and how long it took.
+
+    Parameters
+    ----------
+    words : str
+        What the step is called.
+
+    Examples
+    --------
+    >>> import logging, sys
+    >>> logger = logging.getLogger(__name__)
+    >>> @told("half")
+    ... def half(x):
+    ...     return x / 2
+    >>> half(4)
+    2.0
+    """
+
+    def decorate(function: Callable[_P, _T]) -> Callable[_P, _T]:
+        logger = logging.getLogger(function.__module__)
+
+        @wraps(function)
+        def timed(*args: _P.args, **options: _P.kwargs) -> _T:
+            if not logger.isEnabledFor(logging.INFO):
+                return function(*args, **options)
+            begin = time.perf_counter()
+            found = function(*args, **options)
+            logger.info("%s: %s, %.3g s", words, _short(found), time.perf_counter() - begin)
+            return found
+
+        return timed
+
+    return decorate
+
+
+def _short(found):
+    """In one line."""
+    lines = repr(found).strip("<>").splitlines()
+    return lines[0][:200] if lines else ""
