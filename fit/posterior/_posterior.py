@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from fit.posterior._arviz import inference_data
 from fit.posterior._mixture import MixtureModel
 from fit.posterior._model import ParallaxModel
-from fit.posterior._priors import HUBBLE_LIMITS
+from fit.posterior._priors import HUBBLE_LIMITS, UNITS
 from fit.posterior._summary import SampleResult, Samples, text_of
-from fit.sampling import Flat, Normal, autocorrelation, split_r_hat
+from fit.sampling import Flat, Normal, autocorrelation, inference_data, split_r_hat
 from vsh.checks.types import FloatArray, PathName
 from vsh.errors import ConvergenceError
 
@@ -166,7 +165,7 @@ class Posterior(SampleResult):
         kept = np.moveaxis(self.chain[every], 1, 0)
         named = self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
         chains = {name: values.reshape(kept.shape[:2]) for name, values in named.items()}
-        return inference_data(chains, self.log_probability[every].T, self.frame)
+        return inference_data(chains, self.log_probability[every].T, self.frame, UNITS)
 
     def corner(
         self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: Any = None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from logging import getLogger
+from time import perf_counter
 from typing import Any, Unpack
 
 import numpy as np
@@ -21,14 +23,15 @@ from vsh.checks.types import Cosmology, FloatArray, PathName, Rng
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
-from vsh.system.logs import told
+from vsh.system.logs import tell
 from vsh.vector import Vector
+
+_LOG = getLogger(__name__)
 
 
 @arguments.accepts(
     field=arguments.a(Field, Parts), n_samples=arguments.whole, rng=arguments.seed, n_walkers=arguments.whole
 )
-@told("chain")
 def sample(
     field: Field | Parts,
     velocity_prior: str | Vector | Callable[[FloatArray], FloatArray] | None = None,
@@ -121,8 +124,10 @@ def sample(
             "outlier width": str(outlier_width), "distances": _in_words(distances), "walkers": str(n_walkers), "seed": str(seed),
         })  # fmt: skip
         run.resume_from(checkpoint, identity)
-    chain, log_probability = run.run()
-    return Posterior(chain, log_probability, model, rows.frame, rows.notes, seed)
+    begun = perf_counter()
+    found = Posterior(*run.run(), model, rows.frame, rows.notes, seed)
+    tell(_LOG, "chain", found, begun)
+    return found
 
 
 def _data(field, rows):

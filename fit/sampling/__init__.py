@@ -1,5 +1,6 @@
 """Priors, chains and checkpoints, for any posterior."""
 
+from fit.sampling._arviz import inference_data
 from fit.sampling._axis import Axis
 from fit.sampling._chain import Run, autocorrelation, split_r_hat
 from fit.sampling._checkpoint import check_writable, fingerprint
@@ -16,6 +17,7 @@ __all__ = [
     "autocorrelation",
     "check_writable",
     "fingerprint",
+    "inference_data",
     "integrable_over_cube",
     "named_function",
     "split_r_hat",

@@ -155,7 +155,7 @@ def _population(options, rng, chosen):
 
 def _plain(options):
     """All options but those that change nothing."""
-    other = (*configuration.NOT_KEPT, "threads", "command", "given", "program")
+    other = (*running.NOT_TOLD, "threads")
     kept = {key: value for key, value in vars(options).items() if key not in other}
     if options.velocity is not None:
         ours = reading.velocity_of(options.velocity)

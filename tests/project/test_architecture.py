@@ -27,7 +27,7 @@ HEAVY = {
     "emcee": ["fit/sampling/_chain.py"],
     "numba": ["sim/agis/passes/_kernels.py"],
     "corner": ["fit/*/_plot.py"],
-    "arviz": ["fit/posterior/_arviz.py"],
+    "arviz": ["fit/sampling/_arviz.py"],
     "matplotlib": [
         "vsh/plot/_*.py", "*/_plot.py", "fit/output/_figures.py", "vsh/commands/figures.py",
     ],

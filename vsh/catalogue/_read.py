@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from logging import getLogger
+from time import perf_counter
 from typing import Any
 from warnings import warn
 
@@ -28,10 +30,11 @@ from vsh.checks.types import OnBad, PathName
 from vsh.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
 from vsh.field import Field
 from vsh.parts import OPTIONAL
-from vsh.system.logs import told
+from vsh.system.logs import tell
+
+_LOG = getLogger(__name__)
 
 
-@told("read")
 def read_field(
     source: Any,
     columns: Columns | Mapping[str, str] | str | None = None,
@@ -90,8 +93,11 @@ def read_field(
     >>> field.notes[0]
     'no unit in the table, so taken in deg: ra, dec'
     """
+    begin = perf_counter()
     make = _maker(opened(source, format), columns, units, on_bad, frame, roles, where)
-    return make(make.source.columns(make.names))
+    field = make(make.source.columns(make.names))
+    tell(_LOG, f"read {make.source.label}", field, begin)
+    return field
 
 
 def iter_fields(

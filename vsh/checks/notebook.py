@@ -18,12 +18,13 @@ class InNotebook:
     def _repr_html_(self) -> str:
         names = [each.name for each in fields(self)] if is_dataclass(self) else list(_public(self))
         rows = {name: shown(getattr(self, name)) for name in names if not name.startswith("_")}
-        return as_html(type(self).__name__, rows | self._facts(), heading=self._heading())
+        return as_html(type(self).__name__, {**rows, **self._facts()}, heading=self._heading())
 
     def _heading(self) -> str:
         """In one line; nothing unless the class says it."""
         own = type(self).__repr__
-        return repr(self).strip("<>") if own.__module__.partition(".")[0] in _OURS and not _generated(own) else ""
+        ours = (getattr(own, "__module__", None) or "").partition(".")[0] in _OURS
+        return repr(self).strip("<>") if ours and not _generated(own) else ""
 
     def _facts(self) -> dict[str, str]:
         """Further rows, in HTML, by name."""

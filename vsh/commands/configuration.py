@@ -61,7 +61,7 @@ def read(path: str, command: str) -> Configuration:
 
     Raises
     ------
-    ValueError
+    argparse.ArgumentTypeError
         If it cannot be read, or is for another command.
     """
     import tomllib
@@ -70,15 +70,15 @@ def read(path: str, command: str) -> Configuration:
         with open(path, "rb") as file:
             raw = tomllib.loads(file.read(2**20).decode("utf-8"), parse_float=str)
     except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from None
+        raise argparse.ArgumentTypeError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is no TOML file: {error}") from None
+        raise argparse.ArgumentTypeError(f"{path} is no TOML file: {error}") from None
     foreign = set(raw) - {"command", "version", "options", "files"}
     if foreign or not all(isinstance(raw.get(name, {}), dict) for name in ("options", "files")):
         what = ", ".join(sorted(foreign)) or "options and files"
-        raise ValueError(f"{path}: {what}? A configuration has command, version, [options] and [files]")
+        raise argparse.ArgumentTypeError(f"{path}: {what}? A configuration has command, version, [options] and [files]")
     if raw.get("command", command) != command:
-        raise ValueError(f"{path} is a configuration of {raw['command']}, not of {command}")
+        raise argparse.ArgumentTypeError(f"{path} is a configuration of {raw['command']}, not of {command}")
     options = {str(name): _said(path, name, value) for name, value in raw.get("options", {}).items()}
     return Configuration(command, options, str(raw.get("version", "")), raw.get("files", {}))
 
@@ -117,7 +117,7 @@ def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, An
 
 def merged(
     parser: argparse.ArgumentParser, make_parser: Callable[[], argparse.ArgumentParser], words: Sequence[str]
-) -> list[str]:
+) -> tuple[list[str], Configuration]:
     """The words of the command line, with those that its --config stands for before them; what is on the line prevails.
 
     Parameters
@@ -131,12 +131,14 @@ def merged(
 
     Returns
     -------
-    list of str
+    words : list of str
+    kept : Configuration
+        What the file says.
     """
     here = given(make_parser(), words)
     try:
         kept = read(here["config"], parser.prog)
-    except ValueError as error:
+    except argparse.ArgumentTypeError as error:
         parser.error(f"--config {error}")
     known = {name_of(action): action for action in parser._actions}
     for name in kept.options:
@@ -149,7 +151,7 @@ def merged(
         names = {name_of(action) for action in exclusive._group_actions}
         excluded |= names if names & set(here) else set()
     said = {name: value for name, value in kept.options.items() if name not in excluded}
-    return [word for name, value in said.items() for word in _words(known[name], value)] + list(words)
+    return [word for name, value in said.items() for word in _words(known[name], value)] + list(words), kept
 
 
 def name_of(action: argparse.Action) -> str:
@@ -189,7 +191,7 @@ def _said(path, name, value):
         return tuple(str(_said(path, name, each)) for each in value)
     if isinstance(value, dict):
         return ",".join(f"{key}={_said(path, name, each)}" for key, each in value.items())
-    raise ValueError(
+    raise argparse.ArgumentTypeError(
         f"{path}: {name} is text, a number, true, or several of them, not {value!r}; what is not wanted is left out"
     )
 

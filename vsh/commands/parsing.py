@@ -26,7 +26,8 @@ class Words(Protocol):
 def parse(words: Any, arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The options of a command; a negative number behind an option is its value, with or without an equals sign.
 
-    Among them `program`, its name; `given`, what was said by name, as `--config` takes it; and `command`, the words that repeat the run as a
+    Among them `program`, its name; `given`, what was said by name, as `--config` takes it; `expected`,
+    hashes of the files that a configuration was written for; and `command`, the words that repeat the run as a
     page may hold them: names of files, not where they lie.
 
     Parameters
@@ -44,16 +45,18 @@ def parse(words: Any, arguments: Sequence[str] | None = None) -> argparse.Namesp
             joined[-1] += f"={word}"
         else:
             joined.append(word)
+    kept = None
     asks = {"-h", "--help", "--version"} & set(joined)
     if _says("--citation", joined) and not asks:
         print(citing.bibtex(parser.prog, configuration.given(words.make_parser(), joined)))
         parser.exit()
     if _says("--config", joined) and not asks:
-        joined = configuration.merged(parser, words.make_parser, joined)
+        joined, kept = configuration.merged(parser, words.make_parser, joined)
     options = parser.parse_args(joined)
     if hasattr(words, "check"):
         words.check(parser, options)
     options.program = parser.prog
+    options.expected = {} if kept is None else dict(kept.files)
     options.given = configuration.given(words.make_parser(), joined)
     options.command = [parser.prog, *map(_told, said)]
     return options

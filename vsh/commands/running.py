@@ -27,7 +27,7 @@ from vsh.system.parallel import limited
 from vsh.system.progress import without_bars
 
 #: Options that change no result, and what the parser found besides.
-_NOT_TOLD = (*NOT_KEPT, "command", "given", "program")
+NOT_TOLD = (*NOT_KEPT, "command", "given", "program", "expected")
 _LOG = logging.getLogger(__name__)
 
 
@@ -55,6 +55,7 @@ def guarded(options: argparse.Namespace, action: Callable[[], object]) -> int:
             standard_input(options),
         ):
             warnings.simplefilter("ignore", VshWarning)  # the report's notes say it
+            _say_what_changed(options)
             action()
     except MemoryError:
         return _failed(program, "error: not enough memory: lower the degree, or read fewer sources")
@@ -76,6 +77,11 @@ def logged(options: argparse.Namespace) -> Iterator[None]:
     ----------
     options : argparse.Namespace
         With `log`, `program` and `command`.
+
+    Raises
+    ------
+    VshError
+        If the file cannot be written.
     """
     if options.log is None:
         yield
@@ -104,6 +110,15 @@ def logged(options: argparse.Namespace) -> Iterator[None]:
             logger.removeHandler(handler)
             logger.setLevel(level)
         handler.close()
+
+
+def _say_what_changed(options):
+    """Files that are not those that a configuration was written for."""
+    for path in [Path(value) for value in vars(options).values() if options.expected and isinstance(value, str)]:
+        known = options.expected.get(path.name)
+        if known is not None and path.exists() and _hash(path) != known:
+            said = f"{options.program}: note: {path.name} is not the file that the configuration was written for"
+            print(printable(said), file=sys.stderr)
 
 
 def _failed(program, said):
@@ -157,7 +172,7 @@ def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[s
         "catalogue": paths[0].name if one else [path.name for path in paths],
         "sha256": hashes[0] if one else hashes,
         **counts,
-        "options": {key: _plain(value, paths) for key, value in vars(options).items() if value is not None and key not in _NOT_TOLD},
+        "options": {key: _plain(value, paths) for key, value in vars(options).items() if value is not None and key not in NOT_TOLD},
         "versions": {
             "vsh-astrometry": vsh.__version__, "python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__,
             "astropy": astropy.__version__,

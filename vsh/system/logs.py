@@ -45,12 +45,30 @@ def told(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
                 return function(*args, **options)
             begin = time.perf_counter()
             found = function(*args, **options)
-            logger.info("%s: %s, %.3g s", words, _short(found), time.perf_counter() - begin)
+            tell(logger, words, found, begin)
             return found
 
         return timed
 
     return decorate
+
+
+def tell(logger: logging.Logger, words: str, found: object, begin: float) -> None:
+    """The same where a decorator would stand between a warning and whom it is for.
+
+    Parameters
+    ----------
+    logger : Logger
+        Of the module.
+    words : str
+        What the step is called.
+    found : object
+        What came out of it.
+    begin : float
+        When it began, by `time.perf_counter`.
+    """
+    if logger.isEnabledFor(logging.INFO):
+        logger.info("%s: %s, %.3g s", words, _short(found), time.perf_counter() - begin)
 
 
 def _short(found):

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from fit.posterior._priors import UNITS
 from vsh.checks.types import FloatArray
 from vsh.system.quiet import import_quietly
 
 _AXES = ("x", "y", "z")
 
 
-def inference_data(samples: Mapping[str, FloatArray], log_probability: FloatArray, frame: str) -> Any:
+def inference_data(
+    samples: Mapping[str, FloatArray], log_probability: FloatArray, frame: str, units: Mapping[str, str]
+) -> Any:
     """arviz' InferenceData (its DataTree from version 1 on) of samples, each (chains, draws).
 
     Parameters
@@ -25,6 +26,8 @@ def inference_data(samples: Mapping[str, FloatArray], log_probability: FloatArra
         In sample_stats.
     frame : str
         Of the vectors.
+    units : dict of str to str
+        By name.
 
     Raises
     ------
@@ -36,12 +39,12 @@ def inference_data(samples: Mapping[str, FloatArray], log_probability: FloatArra
     except ImportError:
         raise ImportError("arviz is not installed: pip install 'vsh-astrometry[arviz]'") from None
     variables = dict(samples)
-    about = {name: {"unit": UNITS.get(name, "")} for name in variables}
+    about = {name: {"unit": units.get(name, "")} for name in variables}
     for vector, letter in (("velocity", "v"), ("acceleration", "a")):
         parts = [f"{letter}_{axis}" for axis in _AXES]
         if set(parts) <= set(samples):
             variables[vector] = np.stack([samples[part] for part in parts], axis=-1)
-            about[vector] = {"unit": UNITS[parts[0]], "frame": frame}
+            about[vector] = {"unit": units.get(parts[0], ""), "frame": frame}
     vectors = [name for name, values in variables.items() if np.ndim(values) == 3]
     where = {"coords": {"axis": list(_AXES)}, "dims": {name: ["axis"] for name in vectors}}
     groups = {"posterior": variables, "sample_stats": {"lp": log_probability}}

@@ -1,0 +1,84 @@
+"""Options are parsed before anything heavy is imported, under every name that a command has."""
+
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+import _vsh_commands
+import fit.correlation
+import fit.pairs
+import vsh.archive
+from sim.observing import REDSHIFT_ERRORS
+from vsh import tables
+from vsh.catalogue._columns import NAMED
+from vsh.commands import names
+from vsh.cosmology import VELOCITIES
+from vsh.sky.frames import FRAMES
+from vsh.sky.redshift_frames import REDSHIFT_FRAME_NAMES
+
+HEAVY = ("numpy", "scipy", "astropy", "matplotlib", "fit", "sim", "study")
+
+
+def modules_after(words):
+    """What is loaded when a command has printed what it was asked for, and ended."""
+    code = (
+        "import sys, _vsh_commands\n"
+        "try: _vsh_commands.main(sys.argv[1:])\n"
+        "except SystemExit as end: assert not end.code, end.code\n"
+        "print('loaded', *sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, *words], cwd=ROOT, capture_output=True, text=True, encoding="utf-8", check=True
+    )
+    return run.stdout.split("loaded ")[-1].split()
+
+
+@pytest.mark.parametrize("command", _vsh_commands.COMMANDS)
+@pytest.mark.parametrize("asked", ["--help", "--version", "--citation"])
+def test_what_needs_no_data_loads_no_library(command, asked):
+    """0.1 s of processor time in place of 0.6; the modules are counted, which does not depend on the machine's load."""
+    loaded = modules_after([command, asked])
+    assert not {each.split(".")[0] for each in loaded} & set(HEAVY)
+    assert len([each for each in loaded if each.split(".")[0] == "vsh"]) < 16
+    assert len(loaded) < 220
+
+
+def test_a_file_that_is_not_there_is_told_before_anything_is_loaded_that_fits(tmp_path):
+    code = "import sys; from fit.commands.fit import main; code = main([sys.argv[1]]); print(code, *sys.modules)"
+    for content in (None, b"no table"):
+        path = tmp_path / "c.fits"
+        if content:
+            path.write_bytes(content)
+        run = subprocess.run(
+            [sys.executable, "-c", code, str(path)], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        status, *loaded = run.stdout.split()
+        assert status == "1"
+        assert "c.fits" in run.stderr
+        assert not {"vsh.catalogue", "fit.solving", "matplotlib", "scipy.special"} & set(loaded)
+
+
+def test_the_names_that_options_choose_from_are_those_of_the_packages():
+    assert tuple(FRAMES) == names.FRAMES
+    assert names.REDSHIFT_FRAMES == REDSHIFT_FRAME_NAMES
+    assert set(names.COLUMNS) == set(NAMED)
+    assert set(names.INPUT_FORMATS) == {*tables.INPUT_FORMATS, "icrf"}
+    assert tuple(VELOCITIES) == names.VELOCITIES
+    assert tuple(REDSHIFT_ERRORS) == names.REDSHIFT_ERRORS
+    assert tuple(fit.pairs.TEMPLATES) == names.TEMPLATES
+    assert names.FRAME == fit.correlation.FRAME
+    assert tuple(vsh.archive.QUERIES) == names.QUERIES
+    assert names.ESA == vsh.archive.ESA
+
+
+def test_every_command_by_its_short_name():
+    run = subprocess.run([sys.executable, "-m", "vsh"], cwd=ROOT, capture_output=True, text=True, check=True)
+    for command in _vsh_commands.COMMANDS:
+        assert f"\n  {command} " in run.stdout
+    run = subprocess.run([sys.executable, "-m", "vsh", "fit", "--version"], cwd=ROOT, capture_output=True, text=True)
+    assert run.stdout == f"vsh-fit {vsh.__version__}\n"
+    run = subprocess.run([sys.executable, "-m", "vsh", "fits"], cwd=ROOT, capture_output=True, text=True)
+    assert run.returncode == 1
+    assert "there is no command 'fits': fit, redshift" in run.stderr

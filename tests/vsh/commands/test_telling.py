@@ -1,0 +1,193 @@
+"""What a command prints: for people, for programs, for a paper, nothing."""
+
+import io
+import json
+import logging
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.table import Table
+from conftest import ROOT
+
+import _vsh_commands
+import fit
+import sim
+from fit.commands import compare, correlate, pairs, redshift
+from fit.commands.fit import main
+from sim.commands import simulate
+from study.forecast import command as forecast
+from vsh import catalogue
+from vsh.commands import citing
+
+
+@pytest.fixture(scope="module")
+def galaxies(tmp_path_factory):
+    path = tmp_path_factory.mktemp("told") / "g.fits"
+    words = ["galaxies", "--number", "600", "--no-transits", "--velocity", "planck", "--output", str(path), "--quiet"]
+    assert simulate.main(words) == 0
+    return str(path)
+
+
+def test_json_is_the_result(capsys):
+    assert main(["--demo", "--lmax", "2", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    solution = fit.fit_field(catalogue.read_field(str(ROOT / "fit" / "demo.fits")), 2)
+    assert told["command"] == "vsh-fit"
+    assert told["options"] == {"demo": True, "lmax": "2"}
+    vectors = told["tables"]["vectors"]
+    assert vectors["meta"]["n_sources"] == 4000
+    columns = {name: column["values"] for name, column in vectors["columns"].items()}
+    k = columns["name"].index("acceleration")
+    found = solution.acceleration
+    assert [columns[name][k] for name in "xyz"] == found.value.tolist()
+    assert [columns[f"sigma_{name}"][k] for name in "xyz"] == found.sigma.tolist()
+    assert columns["cov_xz"][k] == found.covariance[0, 2]
+    assert columns["p_value"][k] == found.p_value
+    assert vectors["columns"]["x"]["unit"] == "uas / yr"
+    powers = {name: column["values"] for name, column in told["tables"]["powers"]["columns"].items()}
+    assert list(zip(powers["kind"], powers["l"], strict=True)) == [("T", 1), ("T", 2), ("S", 1), ("S", 2)]
+    np.testing.assert_array_equal(told["tables"]["coefficients"]["columns"]["value"]["values"], solution.values)
+
+
+COMMANDS = {
+    "redshift": (redshift.main, ["--h0", "67.4", "--velocity", "planck", "--bins", "2"], {"Bins of redshift", "Our velocity", "The Hubble constant"}),
+    "correlate": (correlate.main, ["--leakage", "2"], {"Correlations", "Leakage, g"}),
+    "pairs": (pairs.main, ["--bins", "4", "--nside", "1"], {"Correlation by angle", "Templates"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("how", ["--json", "--latex", "--quiet"])
+def test_every_command_tells(command, how, galaxies, tmp_path, capsys):
+    run, words, headings = COMMANDS[command]
+    assert run([galaxies, *words, how, "--output", str(tmp_path / "out"), "--no-figures"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    if how == "--json":
+        told = json.loads(out)
+        assert set(told["tables"]) == headings
+        assert told["written"] == [str(tmp_path / "out")]
+    elif how == "--latex":
+        assert out.count(r"\begin{table}") == len(headings)
+        assert out.count(r"\toprule") == out.count(r"\bottomrule") == len(headings)
+        rows = [line for line in out.splitlines() if line.endswith(r"\\")]
+        assert all(row.count("&") == rows[0].count("&") for row in rows[:3])
+    else:
+        assert out == ""
+    assert (tmp_path / "out" / "report.txt").stat().st_size > 200
+
+
+def test_the_others(galaxies, tmp_path, capsys):
+    for run, words, heading in (
+        (compare.main, [galaxies, galaxies, "--lmax", "1"], "Coefficients"),
+        (forecast.main, ["--survey", "mine=3000,3.0", "--only", "VLBI", "--no-flows"], "Errors to come"),
+    ):
+        assert run([*words, "--json"]) == 0
+        assert heading in json.loads(capsys.readouterr().out)["tables"]
+    words = ["quasars", "--number", "9", "--no-transits", "--output", str(tmp_path / "s.fits"), "--spin", "1,2,3"]
+    assert simulate.main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    truth = {name: column["values"] for name, column in told["tables"]["truth"]["columns"].items()}
+    assert truth["value"][truth["name"].index("SPIN_Y")] == 2
+    assert told["written"] == [str(tmp_path / "s.fits")]
+
+
+def test_an_error_stays_an_error(capsys):
+    assert main(["nowhere.fits", "--json"]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == "vsh-fit: error: nowhere.fits: no such file\n"
+
+
+def test_one_way_of_telling_at_a_time(capsys):
+    with pytest.raises(SystemExit):
+        main(["--demo", "--json", "--quiet"])
+    assert "not allowed with" in capsys.readouterr().err
+
+
+def test_the_log(tmp_path, capsys):
+    log = tmp_path / "run.log"
+    before = {name: logging.getLogger(name).level for name in ("vsh", "fit")}
+    assert main(["--demo", "--lmax", "1", "--log", str(log)]) == 0
+    assert main(["nowhere.fits", "--log", str(log)]) == 1
+    lines = log.read_text(encoding="utf-8").splitlines()
+    for words in (
+        "vsh-fit --demo --lmax 1",
+        "read: Field: 4000 sources",
+        "normal equations: ",
+        "solved: ",
+        "vsh-fit is done",
+    ):
+        assert any(words in line for line in lines), words
+    assert "ERROR" in lines[-1]
+    assert lines[-1].endswith("TableError: nowhere.fits: no such file")
+    assert {name: logging.getLogger(name).level for name in before} == before
+    assert main(["--demo", "--log", str(tmp_path / "no" / "x.log")]) == 1
+    assert "no/x.log: No such file or directory" in capsys.readouterr().err
+
+
+def test_without_a_log_nobody_hears_anything(caplog):
+    with caplog.at_level(logging.INFO):
+        field = sim.observe(sim.quasars(100, 1), sim.spin((1, 2, 3)), 2, sigma=10.0)
+        fit.fit_field(field, 1)
+    told = [record.getMessage() for record in caplog.records]
+    assert [text.split(":")[0] for text in told] == ["observed", "normal equations", "solved"]
+
+
+@pytest.mark.parametrize("command", _vsh_commands.COMMANDS)
+def test_citations(command, capsys):
+    with pytest.raises(SystemExit) as end:
+        _vsh_commands.main([command, "--citation"])
+    assert not end.value.code
+    out = capsys.readouterr().out
+    assert out.startswith("@software{vsh_astrometry,")
+    assert out.count("{") == out.count("}")
+    assert "VERSION" not in out
+    # Every entry has a title, and is there once.
+    assert out.count("\n@") + 1 == out.count("  title") == len(citing.keys(f"vsh-{command}", {}))
+
+
+def test_citations_of_what_is_asked_for():
+    plain = citing.keys("vsh-redshift", {})
+    assert "foremanmackey2013" not in plain
+    assert "foremanmackey2013" in citing.keys("vsh-redshift", {"posterior": True})
+    assert "hunter2007" in citing.keys("vsh-fit", {"output": "x"})
+    assert "hunter2007" not in citing.keys("vsh-fit", {"output": "x", "no-figures": True})
+    assert "planck2020overview" in citing.keys("vsh-sim", {"velocity": "planck"})
+
+
+class Piped:
+    """Standard input with bytes in it."""
+
+    def __init__(self, content, terminal=False):
+        self.buffer, self.terminal = io.BytesIO(content), terminal
+
+    def isatty(self):
+        return self.terminal
+
+
+def test_standard_input(galaxies, tmp_path, monkeypatch, capsys):
+    assert main([galaxies, "--lmax", "1", "--output", str(tmp_path / "a"), "--no-figures"]) == 0
+    capsys.readouterr()
+    content = Path(galaxies).read_bytes()
+    monkeypatch.setattr(sys, "stdin", Piped(content))
+    assert main(["-", "--lmax", "1", "--output", str(tmp_path / "b"), "--no-figures"]) == 0
+    out = capsys.readouterr().out
+    assert "catalogue      standard input" in out
+    one, two = (Table.read(tmp_path / name / "solution.ecsv") for name in "ab")
+    np.testing.assert_array_equal(one["value"], two["value"])
+    assert two.meta["sha256"] == one.meta["sha256"]
+    assert two.meta["catalogue"] == "standard input"
+    for stdin, words in (
+        (Piped(b""), "standard input is empty"),
+        (Piped(b"", terminal=True), "nothing comes in"),
+        (Piped(b"hello\n"), "standard input: what format is this"),
+    ):
+        monkeypatch.setattr(sys, "stdin", stdin)
+        assert main(["-"]) == 1
+        assert words in capsys.readouterr().err
+    monkeypatch.setattr(sys, "stdin", Piped(content))
+    assert compare.main(["-", "-"]) == 1
+    assert "standard input holds one catalogue" in capsys.readouterr().err

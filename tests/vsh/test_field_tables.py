@@ -1,0 +1,95 @@
+"""Fields from SkyCoord, fields as tables, and what a notebook shows."""
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.coordinates import SkyCoord
+
+from vsh import Field, FieldError, FrameError, ScalarField, Vector, catalogue
+from vsh.checks.notebook import shown
+
+RNG = np.random.default_rng(1)
+N = 20
+COORD = SkyCoord(
+    RNG.uniform(0, 360, N) * u.deg, np.degrees(np.arcsin(RNG.uniform(-1, 1, N))) * u.deg,
+    pm_ra_cosdec=RNG.normal(size=N) * u.uas / u.yr, pm_dec=RNG.normal(size=N) * u.mas / u.yr,
+)  # fmt: skip
+ERRORS = RNG.uniform(0.1, 1, (2, N))
+
+
+def test_from_skycoord():
+    field = Field.from_skycoord(COORD, ERRORS[0], ERRORS[1] * u.uas / u.yr, np.full(N, 0.3), redshift=np.ones(N))
+    np.testing.assert_allclose(field.lon, COORD.ra.rad, rtol=1e-15)
+    np.testing.assert_allclose(field.motion, [COORD.pm_ra_cosdec.to_value("uas/yr"), COORD.pm_dec.to_value("uas/yr")])
+    np.testing.assert_allclose(field.sigma, [1000 * ERRORS[0], ERRORS[1]])
+    assert field.frame == "icrs"
+    assert field.redshift.sum() == N
+
+
+def test_other_frames_turn_as_astropy_turns_them():
+    for theirs, ours in (("galactic", "galactic"), ("barycentricmeanecliptic", "ecliptic")):
+        there = Field.from_skycoord(COORD.transform_to(theirs), *ERRORS)
+        assert there.frame == ours
+        here = Field.from_skycoord(COORD, *ERRORS).to_frame(ours)
+        np.testing.assert_allclose(there.motion, here.motion, rtol=0, atol=2e-9)
+
+
+@pytest.mark.parametrize(
+    ("coord", "error", "words"),
+    [
+        (COORD.fk5, FrameError, "coordinates in fk5 are no field: take icrs, galactic, barycentricmeanecliptic"),
+        (SkyCoord(COORD.ra, COORD.dec), FieldError, "has no proper motions: give it pm_ra_cosdec and pm_dec"),
+        ([1, 2], FieldError, "a SkyCoord is wanted, not list"),
+    ],
+)
+def test_what_is_no_field(coord, error, words):
+    with pytest.raises(error, match=words):
+        Field.from_skycoord(coord, *ERRORS)
+
+
+def test_bad_sources_of_a_skycoord_are_counted():
+    errors = ERRORS.copy()
+    errors[0, 3] = np.nan
+    with pytest.raises(FieldError, match="1 of 20"):
+        Field.from_skycoord(COORD, *errors)
+    field = Field.from_skycoord(COORD, *errors, on_bad="drop")
+    assert len(field) == N - 1
+
+
+@pytest.mark.parametrize("ending", ["fits", "ecsv", "csv", "vot", "parquet"])
+@pytest.mark.parametrize("frame", ["icrs", "galactic"])
+def test_written_and_read(ending, frame, tmp_path):
+    """The frame too, where a format keeps metadata: else the axes would be taken for another's."""
+    if ending == "parquet":
+        pytest.importorskip("pyarrow")
+    field = Field.from_skycoord(COORD, *ERRORS, np.full(N, -0.2), magnitude=np.full(N, 18.5)).to_frame(frame)
+    field.write(tmp_path / f"f.{ending}", {"NOTE": "a test"})
+    back = catalogue.read_field(tmp_path / f"f.{ending}", frame=frame if ending == "csv" else None)
+    assert back.frame == frame
+    for name in ("lon", "lat", "motion", "sigma", "rho", "magnitude"):
+        np.testing.assert_allclose(getattr(back, name), getattr(field, name), rtol=1e-14)
+    table = field.to_table()
+    assert table["pmra"].unit == "mas/yr"
+    assert catalogue.read_field(table).frame == frame
+
+
+def test_scalar_fields_are_written_too(tmp_path):
+    field = ScalarField.from_columns([10.0, 20.0], [1.0, 2.0], [3.0, 4.0], [1.0, 1.0], unit="uas", frame="ecliptic")
+    field.write(tmp_path / "s.ecsv")
+    back = catalogue.read_scalars(tmp_path / "s.ecsv", "value")
+    assert (back.frame, back.unit) == ("ecliptic", "uas")
+    np.testing.assert_allclose(back.values, field.values, rtol=1e-15)
+
+
+def test_in_a_notebook():
+    html = Field.from_skycoord(COORD, *ERRORS, notes=["<script>"])._repr_html_()
+    assert "20 sources, icrs" in html
+    assert "2 × 20, from" in html
+    assert "redshift" not in html  # nobody knows one
+    assert "&lt;script&gt;" in html
+    assert "<script>" not in html
+    html = Vector([3.0, 4.0, 0.0], np.eye(3))._repr_html_()
+    assert "5 ± 1 µas/yr" in html
+    assert shown(np.array([1.0, np.nan] * 20)) == "40, from 1 to 1, 20 missing"
+    assert shown(np.array(["a", "b", "c", "d"])) == "4: a, b, c, …"
+    assert len(shown("x" * 1000)) < 200
