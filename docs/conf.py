@@ -11,6 +11,7 @@ ROOT = HERE.parent
 sys.path[:0] = [str(ROOT), str(HERE)]
 
 import vsh  # noqa: E402 (found by the path above)
+from vsh.system.progress import without_bars  # noqa: E402
 
 project = "vsh-astrometry"
 author = "the vsh-astrometry developers"
@@ -24,7 +25,7 @@ extensions = [
     "sphinxarg.ext",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "_examples", "images"]
+exclude_patterns = ["_build", "_examples", "tutorials", "images"]
 html_theme = "furo"
 html_title = "vsh-astrometry"
 html_show_copyright = False
@@ -56,6 +57,9 @@ autodoc_typehints = "none"
 # A page shows what a class can do, wherever it has it from.
 autodoc_default_options = {"inherited-members": "tuple,BaseException,Protocol"}
 
+# No page shows a progress bar, wherever it is built.
+without_bars().__enter__()
+
 # The gallery runs in a copy: the examples write their figures where they stand.
 EXAMPLES = HERE / "_examples"
 shutil.rmtree(EXAMPLES, ignore_errors=True)
@@ -67,8 +71,10 @@ shutil.copytree(ROOT / "examples", EXAMPLES, ignore=shutil.ignore_patterns("make
 
 
 sphinx_gallery_conf = {
-    "examples_dirs": "_examples",
-    "gallery_dirs": "gallery",
+    "examples_dirs": ["_examples", "tutorials"],
+    "gallery_dirs": ["gallery", "learn"],
+    # Axes are seen in the figure they are on.
+    "ignore_repr_types": r"matplotlib|vsh\.plot|numpy|builtins|class '(list|tuple|dict)",
     "filename_pattern": r"\.py$",
     "reset_argv": "gallery_arguments.arguments_of",
     "within_subsection_order": "FileNameSortKey",

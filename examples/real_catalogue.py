@@ -6,7 +6,8 @@ Spin and acceleration from a file of proper motions::
 
     python examples/real_catalogue.py vlba.ecsv
 
-Where to find one:
+On this page it is a simulated twin of a VLBI catalogue, ``make_vlbi_twin.py``, whose true acceleration is 5.05 µas/yr towards
+the Galactic centre. Where to find a real one:
 
 *VLBA*: 713 radio sources with proper motions (Truebenbach & Darling 2017, ApJS 233, 3), from
 VizieR with astroquery (``pip install astroquery``)::

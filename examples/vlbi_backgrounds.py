@@ -6,6 +6,8 @@ Three questions about one table of proper motions::
 
     python examples/vlbi_backgrounds.py vlba.ecsv
 
+On this page the table is a simulated twin of a real one, ``make_vlbi_twin.py``: it has neither a floor nor waves, and its limits say so.
+
 713 radio sources with proper motions from VLBA observations (Truebenbach & Darling 2017, ApJS 233, 3) are at VizieR,
 J/ApJS/233/3; `real_catalogue.py` tells how to get them. With them, the floor of the acceleration is some 0.4 µas/yr in each
 component, h70² Ω of gravitational waves below 0.036 (95 %, flat in Ω; 0.023 where every coefficient is equally likely

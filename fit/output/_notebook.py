@@ -37,6 +37,7 @@ def html_of(solution: HarmonicSolution) -> str:
     powers = "".join(
         f"<tr><th>{row.degree}</th>{_cells((row.power, row.debiased, row.error, row.p_value))}</tr>"
         for row in power_rows(solution)
+        if row.power != "nan"  # errors of a fit that is to come
     )
     notes = "".join(f"<li>{escape(str(note))}</li>" for note in solution.notes)
     return (

@@ -134,7 +134,8 @@ def components(vector: Vector, digits: int = 3) -> tuple[str, ...]:
     -------
     tuple[str, ...]
     """
-    return tuple(f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in zip(vector.value, vector.sigma, strict=True))
+    pairs = zip(vector.value, vector.sigma, strict=True)
+    return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
 
 
 def amplitude(vector: Vector, digits: int = 3) -> str:
@@ -151,6 +152,8 @@ def amplitude(vector: Vector, digits: int = 3) -> str:
     -------
     str
     """
+    if np.isnan(vector.amplitude):  # errors of a fit that is to come
+        return ""
     if not vector.amplitude_error > 0:
         return f"{vector.amplitude:.{digits}f}"
     if vector.amplitude >= _SURE * vector.amplitude_error:

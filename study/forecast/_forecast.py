@@ -50,6 +50,9 @@ class Forecast(InNotebook):
     values: dict[str, dict[str, float]]
     sky: str
 
+    def __str__(self) -> str:
+        return self.report()
+
     def report(self) -> str:
         """The table as text.
 

@@ -14,7 +14,7 @@ import vsh
 
 DOCS = ROOT / "docs"
 PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]
-PAGES = [path for path in PAGES if "_build" not in path.parts and "gallery" not in path.parts]
+PAGES = [path for path in PAGES if "_build" not in path.parts and not {"gallery", "learn"} & set(path.parts)]
 COMMANDS = [f"vsh-{name}" for name in _vsh_commands.COMMANDS]
 #: Faces whose names are used inside the project only.
 INTERNAL = {

@@ -16,6 +16,8 @@ class InNotebook:
     """Gives a noun a form in notebooks: its attributes in a table; arrays by their shape and range, missing ones not at all."""
 
     def _repr_html_(self) -> str:
+        if type(self).__str__ is not object.__str__:  # it says itself what there is to say
+            return f"<pre>{escape(str(self))}</pre>"
         names = [each.name for each in fields(self)] if is_dataclass(self) else list(_public(self))
         rows = {name: shown(getattr(self, name)) for name in names if not name.startswith("_")}
         return as_html(type(self).__name__, {**rows, **self._facts()}, heading=self._heading())
@@ -75,6 +77,8 @@ def shown(value: Any) -> str | None:
         return None
     if isinstance(value, np.ndarray):
         return escape(_array(value))
+    if type(value).__repr__ is object.__repr__:  # an address says nothing
+        return None
     if isinstance(value, (float, np.floating)):
         return f"{value:.6g}"
     if isinstance(value, (tuple, list)) and all(isinstance(each, str) for each in value):
@@ -87,6 +91,8 @@ def _array(values):
     if values.size <= 9 and values.dtype.kind in "iufb":
         return np.array2string(values, precision=5, separator=", ").replace("\n", "")
     shape = " × ".join(map(str, values.shape))
+    if values.dtype.kind == "b":
+        return f"{shape}, {values.sum()} true"
     if values.dtype.kind in "iuf" and np.isfinite(values).any():
         known = values[np.isfinite(values)]
         lost = values.size - known.size
