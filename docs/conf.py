@@ -1,5 +1,6 @@
 """The documentation: `make docs`."""
 
+import logging
 import os
 import re
 import shutil
@@ -11,6 +12,7 @@ ROOT = HERE.parent
 sys.path[:0] = [str(ROOT), str(HERE)]
 
 import vsh  # noqa: E402 (found by the path above)
+from vsh.system.logs import PACKAGES  # noqa: E402
 from vsh.system.progress import without_bars  # noqa: E402
 
 project = "vsh-astrometry"
@@ -57,8 +59,10 @@ autodoc_typehints = "none"
 # A page shows what a class can do, wherever it has it from.
 autodoc_default_options = {"inherited-members": "tuple,BaseException,Protocol"}
 
-# No page shows a progress bar, wherever it is built.
+# No page shows a progress bar, wherever it is built, and the build does not tell every step.
 without_bars().__enter__()
+for name in PACKAGES:
+    logging.getLogger(name).setLevel("WARNING")
 
 # The gallery runs in a copy: the examples write their figures where they stand.
 EXAMPLES = HERE / "_examples"

@@ -78,6 +78,10 @@ def as_columns(columns: Any) -> Columns:
     columns : Columns, str, dict or None
         As users say it; in a dict "names" is one of the sets, which the other entries change.
 
+    Returns
+    -------
+    Columns
+
     Raises
     ------
     TableError
