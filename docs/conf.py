@@ -78,7 +78,7 @@ sphinx_gallery_conf = {
     "examples_dirs": ["_examples", "tutorials"],
     "gallery_dirs": ["gallery", "learn"],
     # Axes are seen in the figure they are on.
-    "ignore_repr_types": r"matplotlib|vsh\.plot|numpy|builtins|class '(list|tuple|dict)",
+    "ignore_repr_types": r"matplotlib|vsh\.plot|numpy|builtins|class '(int|list|tuple|dict)",
     "filename_pattern": r"\.py$",
     "reset_argv": "gallery_arguments.arguments_of",
     "within_subsection_order": "FileNameSortKey",

@@ -21,28 +21,25 @@ from vsh.plot import COLOURS, STYLE
 # A random field of degrees 1 to 6, the same power in each mode: rms 3.2 µas/yr in every coefficient. Nobody sees it in a single source, whose
 # error is thirty times as large.
 PATTERN = 10 * Spectrum.flat()
-numbers = (1_000, 10_000, 100_000)
+numbers, skies = (1_000, 10_000, 100_000), 12
+
+
+def squares(solution):
+    """True and quoted: the mean square of the acceleration, which is all error, and of its errors."""
+    found = solution.acceleration
+    return np.mean(found.value**2), np.mean(found.sigma**2)
+
+
 rows = []
 for number in numbers:
-    quasars = sim.quasars(number, rng=1)
-    for seed in range(12):
+    quasars, found = sim.quasars(number, rng=1), []
+    for seed in range(skies):
         shared = sim.systematics(PATTERN, 100 + seed, lmax=6)
-        field = sim.observe(quasars, shared, rng=200 + seed, sigma=100.0)
-        normal = fit.normal_equations(field, 6)
-        plain, honest = fit.solve(normal), fit.solve(normal, floor=fit.background.floor(normal))
-        rows.append(
-            [
-                number,
-                *(
-                    x
-                    for s in (plain, honest)
-                    for x in (np.mean(s.acceleration.value**2), np.mean(s.acceleration.sigma**2))
-                ),
-            ]
-        )
-means = np.array(
-    [[np.sqrt(np.mean([row[k] for row in rows if row[0] == number])) for k in range(1, 5)] for number in numbers]
-)
+        normal = fit.normal_equations(sim.observe(quasars, shared, rng=200 + seed, sigma=100.0), 6)
+        floor = fit.background.floor(normal)
+        found.append([*squares(fit.solve(normal)), *squares(fit.solve(normal, floor=floor))])
+    rows.append(np.sqrt(np.mean(found, axis=0)))
+means = np.array(rows)
 
 # %%
 # The truth is no acceleration at all: what is found is the error. With 100 000 sources it is about three times what the plain fit quotes.
@@ -67,7 +64,6 @@ axes.legend()
 #
 # Degrees 2 to 6 hold no signal that anybody expects: what power they have above noise is the pattern's. If degree 1 has its share of it, as here, that
 # is the floor. It is an assumption, and the report says so; where the pattern is known to be of another shape, say it: ``floor(normal, spectrum)``.
-floor = fit.background.floor(normal)
 print(floor.report())
 floor.plot()
 
