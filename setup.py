@@ -86,40 +86,43 @@ class BuildShell(Command):
         pass
 
     def run(self):
-        sys.path.insert(0, str(ROOT))
-        import shtab
-        from argparse_manpage.manpage import Manpage
-
-        import _vsh_commands
-
         made = {}
-
-        def write(folder, name, text):
-            path = SHARE / folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-            made.setdefault(f"share/{folder}", []).append(path.relative_to(ROOT).as_posix())
-
-        version = self.distribution.get_version()
-        about = {
-            "project_name": "vsh-astrometry",
-            "version": version,
-            "manual_title": "vsh-astrometry",
-            "manual_section": 1,
-        }
-        for name in _vsh_commands.COMMANDS:
-            words = _vsh_commands.words_of(name)
-            parser = words.make_parser()
-            short = re.split(r"[:.] ", parser.description)[0].rstrip(".")
-            write("man/man1", f"vsh-{name}.1", str(Manpage(words.make_parser(), about | {"description": short})))
-            for action in parser._actions:
-                if action.metavar in ("FILE", "MAP") or (not action.option_strings and not action.choices):
-                    action.complete = shtab.FILE
-                elif action.metavar == "DIR":
-                    action.complete = shtab.DIRECTORY
-            write("bash-completion/completions", f"vsh-{name}", shtab.complete(parser, "bash"))
-            write("zsh/site-functions", f"_vsh-{name}", shtab.complete(parser, "zsh"))
+        for path in make_share(SHARE, self.distribution.get_version()):
+            made.setdefault(f"share/{path.parent.relative_to(SHARE)}", []).append(path.relative_to(ROOT).as_posix())
         self.distribution.data_files = [*(self.distribution.data_files or []), *made.items()]
+
+
+def make_share(folder, version):
+    """Completion and manual pages of every command in a folder; returns their paths."""
+    sys.path.insert(0, str(ROOT))
+    import shtab
+    from argparse_manpage.manpage import Manpage
+
+    import _vsh_commands
+
+    about = {
+        "project_name": "vsh-astrometry",
+        "version": version,
+        "manual_title": "vsh-astrometry",
+        "manual_section": 1,
+    }
+    texts = {}
+    for name in _vsh_commands.COMMANDS:
+        words = _vsh_commands.words_of(name)
+        parser = words.make_parser()
+        short = re.split(r"[:.] ", parser.description)[0].rstrip(".")
+        texts[f"man/man1/vsh-{name}.1"] = str(Manpage(words.make_parser(), about | {"description": short}))
+        for action in parser._actions:
+            if action.metavar in ("FILE", "MAP") or (not action.option_strings and not action.choices):
+                action.complete = shtab.FILE
+            elif action.metavar == "DIR":
+                action.complete = shtab.DIRECTORY
+        texts[f"bash-completion/completions/vsh-{name}"] = shtab.complete(parser, "bash")
+        texts[f"zsh/site-functions/_vsh-{name}"] = shtab.complete(parser, "zsh")
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]
 
 
 class WithPage(build_py):
