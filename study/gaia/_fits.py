@@ -8,6 +8,7 @@ from fit import Solution
 from fit.resample import bootstrap
 from fit.robust import clip
 from vsh import Field
+from vsh.checks.notebook import InNotebook
 from vsh.checks.types import Rng
 from vsh.errors import VshError
 
@@ -16,7 +17,7 @@ KAPPA = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class DegreeOrSubset:
+class DegreeOrSubset(InNotebook):
     """What one fit found, or why it found nothing.
 
     Attributes

@@ -62,13 +62,7 @@ def not_negative(text: str) -> float:
     argparse.ArgumentTypeError
         If it is not.
     """
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0 <= number < float("inf"):
-        raise argparse.ArgumentTypeError(f"a number that is not negative is wanted, not {text!r}")
-    return number
+    return _number(text, lambda x: 0 <= x < math.inf, "a number that is not negative")
 
 
 def positive(text: str) -> float:
@@ -84,13 +78,17 @@ def positive(text: str) -> float:
     argparse.ArgumentTypeError
         If it is not.
     """
+    return _number(text, lambda x: 0 < x < math.inf, "a positive number")
+
+
+def _number(text, fits, wanted):
     try:
-        number = float(text)
+        found = float(text)
     except ValueError:
-        number = -1.0
-    if not 0 < number < float("inf"):
-        raise argparse.ArgumentTypeError(f"a positive number is wanted, not {text!r}")
-    return number
+        found = math.nan
+    if not fits(found):
+        raise argparse.ArgumentTypeError(f"{wanted} is wanted, not {text!r}")
+    return found
 
 
 def numbers(text: str) -> tuple[float, ...]:

@@ -115,7 +115,7 @@ def test_the_log(tmp_path, capsys):
     lines = log.read_text(encoding="utf-8").splitlines()
     for words in (
         "vsh-fit --demo --lmax 1",
-        "read: Field: 4000 sources",
+        "demo.fits: Field: 4000 sources",
         "normal equations: ",
         "solved: ",
         "vsh-fit is done",
