@@ -107,8 +107,9 @@ def test_a_table_of_the_cds_with_its_readme(tmp_path):
     with pytest.raises(TableError, match="does not describe its columns, and there is no file ReadMe beside it"):
         catalogue.read_field(tmp_path / "table1.dat", format="cds")
     (tmp_path / "ReadMe").write_text(head)
-    field = catalogue.read_field(tmp_path / "table1.dat", format="cds")
-    np.testing.assert_array_equal(field.motion, catalogue.read_field(tmp_path / "whole.mrt").motion)
+    for kind in ("cds", "mrt"):
+        field = catalogue.read_field(tmp_path / "table1.dat", format=kind)
+        np.testing.assert_array_equal(field.motion, catalogue.read_field(tmp_path / "whole.mrt").motion)
 
 
 def test_the_lists_of_the_iers(capsys):
