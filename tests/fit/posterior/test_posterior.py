@@ -257,7 +257,8 @@ def test_arviz():
     assert posterior["v_x"].shape[0] == 128
     velocity = posterior["velocity"]
     assert velocity.dims == ("chain", "draw", "axis")
-    np.testing.assert_array_equal(velocity.sel(axis="y"), posterior["v_y"])
+    for axis in "xyz":
+        np.testing.assert_array_equal(velocity.sel(axis=axis), posterior[f"v_{axis}"])
     assert velocity.attrs == {"unit": "km/s", "frame": found.frame}
     assert posterior["H0"].attrs["unit"] == "km/s/Mpc"
     assert data["sample_stats"]["lp"].shape == posterior["H0"].shape
