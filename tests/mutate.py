@@ -19,8 +19,8 @@ BREAKS = [
     ("vsh/checks/validation.py", "RHO2_LIMIT = 1 - 1e-6", "RHO2_LIMIT = 2.0", "test_bad_input.py"),
     (
         "vsh/checks/validation.py",
-        '"a value such as -9999 that marks missing data"] = placeholders',
-        '"x"] = placeholders & False',
+        "reasons[PLACEHOLDER] = placeholders",
+        "reasons[PLACEHOLDER] = placeholders & False",
         "test_readers.py",
     ),
     ("vsh/field.py", "c = -self.rho / (", "c = self.rho / (", "test_fit.py test_field.py"),

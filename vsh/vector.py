@@ -273,7 +273,9 @@ class Vector(Frozen):
         """Length and direction, for a notebook."""
         lon, lat = self.direction
         size = f"{self.amplitude:.4g} ± {self.amplitude_error:.2g} {self.unit}"
-        return {"amplitude": size, "direction": f"{lon:.1f}°, {lat:+.1f}° ({self.frame})"}
+        value = ", ".join(f"{x:+.4g} ± {s:.2g}" for x, s in zip(self.value, self.sigma, strict=True))
+        where = f"{lon:.1f}°, {lat:+.1f}° ({self.frame})"
+        return {"value": f"({value}) {self.unit}", "amplitude": size, "direction": where}
 
     def _unit_vector(self):
         with np.errstate(invalid="ignore"):

@@ -61,6 +61,7 @@ def _run(options):
     vectors = fit.output.vectors_table(solution)
     sheets = {"vectors": vectors, "powers": fit.output.powers_table(solution), "coefficients": solution.to_table()}
     sheets |= {name: result.to_table() for name, result in backgrounds.results.items()}
+    said = [f"{label or 'warning'}: {words}" for label, words in fit.output.warnings_of(solution)]
 
     def provenance():
         refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
@@ -87,7 +88,7 @@ def _run(options):
         )  # fmt: skip
 
     finishing.finish(
-        options, finishing.Found(text, sheets, solution.notes, solution.latex), provenance=provenance, write=write, page=page,
+        options, finishing.Found(text, sheets, [*said, *solution.notes], solution.latex), provenance=provenance, write=write, page=page,
         draw=lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw(),
     )  # fmt: skip
 

@@ -6,7 +6,7 @@ import lazy_loader
 
 from fit.output._files import draw_figures, write_correlation, write_figures, write_html
 from fit.output._notebook import html_of, latex_of
-from fit.output._report import WIDTH, report, report_check
+from fit.output._report import WIDTH, report, report_check, warnings_of
 from fit.output._rows import (
     amplitude,
     cell,
@@ -49,6 +49,7 @@ __all__ = [
     "vector_rows",
     "vectors_of",
     "vectors_table",
+    "warnings_of",
     "write_correlation",
     "write_figures",
     "write_html",

@@ -6,8 +6,11 @@ import re
 from html import escape
 from typing import Any
 
+import numpy as np
+
 from fit.harmonic import HarmonicSolution
-from fit.output._rows import is_scalar, power_rows, vector_rows, vectors_of
+from fit.output._report import warnings_of
+from fit.output._rows import direction, is_scalar, power_rows, vector_rows, vectors_of
 
 _SYMBOLS = {
     "spin": r"$\omega$",
@@ -39,13 +42,19 @@ def html_of(solution: HarmonicSolution) -> str:
         for row in power_rows(solution)
         if row.power != "nan"  # errors of a fit that is to come
     )
-    notes = "".join(f"<li>{escape(str(note))}</li>" for note in solution.notes)
+    warned = [f"{label}: {said}" for label, said in warnings_of(solution) if label == "warning"]
+    notes = "".join(f"<li>{escape(str(note))}</li>" for note in (*warned, *solution.notes))
+    toward = "".join(
+        f"<li>{name} {escape(direction(vector))}</li>"
+        for name, vector in vectors_of(solution).items()
+        if not np.isnan(vector.amplitude)
+    )
     return (
         f"<p><b>Vector spherical harmonics</b>, degree 1 to {solution.modes.lmax}: {solution.n_sources} sources, "
         f"{escape(solution.frame)} axes, χ²/dof {solution.reduced_chi2:.3f}, errors from {escape(solution.errors_from)}</p>"
         f"<table><tr><th>[µas/yr]</th><th>x</th><th>y</th><th>z</th><th>amplitude</th></tr>{rows}</table>"
         "<table><tr><th>degree</th><th>power [(µas/yr)²]</th><th>noise-debiased</th><th>±</th><th>p-value</th></tr>"
-        f"{powers}</table>" + (f"<ul>{notes}</ul>" if notes else "")
+        f"{powers}</table>" + (f"<ul>{toward}{notes}</ul>" if toward or notes else "")
     )
 
 

@@ -24,19 +24,26 @@ def vectors_table(solution: Any) -> Table:
     Returns
     -------
     Table
-        Components, errors, covariances, length, direction [deg] and chance of nothing; the fit's facts in the metadata.
+        Components, errors, covariances, length (as fitted, debiased, its 95 % limit), direction [deg] and the chance of as much from noise
+        alone: above 0.05 the limit is what to quote, and the direction means nothing. The fit's facts are in the metadata.
     """
     vectors = vectors_of(solution)
-    names = ("amplitude", "amplitude_error", "lon", "lat", "lon_error", "lat_error", "p_value")
+    names = (
+        "amplitude", "amplitude_error", "debiased_amplitude", "limit_95", "lon", "lat", "lon_error", "lat_error", "p_value",
+    )  # fmt: skip
+    # The chance of a degree knows of how many replicates the errors are; a vector does not.
+    chances = {d.kind: d.p_value for d in spectrum(solution) if d.l == 1}
+    kinds = dict(zip(vectors, "TS" if len(vectors) > 1 else "S", strict=False))
     rows = [
-        (*v.value, *v.sigma, *v.covariance[np.triu_indices(3, 1)], v.amplitude, v.amplitude_error, *v.direction, *v.direction_error, v.p_value)
-        for v in vectors.values()
+        (*v.value, *v.sigma, *v.covariance[np.triu_indices(3, 1)], v.amplitude, v.amplitude_error, v.debiased_amplitude, v.amplitude_limit(0.95),
+         *v.direction, *v.direction_error, chances.get(kinds[name], v.p_value))
+        for name, v in vectors.items()
     ]  # fmt: skip
     heads = ("x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "cov_xy", "cov_xz", "cov_yz", *names)
     values = np.array(rows, float).reshape(-1, len(heads)).T
-    unit = solution.unit
-    units = dict.fromkeys(heads[:6] + names[:2], unit) | dict.fromkeys(heads[6:9], f"({unit})2" if unit else "")
-    units |= dict.fromkeys(names[2:6], "deg")
+    unit = solution.unit.replace("µ", "u")  # as astropy writes it
+    units = dict.fromkeys(heads[:6] + names[:4], unit) | dict.fromkeys(heads[6:9], f"({unit})2" if unit else "")
+    units |= dict.fromkeys(names[4:8], "deg")
     meta = {
         "frame": solution.frame, "lmax": solution.modes.lmax, "n_sources": solution.n_sources, "n_data": solution.n_data,
         "chi2": float(solution.chi2), "reduced_chi2": float(solution.reduced_chi2), "errors_from": solution.errors_from,
@@ -61,5 +68,5 @@ def powers_table(solution: HarmonicSolution) -> Table:
     numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
     columns = {"kind": np.array([d.kind for d in found]), "l": np.array([d.l for d in found])}
     columns |= {name: np.array([getattr(d, name) for d in found], float) for name in numbers}
-    unit = f"({solution.unit})2" if solution.unit else ""
+    unit = f"({solution.unit.replace('µ', 'u')})2" if solution.unit else ""
     return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], unit) if unit else {})

@@ -141,9 +141,13 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
     if absent:
         (role, name), *others = absent
         also = f"; missing too: {', '.join(printable(other) for _, other in others)}" if others else ""
-        raise TableError(
-            f"{source.label}: {missing_column(name, source)}{also}. Say which it is: columns={{{role!r}: …}} (--columns {role}=…)"
+        fits = [
+            known for known, names in NAMED.items() if all(getattr(names, each) in source.names for each in REQUIRED)
+        ]
+        which = (
+            f"columns={fits[0]!r} (--columns {fits[0]})" if fits else f"columns={{{role!r}: …}} (--columns {role}=…)"
         )
+        raise TableError(f"{source.label}: {missing_column(name, source)}{also}. Say which it is: {which}")
     return where, said
 
 

@@ -27,6 +27,7 @@ from vsh.checks import arguments
 from vsh.checks.arguments import whole
 from vsh.checks.notes import DroppedRows, dropped, merge_notes, printable
 from vsh.checks.types import OnBad, PathName
+from vsh.checks.validation import PLACEHOLDER, placeholders
 from vsh.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
 from vsh.field import Field
 from vsh.parts import OPTIONAL
@@ -51,12 +52,12 @@ def read_field(
     Parameters
     ----------
     source : path, astropy Table or QTable, pandas DataFrame, Arrow stream, dict or structured array
-        Files: FITS, VOTable, ECSV, CSV, Parquet, or a folder of them; text and FITS also packed with
-        gzip. Only the columns that are needed are read. Objects of pyarrow, polars and DuckDB are
+        Files: FITS, VOTable, ECSV, CSV, Parquet, HDF5, tables of journals (MRT), or a folder of them; text and FITS
+        also packed with gzip. Only the columns that are needed are read. Objects of pyarrow, polars and DuckDB are
         taken by their `__arrow_c_stream__`, classes made from DataFrame (LSDB's) as DataFrames.
-    columns : Columns, "gaia", "vizier" or dict, optional
+    columns : Columns, "gaia", "vizier", "icrf" or dict, optional
         Where the table keeps what; Gaia's archive names unless given. A dict goes from roles to names, with "names"
-        for one of the two sets that it changes: {"names": "vizier", "redshift": "zsp"}.
+        for one of these sets that it changes: {"names": "vizier", "redshift": "zsp"}.
     units : dict, optional
         From column names of the table to units, "uas/yr" say; they override the table's.
         A column without a unit is taken in Gaia's (deg, mas/yr) if it has Gaia's name,
@@ -183,7 +184,7 @@ class _maker:
         self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
 
     def __call__(self, block, first_row=0):
-        found, said = {}, list(self.said)
+        found, raw, said = {}, {}, list(self.said)
         if self.chosen:
             block, first_row, note = self.chosen.of(block, first_row)
             said += note
@@ -196,9 +197,13 @@ class _maker:
                 said += more
             else:
                 found[role] = plain(name, values, mask)
+                if role in REQUIRED[2:]:  # what marks missing values does so in the table's own units
+                    raw[role] = np.ma.filled(np.ma.asarray(found[role], float), np.nan)
                 if role in REQUIRED:
                     found[role] = found[role] * self.factors[role]
         doubt_positions(found, self.assumed)
+        if (marked := placeholders(raw)).any():
+            found["unusable"] = found.get("unusable", {}) | {PLACEHOLDER: marked}
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(
                 **found,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields, is_dataclass
 from html import escape
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,11 +15,16 @@ _WIDTH = 160
 class InNotebook:
     """Gives a noun a form in notebooks: its attributes in a table; arrays by their shape and range, missing ones not at all."""
 
+    #: Units of attributes, by name.
+    units_shown: ClassVar[dict[str, str]] = {}
+
     def _repr_html_(self) -> str:
         if type(self).__str__ is not object.__str__:  # it says itself what there is to say
             return f"<pre>{escape(str(self))}</pre>"
         names = [each.name for each in fields(self)] if is_dataclass(self) else list(_public(self))
         rows = {name: shown(getattr(self, name)) for name in names if not name.startswith("_")}
+        for name in rows.keys() & self.units_shown.keys():
+            rows[name] = f"{rows[name]} {self.units_shown[name]}" if rows[name] else None
         return as_html(type(self).__name__, {**rows, **self._facts()}, heading=self._heading())
 
     def _heading(self) -> str:

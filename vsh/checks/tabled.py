@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from vsh import tables
 from vsh.checks.types import PathName, Table
@@ -11,6 +11,10 @@ from vsh.checks.weighed import Weighed
 
 class Tabled(Weighed):
     """What a noun of sources knows of tables; `_table` gives its columns, their units, and plain facts, all by name."""
+
+    units_shown: ClassVar[dict[str, str]] = {
+        "lon": "rad", "lat": "rad", "motion": "µas/yr", "sigma": "µas/yr", "distance": "Mpc", "distance_error": "Mpc",
+    }  # fmt: skip
 
     def _table(self) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
         raise NotImplementedError

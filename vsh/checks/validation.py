@@ -24,10 +24,10 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
     ----------
     column : str
         Its name, for messages.
-    value : array, masked array or Quantity
+    value : array, masked array, Quantity or column of a table
         As a table has it.
     unit : str
-        To which a Quantity is converted.
+        To which a Quantity is converted, and a column with a unit, where one is named.
 
     Raises
     ------
@@ -41,6 +41,11 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
             value = value.to_value(unit or "")
         except (ValueError, TypeError) as error:  # astropy's UnitConversionError is one
             raise FieldError(f"{column} cannot be converted to {unit or 'a plain number'}: {error}") from None
+    elif unit and hasattr(getattr(value, "unit", None), "to"):  # a column of an astropy Table
+        try:
+            value = value * value.unit.to(unit)
+        except (ValueError, TypeError) as error:
+            raise FieldError(f"{column} cannot be converted to {unit}: {error}") from None
     if hasattr(value, "to_numpy") and not hasattr(value, "__array_interface__"):  # pandas' nullable columns
         value = value.to_numpy()
     missing = np.ma.getmaskarray(value) if np.ma.isMaskedArray(value) else getattr(value, "mask", None)
@@ -121,7 +126,7 @@ def invalid_rows(
     """
     reasons: dict[str, Any] = dict(further or {})
     if placeholders is not None:
-        reasons["a value such as -9999 that marks missing data"] = placeholders
+        reasons[PLACEHOLDER] = placeholders
     reasons = reasons | {
         "position not finite": ~(np.isfinite(lon) & np.isfinite(lat)),
         f"{what} not finite": ~np.isfinite(motion).all(0),
@@ -145,6 +150,7 @@ def invalid_rows(
 
 
 #: What catalogues write where they have no value; no motion and no error is exactly one of these.
+PLACEHOLDER = "a value such as -9999 that marks missing data"
 _PLACEHOLDERS = np.array([9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e20, 1e30, 1.6375e30])
 #: These a motion might be; not both components of a source.
 _LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99])

@@ -40,6 +40,8 @@ _OPTIONS = {
 #: The same for values of options.
 _VALUES = {
     "planck": ("planck2020overview",),
+    "student": ("lange1989",),
+    "permissive": ("sivia2006",),
     "crf3": ("gaia2016", "gaia2022crf3"),
     "gaia-crf3": ("gaia2022crf3",),
     "gaia-edr3-qso": ("gaia2022crf3",),

@@ -14,7 +14,7 @@ from typing import Any
 NOT_KEPT = ("config", "output", "html", "overwrite", "json", "latex", "quiet", "log", "citation")
 #: What a run writes its configuration to, in its folder of results.
 NAME = "run.toml"
-_NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
+NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Configuration:
 
     def text(self) -> str:
         """The file, as TOML."""
-        lines = [f"# Repeats a run: {self.command} --config {NAME} --output NEW"]
+        lines = [f"# Repeats a run, from the folder that it was made in: {self.command} --config {NAME} --output NEW"]
         lines += [f"command = {_toml(self.command)}", f"version = {_toml(self.version)}", "", "[options]"]
         lines += [f"{name} = {_toml(value)}" for name, value in self.options.items() if name not in NOT_KEPT]
         if self.files:
@@ -98,6 +98,7 @@ def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, An
     dict of str to str, True or a tuple of str
     """
     actions = parser._actions
+    parser.usage = parser.format_usage().split(": ", 1)[1].strip()  # of the parser as it was
     for action in actions:
         action.type = action.choices = None
         action.default, action.required = argparse.SUPPRESS, False
@@ -201,7 +202,7 @@ def _toml(value):
         return "true"
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(map(_toml, value))}]"
-    return value if _NUMBER.fullmatch(value) else _quoted(value)
+    return value if NUMBER.fullmatch(value) else _quoted(value)
 
 
 def _quoted(text):

@@ -15,7 +15,7 @@ import numpy as np
 
 import vsh
 from vsh.commands import figures, outputs, running
-from vsh.commands.configuration import NOT_KEPT
+from vsh.commands.configuration import NOT_KEPT, NUMBER
 
 if TYPE_CHECKING:
     from vsh.checks.types import Table
@@ -152,7 +152,7 @@ def as_json(options: argparse.Namespace, found: Found) -> str:
     told = {
         "command": options.program,
         "version": vsh.__version__,
-        "options": {name: value for name, value in options.given.items() if name not in NOT_KEPT},
+        "options": {name: _typed(value) for name, value in options.given.items() if name not in NOT_KEPT},
         "notes": [str(note) for note in found.notes],
         "tables": {name: _columns(table) for name, table in found.tables.items()},
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],
@@ -191,6 +191,11 @@ def _columns(table):
         for name in table.colnames
     }
     return {"meta": meta, "columns": columns}
+
+
+def _typed(value):
+    """A word as a number, where it is one."""
+    return json.loads(value) if isinstance(value, str) and NUMBER.fullmatch(value) else value
 
 
 def _plain(value):

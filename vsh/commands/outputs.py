@@ -127,7 +127,7 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
         (folder / "citation.bib").write_text(citing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
         files = sorted(x.name for x in folder.iterdir())
         mark = {"command": options.program, "files": files} | provenance
-        (folder / MARK).write_text(json.dumps(mark, indent=1, default=str, ensure_ascii=False), encoding="utf-8")
+        (folder / MARK).write_text(json.dumps(mark, indent=1, default=str, ensure_ascii=False) + "\n", encoding="utf-8")
         check_folder(options.output, options.program, options.overwrite)  # somebody else may have written meanwhile
 
 

@@ -58,7 +58,7 @@ def parse(words: Any, arguments: Sequence[str] | None = None) -> argparse.Namesp
     options.program = parser.prog
     options.expected = {} if kept is None else dict(kept.files)
     options.given = configuration.given(words.make_parser(), joined)
-    options.command = [parser.prog, *map(_told, said)]
+    options.command = [parser.prog, *map(_told, said if kept is None else _without_config(joined))]
     return options
 
 
@@ -89,6 +89,17 @@ def _says(option, words):
     """Whether an option is among words, perhaps shortened."""
     heads = {word.partition("=")[0] for word in words}
     return any(len(head) > 4 and option.startswith(head) for head in heads)
+
+
+def _without_config(words):
+    """The words, without those that name a configuration: what it says is among them."""
+    left, skip = [], False
+    for word in words:
+        if skip or _says("--config", [word]):
+            skip = not skip and "=" not in word  # its value is the next word
+        else:
+            left.append(word)
+    return left
 
 
 def _told(word):

@@ -13,6 +13,8 @@ from vsh.vector import Vector
 
 #: A cone as wide as this says nothing of where a vector points. [deg]
 _LOST = 80.0
+#: Nor does a vector that noise alone gives as often as this; reports say that its direction is not determined.
+_CHANCE = 0.05
 
 
 def draw_sources(axes: SkyAxes, lon: FloatArray, lat: FloatArray, *, max_sources: int = 20_000, **style: Any) -> Any:
@@ -104,7 +106,7 @@ def draw_direction(
     lon, lat = np.radians(vector.direction)
     known = bool(np.any(vector.covariance))
     cone = vector.direction_cone(probability) if known else 0.0
-    if cone > _LOST:
+    if cone > _LOST or vector.p_value > _CHANCE:
         return axes.scatter([], [], marker="*", s=0, color=color, label=f"{label}: direction not known")
     if cone > 0:
         p, q, r = triad(lon, lat)

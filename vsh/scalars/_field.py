@@ -60,6 +60,7 @@ class ScalarField(Tabled):
     notes: tuple[str, ...] = ()
 
     components: ClassVar[int] = 1
+    units_shown: ClassVar[dict[str, str]] = {"lon": "rad", "lat": "rad"}
     #: Said where a Field is wanted.
     not_taken: ClassVar[str] = ": it holds numbers, not motions"
 

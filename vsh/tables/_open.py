@@ -133,7 +133,7 @@ def _open_path(path, format):
             return _open_folder(path, label, format)
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
-        kind = INPUT_FORMATS[format] if format else _kind(path)
+        kind = INPUT_FORMATS[format] if format else _kind(path, label)
         if kind == "parquet":
             return open_parquet([path], label)
         return _READERS[kind](path, label)
@@ -143,11 +143,11 @@ def _open_path(path, format):
         raise TableError(f"{label} cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
-def _kind(path):
+def _kind(path, label):
     """The format of a file by its ending, or by its first bytes."""
     try:
         return format_of(path, _READ_ONLY)
-    except TableError as unknown:
+    except TableError:
         with path.open("rb") as file:
             begin = file.read(2**14)
         if begin[:2] == b"\x1f\x8b":
@@ -158,7 +158,13 @@ def _kind(path):
         for pattern, kind in _BEGINNINGS:
             if pattern.match(begin):
                 return kind
-        raise TableError(f"{unknown}; or say it: format=…, --input-format {'|'.join(INPUT_FORMATS)}") from None
+        known = (
+            "" if label == STANDARD_INPUT else f" Known endings: {', '.join(FORMATS | _READ_ONLY)}, each also with .gz."
+        )
+        raise TableError(
+            f"{label}: what format is this?{known} Say it: --input-format {'|'.join(INPUT_FORMATS)}, where ascii is any text in "
+            "columns (format=…)"
+        ) from None
 
 
 def _open_folder(path, label, format):

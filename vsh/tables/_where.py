@@ -96,7 +96,9 @@ class Where(InNotebook):
                     if near
                     else f". It has {', '.join(map(printable, names[:50]))}"
                 )
-                raise TableError(f"--where: {label} has no column {printable(name)!r}{hint}")
+                raise TableError(
+                    f"--where: {label} has no column {printable(name)!r}{hint}. Conditions take the table's own names"
+                )
 
     def rows(self, block: Mapping[str, Any]) -> tuple[BoolArray, BoolArray]:
         """Which rows are selected, and of which that is not known for a missing value: those are not.

@@ -43,7 +43,9 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
     except (TableError, MemoryError):
         raise
     except ImportError as error:
-        raise TableError(f"{label}: HDF5 needs h5py: pip install h5py ({first_line(error)})") from error
+        raise TableError(
+            f"{label}: HDF5 needs h5py: pip install 'vsh-astrometry[hdf5]' ({first_line(error)})"
+        ) from error
     except Exception as error:  # whatever a damaged file makes of h5py and of the readers of text
         raise TableError(f"{label} cannot be read as {kind.removeprefix('ascii.')}: {first_line(error)}") from error
     if not len(table):

@@ -35,7 +35,7 @@ def test_json_is_the_result(capsys):
     told = json.loads(capsys.readouterr().out)
     solution = fit.fit_field(catalogue.read_field(str(ROOT / "fit" / "demo.fits")), 2)
     assert told["command"] == "vsh-fit"
-    assert told["options"] == {"demo": True, "lmax": "2"}
+    assert told["options"] == {"demo": True, "lmax": 2}
     vectors = told["tables"]["vectors"]
     assert vectors["meta"]["n_sources"] == 4000
     columns = {name: column["values"] for name, column in vectors["columns"].items()}
