@@ -19,6 +19,7 @@ from vsh.covariance import Covariance
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts
+from vsh.system.logs import told
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,7 @@ class CrossCheck(Result):
         return self.frame.plot(ax=ax)
 
 
+@told("cross-check")
 @arguments.accepts(field=arguments.a(Field, Parts))
 def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | None = None) -> CrossCheck:
     """Fit degree 1 to a field by both solvers and compare.

@@ -19,8 +19,10 @@ from vsh.checks.types import Table
 from vsh.covariance import Spectrum
 from vsh.errors import DegeneracyError, ModesError
 from vsh.modes import Modes
+from vsh.system.logs import told
 
 
+@told("floor")
 @dataclass(frozen=True, eq=False, repr=False)
 class Floor(Result):
     """What the power of the higher degrees says of errors that sources share, and what it implies for degree 1.

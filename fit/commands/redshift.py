@@ -73,6 +73,13 @@ def _run(options):
             f"{source.label} has no column of redshifts: name it, --columns redshift=NAME. "
             f"The table has {', '.join(source.names)}"
         )
+    told = next(iter(whole)).redshift_frame if isinstance(whole, Parts) else whole.redshift_frame
+    frame = options.redshift_frame or told or "not known"
+    lines = [
+        f"redshifts       {frame}" + ("" if frame in ("true", "not known") else ", taken to the microwave background")
+    ]
+    if options.redshift_frame and told and told != options.redshift_frame:
+        lines.append(f"warning         the table says that its redshifts are {told}; --redshift-frame prevails")
     counts = {}
     if not isinstance(whole, Parts):
         refused = dropped(whole.notes)
@@ -80,7 +87,7 @@ def _run(options):
     if options.clip:
         whole = _clipped(whole, options.clip)
     velocity, cosmology = reading.velocity_of(options.velocity), _cosmology(options)
-    results, texts, truth = {}, [], catalogue.truth_of(source)
+    results, texts, truth = {}, ["\n".join(lines) + "\n"], catalogue.truth_of(source)
     if options.bins:
         results["bins"] = _binned(whole, options)
         texts.append(results["bins"].report(p_values=_p_values(whole, results["bins"], options)))

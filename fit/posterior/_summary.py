@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
+from fit.sampling import inference_data
 from fit.storage import Result, words
 from vsh import tables
 from vsh.checks.arrays import float_array
@@ -149,6 +150,20 @@ class Samples(SampleResult):
     notes: tuple[str, ...]
     priors: dict
     seed: int
+
+    def to_arviz(self) -> Any:
+        """The samples as arviz' InferenceData, one chain: as `Posterior.to_arviz`, without log-probabilities.
+
+        Returns
+        -------
+        arviz.InferenceData
+
+        Raises
+        ------
+        ImportError
+            If arviz is not installed.
+        """
+        return inference_data({name: values[None] for name, values in self.samples.items()}, None, self.frame, UNITS)
 
     def __repr__(self) -> str:
         return f"<Samples: {len(self.samples['H0'])} of {', '.join(self.samples)}, {self.frame}>"

@@ -29,6 +29,7 @@ from vsh.modes import Modes
 from vsh.parts import Parts
 from vsh.scalars import ScalarField
 from vsh.sky.pixels import pixels_of
+from vsh.system.logs import told
 from vsh.system.progress import progress_bar
 
 #: Beyond this, the normal matrices of all blocks are not kept at once. [bytes]
@@ -89,6 +90,7 @@ def block_bootstrap(
     return Resampled("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
+@told("jackknife")
 @arguments.accepts(field=arguments.a(Field, ScalarField, Parts), nside=arguments.whole)
 def jackknife(
     field: Field | ScalarField | Parts,

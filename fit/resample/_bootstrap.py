@@ -29,6 +29,7 @@ from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
 from vsh.scalars import ScalarField
+from vsh.system.logs import told
 from vsh.system.parallel import map_blocks
 from vsh.system.progress import progress_bar
 
@@ -38,6 +39,7 @@ LARGE, SOURCES_PER_COEFFICIENT = 20_000, 100
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
 
 
+@told("bootstrap")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed
 )

@@ -23,6 +23,7 @@ from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts, median
 from vsh.scalars import ScalarField
+from vsh.system.logs import told
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +92,7 @@ class Clipped(AboutSolution):
         return self.factor**4
 
 
+@told("clipped")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts), threshold=arguments.positive, max_rounds=arguments.whole
 )

@@ -17,6 +17,7 @@ from vsh.errors import ConvergenceError
 from vsh.field import Field
 from vsh.modes import Modes, as_modes
 from vsh.parts import Parts, as_parts
+from vsh.system.logs import told
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,7 @@ class ExcessNoise(AboutSolution):
     n_rounds: int
 
 
+@told("excess noise")
 @arguments.accepts(field=arguments.a(Field, Parts), tolerance=arguments.positive, max_rounds=arguments.whole)
 def excess_noise(
     field: Field | Parts, modes: Modes | int, *, scale: bool = False, tolerance: float = 1e-4, max_rounds: int = 100

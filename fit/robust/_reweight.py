@@ -25,6 +25,7 @@ from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
 from vsh.scalars import ScalarField
+from vsh.system.logs import told
 
 #: Rounds after which leverages are held fixed.
 _ADAPTING = 15
@@ -80,6 +81,7 @@ class Reweighted(AboutSolution):
         return np.argsort(self.weights, kind="stable")[:n_sources]
 
 
+@told("Student-t")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts),
     nu=arguments.positive,
@@ -134,6 +136,7 @@ def student_t(
     return _reweighted(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
 
 
+@told("permissive")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts), tolerance=arguments.positive, max_rounds=arguments.whole
 )

@@ -14,7 +14,7 @@ _AXES = ("x", "y", "z")
 
 
 def inference_data(
-    samples: Mapping[str, FloatArray], log_probability: FloatArray, frame: str, units: Mapping[str, str]
+    samples: Mapping[str, FloatArray], log_probability: FloatArray | None, frame: str, units: Mapping[str, str]
 ) -> Any:
     """arviz' InferenceData (its DataTree from version 1 on) of samples, each (chains, draws).
 
@@ -22,7 +22,7 @@ def inference_data(
     ----------
     samples : dict of str to (chains, draws) array
         By name; v_x, v_y, v_z become a velocity with the coordinate `axis`, too, and a_x, a_y, a_z an acceleration.
-    log_probability : (chains, draws) array
+    log_probability : (chains, draws) array or None
         In sample_stats.
     frame : str
         Of the vectors.
@@ -47,7 +47,8 @@ def inference_data(
             about[vector] = {"unit": units.get(parts[0], ""), "frame": frame}
     vectors = [name for name, values in variables.items() if np.ndim(values) == 3]
     where = {"coords": {"axis": list(_AXES)}, "dims": {name: ["axis"] for name in vectors}}
-    groups = {"posterior": variables, "sample_stats": {"lp": log_probability}}
+    groups: dict[str, Any] = {"posterior": variables}
+    groups |= {} if log_probability is None else {"sample_stats": {"lp": log_probability}}
     new = int(arviz.__version__.split(".")[0]) >= 1
     found = arviz.from_dict(groups, **where) if new else arviz.from_dict(**groups, **where)
     for name, facts in about.items():

@@ -107,7 +107,7 @@ def _crf3(options):
 def _finish(options, notes, meta, what):
     """The configuration that repeats it, and what is said."""
     with atomic_write(_repeats(options)) as new:
-        new.write_text(outputs.repeats(options), encoding="utf-8")
+        new.write_text(outputs.repeats(options, name=_repeats(options).name), encoding="utf-8")
     text = "\n".join([*notes, f"written to {options.output}: {what}"])
     truth = {name: value for name, value in meta.items() if isinstance(value, (int, float))}
     from vsh.tables import table_of
@@ -145,7 +145,8 @@ def _population(options, rng, chosen):
             )
         frame = options.map_frame or named or "icrs"
     if options.kind == "galaxies":
-        return sim.galaxies(options.number, rng, sky, map_frame=frame)
+        low, high = options.redshift_range or (0.001, 0.03)
+        return sim.galaxies(options.number, rng, sky, map_frame=frame, min_redshift=low, max_redshift=high)
     if options.kind == "vlbi":
         return sim.vlbi_quasars(
             sim.quasars(max(options.number, 500_000), rng, sky, map_frame=frame), options.number, chosen
@@ -156,6 +157,8 @@ def _population(options, rng, chosen):
 def _plain(options):
     """All options but those that change nothing."""
     other = (*running.NOT_TOLD, "threads")
+    if options.kind == "crf3":
+        other += (*words.NOT_OF_CRF3, "h0", "tau")
     kept = {key: value for key, value in vars(options).items() if key not in other}
     if options.velocity is not None:
         ours = reading.velocity_of(options.velocity)

@@ -13,6 +13,7 @@ from astropy.table import Table
 from conftest import ROOT, real_catalogue
 
 import fit.commands.fit
+import sim
 from sim.commands.simulate import main
 from vsh.catalogue import read_field, truth_of
 
@@ -129,3 +130,33 @@ def test_a_killed_run_leaves_no_broken_file(tmp_path):
         run.send_signal(signal.SIGKILL)
         run.wait()
         assert not path.exists()
+
+
+def test_a_release_has_its_errors(tmp_path):
+    """Found by a newcomer: DR5 had ten years' transits in five."""
+    for release in ("DR3", "DR4", "DR5"):
+        path = tmp_path / f"{release}.fits"
+        assert main(["galaxies", "--number", "300", "--release", release, "--output", str(path), "--quiet"]) == 0
+        table = Table.read(path)
+        wanted = sim.gaia_errors(np.asarray(table["phot_g_mean_mag"]), release)
+        found = 1000 * np.stack([table["pmra_error"], table["pmdec_error"]])
+        assert np.median(found / wanted) == pytest.approx(1, abs=0.15)
+
+
+def test_redshifts_of_galaxies(tmp_path):
+    words = [
+        "galaxies",
+        "--number",
+        "50",
+        "--no-transits",
+        "--redshift-range",
+        "0.01,0.02",
+        "--output",
+        str(tmp_path / "g.fits"),
+    ]
+    assert main(words) == 0
+    z = Table.read(tmp_path / "g.fits")["redshift"]
+    assert 0.01 <= z.min() < z.max() <= 0.02
+    for wrong in ("0.02,0.01", "0.01", "0,1"):
+        with pytest.raises(SystemExit):
+            main([*words[:5], wrong, *words[6:]])

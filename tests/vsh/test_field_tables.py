@@ -4,6 +4,7 @@ import astropy.units as u
 import numpy as np
 import pytest
 from astropy.coordinates import SkyCoord
+from astropy.table import Table
 
 from vsh import Field, FieldError, FrameError, ScalarField, Vector, catalogue
 from vsh.checks.notebook import shown
@@ -32,6 +33,22 @@ def test_other_frames_turn_as_astropy_turns_them():
         assert there.frame == ours
         here = Field.from_skycoord(COORD, *ERRORS).to_frame(ours)
         np.testing.assert_allclose(there.motion, here.motion, rtol=0, atol=2e-9)
+
+
+def test_columns_of_a_table_keep_their_units():
+    """Found by a newcomer: errors in µas/yr were taken for mas/yr."""
+    table = Table(
+        {"pmra_error": ERRORS[0], "pmdec_error": ERRORS[1]},
+        units=dict.fromkeys(["pmra_error", "pmdec_error"], "uas/yr"),
+    )
+    field = Field.from_skycoord(COORD, table["pmra_error"], table["pmdec_error"])
+    np.testing.assert_allclose(field.sigma, ERRORS, rtol=1e-14)
+    masked = Table(table, masked=True)
+    masked["pmra_error"].mask[2] = True
+    assert len(Field.from_skycoord(COORD, masked["pmra_error"], masked["pmdec_error"], on_bad="drop")) == N - 1
+    table["pmra_error"].unit = "m"
+    with pytest.raises(FieldError, match="pmra_error cannot be converted to mas / yr"):
+        Field.from_skycoord(COORD, table["pmra_error"], table["pmdec_error"])
 
 
 @pytest.mark.parametrize(

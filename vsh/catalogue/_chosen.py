@@ -21,6 +21,8 @@ class Chosen:
         The condition, as for `vsh.tables.Where`.
     source : TableSource
         The table.
+    roles : dict of str to str, optional
+        Columns by role.
 
     Attributes
     ----------
@@ -33,10 +35,16 @@ class Chosen:
         If it is no condition, or the table has not all of its columns.
     """
 
-    def __init__(self, where: str, source: tables.TableSource) -> None:
+    def __init__(self, where: str, source: tables.TableSource, roles: Mapping[str, str] | None = None) -> None:
         self._where = tables.Where(where)
-        self._where.check(source.names, source.label)
-        self.names = self._where.names
+        # A role stands for the column that has it, where no column is called so: redshift for redshift_qsoc.
+        self._roles = {
+            name: (roles or {})[name]
+            for name in self._where.names
+            if name not in source.names and name in (roles or {})
+        }
+        self._where.check((*source.names, *self._roles), source.label)
+        self.names = tuple(dict.fromkeys(self._roles.get(name, name) for name in self._where.names))
 
     def of(self, block: Mapping[str, Any], first_row: int) -> tuple[dict[str, Any], Any, list[str]]:
         """The selected rows of a block, their numbers, and a note that counts the others.
@@ -53,7 +61,8 @@ class Chosen:
         NothingSelectedError
             If no row is selected.
         """
-        selected, unknown = self._where.rows({name: block[name] for name in self.names} or block)
+        read = {name: block[self._roles.get(name, name)] for name in self._where.names}
+        selected, unknown = self._where.rows(read or block)
         counts = {FALSE: int((~selected & ~unknown).sum()), MISSING: int(unknown.sum())}
         counts = {why: count for why, count in counts.items() if count}
         mark = [

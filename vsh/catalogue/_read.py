@@ -170,9 +170,9 @@ class _maker:
 
     def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None):
         self.source = source
-        self.chosen = None if where is None else Chosen(where, self.source)
-        where, self.said = locate(as_columns(columns), self.source)
-        self.where = {role: name for role, name in where.items() if role not in OPTIONAL or role in roles}
+        located, self.said = locate(as_columns(columns), self.source)
+        self.chosen = None if where is None else Chosen(where, self.source, located)
+        self.where = {role: name for role, name in located.items() if role not in OPTIONAL or role in roles}
         self.frame = frame_of(self.where, frame, self.source.meta)
         self.redshift_frame = redshift_frame_of(self.where, self.source)
         self.factors, assumed = factors(self.where, units, self.source)
@@ -202,7 +202,10 @@ class _maker:
                 if role in REQUIRED:
                     found[role] = found[role] * self.factors[role]
         doubt_positions(found, self.assumed)
-        if (marked := placeholders(raw)).any():
+        flat = all(
+            values.shape == raw["pmra"].shape == (len(values),) for values in raw.values()
+        )  # others are refused below
+        if flat and (marked := placeholders(raw)).any():
             found["unusable"] = found.get("unusable", {}) | {PLACEHOLDER: marked}
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(

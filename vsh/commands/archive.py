@@ -53,7 +53,8 @@ def _run(options):
     was = f"{path} was there already: nothing was asked" + (
         "" if known else "; whether it answers this query is not known"
     )
-    Path(f"{path}.{configuration.NAME}").write_text(outputs.repeats(options), encoding="utf-8")
+    beside = Path(f"{path}.{configuration.NAME}")
+    beside.write_text(outputs.repeats(options, name=beside.name), encoding="utf-8")
     finishing.tell(options, finishing.Found(was if there else f"written to {path}"))
 
 

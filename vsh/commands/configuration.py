@@ -38,9 +38,15 @@ class Configuration:
     version: str = ""
     files: Mapping[str, str] = field(default_factory=dict)
 
-    def text(self) -> str:
-        """The file, as TOML."""
-        lines = [f"# Repeats a run, from the folder that it was made in: {self.command} --config {NAME} --output NEW"]
+    def text(self, name: str = NAME) -> str:
+        """The file, as TOML.
+
+        Parameters
+        ----------
+        name : str
+            That it will have.
+        """
+        lines = [f"# Repeats a run, from the folder that it was made in: {self.command} --config {name} --output NEW"]
         lines += [f"command = {_toml(self.command)}", f"version = {_toml(self.version)}", "", "[options]"]
         lines += [f"{name} = {_toml(value)}" for name, value in self.options.items() if name not in NOT_KEPT]
         if self.files:

@@ -54,7 +54,7 @@ def tell(options: argparse.Namespace, found: Found) -> None:
         What there is to tell.
     """
     if options.json:
-        print(as_json(options, found))
+        print(as_json(options, found), flush=True)  # who reads may have seen enough
     elif options.latex:
         running.say((found.latex or (lambda: "\n\n".join(map(as_latex, found.tables.values()))))())
     elif not options.quiet:
@@ -178,6 +178,8 @@ def as_latex(table: Table) -> str:
     for name in shown.colnames:
         if shown[name].dtype.kind == "f":
             shown[name].info.format = "%.5g"
+        elif shown[name].dtype.kind in "US":
+            shown[name] = [str(each).replace("_", r"\_") for each in shown[name]]
     shown.rename_columns(shown.colnames, [name.replace("_", r"\_") for name in shown.colnames])
     rules = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
     ascii.write(shown, out, format="latex", latexdict=rules)

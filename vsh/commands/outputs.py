@@ -131,7 +131,9 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
         check_folder(options.output, options.program, options.overwrite)  # somebody else may have written meanwhile
 
 
-def repeats(options: argparse.Namespace, provenance: Mapping[str, Any] | None = None) -> str:
+def repeats(
+    options: argparse.Namespace, provenance: Mapping[str, Any] | None = None, name: str = configuration.NAME
+) -> str:
     """The configuration that repeats a run, as TOML.
 
     Parameters
@@ -140,6 +142,8 @@ def repeats(options: argparse.Namespace, provenance: Mapping[str, Any] | None = 
         Of `vsh.commands.parsing.parse`.
     provenance : dict, optional
         With names and hashes of the files that were read.
+    name : str
+        Of the file to be.
 
     Returns
     -------
@@ -147,7 +151,7 @@ def repeats(options: argparse.Namespace, provenance: Mapping[str, Any] | None = 
     """
     files, hashes = ((provenance or {}).get(key, []) for key in ("catalogue", "sha256"))
     read = dict(zip(files, hashes, strict=True)) if isinstance(files, list) else {files: hashes}
-    return configuration.Configuration(options.program, options.given, vsh.__version__, read).text()
+    return configuration.Configuration(options.program, options.given, vsh.__version__, read).text(name)
 
 
 def _check_parent(path, shown, made=False):

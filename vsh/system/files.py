@@ -47,7 +47,8 @@ def atomic_write(path: PathName) -> Iterator[Path]:
             os.fsync(written.fileno())  # else a power cut could leave an empty file under the name
         os.chmod(new, _mode(path))
         os.replace(new, path)
-        _LOG.info("written: %s", path)
+        if _UNFINISHED not in str(path):  # of a folder the whole is told
+            _LOG.info("written: %s", path)
     finally:
         new.unlink(missing_ok=True)
 
@@ -86,6 +87,7 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
             _exchange(new, path)
         else:
             os.replace(new, path)
+        _LOG.info("written: %s", path)
     finally:
         shutil.rmtree(new, ignore_errors=True)
 

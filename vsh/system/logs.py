@@ -5,9 +5,12 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from contextvars import ContextVar
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
+#: Within a step that tells of itself its own steps do not.
+_INSIDE: ContextVar[bool] = ContextVar("inside", default=False)
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
@@ -43,8 +46,11 @@ def told(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
         def timed(*args: _P.args, **options: _P.kwargs) -> _T:
             if not logger.isEnabledFor(logging.INFO):
                 return function(*args, **options)
-            begin = time.perf_counter()
-            found = function(*args, **options)
+            begin, outer = time.perf_counter(), _INSIDE.set(True)
+            try:
+                found = function(*args, **options)
+            finally:
+                _INSIDE.reset(outer)
             tell(logger, words, found, begin)
             return found
 
@@ -67,11 +73,11 @@ def tell(logger: logging.Logger, words: str, found: object, begin: float) -> Non
     begin : float
         When it began, by `time.perf_counter`.
     """
-    if logger.isEnabledFor(logging.INFO):
+    if not _INSIDE.get():
         logger.info("%s: %s, %.3g s", words, _short(found), time.perf_counter() - begin)
 
 
 def _short(found):
     """In one line."""
     lines = repr(found).strip("<>").splitlines()
-    return lines[0][:200] if lines else ""
+    return lines[0] if len(lines) == 1 and len(lines[0]) < 200 else type(found).__name__

@@ -262,6 +262,9 @@ def test_arviz():
     assert velocity.attrs == {"unit": "km/s", "frame": found.frame}
     assert posterior["H0"].attrs["unit"] == "km/s/Mpc"
     assert data["sample_stats"]["lp"].shape == posterior["H0"].shape
+    kept = found.kept().to_arviz()["posterior"]  # what a file keeps: one chain
+    assert kept["velocity"].shape == (1, posterior["H0"].size, 3)
+    np.testing.assert_array_equal(np.sort(kept["H0"].values.ravel()), np.sort(posterior["H0"].values.ravel()))
 
 
 def test_a_posterior_without_limits_says_so():

@@ -240,3 +240,32 @@ def test_every_missing_column_is_named():
     bad.rename_column("ra", "RA")
     with pytest.raises(TableError, match="no column 'ra'.*nearest: RA. Say"):
         read_field(bad)
+
+
+@pytest.mark.parametrize("column", ["pmra", "pmdec_error"])
+@pytest.mark.parametrize("mark", [-9999.0, 99999.0, 1e20])
+def test_what_marks_missing_values_does_so_in_any_unit(column, mark):
+    """Found by a newcomer: in µas/yr −9999 was a motion."""
+    made = table()
+    for name in ("pmra", "pmdec", "pmra_error", "pmdec_error"):
+        made[name] = 1000 * np.asarray(made[name], float)
+        made[name].unit = "uas/yr"
+    made[column][3] = abs(mark) if column.endswith("error") else mark
+    with pytest.raises(FieldError, match="marks missing data"):
+        read_field(made)
+    assert len(read_field(made, on_bad="drop")) == len(made) - 1
+
+
+def test_names_of_vizier_are_told():
+    made = table()
+    for old, new in {
+        "ra": "RA_ICRS",
+        "dec": "DE_ICRS",
+        "pmra": "pmRA",
+        "pmdec": "pmDE",
+        "pmra_error": "e_pmRA",
+        "pmdec_error": "e_pmDE",
+    }.items():
+        made.rename_column(old, new)
+    with pytest.raises(TableError, match=r"Say which it is: columns='vizier' \(--columns vizier\)"):
+        read_field(made)

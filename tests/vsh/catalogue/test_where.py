@@ -182,6 +182,18 @@ def test_positions_and_sources_too():
     assert len(read_sources(TABLE["ra", "dec", "g"], where="g < 19")) == (G < 19).sum()
 
 
+def test_roles_stand_for_columns():
+    """`redshift` for the column that holds it, where none is called so."""
+    made = TABLE.copy()
+    made.rename_column("z", "redshift_qsoc")
+    wanted = (Z < 1.5) & ~GAP
+    assert len(read_field(made, where="redshift < 1.5")) == wanted.sum()
+    assert len(read_field(made, where="redshift < 1.5 and redshift_qsoc < 1.5")) == wanted.sum()
+    assert len(read_field(made, {"magnitude": "g"}, where="magnitude < 19")) == (G < 19).sum()
+    with pytest.raises(TableError, match=r"no column 'redshif'; nearest: .*Conditions take the table's own names"):
+        read_field(made, where="redshif < 1")
+
+
 def test_on_the_command_line(tmp_path, capsys):
     import json
 

@@ -44,11 +44,27 @@ def test_json_is_the_result(capsys):
     assert [columns[name][k] for name in "xyz"] == found.value.tolist()
     assert [columns[f"sigma_{name}"][k] for name in "xyz"] == found.sigma.tolist()
     assert columns["cov_xz"][k] == found.covariance[0, 2]
-    assert columns["p_value"][k] == found.p_value
+    assert columns["p_value"][k] == pytest.approx(found.p_value)
+    assert columns["limit_95"][k] == found.amplitude_limit(0.95)
+    assert columns["debiased_amplitude"][k] == found.debiased_amplitude
     assert vectors["columns"]["x"]["unit"] == "uas / yr"
     powers = {name: column["values"] for name, column in told["tables"]["powers"]["columns"].items()}
     assert list(zip(powers["kind"], powers["l"], strict=True)) == [("T", 1), ("T", 2), ("S", 1), ("S", 2)]
     np.testing.assert_array_equal(told["tables"]["coefficients"]["columns"]["value"]["values"], solution.values)
+
+
+def test_what_a_person_is_warned_of_a_program_is_told(tmp_path, capsys):
+    """Found by a newcomer: errors that χ² contradicts, chances that forget how few replicates there were."""
+    field = sim.observe(sim.quasars(300, 1), sim.spin((0, 0, 5)), 2, sigma=10.0)
+    field.with_errors(field.sigma / 3).write(tmp_path / "f.fits")
+    assert main([str(tmp_path / "f.fits"), "--lmax", "1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert any("the residuals suggest errors 3" in note for note in told["notes"])
+    assert main([str(tmp_path / "f.fits"), "--lmax", "1", "--json", "--bootstrap", "12"]) == 0
+    told = json.loads(capsys.readouterr().out)["tables"]
+    vectors, powers = (told[name]["columns"] for name in ("vectors", "powers"))
+    assert vectors["p_value"]["values"] == powers["p_value"]["values"]
+    assert powers["power"]["unit"] == "uas2 / yr2"
 
 
 COMMANDS = {

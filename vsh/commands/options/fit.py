@@ -75,6 +75,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or say --demo")
+    if options.years and not options.waves:
+        parser.error("--years is for --waves")
     if options.beside and not options.html:
         parser.error("--beside is for the page: name it, --html FILE")
 

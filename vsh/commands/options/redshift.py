@@ -153,7 +153,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.checkpoint and not options.posterior:
         parser.error("--checkpoint is for --posterior")
     for name, needs in (("local_group", "flows"), ("reconstruction", "flows"), ("flow_amplitude", "flows"), ("flow_amplitude", "posterior"),
-                        ("local_group", "velocity")):  # fmt: skip
+                        ("local_group", "velocity"), ("h0_range", "posterior"), ("peculiar_dispersion_max", "posterior"), ("h0_error", "posterior")):  # fmt: skip
         if getattr(options, name) and not getattr(options, needs):
             parser.error(f"--{name.replace('_', '-')} needs --{needs}")
     if not (options.h0 or options.velocity or options.bins or options.posterior):

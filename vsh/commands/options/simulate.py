@@ -8,9 +8,11 @@ from vsh.commands import names, parsing, values
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
 ACCELERATION = "-0.235965,-3.755779,-2.080491"
-_NOT_OF_CRF3 = (
+#: Lengths of mission at which errors of transits give those of a release.
+YEARS = {"DR3": 2.8, "DR4": 5.0, "DR5": 10.0, "paper": 5.0}
+NOT_OF_CRF3 = (
     "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts", "redshift_error", "variability", "attitude", "excess_noise",
-    "years", "dead_time", "release", "no_transits",
+    "years", "dead_time", "redshift_range", "release", "no_transits",
 )  # fmt: skip
 
 
@@ -85,7 +87,12 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--excess-noise", type=values.not_negative, default=0.0, metavar="SIGMA", help="added to every transit, µas"
     )
-    parser.add_argument("--years", type=values.positive, default=5.0, help="length of the mission (default: 5)")
+    parser.add_argument(
+        "--years",
+        type=values.positive,
+        help=f"length of the mission (default: that of the release, {', '.join(f'{name} {years:g}' for name, years in YEARS.items())})",
+    )
+    parser.add_argument("--redshift-range", type=_range, metavar="LOW,HIGH", help="of galaxies (default: 0.001,0.03)")
     parser.add_argument("--dead-time", type=values.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
     parser.add_argument("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
     parser.add_argument("--no-transits", action="store_true", help="errors by place and magnitude, without transits")
@@ -93,6 +100,13 @@ def make_parser() -> argparse.ArgumentParser:
     parsing.add_threads(parser)
     parsing.add_common(parser, "list of what was written")
     return parser
+
+
+def _range(text):
+    low, *high = values.numbers(text)
+    if len(high) != 1 or not 0 < low < high[0]:
+        raise argparse.ArgumentTypeError(f"two rising redshifts above zero are wanted, not {text!r}")
+    return low, high[0]
 
 
 def _attitude(text):
@@ -121,12 +135,16 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--flow is for galaxies: quasars are too far to show it")
     if options.kind == "crf3":
         foreign = [
-            f"--{name.replace('_', '-')}" for name in _NOT_OF_CRF3 if getattr(options, name) != parser.get_default(name)
+            f"--{name.replace('_', '-')}" for name in NOT_OF_CRF3 if getattr(options, name) != parser.get_default(name)
         ]
         if foreign:
             parser.error(f"crf3 is as it is: {', '.join(foreign)} cannot be chosen")
     elif options.number is None:
         options.number = 10_000
+    if options.redshift_range and options.kind != "galaxies":
+        parser.error("--redshift-range is for galaxies")
+    if options.years is None and options.kind != "crf3":
+        options.years = YEARS[options.release]
     if options.attitude == "solved" and options.no_transits:
         parser.error("--attitude solved needs transits, which --no-transits leaves out")
     if options.variability and options.no_transits:
