@@ -95,6 +95,10 @@ def warnings_of(solution: HarmonicSolution) -> list[tuple[str, str]]:
     ----------
     solution : Solution
         What was found.
+
+    Returns
+    -------
+    list of (str, str)
     """
     found = []
     if solution.errors_from != "the catalogue":

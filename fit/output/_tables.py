@@ -42,7 +42,7 @@ def vectors_table(solution: Any) -> Table:
     heads = ("x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "cov_xy", "cov_xz", "cov_yz", *names)
     values = np.array(rows, float).reshape(-1, len(heads)).T
     unit = solution.unit.replace("µ", "u")  # as astropy writes it
-    units = dict.fromkeys(heads[:6] + names[:4], unit) | dict.fromkeys(heads[6:9], f"({unit})2" if unit else "")
+    units = dict.fromkeys(heads[:6] + names[:4], unit) | dict.fromkeys(heads[6:9], _squared(unit))
     units |= dict.fromkeys(names[4:8], "deg")
     meta = {
         "frame": solution.frame, "lmax": solution.modes.lmax, "n_sources": solution.n_sources, "n_data": solution.n_data,
@@ -68,5 +68,10 @@ def powers_table(solution: HarmonicSolution) -> Table:
     numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
     columns = {"kind": np.array([d.kind for d in found]), "l": np.array([d.l for d in found])}
     columns |= {name: np.array([getattr(d, name) for d in found], float) for name in numbers}
-    unit = f"({solution.unit.replace('µ', 'u')})2" if solution.unit else ""
+    unit = _squared(solution.unit.replace("µ", "u"))
     return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], unit) if unit else {})
+
+
+def _squared(unit):
+    """As astropy writes it: uas2 / yr2."""
+    return " / ".join(f"{part.strip()}2" for part in unit.split("/")) if unit else ""
