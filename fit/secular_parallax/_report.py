@@ -52,7 +52,7 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
             lines.append("               errors below are as quoted; p-values are given for both")
     rows = _velocity(solution, quality) if velocity else _hubble(solution, quality)
     if truth and "velocity" in truth:
-        rows.insert(2, _truth(solution, truth))  # below the components, or H0
+        rows.insert(2 if velocity else len(rows), _truth(solution, truth))  # below the components, or H0
     lines += ["", *rows, ""]
     a = solution.acceleration
     lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| {_equal(amplitude(a))} µas/yr")
@@ -120,6 +120,13 @@ def _truth(solution, truth):
     return f"{'  truth':14}{truth['hubble']:.2f} ({(solution.hubble - truth['hubble']) / solution.hubble_error:+.1f}σ)"
 
 
+def _limits(low, high):
+    if high <= 0:
+        return "negative, beyond its 95 % limit: no positive one is allowed by the motions"
+    lower = f"above {low:.1f} with 95 % (one-sided)" if low > 0 else "without a limit from below"
+    return f"below {high:.1f} km/s/Mpc with 95 %, {lower}"
+
+
 def _hubble(solution, quality):
     v = solution.assumed_velocity.to_frame("galactic")
     pull = solution.hubble / solution.hubble_error
@@ -133,7 +140,7 @@ def _hubble(solution, quality):
         return [
             f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
             f"{'v · H0':14}{product[0]:.0f}, standard error {product[1]:.0f} (km/s)²/Mpc: {pull:.1f} of them from zero",
-            f"{'H0':14}below {limits[1]:.1f} km/s/Mpc with 95 %, above {limits[0]:.1f} with 95 % (one-sided); least squares {solution.hubble:.1f}",
+            f"{'H0':14}{_limits(*limits)}; least squares {solution.hubble:.1f}",
         ]
     scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
     return [

@@ -207,3 +207,18 @@ def test_the_residuals_are_those_of_chi2(spin):
         assert found.residuals(field).chi2.sum() == pytest.approx(found.chi2, rel=1e-9)
     with pytest.raises(FieldError, match="redshift"):
         velocity.model(Field(field.lon, field.lat, field.motion, field.sigma))
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ((14.2, 179.6), "below 179.6 km/s/Mpc with 95 %, above 14.2 with 95 % (one-sided)"),
+        ((0.0, 64.2), "below 64.2 km/s/Mpc with 95 %, without a limit from below"),
+        ((0.0, 0.0), "negative, beyond its 95 % limit: no positive one is allowed by the motions"),
+    ],
+)
+def test_limits_are_said_where_there_are_some(limits, words):
+    """Found by a newcomer: below 0.0 and above 0.0."""
+    from fit.secular_parallax._report import _limits
+
+    assert _limits(*limits) == words
