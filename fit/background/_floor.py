@@ -22,7 +22,6 @@ from vsh.modes import Modes
 from vsh.system.logs import told
 
 
-@told("floor")
 @dataclass(frozen=True, eq=False, repr=False)
 class Floor(Result):
     """What the power of the higher degrees says of errors that sources share, and what it implies for degree 1.
@@ -211,6 +210,7 @@ class Floor(Result):
         ]
 
 
+@told("floor")
 def floor(
     normal: NormalEquations | HarmonicSolution, degrees: Iterable[int] | None = None, *, noise_scale: bool | None = None
 ) -> Floor:

@@ -126,7 +126,7 @@ def invalid_rows(
     """
     reasons: dict[str, Any] = dict(further or {})
     if placeholders is not None:
-        reasons[PLACEHOLDER] = placeholders
+        reasons[PLACEHOLDER] = placeholders | reasons.get(PLACEHOLDER, False)
     reasons = reasons | {
         "position not finite": ~(np.isfinite(lon) & np.isfinite(lat)),
         f"{what} not finite": ~np.isfinite(motion).all(0),
