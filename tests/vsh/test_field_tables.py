@@ -51,6 +51,12 @@ def test_columns_of_a_table_keep_their_units():
         Field.from_skycoord(COORD, table["pmra_error"], table["pmdec_error"])
 
 
+def test_numbers_that_stand_for_none_are_no_motions():
+    for motion, error in ((-9999.0, 1.0), (1.0, 99999.0), (1e20, 1.0)):
+        with pytest.raises(FieldError, match="marks missing data"):
+            Field.from_columns([10.0], [20.0], [motion], [1.0], [1.0], [error])
+
+
 @pytest.mark.parametrize(
     ("coord", "error", "words"),
     [
