@@ -5,6 +5,7 @@ still being imported.
 """
 
 import os
+import re
 import signal
 import sys
 from importlib import import_module
@@ -34,6 +35,11 @@ def words_of(command):
     return import_module(f"vsh.commands.options.{COMMANDS[command][0]}")
 
 
+def about(command):
+    """What a command does, in a few words."""
+    return re.split(r"[:.] ", words_of(command).make_parser().description)[0].rstrip(".")
+
+
 def run(command, arguments=None):
     """Parse the options of a command, run it, and exit with its status."""
 
@@ -60,8 +66,7 @@ def main(arguments=None):
         print(f"vsh-astrometry {vsh.__version__}")
         sys.exit(0)
     if first in ("-h", "--help"):
-        said = {name: words_of(name).make_parser().description.split(": ")[0].split(". ")[0] for name in COMMANDS}
-        print(_USAGE.format(commands="\n".join(f"  {name:10} {what.rstrip('.')}" for name, what in said.items())))
+        print(_USAGE.format(commands="\n".join(f"  {name:10} {about(name)}" for name in COMMANDS)))
         sys.exit(0)
     if first not in COMMANDS:
         sys.exit(f"python -m vsh: there is no command {words[0]!r}: {', '.join(COMMANDS)} are")

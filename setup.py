@@ -1,7 +1,6 @@
 """The steps that setup.cfg cannot say: the script of the interactive page, completion for shells, manual pages."""
 
 import json
-import re
 import shutil
 import subprocess
 import sys
@@ -110,8 +109,9 @@ def make_share(folder, version):
     for name in _vsh_commands.COMMANDS:
         words = _vsh_commands.words_of(name)
         parser = words.make_parser()
-        short = re.split(r"[:.] ", parser.description)[0].rstrip(".")
-        texts[f"man/man1/vsh-{name}.1"] = str(Manpage(words.make_parser(), about | {"description": short}))
+        texts[f"man/man1/vsh-{name}.1"] = str(
+            Manpage(words.make_parser(), about | {"description": _vsh_commands.about(name)})
+        )
         for action in parser._actions:
             if action.metavar in ("FILE", "MAP") or (not action.option_strings and not action.choices):
                 action.complete = shtab.FILE

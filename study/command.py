@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
-from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
 from vsh import tables
 from vsh.checks.notes import dropped
-from vsh.commands import configuration, figures, finishing, outputs, parsing, running
+from vsh.commands import configuration, figures, finishing, outputs, running
 from vsh.commands.options import study as words
 
 _CAPTIONS = {
@@ -20,26 +18,8 @@ _CAPTIONS = {
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-study`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the command line.
-    """
-    return run(parsing.parse(words, arguments))
-
-
-def run(options: argparse.Namespace) -> int:
-    """What the command does, with its options parsed; returns the exit status.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    """
-    return running.guarded(options, lambda: _gaia(options) if options.gaia else _run(options))
+def _act(options):
+    return _gaia(options) if options.gaia else _run(options)
 
 
 def _gaia(options):
@@ -54,8 +34,10 @@ def _gaia(options):
     with outputs.results_folder(options, meta) as folder:
         drawn = None if options.no_figures else {"format": options.format, "dpi": options.dpi}
         text = write_gaia(study, folder, truth=truth, provenance=meta, figures=drawn)
-    sheets = {path.stem: tables.read(path) for path in sorted(Path(options.output).glob("*.ecsv"))}
-    finishing.tell(options, finishing.Found(text, sheets, sources.field.notes))
+    written = sorted(Path(options.output).glob("*.ecsv"))
+    finishing.tell(
+        options, finishing.Found(text, lambda: {path.stem: tables.read(path) for path in written}, sources.field.notes)
+    )
     finishing.add(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
     if options.html:
         shutil.copyfile(Path(options.output) / "gaia.html", options.html)
@@ -81,7 +63,7 @@ def _run(options):
     drawn.write(folder, options)
     (folder / configuration.NAME).write_text(outputs.repeats(options), encoding="utf-8")
     text = (folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, rows)
-    found = finishing.Found(text, {"Truth, mean, scatter, errors, coverage": table_of(rows)})
+    found = finishing.Found(text, lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)})
     finishing.tell(options, found)
     finishing.add(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
     if options.html:
@@ -111,6 +93,8 @@ def _text(study, rows):
         )
     return "\n".join(lines)
 
+
+main, run = running.entry(words, _act)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -348,7 +348,7 @@ BREAKS = [
         "np.concatenate(columns[::-1], axis=-1)",
         "test_field.py",
     ),
-    ("vsh/catalogue/_read.py", "if flat and (marked", "if not flat and (marked", "test_bad_input.py"),
+    ("vsh/catalogue/_read.py", "if raw and flat and (marked", "if raw and not flat and (marked", "test_bad_input.py"),
     ("vsh/checks/columns.py", '"pmra": moves.d_lon_coslat', '"pmra": moves.d_lat', "test_field_tables.py"),
     ("vsh/checks/columns.py", '{} if field.frame == "icrs" else', "{} if field.frame else", "test_field_tables.py"),
     ("vsh/checks/notebook.py", "<li>{escape(each)}</li>", "<li>{each}</li>", "test_field_tables.py"),

@@ -2,36 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
-from vsh.commands import finishing, outputs, parsing, reading, running
+from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import compare as words
 from vsh.errors import TableError, VshError
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-compare`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the command line.
-    """
-    return run(parsing.parse(words, arguments))
-
-
-def run(options: argparse.Namespace) -> int:
-    """What the command does, with its options parsed; returns the exit status.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    """
-    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
@@ -45,11 +21,14 @@ def _run(options):
     found, kept = compare(
         one, two, options.lmax, by=options.by, radius=options.radius, threshold=options.threshold, labels=labels
     )
-    sheets = {
-        "Under the names of the ICRF3 papers": found.parameters_table(),
-        "Coefficients": found.solution.to_table(),
-    }
-    sheets |= {"Sources that were left out": found.outliers_table()} if found.names else {}
+
+    def sheets():
+        tables = {
+            "Under the names of the ICRF3 papers": found.parameters_table(),
+            "Coefficients": found.solution.to_table(),
+        }
+        return tables | ({"Sources that were left out": found.outliers_table()} if found.names else {})
+
     finishing.finish(
         options, finishing.Found(found.report(), sheets, found.solution.notes, found.solution.latex),
         provenance=lambda: running.provenance(paths, options, matched=len(kept) + len(found.names), left_out=len(found.names)),
@@ -121,6 +100,8 @@ def _labels(paths):
     names = [Path(path).stem for path in paths]
     return names if names[0] != names[1] else [f"{names[0]} (first)", f"{names[1]} (second)"]
 
+
+main, run = running.entry(words, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,54 +2,29 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from vsh.commands import finishing, outputs, parsing, reading, running
+from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.names import FRAME
 from vsh.commands.options import correlate as words
 from vsh.errors import VshError
 from vsh.parts import Parts
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-correlate`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the command line.
-    """
-    return run(parsing.parse(words, arguments))
-
-
-def run(options: argparse.Namespace) -> int:
-    """What the command does, with its options parsed; returns the exit status.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    """
-    return running.guarded(options, lambda: _run(options))
-
-
 def _run(options):
     outputs.check(options)
     paths = [path for path in (options.catalogue, options.catalogue2) if path]
-    for path in paths:
-        reading.opened(path, options)
+    sources = [reading.opened(path, options) for path in paths]
     from fit import correlation
 
     if reading.in_parts(options) and options.influence:
         raise VshError(
             "--influence looks at every source: it needs the catalogue whole, without --workers and --scheduler"
         )
-    fields = [_sources(path, options) for path in paths]
+    fields = [_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
     labels = _labels(paths)
     what = FRAME if options.parameters == FRAME else options.lmax
     found = correlation.correlation_matrices(fields, what, labels=labels)
@@ -70,7 +45,10 @@ def _run(options):
             lines.append(_leak(leaks[-1][1], label, options))
     notes = [f"  - {label}: {note}" for field, label in zip(fields, labels, strict=True) for note in _notes(field)]
     text = "\n".join(lines + (["Notes", *notes, ""] if notes else []))
-    sheets = {"Correlations": found.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
+
+    def sheets():
+        return {"Correlations": found.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
+
     finishing.finish(
         options, finishing.Found(text, sheets, [note.removeprefix("  - ") for note in notes]),
         provenance=lambda: running.provenance(paths, options, sources=[_count(f) for f in fields]),
@@ -87,14 +65,14 @@ def _count(field):
     return field.counted() if isinstance(field, Parts) else len(field)
 
 
-def _sources(path, options):
+def _sources(path, source, options):
     """Positions and errors, whole or in parts."""
     from vsh.catalogue import parts, read_sources
 
     if reading.in_parts(options):
         options_of_parts = reading.reading_parts(options)
         return parts(path, motions=False, sigma=options.sigma, **options_of_parts).to_frame(options.frame)
-    return read_sources(path, sigma=options.sigma, **reading.arguments(options)).to_frame(options.frame)
+    return read_sources(source, sigma=options.sigma, **reading.arguments(options)).to_frame(options.frame)
 
 
 def _labels(paths):
@@ -194,6 +172,8 @@ def _draw(found, influences, leaks):
         )
     return drawn | {f"leakage_{label}": leak.plot() for label, leak in leaks}
 
+
+main, run = running.entry(words, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

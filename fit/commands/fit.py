@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -13,32 +11,10 @@ import fit
 import vsh
 from fit.commands import backgrounds as shared
 from vsh.checks.notes import dropped, unselected
-from vsh.commands import finishing, outputs, parsing, reading, running
+from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import fit as words
 
 DEMO = "demo.fits"
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-fit`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the command line.
-    """
-    return run(parsing.parse(words, arguments))
-
-
-def run(options: argparse.Namespace) -> int:
-    """What the command does, with its options parsed; returns the exit status.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    """
-    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
@@ -58,10 +34,15 @@ def _run(options):
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
     text = "\n".join([fit.report(solution, check=check, truth=truth, source=name), *backgrounds.texts])
-    vectors = fit.output.vectors_table(solution)
-    sheets = {"vectors": vectors, "powers": fit.output.powers_table(solution), "coefficients": solution.to_table()}
-    sheets |= {name: result.to_table() for name, result in backgrounds.results.items()}
     said = [f"{label or 'warning'}: {words}" for label, words in fit.output.warnings_of(solution)]
+
+    def sheets():
+        found = {
+            "vectors": fit.output.vectors_table(solution),
+            "powers": fit.output.powers_table(solution),
+            "coefficients": solution.to_table(),
+        }
+        return found | {name: result.to_table() for name, result in backgrounds.results.items()}
 
     def provenance():
         refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
@@ -119,6 +100,8 @@ def _fit(field, modes, options):
         return solution, field, lost
     return replace(solution, covariance=solution.covariance * chosen), field, lost
 
+
+main, run = running.entry(words, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,60 +2,34 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from vsh.commands import finishing, outputs, parsing, reading, running
+from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import pairs as words
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-pairs`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the command line.
-    """
-    return run(parsing.parse(words, arguments))
-
-
-def run(options: argparse.Namespace) -> int:
-    """What the command does, with its options parsed; returns the exit status.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    """
-    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
     outputs.check(options)
-    reading.opened(options.catalogue, options)
+    source = reading.opened(options.catalogue, options)
     from fit import pairs
     from vsh import catalogue
 
     if reading.in_parts(options):
         field = catalogue.parts(options.catalogue, **reading.reading_parts(options)).to_frame(options.frame)
     else:
-        field = catalogue.read_field(options.catalogue, roles=(), **reading.arguments(options)).to_frame(options.frame)
+        field = catalogue.read_field(source, roles=(), **reading.arguments(options)).to_frame(options.frame)
     edges = np.radians(np.linspace(0, options.up_to, options.bins + 2))
     found = pairs.correlation(field, edges, lmax=options.lmax, nside=options.nside)
     fitted = found.fit(options.templates) if options.templates else None
     text = found.report() + ("\n" + fitted.report() if fitted else "")
     power = pairs.power(field, options.powers, nside=options.nside) if options.powers else None
     text += "\n" + power.report() if power else ""
-    sheets = {"Correlation by angle": found.to_table()}
-    sheets |= {"Templates": fitted.to_table()} if fitted else {}
-    sheets |= {"Power by degree": power.to_table()} if power else {}
+    tabled = {"Correlation by angle": found, "Templates": fitted, "Power by degree": power}
     finishing.finish(
-        options, finishing.Found(text, sheets, found.notes), provenance=lambda: running.provenance(options.catalogue, options, sources=found.n_data // 2),
+        options, finishing.Found(text, lambda: {name: each.to_table() for name, each in tabled.items() if each}, found.notes), provenance=lambda: running.provenance(options.catalogue, options, sources=found.n_data // 2),
         draw=lambda: _draw(found, fitted, power), write=lambda folder, meta: _write(folder, found, fitted, power, meta),
         title=f"Pairs of {Path(options.catalogue).name}",
     )  # fmt: skip
@@ -72,6 +46,8 @@ def _write(folder, found, fitted, power, meta):
 def _draw(found, fitted, power):
     return {"pairs": found.plot(fitted)} | ({} if power is None else {"power": power.plot()})
 
+
+main, run = running.entry(words, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
 import vsh
 from vsh.checks.notes import dropped, unselected
-from vsh.commands import finishing, outputs, parsing, reading, running
+from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import redshift as words
 from vsh.cosmology import PLANCK_2018
 from vsh.errors import ConvergenceError, VshError
@@ -30,28 +28,6 @@ _CAPTIONS = {
     "corner": "Every pair of quantities, with 68 and 95 % contours; dashed: the prior on H0.",
     "trace": "Walkers against steps; grey: left out. R̂ near 1 and a large effective size: the chain has converged.",
 }
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-redshift`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the command line.
-    """
-    return run(parsing.parse(words, arguments))
-
-
-def run(options: argparse.Namespace) -> int:
-    """What the command does, with its options parsed; returns the exit status.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    """
-    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
@@ -124,10 +100,9 @@ def _run(options):
             unfinished = error
             texts.append(f"posterior: {error}\n")
         finishing.add(options, texts[-1])
-    sheets = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
     text = "\n".join(texts)
     finishing.finish(
-        options, finishing.Found(text, sheets, () if isinstance(whole, Parts) else whole.notes),
+        options, finishing.Found(text, lambda: {_HEADINGS[name]: result.to_table() for name, result in results.items()}, () if isinstance(whole, Parts) else whole.notes),
         told=not (options.json or options.latex),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
         draw=lambda: _draw(results, truth), write=lambda folder, meta: _write(results, folder, meta),
@@ -281,6 +256,8 @@ def _draw(results, truth):
         drawn |= {"corner": posterior.corner(truths=_truths(truth, posterior)), "trace": posterior.trace()}
     return drawn
 
+
+main, run = running.entry(words, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -84,19 +85,21 @@ def report(
     return "\n".join(lines) + "\n"
 
 
-def write(folder: Path, system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture, options: Any) -> None:
+def write(
+    folder: Path, solution: agis.AgisSolution, mixture: agis.Mixture, found: Mapping[str, Table], options: Any
+) -> None:
     """Write motions, sources and convergence.
 
     Parameters
     ----------
     folder : Path
         Where to.
-    system : System
-        The equations.
     solution : AgisSolution
         What was found.
     mixture : Mixture
         The sources.
+    found : dict of str to Table
+        Of `tables_of`.
     options : argparse.Namespace
         Of the command.
     """
@@ -108,7 +111,6 @@ def write(folder: Path, system: agis.System, solution: agis.AgisSolution, mixtur
     )
     meta = {f"{name}_{axis}": float(v) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration)) for axis, v in zip("XYZ", vector, strict=True)}  # fmt: skip
     catalogue.write_field(motions, folder / "motions.fits", meta | {"PROGRAM": f"vsh-agis {vsh.__version__}"})
-    found = tables_of(system, solution, mixture)
     tables.write_table(found["sources"], folder / "sources.fits", {"UNITS": "muas, muas/yr"})
     tables.write_table(found["convergence"], folder / "convergence.ecsv")
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,31 +13,9 @@ import sim
 import vsh
 from sim import agis
 from sim.commands._agis_results import CAPTIONS, draw, report, tables_of, write
-from vsh.commands import finishing, outputs, parsing, running
+from vsh.commands import finishing, outputs, running
 from vsh.commands.options import agis as words
 from vsh.units import AU_PER_YEAR
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-agis`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the command line.
-    """
-    return run(parsing.parse(words, arguments))
-
-
-def run(options: argparse.Namespace) -> int:
-    """What the command does, with its options parsed; returns the exit status.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    """
-    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
@@ -95,9 +71,10 @@ def _solve(options, law, mixture, full, work, streams):
     solution, rotated = _framed(system, solution, options, quasars, chosen, radio)
     exact = _exact(system, mixture) if options.exact else {}
     text = report(system, solution, notes + rotated, mixture, options, exact)
+    found = finishing.Found(text, lambda: tables_of(system, solution, mixture), notes + rotated)
     finishing.finish(
-        options, finishing.Found(text, tables_of(system, solution, mixture), notes + rotated), provenance=lambda: running.provenance([], options),
-        draw=lambda: draw(system, solution, mixture), write=lambda folder, meta: write(folder, system, solution, mixture, options),
+        options, found, provenance=lambda: running.provenance([], options),
+        draw=lambda: draw(system, solution, mixture), write=lambda folder, meta: write(folder, solution, mixture, found.tables, options),
         title=f"{options.quasars} quasars and the attitude, solved together", captions=CAPTIONS,
     )  # fmt: skip
     (work / "checkpoint.npz").unlink()
@@ -146,6 +123,8 @@ def _framed(system, solution, options, quasars, chosen, radio):
     turned = agis.in_own_frame(system, solution)
     return turned, list(turned.notes[len(solution.notes) :])
 
+
+main, run = running.entry(words, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,31 +11,9 @@ import numpy as np
 import sim
 import vsh
 from sim.expected import errors_by_place
-from vsh.commands import configuration, finishing, outputs, parsing, reading, running
+from vsh.commands import configuration, finishing, outputs, reading, running
 from vsh.commands.options import simulate as words
 from vsh.system.files import atomic_write
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-sim`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the command line.
-    """
-    return run(parsing.parse(words, arguments))
-
-
-def run(options: argparse.Namespace) -> int:
-    """What the command does, with its options parsed; returns the exit status.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    """
-    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
@@ -109,11 +85,16 @@ def _finish(options, notes, meta, what):
     with atomic_write(_repeats(options)) as new:
         new.write_text(outputs.repeats(options, name=_repeats(options).name), encoding="utf-8")
     text = "\n".join([*notes, f"written to {options.output}: {what}"])
-    truth = {name: value for name, value in meta.items() if isinstance(value, (int, float))}
-    from vsh.tables import table_of
 
-    told = table_of({"name": np.array(list(truth), str), "value": np.array(list(truth.values()), float)})
-    finishing.tell(options, finishing.Found(text, {"truth": told}, notes))
+    def truth():
+        from vsh.tables import table_of
+
+        numbers = {name: value for name, value in meta.items() if isinstance(value, (int, float))}
+        return {
+            "truth": table_of({"name": np.array(list(numbers), str), "value": np.array(list(numbers.values()), float)})
+        }
+
+    finishing.tell(options, finishing.Found(text, truth, notes))
 
 
 def _repeats(options):
@@ -165,6 +146,8 @@ def _plain(options):
         kept["velocity"] = [ours.amplitude, *ours.to_frame("galactic").direction]
     return kept
 
+
+main, run = running.entry(words, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

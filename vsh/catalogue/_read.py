@@ -176,6 +176,8 @@ class _maker:
         self.frame = frame_of(self.where, frame, self.source.meta)
         self.redshift_frame = redshift_frame_of(self.where, self.source)
         self.factors, assumed = factors(self.where, units, self.source)
+        # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
+        self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
         self.assumed = any("ra" in names for names in assumed.values())
         lines = [f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed.items()]
         lines += differing_units(self.where, self.factors)
@@ -197,15 +199,13 @@ class _maker:
                 said += more
             else:
                 found[role] = plain(name, values, mask)
-                if role in REQUIRED[2:]:  # what marks missing values does so in the table's own units
+                if self.other_units and role in REQUIRED[2:]:
                     raw[role] = np.ma.filled(np.ma.asarray(found[role], float), np.nan)
                 if role in REQUIRED:
                     found[role] = found[role] * self.factors[role]
         doubt_positions(found, self.assumed)
-        flat = all(
-            values.shape == raw["pmra"].shape == (len(values),) for values in raw.values()
-        )  # others are refused below
-        if flat and (marked := placeholders(raw)).any():
+        flat = all(values.ndim == 1 for values in raw.values())  # others are refused below
+        if raw and flat and (marked := placeholders(raw)).any():
             found["unusable"] = found.get("unusable", {}) | {PLACEHOLDER: marked}
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(

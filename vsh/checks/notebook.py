@@ -29,16 +29,12 @@ class InNotebook:
 
     def _heading(self) -> str:
         """In one line; nothing unless the class says it."""
-        own = type(self).__repr__
-        ours = (getattr(own, "__module__", None) or "").partition(".")[0] in _OURS
-        return repr(self).strip("<>") if ours and not _generated(own) else ""
+        text = repr(self)  # dataclasses write their fields, which the rows say better; our own forms stand in < >
+        return text.strip("<>") if text.startswith("<") and type(self).__repr__ is not object.__repr__ else ""
 
     def _facts(self) -> dict[str, str]:
         """Further rows, in HTML, by name."""
         return {}
-
-
-_OURS = ("vsh", "sim", "fit", "study")
 
 
 def as_html(title: str, rows: dict[str, str | None], *, heading: str = "") -> str:
@@ -107,8 +103,3 @@ def _array(values):
 
 def _public(thing):
     return [name for name in getattr(thing, "__dict__", {}) if not name.startswith("_")]
-
-
-def _generated(method):
-    """Whether it is the one that a dataclass writes of its fields, which the rows say better."""
-    return "__create_fn__" in getattr(method, "__qualname__", "") or hasattr(method, "__wrapped__")

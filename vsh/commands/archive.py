@@ -2,37 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from vsh.archive import QUERIES, query
-from vsh.commands import configuration, finishing, outputs, parsing, running
+from vsh.commands import configuration, finishing, outputs, running
 from vsh.commands.options import archive as words
 from vsh.errors import ArchiveError
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `vsh-archive`; returns the exit status: 0, 1 (bad data) or 2 (bad usage).
-
-    Parameters
-    ----------
-    arguments : list of str, optional
-        In place of those of the command line.
-    """
-    return run(parsing.parse(words, arguments))
-
-
-def run(options: argparse.Namespace) -> int:
-    """What the command does, with its options parsed; returns the exit status.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    """
-    return running.guarded(options, lambda: _run(options))
 
 
 def _run(options):
@@ -67,6 +43,8 @@ def _text(path):
             f"{getattr(error, 'strerror', None) or error}"
         ) from None
 
+
+main, run = running.entry(words, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -37,6 +37,8 @@ _OPTIONS = {
     "output": ("hunter2007",),
     "html": ("hunter2007",),
 }
+#: Of these, those that write what may hold figures.
+_WRITES = ("output", "html")
 #: The same for values of options.
 _VALUES = {
     "planck": ("planck2020overview",),
@@ -64,11 +66,9 @@ def keys(command: str, given: Mapping[str, Any]) -> list[str]:
     list of str
     """
     found = [*_ALWAYS, *_COMMANDS[command]]
+    draws = "no-figures" not in given and command not in ("vsh-sim", "vsh-archive")
     for name, value in given.items():
-        drawn = name not in ("output", "html") or not (
-            given.keys() & {"no-figures"} or command in ("vsh-sim", "vsh-archive")
-        )
-        found += _OPTIONS.get(name, ()) if drawn else ()
+        found += _OPTIONS.get(name, ()) if draws or name not in _WRITES else ()
         found += _VALUES.get(value, ()) if isinstance(value, str) else ()
     return list(dict.fromkeys(found))
 

@@ -7,7 +7,8 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,8 +30,8 @@ class Found:
     ----------
     text : str
         The report.
-    tables : dict of str to Table
-        By heading: of --json, --latex and the page.
+    make_tables : function
+        Makes `tables`, which most runs do not need.
     notes : iterable of str
         What a reader should know of the data.
     latex : callable, optional
@@ -38,9 +39,14 @@ class Found:
     """
 
     text: str
-    tables: Mapping[str, Table] = field(default_factory=dict)
+    make_tables: Callable[[], Mapping[str, Table]] = dict
     notes: Iterable[str] = ()
     latex: Callable[[], str] | None = None
+
+    @cached_property
+    def tables(self) -> Mapping[str, Table]:
+        """By heading: of --json, --latex and the page; made when they are first asked for."""
+        return self.make_tables()
 
 
 def tell(options: argparse.Namespace, found: Found) -> None:

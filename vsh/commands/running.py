@@ -9,7 +9,7 @@ import platform
 import shlex
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 import vsh
 from vsh.checks.notes import printable
 from vsh.commands.configuration import NOT_KEPT
-from vsh.commands.parsing import without_folder
+from vsh.commands.parsing import parse, without_folder
 from vsh.commands.reading import standard_input
 from vsh.errors import VshError, VshWarning
 from vsh.system.logs import PACKAGES
@@ -29,6 +29,33 @@ from vsh.system.progress import without_bars
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*NOT_KEPT, "command", "given", "program", "expected")
 _LOG = logging.getLogger(__name__)
+
+
+def entry(
+    words: Any, act: Callable[[argparse.Namespace], object]
+) -> tuple[Callable[..., int], Callable[[argparse.Namespace], int]]:
+    """The two ways into a command: `main(arguments)`, and `run(options)` for options that are parsed already.
+
+    Parameters
+    ----------
+    words : module of `vsh.commands.options`
+        Its options.
+    act : function of the options
+        What it does.
+
+    Returns
+    -------
+    main, run : functions
+        Both return the exit status: 0 or 1 (bad data); `main` exits with 2 on bad usage.
+    """
+
+    def run(options: argparse.Namespace) -> int:
+        return guarded(options, lambda: act(options))
+
+    def main(arguments: Sequence[str] | None = None) -> int:
+        return run(parse(words, arguments))
+
+    return main, run
 
 
 def guarded(options: argparse.Namespace, action: Callable[[], object]) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +55,7 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
     table.remove_columns(several)
     opened = open_astropy(_with_degrees(table))
     notes = (f"columns of several numbers a row are not read: {', '.join(several)}",) if several else ()
-    return TableSource(
-        label, opened.names, opened.read, opened.units, opened.meta, notes, descriptions=opened.descriptions
-    )
+    return replace(opened, label=label, notes=notes)
 
 
 def _hdf5(path, label):
