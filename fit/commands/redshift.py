@@ -16,6 +16,8 @@ from vsh.errors import ConvergenceError, VshError
 from vsh.parts import Parts
 from vsh.vector import Vector
 
+#: Of a dispersion that is free in the posterior, beside a flow and without. [km/s]
+_WIDEST = {True: 400.0, False: 1000.0}
 _HEADINGS = {
     "bins": "Bins of redshift",
     "velocity": "Our velocity",
@@ -130,12 +132,14 @@ def _distances(options):
     from vsh.flows import read_velocity_grid
 
     grid = None if options.reconstruction is None else read_velocity_grid(options.reconstruction)
-    found = {"redshift_frame": options.redshift_frame, "magnitudes": False if options.no_magnitudes else None}
-    if options.flows:
-        found |= {"flows": "linear", "n_modes": options.n_modes}
+    found = {"redshift_frame": options.redshift_frame, "magnitudes": False if options.no_magnitudes else None} | _flows(options)
     if grid is not None:
         found |= {"reconstruction": grid, "reconstruction_error": options.reconstruction_error}
     return found
+
+
+def _flows(options):
+    return {"flows": None if options.no_flows else "linear", "n_modes": options.n_modes}
 
 
 def _ask_for_frame(field, options, common, label):
@@ -171,12 +175,13 @@ def _binned(field, options):
     edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
     return binned(
         field, options.lmax, edges, shared_higher_degrees=options.shared_higher_degrees, threads=options.threads,
-        **_frame(options),
+        **_frame(options), **_flows(options),
     )  # fmt: skip
 
 
 def _frame(options):
-    return {"redshift_frame": options.redshift_frame, "peculiar_dispersion": options.peculiar_dispersion}
+    dispersion = None if options.peculiar_dispersion == "free" else options.peculiar_dispersion
+    return {"redshift_frame": options.redshift_frame, "peculiar_dispersion": dispersion}
 
 
 def _clipped(field, kappa):
@@ -188,10 +193,10 @@ def _clipped(field, kappa):
 
 def _p_values(field, bins, options):
     """By permuting redshifts, for up to so many sources."""
-    from fit.redshift import permutation_test
+    from fit.redshift import FLOW_MATTERS, permutation_test
 
     few = isinstance(field, vsh.Field) and len(field) <= 20_000
-    wanted = bins.modes.lmax == 1 and len(bins) > 1 and few
+    wanted = bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= FLOW_MATTERS
     known = PLANCK_2018 if np.isfinite(bins.mean_inverse_distance).all() else None
     return permutation_test(field, bins, velocity=known, **_frame(options)) if wanted else None
 
@@ -204,8 +209,9 @@ def _posterior(field, options, common):
         hubble = Flat(*options.h0_range)
     if options.flow_amplitude:
         common = common | {"flow_amplitude": Normal(*options.flow_amplitude, low=0.0)}
-    if options.peculiar_dispersion_max:
-        common = common | {"peculiar_dispersion": Flat(0.0, options.peculiar_dispersion_max)}
+    widest = options.peculiar_dispersion_max or (_WIDEST[not options.no_flows] if options.peculiar_dispersion == "free" else None)
+    if widest:
+        common = common | {"peculiar_dispersion": Flat(0.0, widest)}
     prior = reading.velocity_of(options.velocity) or PLANCK_2018
     if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
         l, b = prior.direction

@@ -2,7 +2,7 @@
 
 from fit.distances._calibrate import WHOLE_DISPERSION, calibrate, calibrate_if_known
 from fit.distances._calibration import Calibration
-from fit.distances._density import SourceDensity
+from fit.distances._density import SourceDensity, flow_counts, flow_limits
 from fit.distances._errors import ErrorsByRedshift
 from fit.distances._luminosity import LuminosityFunction
 from fit.distances._moments import InverseDistances, inverse_distances, mean_rates
@@ -16,6 +16,8 @@ __all__ = [
     "SourceDensity",
     "calibrate",
     "calibrate_if_known",
+    "flow_counts",
+    "flow_limits",
     "inverse_distances",
     "mean_rates",
 ]

@@ -10,7 +10,15 @@ from typing import Literal
 import numpy as np
 
 from fit.distances._calibration import Calibration
-from fit.distances._density import GivenDensity, SourceDensity, completed, fit_density, redshift_counts
+from fit.distances._density import (
+    GivenDensity,
+    SourceDensity,
+    completed,
+    fit_density,
+    flow_counts,
+    flow_limits,
+    redshift_counts,
+)
 from fit.distances._errors import errors_by_redshift, variance_sums
 from fit.distances._luminosity import MODULI, LuminosityFunction, fit_luminosity, magnitude_counts
 from vsh.checks.types import Cosmology, FloatArray
@@ -69,7 +77,8 @@ def calibrate(
     sky = as_parts(field)
     bare = bare_calibration(field, redshift_frame, dispersion, cosmology)
     facts = sky.sum(partial(_facts, calibration=bare), roles=DISTANCES, words="redshifts")
-    bare = replace(bare, limits=(float(min(facts["lowest"])), float(max(facts["highest"]))))
+    limits = float(min(facts["lowest"])), float(max(facts["highest"]))
+    bare = replace(bare, limits=limits, flow_limits=flow_limits(facts["flow"]))
     rms = float(np.sqrt(facts["spread2"] / facts["n"]))
     if rms == 0:
         return bare
@@ -102,7 +111,7 @@ def calibrate(
             "mean errors of their redshift; with magnitudes results would be surer"
         )
     limit = max(facts["faintest"]) if use else None
-    return replace(bare, density=_density(density, limit, facts["counts"], rms, bare), notes=tuple(notes))
+    return replace(bare, density=_density(density, limit, facts, rms, bare), notes=tuple(notes))
 
 
 def bare_calibration(
@@ -161,14 +170,17 @@ def _magnitudes(field):
     return np.array([0 if field.magnitude is None else np.isfinite(field.magnitude).sum(), len(field)])
 
 
-def _density(density, limit, counts, rms, calibration):
+def _density(density, limit, facts, rms, calibration):
     if callable(density):
         return SourceDensity(GivenDensity(density), "as given")
     if density == "volume":
         return SourceDensity()
     if density not in (None, "fitted"):
         raise ParameterError(f'a density is "volume", "fitted" or a function of distance, not {density!r}')
-    found = fit_density(counts, rms, calibration.log_distance, calibration.limits)
+    # A catalogue that was cut in redshifts as observed lacks, next to its limits, sources of some directions.
+    low, high, shift = min(facts["lowest seen"]), max(facts["highest seen"]), max(facts["shift"])
+    cut = (float(np.expm1(np.log1p(low) + shift)), float(np.expm1(np.log1p(high) - shift)))
+    found = fit_density(facts["counts"], rms, calibration.log_distance, calibration.limits, cut)
     if limit is None:
         return found
     return completed(found, calibration.luminosity, limit, calibration.log_distance)
@@ -191,12 +203,16 @@ def _facts(field, calibration):
         "n": len(field),
         "lowest": [z.min()],
         "highest": [z.max()],
+        "lowest seen": [field.redshift.min()],
+        "highest seen": [field.redshift.max()],
+        "shift": [np.abs(np.log1p(z) - np.log1p(field.redshift)).max()],
         "spread2": np.sum(spread**2),
         "lost": int(np.sum(spread > np.log1p(z))),
         "magnitudes": int(known.sum()),
         "faintest": [bright.max()] if known.any() else [],
         "bright": magnitude_counts(bright, modulus[known]),
         "counts": redshift_counts(z),
+        "flow": flow_counts(z, field.information),
         "variances": variance_sums(z, field.sigma),
     }
 

@@ -41,6 +41,8 @@ class Calibration(InNotebook):
     notes : tuple of str
     limits : pair of float
         The smallest and largest redshift of the catalogue.
+    flow_limits : pair of float
+        Redshifts between which sources tell of a velocity: those of a catalogue that reaches far are not its largest.
     """
 
     frame: str
@@ -51,6 +53,7 @@ class Calibration(InNotebook):
     errors: ErrorsByRedshift | None = None
     notes: tuple[str, ...] = ()
     limits: tuple[float, float] = (np.nan, np.nan)
+    flow_limits: tuple[float, float] = (np.nan, np.nan)
 
     @property
     def exact(self) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from fit.distances._curve import LogCurve, curve_basis, fit_log_curve
 from vsh.checks.notebook import InNotebook
 from vsh.checks.types import FloatArray
+from vsh.cosmology import transverse_distance
 
 #: Cells of ln z in which redshifts are counted.
 EDGES = np.arange(np.log(1e-4), np.log(30.0), 0.02)
@@ -111,7 +112,21 @@ def redshift_counts(redshift: FloatArray) -> FloatArray:
     return np.histogram(np.log(redshift), bins=EDGES)[0].astype(float)
 
 
-def fit_density(counts: FloatArray, spread: float, log_distance: Any, limits: tuple[float, float]) -> SourceDensity:
+def flow_counts(redshift: FloatArray, weight: FloatArray) -> FloatArray:
+    """What sources tell of a velocity, their weight times 1/d², by redshift: a table that adds over parts."""
+    return np.histogram(np.log(redshift), bins=EDGES, weights=weight / transverse_distance(redshift) ** 2)[0]
+
+
+def flow_limits(counts: FloatArray) -> tuple[float, float]:
+    """Redshifts between which all but a hundredth of that lies: a flow beyond them moves no estimate."""
+    share = np.cumsum(counts) / max(counts.sum(), 1e-300)
+    first, last = np.argmax(share > 1e-4), np.argmax(share > 0.99)
+    return float(np.exp(EDGES[first])), float(np.exp(EDGES[last + 1]))
+
+
+def fit_density(
+    counts: FloatArray, spread: float, log_distance: Any, limits: tuple[float, float], cut: tuple[float, float] | None = None
+) -> SourceDensity:
     """The density of what a catalogue holds, by which its redshifts are most probable, errors and velocities in them.
 
     Parameters
@@ -124,7 +139,14 @@ def fit_density(counts: FloatArray, spread: float, log_distance: Any, limits: tu
         From ln(1 + z) to ln d and the logarithm of the volume per ln(1 + z), but for a factor.
     limits : pair of float
         The smallest and largest redshift.
+    cut : pair of float, optional
+        Between these no direction is cut by limits of redshifts in another frame: counts beyond them are left out, where
+        enough lie between.
     """
+    if cut is not None and cut[1] > cut[0] > 0:
+        inner = np.searchsorted(EDGES, np.log(cut)) - 1
+        if inner[1] - inner[0] > 8 and counts[inner[0] : inner[1]].sum() > 0.2 * counts.sum():
+            limits = cut
     first, last = np.searchsorted(EDGES, np.log(limits)) - 1
     if last - first > 8:  # cells at the ends are cut by the catalogue's own limits
         first, last = first + 1, last - 1

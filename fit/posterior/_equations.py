@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from fit.posterior._priors import DISTANCES, ModelPriors, Priors, checked_priors
 from fit.secular_parallax import (
+    OMEGA,
     DistanceOptions,
     ParallaxEquations,
     ParallaxParts,
+    flow_covariance,
     noted,
     parallax_equations,
 )
@@ -60,6 +64,19 @@ def posterior_equations(
             "alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
     rows = noted(rows, field, distances.get("redshift_frame"))
+    if rows.left_out is not None:
+        rows = replace(rows, notes=(_left_out(rows, given), *rows.notes))
     if rows.modes is not None:
         given = replace(given, flows=f"{len(rows.modes)} modes of {rows.modes.theory.name}")
     return rows, given
+
+
+def _left_out(rows, given):
+    """What flows that were left out would add, as a note."""
+    sums = rows.left_out.sums(given.typical_dispersion, 0.0, rows.n_data // 2)
+    size = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
+    return (
+        "warning: not in the intervals: flows of linear theory, which galaxies share, add about "
+        f"± {np.sqrt(np.mean(size[:3] ** 2)):.0f} km/s to each component of v H0/H_ref, and ± "
+        f"{np.sqrt(np.mean(size[3:] ** 2)):.2g} µas/yr to the acceleration's"
+    )

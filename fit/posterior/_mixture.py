@@ -99,7 +99,10 @@ class MixtureModel:
             both = np.r_[np.arange(part.start, part.stop), np.arange(part.start, part.stop) + n]
             residual = (self.rows.motion[both] - parameters @ self.rows.design[both].T) ** 2
             variance = (
-                self.rows.variance[both] + excess_noise[:, None] ** 2 + (spread[:, None] * self.rows.rate[both]) ** 2
+                self.rows.variance[both]
+                + self.rows.left[both]
+                + excess_noise[:, None] ** 2
+                + (spread[:, None] * self.rows.rate[both]) ** 2
             )
 
             def density(variance):

@@ -13,13 +13,9 @@ from fit.posterior._mixture import MixtureModel
 from fit.posterior._model import ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS
 from fit.posterior._summary import SampleResult, Samples, text_of
-from fit.sampling import Flat, Normal, autocorrelation, inference_data, split_r_hat
+from fit.sampling import ENOUGH, Flat, Normal, autocorrelation, inference_data, split_r_hat
 from vsh.checks.types import FloatArray, PathName
 from vsh.errors import ConvergenceError
-
-#: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
-ENOUGH = 50
-
 
 #: Levels of the columns: median, 68 %, and one-sided limits of 95 %.
 _LEVELS = np.array([0.5, 0.15865525, 0.84134475, 0.95, 0.05])
@@ -62,6 +58,11 @@ class Posterior(SampleResult):
     def burn_in(self) -> int:
         """Steps left out at the start: five autocorrelation times of the slowest coordinate."""
         return int(np.ceil(5 * self._slowest()))
+
+    @property
+    def n_walkers(self) -> int:
+        """How many walkers there are."""
+        return self.chain.shape[1]
 
     @cached_property
     def r_hat(self) -> dict[str, float]:
@@ -112,7 +113,7 @@ class Posterior(SampleResult):
         -------
         Samples
         """
-        return Samples(self.samples, self.frame, tuple(map(str, self.notes)), self.model.priors.in_words(), self.seed)
+        return Samples(self.samples, self.frame, tuple(map(str, self.notes)), self.model.priors.in_words(), self.seed, self.n_walkers)
 
     def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
         """Write the samples as a table, a column each; `Posterior.read` reads them back bit for bit, as `Samples`.
@@ -219,10 +220,10 @@ class Posterior(SampleResult):
             return
         known = np.isfinite(slowest)
         said = f"{steps / slowest:.1f} autocorrelation times" if known else "so few that some walkers never moved"
-        wanted = int(np.ceil(1.2 * ENOUGH * slowest)) if known else 10 * steps
+        wanted = int(np.ceil(2.5 * ENOUGH * slowest)) if known else 10 * steps
         raise ConvergenceError(
             f"{steps} steps are {said}; {ENOUGH} times are needed for a result. Ask for "
-            f"n_samples={wanted * walkers} or more (a chain with a checkpoint goes on from where it is)"
+            f"n_samples={wanted * walkers} or more, or max_samples= (a chain with a checkpoint goes on from where it is)"
         )
 
 

@@ -39,6 +39,7 @@ def sample(
     *,
     priors: Priors | None = None,
     n_samples: int = 400_000,
+    max_samples: int | None = None,
     rng: Rng = 1,
     checkpoint: PathName | None = None,
     cosmology: Cosmology | None = None,
@@ -59,7 +60,10 @@ def sample(
     priors : Priors, optional
         All of them in one noun, in place of `velocity_prior`, `hubble_prior` and `noise`.
     n_samples : int
-        Steps times walkers, before burn-in and thinning.
+        Steps times walkers, before burn-in and thinning, at least.
+    max_samples : int, optional
+        A chain that is shorter than 50 autocorrelation times goes on by itself, to at most so many: sixteen times
+        `n_samples` unless given.
     rng : Generator or int
         The source of all randomness.
     checkpoint : str or Path, optional
@@ -99,6 +103,8 @@ def sample(
     """
     known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
     distances = distances_of(dict(noise))
+    if known.outliers is not None and "flows" not in distances:
+        distances["flows"] = None  # which a mixture of sources cannot hold: a note says what they would add
     rows, given = posterior_equations(field, known, cosmology, distances)
     spin, outliers, outlier_width = known.spin, known.outliers, known.outlier_width
     model: Any = parallax_model(rows, given, spin, threads)
@@ -115,7 +121,8 @@ def sample(
         raise ParameterError(f"{n_samples} samples are fewer than two steps of {n_walkers} walkers")
     seed = int(generator(rng).integers(2**32))
     begin = model.start(np.random.default_rng(seed), n_walkers)
-    run = Run(model, begin, seed, steps, progress, save_every)
+    most = 16 * steps if max_samples is None else int(max_samples) // n_walkers
+    run = Run(model, begin, seed, steps, progress, save_every, most)
     if checkpoint is not None:
         check_writable(checkpoint)
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)

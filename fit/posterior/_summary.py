@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fit.output import note_lines
 from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
-from fit.sampling import inference_data
-from fit.storage import Result, words
+from fit.sampling import autocorrelation, inference_data, split_r_hat
+from fit.storage import Result, count, words
 from vsh import tables
 from vsh.checks.arrays import float_array
 from vsh.checks.types import FloatArray, Table
+from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame
 from vsh.vector import Vector
 
@@ -68,6 +70,22 @@ class SampleResult(Result):
     samples: Any
     frame: str
     notes: tuple[str, ...]
+
+    @property
+    def n_walkers(self) -> int:
+        """How many chains the samples come from, step by step and within a step walker by walker."""
+        raise NotImplementedError
+
+    def _effective(self):
+        """How many independent samples those of each quantity are worth, by name."""
+        return {name: values.size / float(autocorrelation(self._chains(name))[0]) for name, values in self.samples.items()}
+
+    def _r_hat(self):
+        """Split R̂ of each quantity, by name."""
+        return {name: float(split_r_hat(self._chains(name))[0]) for name in self.samples}
+
+    def _chains(self, name):
+        return np.asarray(self.samples[name]).reshape(-1, self.n_walkers)[:, :, None]
 
     def summary(self) -> dict[str, Interval]:
         """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`.
@@ -143,6 +161,8 @@ class Samples(SampleResult):
         In words.
     seed : int
         Of the chain.
+    walkers : int
+        How many chains they come from: samples are in the order of steps, within a step in that of walkers.
     """
 
     samples: dict
@@ -150,9 +170,15 @@ class Samples(SampleResult):
     notes: tuple[str, ...]
     priors: dict
     seed: int
+    walkers: int = 1
+
+    @property
+    def n_walkers(self) -> int:
+        """How many chains the samples come from."""
+        return self.walkers
 
     def to_arviz(self) -> Any:
-        """The samples as arviz' InferenceData, one chain: as `Posterior.to_arviz`, without log-probabilities.
+        """The samples as arviz' InferenceData, a chain for each walker: as `Posterior.to_arviz`, without log-probabilities.
 
         Returns
         -------
@@ -163,7 +189,8 @@ class Samples(SampleResult):
         ImportError
             If arviz is not installed.
         """
-        return inference_data({name: values[None] for name, values in self.samples.items()}, None, self.frame, UNITS)
+        chains = {name: self._chains(name)[:, :, 0].T for name in self.samples}
+        return inference_data(chains, None, self.frame, UNITS)
 
     def __repr__(self) -> str:
         return f"<Samples: {len(self.samples['H0'])} of {', '.join(self.samples)}, {self.frame}>"
@@ -180,12 +207,21 @@ class Samples(SampleResult):
     def _pack(self):
         units = {name: FITS_UNITS[UNITS[name]] for name in self.samples if UNITS.get(name)}
         rest = {"frame": self.frame, "notes": list(map(str, self.notes)), "priors": self.priors, "seed": self.seed}
+        rest["walkers"] = self.walkers
         return self.samples, rest, units
 
     @classmethod
     def _unpack(cls, columns, rest):
         samples = {name: float_array(name, values) for name, values in columns.items()}
-        return cls(samples, check_frame(rest["frame"]), words(rest["notes"]), dict(rest["priors"]), int(rest["seed"]))
+        return cls(samples, check_frame(rest["frame"]), words(rest["notes"]), dict(rest["priors"]), int(rest["seed"]), _walkers(samples, rest))
+
+
+def _walkers(samples, rest):
+    """Of a file; one where an older one does not say it."""
+    walkers = count(rest.get("walkers", 1))
+    if not walkers or any(values.size % walkers for values in samples.values()):
+        raise ParameterError(f"{walkers} walkers do not go with the number of samples")
+    return walkers
 
 
 def text_of(posterior: Any) -> str:
@@ -205,7 +241,7 @@ def text_of(posterior: Any) -> str:
         f"               {len(posterior.samples['H0'])} samples kept after burn-in and thinning",
     ]
     samples = posterior.samples
-    lines += [*table_lines(posterior), *_at_limits(posterior), *_product(samples)]
+    lines += [*table_lines(posterior), *_at_limits(posterior), *_product(samples), *note_lines(posterior.notes)]
     return "\n".join(lines)
 
 
@@ -245,13 +281,24 @@ def table_lines(found: SampleResult) -> list[str]:
     found : SampleResult
         What to describe.
     """
-    lines = [f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}"]
+    size, r_hat = found._effective(), found._r_hat()
+    lines = [
+        f"effective      {min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most; digits are those they have",
+        f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}",
+    ]
     for name, row in found.summary().items():
+        cells = _as_sure(row, size[name])
         lines.append(
-            f"{SHORT_NAMES.get(name, name):18}{row.median:10.4g}{row.low68:11.4g} …{row.high68:9.4g}{row.low95:11.4g} …"
-            f"{row.high95:9.4g}  {UNITS[name]}"
+            f"{SHORT_NAMES.get(name, name):18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>11} …{cells[4]:>9}  {UNITS[name]}"
         )
     return lines
+
+
+def _as_sure(row, effective):
+    """Median and limits to as many digits as the sample has: the Monte Carlo error of the median is not below the last."""
+    error = np.sqrt(np.pi / 2) * row.sigma / np.sqrt(max(effective, 1.0))
+    digits = int(np.clip(np.floor(-np.log10(error)), -6, 12)) if np.isfinite(error) and error > 0 else 4
+    return [f"{round(value, digits):.{max(digits, 0)}f}" for value in row[:5]]
 
 
 def _product(samples, wide=1 / 3):

@@ -2,10 +2,11 @@
 
 from fit.redshift._bins import binned, equal_information
 from fit.redshift._contrasts import ChiSquare, Trend
-from fit.redshift._permutation import permutation_test
+from fit.redshift._permutation import FLOW_MATTERS, permutation_test
 from fit.redshift._solution import BinnedSolution
 
 __all__ = [
+    "FLOW_MATTERS",
     "BinnedSolution",
     "ChiSquare",
     "Trend",

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial, reduce
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
 from fit.distances import calibrate_if_known, mean_rates
 from fit.normal import NormalEquations, normal_equations
+from fit.redshift._shared import shared_flow
 from fit.redshift._solution import BinnedSolution
+from fit.secular_parallax import flow_theory
 from fit.solution import Solution
 from fit.solving import solve
 from vsh import Coefficients, Field
@@ -19,6 +22,7 @@ from vsh.checks.notes import merge_notes, spoken
 from vsh.checks.types import ArrayLike, FloatArray
 from vsh.cosmology import usable, with_redshift
 from vsh.errors import DegeneracyError, NothingLeftError, ParameterError
+from vsh.flows import LinearTheory
 from vsh.modes import Modes, as_modes
 from vsh.parts import Parts, added, as_parts, fields_or_parts, weighted_quantiles
 from vsh.units import AU_PER_YEAR
@@ -33,6 +37,8 @@ def binned(
     shared_higher_degrees: bool = False,
     redshift_frame: str | None = None,
     peculiar_dispersion: float | None = None,
+    flows: Literal["linear"] | LinearTheory | None = "linear",
+    n_modes: int = 250,
     threads: int | None = None,
 ) -> BinnedSolution:
     """Fit the same modes in bins of redshift.
@@ -52,7 +58,13 @@ def binned(
         "heliocentric", "cmb", "local-group", or "true" as redshifts are taken where nobody says it; the field's own
         unless given. It bears on the mean of 1/d of each bin, not on which sources a bin holds.
     peculiar_dispersion : float, optional
-        By which redshifts scatter, where they are not true ones: 750 unless given. [km/s]
+        Of the velocities of galaxies beside flows, in their redshifts (where they are not true ones) and errors: 150 unless
+        given; 750 with flows=None, in the redshifts alone. [km/s]
+    flows : "linear", LinearTheory or None
+        Velocities that near galaxies share: they add to the errors of the bins and correlate them. "linear", Planck's,
+        unless given; without (None) bins of near galaxies differ significantly where nothing but flows is there.
+    n_modes : int
+        Unknowns of the flow.
     threads : int, optional
         How many; one a core unless given.
 
@@ -86,10 +98,12 @@ def binned(
         )
     bins = len(edges) - 1
     found: dict[Any, Any]
-    calibration = None
+    theory, calibration = flow_theory({"flows": flows}), None
+    flow = None if theory is None else shared_flow(field, edges, theory, peculiar_dispersion, n_modes)
     if isinstance(field, Field | Parts):
-        calibration = calibrate_if_known(field, redshift_frame, peculiar_dispersion)
-    work = partial(_by_bin, edges=edges, modes=modes, calibration=calibration, threads=threads)
+        radial = peculiar_dispersion if flow is None else float(np.hypot(flow.dispersion, flow.theory.sigma))
+        calibration = calibrate_if_known(field, redshift_frame, radial)
+    work = partial(_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, threads=threads)
     if isinstance(field, Parts):
         found = field.sum(work, roles=("redshift",), words="bins of redshift")
     else:
@@ -104,7 +118,9 @@ def binned(
             )
     normals, sums = [found[b][0] for b in range(bins)], np.array([found[b][1] for b in range(bins)])
     counts = sums[:, 0].astype(int)
-    solutions, covariance, free = (_joint if shared_higher_degrees and modes.lmax > 1 else _apart)(normals, edges)
+    columns = None if flow is None else [found[b][2] for b in range(bins)]
+    solve_bins = _joint if shared_higher_degrees and modes.lmax > 1 else _apart
+    solutions, covariance, free, flow_covariance = solve_bins(normals, edges, columns)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_inverse_distance = sums[:, 3] / sums[:, 4]
     return BinnedSolution(
@@ -117,11 +133,13 @@ def binned(
         free,
         mean_inverse_distance,
         tuple(notes),
+        flow_covariance,
+        "" if flow is None else f"{len(flow.modes)} modes of {flow.theory.name}, and {flow.dispersion:g} km/s beside them",
     )
 
 
-def _by_bin(field, edges, modes, calibration, threads):
-    """Of some sources, by bin: normal equations and moments of the redshifts; and what was left out."""
+def _by_bin(field, edges, modes, calibration, flow, threads):
+    """Of some sources, by bin: normal equations, moments of the redshifts, columns of the flow; and what was left out."""
     try:
         good = with_redshift(field, 0.0)
     except NothingLeftError as error:  # other parts may have some
@@ -131,7 +149,12 @@ def _by_bin(field, edges, modes, calibration, threads):
     found = {"outside": int(((place < 0) | (place >= bins)).sum()), "notes": [good.notes]}
     for b in np.unique(place[(place >= 0) & (place < bins)]):
         inside = good[place == b]
-        found[int(b)] = normal_equations(inside, modes, threads=threads), _moments(inside, calibration)
+        rate = mean_rates(inside, calibration)
+        moments, columns = _moments(inside, rate), ()
+        if flow is not None:
+            inside, further = flow.of(inside, rate, modes)
+            columns = (further,)
+        found[int(b)] = (normal_equations(inside, modes, threads=threads), moments, *columns)
     return found
 
 
@@ -186,15 +209,14 @@ def _reach(field):
     return len(z), [z.min()] if z.size else [], [z.max()] if z.size else []
 
 
-def _moments(field, calibration):
+def _moments(field, rate):
     """Sources, Σw, Σwz, and beyond the flow Σw/d and Σw."""
     weight, z = field.information / 2, field.redshift
-    rate = mean_rates(field, calibration)
     return np.array([len(field), weight.sum(), weight @ z, AU_PER_YEAR * (weight @ rate), weight[rate > 0].sum()])
 
 
-def _apart(normals, edges):
-    """Each bin for itself."""
+def _apart(normals, edges, columns):
+    """Each bin for itself: solutions, the covariance of their noise, which modes are free, what the flow adds."""
     solutions = []
     for b, normal in enumerate(normals):
         try:
@@ -205,10 +227,22 @@ def _apart(normals, edges):
     covariance = np.zeros((bins, p, bins, p))
     for b, solution in enumerate(solutions):
         covariance[b, :, b] = solution.covariance
-    return solutions, covariance.reshape(bins * p, bins * p), np.arange(p)
+    added = None
+    if columns is not None:
+        carried = [s.covariance @ x for s, x in zip(solutions, columns, strict=True)]
+        solutions = [_with_flow(s, k) for s, k in zip(solutions, carried, strict=True)]
+        added = np.concatenate(carried) @ np.concatenate(carried).T
+    return solutions, covariance.reshape(bins * p, bins * p), np.arange(p), added
 
 
-def _joint(normals, edges):
+def _with_flow(solution, carried):
+    """A solution whose errors hold a flow that was not fitted."""
+    return replace(
+        solution, covariance=solution.covariance + carried @ carried.T, errors_from="the catalogue, and flows of galaxies"
+    )
+
+
+def _joint(normals, edges, columns):
     """Degree 1 in each bin, the rest in common: one system of normal equations."""
     modes, bins = normals[0].modes, len(normals)
     own = np.array([i for i, mode in enumerate(modes) if mode.l == 1])
@@ -244,7 +278,15 @@ def _joint(normals, edges):
             Solution(Coefficients(modes, values), covariance[np.ix_(index, index)], chi2, normal.n_data,
                      normal.frame, normal.notes, "the catalogue, all bins together")
         )  # fmt: skip
-    return solutions, covariance[: 6 * bins, : 6 * bins], own
+    noise, added = covariance[: 6 * bins, : 6 * bins], None
+    if columns is not None:
+        carried = covariance @ np.concatenate([*(x[own] for x in columns), sum(x[rest] for x in columns)])
+        for b, solution in enumerate(solutions):
+            index = np.empty(len(modes), int)
+            index[own], index[rest] = np.arange(6 * b, 6 * b + 6), np.arange(6 * bins, size)
+            solutions[b] = _with_flow(solution, carried[index])
+        added = carried[: 6 * bins] @ carried[: 6 * bins].T
+    return solutions, noise, own, added
 
 
 def _of_bin(b, edges, error):

@@ -120,7 +120,9 @@ def information(binned: Any) -> tuple[FloatArray, FloatArray]:
     binned : BinnedSolution
         The bins.
     """
-    weight = np.array([1 / np.trace(s.covariance) for s in binned.solutions]) / binned.scales
+    size = len(binned.free)
+    noise = [np.trace(binned.covariance[i : i + size, i : i + size]) for i in range(0, size * len(binned), size)]
+    weight = 1 / np.array(noise) / binned.scales
     return weight, np.array([max(s.dof, 1) for s in binned.solutions])
 
 

@@ -52,6 +52,8 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
             f"constant ã − v/d, |v| = {velocity.amplitude:.0f} km/s",
             binned.secular_parallax(velocity)[1],
         )
+    if binned.flow_share > 0.01:
+        lines.append(f"errors and p-values hold flows that galaxies share: {binned.flow}")
     lines += ["", f"{'p-values':36}{'χ² (dof)':>16}{'as quoted':>11}{'scaled':>9}{'permuted':>10}"]
     for key, (name, test) in tests.items():
         if test.dof == 0:
@@ -63,7 +65,9 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
         )
         line += f"{'–' if permuted is None else p_value(permuted):>10}"
         lines.append(f"{line}  {'contradicted' if believed < _REMARKABLE else 'not contradicted'}")
-    if p_values is None and binned.modes.lmax == 1 and len(binned) > 1:
+    if p_values is None and binned.flow_share > 0.05 and binned.modes.lmax == 1 and len(binned) > 1:
+        lines.append("permuted: not computed, since redshifts dealt out anew tear the flow apart that neighbours share")
+    elif p_values is None and binned.modes.lmax == 1 and len(binned) > 1:
         lines.append(
             "permuted: not computed here (fit.redshift.permutation_test does; vsh-redshift up to 20000 sources)"
         )

@@ -55,14 +55,23 @@ def split_r_hat(chain: FloatArray) -> FloatArray:
         return np.sqrt((half - 1) / half + between / within)
 
 
+#: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
+ENOUGH = 50
+#: What a chain that is too short aims at: its own estimate of the autocorrelation time is too small.
+_AIM = 75
+
+
 class Run:
     """One chain: `resume_from` ties it to a checkpoint, `run` runs it.
 
-    Moves are by differential evolution, one in ten of them from mode to mode. The chain does not
-    depend on where it was interrupted, nor on how often it was saved.
+    Moves are by differential evolution, one in ten of them from mode to mode. A chain that has fewer than 50
+    autocorrelation times after `steps` goes on, to at most `most` steps. The chain does not depend on where it was
+    interrupted, nor on how often it was saved.
     """
 
-    def __init__(self, model: Any, begin: FloatArray, seed: int, steps: int, progress: bool, save_every: float) -> None:
+    def __init__(
+        self, model: Any, begin: FloatArray, seed: int, steps: int, progress: bool, save_every: float, most: int = 0
+    ) -> None:
         self.sampler = emcee.EnsembleSampler(
             *begin.shape, model.log_probability, vectorize=True,
             moves=[(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
@@ -72,6 +81,7 @@ class Run:
             raise ParameterError(f"{(~np.isfinite(first)).sum()} of {len(begin)} walkers would start at zero density")
         self.state = emcee.State(begin, log_prob=first, random_state=np.random.RandomState(seed).get_state())
         self.start = begin, first
+        self.steps, self.most = steps, max(steps, most)
         self.chain, self.log_probability = np.empty((steps, *begin.shape)), np.empty((steps, len(begin)))
         self.done = 0
         self.progress, self.save_every = progress, save_every
@@ -100,24 +110,44 @@ class Run:
         chain, log_probability, random_state = found
         if chain.shape[1:] != self.chain.shape[1:] or log_probability.shape != chain.shape[:2] or not len(chain):
             raise CheckpointError(f"{path} holds a chain of shape {chain.shape}: name another file, or delete it")
-        self.done = min(len(chain), len(self.chain))
-        self.chain[: self.done], self.log_probability[: self.done] = chain[: self.done], log_probability[: self.done]
+        self._make_room(len(chain))
+        self.done = len(chain)
+        self.chain[: self.done], self.log_probability[: self.done] = chain, log_probability
         self.state = emcee.State(chain[-1], log_prob=log_probability[-1], random_state=random_state)
 
     def run(self) -> tuple[FloatArray, FloatArray]:
         """Go to the last step; returns the chain and its log-probabilities."""
-        last = time.monotonic()
-        cost = 0.0
-        bar = progress_bar(None, len(self.chain), "chain", self.progress, " steps", initial=self.done)
-        remaining = len(self.chain) - self.done
-        if remaining == 0:
-            return self.chain, self.log_probability
+        target = self.steps
+        while True:
+            self._make_room(target)
+            if target > self.done:
+                self._go_on(target)
+            if target >= self.most:
+                break
+            slowest = float(np.max(autocorrelation(self.chain[:target])))
+            if target >= ENOUGH * slowest:
+                break
+            aim = _AIM * slowest if np.isfinite(slowest) else 4 * target
+            target = int(min(self.most, max(1.5 * target, aim)))
+        return self.chain[:target], self.log_probability[:target]
+
+    def _make_room(self, steps):
+        more = steps - len(self.chain)
+        if more > 0:
+            self.chain = np.concatenate([self.chain, np.empty((more, *self.chain.shape[1:]))])
+            self.log_probability = np.concatenate([self.log_probability, np.empty((more, self.chain.shape[1]))])
+
+    def _go_on(self, target):
+        """To a step, saving on the way."""
+        last, cost = time.monotonic(), 0.0
+        bar = progress_bar(None, target, "chain", self.progress, " steps", initial=self.done)
         with bar:
             for state in self.sampler.sample(
-                self.state, iterations=remaining, store=False, skip_initial_state_check=True
+                self.state, iterations=target - self.done, store=False, skip_initial_state_check=True
             ):
                 self.chain[self.done], self.log_probability[self.done] = state.coords, state.log_prob
                 self.done += 1
+                self.state = state
                 bar.update()
                 # Long chains take long to write: never more than a twentieth of the time.
                 if self.path and time.monotonic() - last > max(self.save_every, 20 * cost):
@@ -127,7 +157,6 @@ class Run:
                     cost = last - begun
             if self.path:
                 self._save()
-        return self.chain, self.log_probability
 
     def _save(self):
         done = slice(0, self.done)

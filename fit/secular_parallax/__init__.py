@@ -11,11 +11,14 @@ from fit.secular_parallax._estimate import hubble_constant, observer_velocity
 from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._forecast import Forecast, forecast, predict
 from fit.secular_parallax._known import with_acceleration, with_flow, without_flow
+from fit.secular_parallax._left_out import flow_covariance
 from fit.secular_parallax._parts import ParallaxParts
 from fit.secular_parallax._setup import (
+    LEFT_DISPERSION,
     DistanceOptions,
     by_frame,
     dispersion_of,
+    flow_theory,
     noted,
     parallax_equations,
     undeclared,
@@ -24,6 +27,7 @@ from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, Vel
 from fit.secular_parallax._solve import check_determined
 
 __all__ = [
+    "LEFT_DISPERSION",
     "OMEGA",
     "A",
     "DistanceOptions",
@@ -39,6 +43,8 @@ __all__ = [
     "by_frame",
     "check_determined",
     "dispersion_of",
+    "flow_covariance",
+    "flow_theory",
     "forecast",
     "hubble_constant",
     "noted",

@@ -12,7 +12,7 @@ a variance that is the same in all directions (peculiar velocities, excess noise
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from fit.secular_parallax._flow import FlowRows, known_flow
 from vsh.checks.types import ArrayLike, FloatArray
 from vsh.cosmology import PLANCK_2018, hubble_value
 from vsh.field import Field
-from vsh.flows import FlowModes, VelocityGrid
+from vsh.flows import FlowModes, LinearTheory, VelocityGrid
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
 
@@ -83,9 +83,11 @@ class ParallaxEquations:
     frame : str
     notes : tuple of str
     flow : FlowRows or None
-        Further columns, computed when they are summed.
+        Further columns of the sources that stand first, those within reach of the flow; computed when they are summed.
     n_own : int
         Sources whose distance is in Mpc whatever H0 is.
+    left_out : LeftOut or None
+        The flow that is in reach of the sources and not among the columns.
     """
 
     design: FloatArray
@@ -98,6 +100,7 @@ class ParallaxEquations:
     notes: tuple[str, ...]
     flow: FlowRows | None = None
     n_own: int = 0
+    left_out: Any = None
 
     @property
     def n_data(self) -> int:
@@ -118,6 +121,18 @@ class ParallaxEquations:
     def largest_rate(self) -> float:
         """Of all equations. [µas/yr per km/s]"""
         return float(self.rate.max())
+
+    def most_sensitive(self, n_sources: int) -> ParallaxEquations:
+        """Those of so many sources whose motions tell most of peculiar velocities, by distance and error alone."""
+        n = self.n_data // 2
+        if n <= n_sources:
+            return self
+        share = self.rate[:n] ** 2 * (1 / self.variance[:n] + 1 / self.variance[n:])
+        chosen = np.sort(np.argpartition(-share, n_sources)[:n_sources])
+        both = np.r_[chosen, chosen + n]
+        flow = None if self.flow is None else self.flow.only(chosen[chosen < len(self.flow.lon)])
+        columns = {name: getattr(self, name)[both] for name in ("design", "motion", "variance", "rate", "left")}
+        return replace(self, **columns, flow=flow)
 
     def sums(
         self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, ratio: float = 1.0, threads: int | None = None
@@ -144,25 +159,31 @@ class ParallaxEquations:
         added = np.stack([np.ravel(spread), np.ravel(excess_noise)]) ** 2
         many, n = added.shape[1], self.n_data // 2
         size = self.design.shape[1] + 1
+        near = 0 if self.flow is None else len(self.flow.lon)
+        far = np.r_[near:n, n + near : 2 * n]
 
-        def block(part):
-            rows_of = np.r_[part, slice(n + part.start, n + part.stop)] if self.flow is not None else part
-            base = self.variance[rows_of, None] + self.left[rows_of, None] * ratio**2
-            variance = self.rate[rows_of, None] ** 2 * added[0] + (base + added[1])
-            rows = np.column_stack([self.design[rows_of], self.motion[rows_of]])
-            if self.flow is not None:
-                rows = np.hstack([rows, self.flow.rows(part)])
+        def weighted(index, further):
+            base = self.variance[index, None] + self.left[index, None] * ratio**2
+            variance = self.rate[index, None] ** 2 * added[0] + (base + added[1])
+            rows = np.column_stack([self.design[index], self.motion[index], *further])
             return _gram(rows, variance), np.log(variance).sum(0)
 
-        if self.flow is None:
-            parts = map_blocks(block, self.n_data, max(64, 2**20 // max(55, many)), threads)
-        else:
-            parts = map_blocks(block, n, _BLOCK, threads)
-        gram: Any = 0.0
-        logdet: Any = 0.0
-        for each, log in parts:
-            gram, logdet = gram + each, logdet + log
-        order = np.r_[: size - 1, size : gram.shape[-1], size - 1]  # the motion last
+        def near_block(part):
+            return weighted(np.r_[part, slice(n + part.start, n + part.stop)], [self.flow.rows(part)])
+
+        def far_block(part):
+            return weighted(far[part], [])
+
+        total = size + (0 if self.modes is None else len(self.modes))
+        gram, logdet = np.zeros((many, total, total)), np.zeros(many)
+        if near:
+            for each, log in map_blocks(near_block, near, _BLOCK, threads):
+                gram, logdet = gram + each, logdet + log
+        if far.size:
+            for each, log in map_blocks(far_block, far.size, max(64, 2**20 // max(55, many)), threads):
+                gram[:, :size, :size] += each
+                logdet = logdet + log
+        order = np.r_[: size - 1, size:total, size - 1]  # the motion last
         gram = gram[:, order[:, None], order].reshape(*spread.shape, len(order), len(order))
         logdet = logdet.reshape(spread.shape)
         return ParallaxSums(gram[..., :-1, :-1], gram[..., :-1, -1], gram[..., -1, -1], logdet, self.n_data)
@@ -190,6 +211,7 @@ def equations_of(
     field: Field,
     calibration: Calibration,
     *,
+    theory: LinearTheory | None = None,
     modes: FlowModes | None = None,
     ratio: float = 1.0,
     apart: bool = False,
@@ -204,8 +226,10 @@ def equations_of(
         With redshifts.
     calibration : Calibration
         From redshifts to distances.
+    theory : LinearTheory, optional
+        Of the flow: what of it the modes leave adds to the variances.
     modes : FlowModes, optional
-        Of a flow: further columns.
+        Of a flow: further columns. None where no source is near enough for one.
     ratio : float
         H0/H_ref, for distances that are in Mpc whatever H0 is.
     apart : bool
@@ -234,19 +258,28 @@ def equations_of(
         columns[1].append(-mean * own * q)
     east, north = map(np.concatenate, columns)
     ours = PLANCK_2018.to_frame(field.frame).value
-    unsure, flow, left = ours @ ours / 3, None, np.zeros(len(field))
+    unsure, flow, left, order = ours @ ours / 3, None, np.zeros(len(field)), np.arange(len(field))
+    if theory is not None:
+        unsure += theory.sigma**2
+        left = np.full(len(field), theory.sigma**2)
     if modes is not None:
-        unsure += modes.theory.sigma**2
-        flow = FlowRows(modes, field.lon, field.lat, distance, mean, cos, sin)
-        left = modes.left(distance)[0] * (mean**2 + variance_of_k)
-    scatter = variance_of_k * unsure
+        near = distance <= modes.radii[-1]
+        order = np.argsort(~near, kind="stable")
+        first = order[: near.sum()]
+        left[near] = modes.left(distance[near])[0]
+        flow = FlowRows(modes, *(each[first] for each in (field.lon, field.lat, distance, mean, cos, sin)))
     rate = np.sqrt(mean**2 + variance_of_k)
-    return ParallaxEquations(
-        np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T.copy(),
+    scatter, left = variance_of_k * unsure, left * rate**2
+    pairs = [
+        np.concatenate([cos * east + sin * north, cos * north - sin * east], axis=1).T,
         np.concatenate([cos * y[0] + sin * y[1], cos * y[1] - sin * y[0]]),
         np.concatenate([large + scatter, small + scatter]),
         np.concatenate([rate, rate]),
         np.concatenate([left, left]),
+    ]
+    both = np.r_[order, order + len(field)]
+    return ParallaxEquations(
+        *(each[both] for each in pairs),
         hubble_value(calibration.cosmology),
         field.frame,
         (*notes, *calibration.notes),

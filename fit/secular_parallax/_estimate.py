@@ -6,10 +6,12 @@ galaxies share. Velocities are ours with respect to the background and point tow
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Literal, Unpack
 
 import numpy as np
 
+from fit.secular_parallax._dispersion import freed, preferred_dispersion
 from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, U
 from fit.secular_parallax._known import LocalGroup
 from fit.secular_parallax._parts import ParallaxParts
@@ -34,14 +36,13 @@ _PRODUCT = "the proper motions constrain only the product of our velocity and th
     field=arguments.a(Field, Parts),
     hubble=arguments.positive,
     excess_noise=arguments.not_negative,
-    peculiar_dispersion=arguments.not_negative,
 )
 def observer_velocity(
     field: Field | Parts,
     hubble: float | None = None,
     *,
     cosmology: Cosmology | None = None,
-    peculiar_dispersion: float | None = None,
+    peculiar_dispersion: float | Literal["free"] | None = None,
     spin: Literal["free"] | Vector | None = None,
     acceleration: Vector | None = None,
     excess_noise: float = 0.0,
@@ -57,10 +58,10 @@ def observer_velocity(
         H0. [km/s/Mpc]
     cosmology : astropy cosmology, optional
         The shape of the distance; its own H0 does not count. Flat, Ω_m = 0.315 unless given.
-    peculiar_dispersion : float, optional
-        Dispersion of the peculiar velocities in each component, which adds (σ_pec/d)² to
-        every variance, and scatters redshifts that are not true ones: 750 unless given. With flows, what they do not
-        hold: 150. [km/s]
+    peculiar_dispersion : float or "free", optional
+        Dispersion of the peculiar velocities in each component that flows do not hold, which adds (σ_pec/d)² to
+        every variance, and scatters redshifts that are not true ones: 150 unless given; 750 with flows=None. [km/s]
+        "free" takes what the residuals prefer, and adds its uncertainty to the errors (a Field only).
     spin : None, "free" or Vector
         None takes the frame not to spin; a Vector (of the quasars, say) is held fixed and its
         covariance propagated. [µas/yr]
@@ -88,16 +89,21 @@ def observer_velocity(
 
     Notes
     -----
-    On simulated skies with dispersions of 300 and 750 km/s in motions and redshifts, heliocentric redshifts and errors of
-    0.003, pulls are 1.0 and the bias below 0.2 standard errors, with magnitudes and without. With flows of linear theory
-    errors hold only where `flows` is given: without, they are several times too small.
+    Flows of linear theory are unknowns unless flows=None: on the real sky they are nearly the whole error. On simulated skies
+    with such flows, 10⁴ galaxies to z = 0.03 and heliocentric redshifts, 68 and 95 % intervals hold 0.63 to 0.73 and 0.92
+    to 0.98 (benchmarks/flows_by_default.py). Without them, on skies of independent velocities of 300 and 750 km/s, pulls are 1.0
+    and the bias below 0.2 standard errors, with magnitudes and without; `flow_covariance` then says what flows would add.
+    A dispersion that is wrong biases: 300 km/s taken for 450 gives pulls of 1.2; `preferred` says what the residuals prefer.
     """
     if hubble is None:
         raise DegeneracyError(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to fit.posterior.sample"
         )
+    if isinstance(peculiar_dispersion, str):
+        apart = {"cosmology": cosmology, "spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
+        return freed(partial(observer_velocity, field, hubble, **apart), field, peculiar_dispersion, distances)
     dispersion = dispersion_of(peculiar_dispersion, distances)
-    given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": peculiar_dispersion} | distances
+    given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
     def as_frame(frame):
         other = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
@@ -117,43 +123,42 @@ def velocity_from(
     excess_noise: float = 0.0,
     local_group: Vector | bool | None = None,
 ) -> VelocitySolution:
-    """Our velocity from equations; the arguments are those of `observer_velocity`, all of them in order.
-
-    Parameters
-    ----------
-    rows : ParallaxEquations or ParallaxParts
-        Of a catalogue, with distances for this H0.
-    hubble : float
-        H0. [km/s/Mpc]
-    dispersion : float
-        Of peculiar velocities. [km/s]
-    spin, acceleration, excess_noise
-        As for `observer_velocity`.
-    local_group : Vector or bool, optional
-        For forecasts alone: our own velocity is not independent of it.
-    """
+    """Our velocity from equations, whose distances are for this H0; `local_group` is for forecasts alone: ours is not independent of it."""
     ratio = hubble / rows.hubble
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     to_u = np.eye(9)
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
     group = local_group_of(local_group, rows)
-    found = solve_for(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group)
-    return VelocitySolution(**found, peculiar_dispersion=dispersion, assumed_hubble=hubble)
+    further = _further(rows, dispersion, excess_noise, acceleration, ratio)
+    found = solve_for(
+        sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=further.pop("left_out")
+    )
+    return VelocitySolution(**found, **further, peculiar_dispersion=dispersion, assumed_hubble=hubble)
+
+
+def _further(rows, dispersion, excess_noise, acceleration, ratio):
+    """Sums of a flow that is left out, and what the residuals say of the dispersion."""
+    left_out = rows.left_out
+    if left_out is not None:
+        left_out = left_out.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
+    preferred = None
+    if isinstance(rows, ParallaxEquations):
+        preferred = preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio)
+    return {"left_out": left_out, "preferred": preferred}
 
 
 @arguments.accepts(
     field=arguments.a(Field, Parts),
     hubble=arguments.positive,
     excess_noise=arguments.not_negative,
-    peculiar_dispersion=arguments.not_negative,
 )
 def hubble_constant(
     field: Field | Parts,
     velocity: str | Vector | ArrayLike | None = None,
     *,
     cosmology: Cosmology | None = None,
-    peculiar_dispersion: float | None = None,
+    peculiar_dispersion: float | Literal["free"] | None = None,
     spin: Literal["free"] | Vector | None = None,
     acceleration: Vector | None = None,
     excess_noise: float = 0.0,
@@ -191,8 +196,12 @@ def hubble_constant(
             f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.secular_parallax.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
+    if isinstance(peculiar_dispersion, str):
+        apart = {"cosmology": cosmology, "spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
+        estimate = partial(hubble_constant, field, velocity, **apart, hubble=hubble, local_group=local_group)
+        return freed(estimate, field, peculiar_dispersion, distances)
     dispersion = dispersion_of(peculiar_dispersion, distances)
-    given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": peculiar_dispersion} | distances
+    given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
     def as_frame(frame):
         other = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "hubble": hubble}
@@ -208,11 +217,14 @@ def hubble_constant(
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     names = ("H0", "a_x", "a_y", "a_z")
 
+    further = _further(rows, dispersion, excess_noise, acceleration, ratio)
+    left_out = further.pop("left_out")
+
     def at(v):
         to_u = np.zeros((12, 4))
         to_u[U, 0] = v / rows.hubble
         to_u[A, 1:] = np.eye(3)
-        return solve_for(sums, to_u, names, spin, rows, acceleration, ratio, group, v)
+        return solve_for(sums, to_u, names, spin, rows, acceleration, ratio, group, v, left_out)
 
     found = at(velocity.value)
     if velocity.covariance.any():
@@ -222,7 +234,7 @@ def hubble_constant(
              for s in step * np.eye(3)], axis=1,
         )  # fmt: skip
         found["covariance"] = found["covariance"] + slopes @ velocity.covariance @ slopes.T
-    return HubbleSolution(**found, peculiar_dispersion=dispersion, assumed_velocity=velocity)
+    return HubbleSolution(**found, **further, peculiar_dispersion=dispersion, assumed_velocity=velocity)
 
 
 def _in_words(velocity):
@@ -230,24 +242,11 @@ def _in_words(velocity):
 
 
 def local_group_of(value: Vector | bool | None, rows: ParallaxEquations | ParallaxParts) -> LocalGroup | None:
-    """The Local Group's velocity as a measurement of the flow of some equations.
-
-    Parameters
-    ----------
-    value : Vector, bool or None
-        As users say it.
-    rows : ParallaxEquations or ParallaxParts
-        Of a catalogue.
-
-    Raises
-    ------
-    ParameterError
-        If there is no flow, or the value is no velocity.
-    """
+    """The Local Group's velocity as a measurement of the flow of some equations."""
     if value is None or value is False:
         return None
     if rows.modes is None:
-        raise ParameterError('the Local Group tells the flow where we are: give flows="linear" with local_group=')
+        raise ParameterError("the Local Group tells the flow where we are: local_group= needs galaxies with a flow (z < 0.2, not flows=None)")
     if value is not True and not isinstance(value, Vector):
         raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
     known = (LOCAL_GROUP if value is True else value).to_frame(rows.frame)

@@ -47,6 +47,11 @@ class FlowRows:
     cos: FloatArray
     sin: FloatArray
 
+    def only(self, index: FloatArray) -> FlowRows:
+        """Those of some sources."""
+        names = ("lon", "lat", "distance", "rate", "cos", "sin")
+        return FlowRows(self.modes, *(getattr(self, name)[index] for name in names))
+
     def rows(self, part: slice) -> FloatArray:
         """The columns of some sources, (2k, p): the first components of all, then the second. [µas/yr]
 

@@ -62,8 +62,8 @@ def predict(
     constant = hubble_constant(still, velocity, hubble=hubble, local_group=local_group, **options)
     nothing = float("nan")
     return (
-        replace(ours, values=np.full(len(ours.names), nothing), chi2=nothing),
-        replace(constant, values=np.full(len(constant.names), nothing), chi2=nothing),
+        replace(ours, values=np.full(len(ours.names), nothing), chi2=nothing, preferred=None),
+        replace(constant, values=np.full(len(constant.names), nothing), chi2=nothing, preferred=None),
     )
 
 
@@ -149,7 +149,7 @@ class Forecast(Result):
 
 
 #: What may be known besides the galaxies' motions: options of `predict`, and the columns of a forecast.
-_FLOWS = {"flows": "linear"}
+_FLOWS: dict[str, Any] = {"flows": "linear"}
 
 
 def _glide(error):
@@ -157,7 +157,7 @@ def _glide(error):
 
 
 KNOWN: dict[str, dict[str, Any]] = {
-    "independent": {"peculiar_dispersion": 306.0},
+    "independent": {"peculiar_dispersion": 306.0, "flows": None},
     "flows": _FLOWS,
     "+ glide 0.35": _FLOWS | _glide(0.35),
     "+ glide 0.1": _FLOWS | _glide(0.1),
@@ -209,7 +209,7 @@ def forecast(
             sources.append(len(chosen))
             for options in KNOWN.values():
                 given = (
-                    {"redshift_frame": redshift_frame} | options | ({"n_modes": n_modes} if "flows" in options else {})
+                    {"redshift_frame": redshift_frame} | options | ({"n_modes": n_modes} if options["flows"] else {})
                 )
                 ours, h = predict(chosen, hubble, **given)
                 velocity.append(np.sqrt(np.trace(ours.velocity.covariance) / 3))

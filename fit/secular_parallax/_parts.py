@@ -38,6 +38,8 @@ class ParallaxParts:
     notes : tuple of str
     n_own : int
         Sources whose distance is in Mpc whatever H0 is.
+    left_out : LeftOut or None
+        The flow that is in reach of the sources and not among the columns.
     """
 
     sky: Parts
@@ -50,6 +52,7 @@ class ParallaxParts:
     frame: str
     notes: tuple[str, ...]
     n_own: int
+    left_out: Any = None
 
     @property
     def modes(self) -> FlowModes | None:

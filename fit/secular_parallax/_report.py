@@ -40,6 +40,7 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
         f"frame          {solution.frame}",
         f"dispersion     {solution.peculiar_dispersion:g} km/s of peculiar velocities in each component, in the weights"
         + (", beside the flow" if solution.flow is not None else ""),
+        *_dispersion(solution),
     ]
     if np.isnan(solution.values).all():
         lines += ["", "errors that a fit would have"]
@@ -57,11 +58,44 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
     a = solution.acceleration
     lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| {_equal(amplitude(a))} µas/yr")
     lines.append(f"{'':14}{direction(a.to_frame('galactic'))}")
-    return "\n".join([*lines, *_correlations(solution), *note_lines(solution.notes)]) + "\n"
+    return "\n".join([*lines, *_left_out(solution), *_correlations(solution), *note_lines(solution.notes)]) + "\n"
+
+
+def _dispersion(solution):
+    """What the residuals say of the dispersion."""
+    preferred = solution.preferred
+    if preferred is None:
+        return []
+    if not preferred.told:
+        return ["               the residuals do not tell it"]
+    prefer = f"the residuals prefer {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
+    if preferred.gain < 4.5:  # ln L of three standard deviations
+        return [f"               {prefer}"]
+    return [
+        f"warning        {prefer}: results are biased where the dispersion is wrong,",
+        "               --peculiar-dispersion free (\"free\") takes what they prefer",
+    ]
+
+
+def _left_out(solution):
+    """The size of flows that errors leave out."""
+    if solution.flow_covariance is None:
+        return []
+    size = np.sqrt(np.diag(solution.flow_covariance))
+    first = f"{size[0]:.0f} km/s/Mpc in H0" if solution.names[0] == "H0" else f"{np.sqrt(np.mean(size[:3] ** 2)):.0f} km/s in each component"
+    at = solution.names.index("a_x")
+    glide = np.sqrt(np.mean(size[at : at + 3] ** 2))
+    return [
+        "",
+        f"warning        not in the errors above: flows of linear theory, which galaxies share, add ± {first}",
+        f"               and ± {glide:.2g} µas/yr in each component of the acceleration; without --no-flows they are fitted",
+    ]
 
 
 def _cosmic(solution):
     """What flows that galaxies share do to the error."""
+    if solution.flow is None and solution.flow_covariance is None:
+        return "too far for flows that galaxies share"
     if solution.flow is None:
         return "errors without flows that galaxies share"
     modes = solution.flow.modes

@@ -10,18 +10,22 @@ from warnings import warn
 
 import numpy as np
 
-from fit.distances import WHOLE_DISPERSION, calibrate
+from fit.distances import WHOLE_DISPERSION, Calibration, calibrate
 from fit.secular_parallax._equations import ParallaxEquations
+from fit.secular_parallax._left_out import LeftOut
 from fit.secular_parallax._parts import ParallaxParts, equations
+from vsh.checks.arguments import not_negative
 from vsh.checks.types import Cosmology, FloatArray
 from vsh.cosmology import PLANCK_2013, transverse_distance
 from vsh.errors import ParameterError, VshError, VshWarning
 from vsh.field import Field
-from vsh.flows import PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
+from vsh.flows import FARTHEST, PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
 from vsh.parts import Parts
 
 #: Dispersion of peculiar velocities in each component beyond the flows of linear theory. [km/s]
 LEFT_DISPERSION = 150.0
+#: So many tell the size of a flow that is left out to a few per cent.
+_MODES_LEFT_OUT = 100
 
 
 class DistanceOptions(TypedDict, total=False):
@@ -34,7 +38,8 @@ class DistanceOptions(TypedDict, total=False):
         field's own unless given. Redshifts of which nobody says it are taken as true, with a warning.
     flows : "linear", LinearTheory or None
         Velocities that galaxies share are unknowns, with the power of linear theory as their prior; it stands for H_ref
-        and weighs only. Without, every galaxy moves by itself.
+        and weighs only. "linear", Planck's, unless given. With None every galaxy moves by itself, and errors are several
+        times too small on the real sky: reports then say what flows would add.
     n_modes : int
         Unknowns of the flow, 250 unless given.
     reconstruction : VelocityGrid, optional
@@ -75,6 +80,8 @@ def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -
         If it holds the flows that are fitted as well.
     """
     flows = flow_theory(options)
+    if peculiar_dispersion is not None:
+        not_negative("peculiar_dispersion", peculiar_dispersion)
     if flows is None:
         return WHOLE_DISPERSION if peculiar_dispersion is None else peculiar_dispersion
     if peculiar_dispersion is None:
@@ -82,7 +89,8 @@ def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -
     if peculiar_dispersion > 1.3 * flows.sigma:
         raise ParameterError(
             f"with flows a dispersion of {peculiar_dispersion:g} km/s counts them twice: they are {flows.sigma:.0f} km/s in each "
-            "component by themselves, and peculiar_dispersion= is what galaxies have beside them (150 to 300; 150 unless given)"
+            "component by themselves, and peculiar_dispersion= is what galaxies have beside them (150 to 300; 150 unless given). Without flows: "
+            "flows=None, --no-flows"
         )
     return peculiar_dispersion
 
@@ -100,13 +108,13 @@ def flow_theory(options: DistanceOptions) -> LinearTheory | None:
     ParameterError
         If it is none.
     """
-    flows = options.get("flows")
+    flows = options.get("flows", "linear")
     if isinstance(flows, str) and flows == "linear":
         return PLANCK_2018
     if flows is not None and not isinstance(flows, LinearTheory):
         raise ParameterError(f'flows are "linear", a vsh.flows.LinearTheory or None, not {flows!r}')
     if flows is None and options.get("reconstruction") is not None:
-        raise ParameterError('a reconstruction leaves a flow to be fitted, what it lacks: give flows="linear" as well')
+        raise ParameterError("a reconstruction leaves a flow to be fitted, what it lacks: it does not go with flows=None")
     return flows
 
 
@@ -162,8 +170,13 @@ def parallax_equations(
         field, given.get("redshift_frame"), radial, cosmology=cosmology, density=given.get("density"),
         luminosity=given.get("luminosity"), magnitudes=given.get("magnitudes"),
     )  # fmt: skip
-    modes = None if flows is None else _modes(calibration, flows, given.get("n_modes", 250))
-    return equations(field, calibration, modes=modes, ratio=ratio, apart=apart, reconstruction=grid, threads=threads)
+    modes = None if flows is None else modes_within(calibration, flows, given.get("n_modes", 250))
+    how = {"ratio": ratio, "apart": apart, "threads": threads}
+    rows = equations(field, calibration, theory=flows, modes=modes, reconstruction=grid, **how)
+    if flows is None:
+        reach = modes_within(calibration, PLANCK_2018, _MODES_LEFT_OUT)
+        rows = replace(rows, left_out=None if reach is None else LeftOut(field, calibration, reach, how))
+    return rows
 
 
 def _theory_left(options) -> LinearTheory | None:
@@ -184,8 +197,11 @@ def _scaled(theory, error):
     return replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
 
 
-def _modes(calibration, theory, n_modes) -> FlowModes:
-    low, high = transverse_distance(np.array(calibration.limits), calibration.cosmology) * calibration.little_h
+def modes_within(calibration: Calibration, theory: LinearTheory, n_modes: int = 250) -> FlowModes | None:
+    """The modes of a flow over the distances that tell of one; None where all of a catalogue lies beyond their reach."""
+    low, high = transverse_distance(np.array(calibration.flow_limits), calibration.cosmology) * calibration.little_h
+    if low > 0.9 * FARTHEST:
+        return None
     # Distances given the redshift may lie beyond that of the redshift itself.
     return flow_modes(0.5 * low, 1.2 * high, n_modes, theory)
 

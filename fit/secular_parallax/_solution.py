@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.named import NamedSolution
+from fit.secular_parallax._dispersion import Preferred
 from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._report import text_of
 from vsh import Coefficients
@@ -43,12 +44,19 @@ class ParallaxSolution(NamedSolution):
         The velocities that galaxies share, as far as they were fitted.
     noise_covariance : (p, p) array or None
         The covariance were the flow known.
+    flow_covariance : (p, p) array or None
+        What the flow of linear theory would add to the covariance, where it was left out (flows=None) and galaxies are
+        near enough for one.
+    preferred : Preferred or None
+        What the residuals say of the dispersion; None for catalogues in parts.
     notes : tuple of str
     """
 
     peculiar_dispersion: float = 750.0
     flow: Flow | None = None
     noise_covariance: FloatArray | None = None
+    flow_covariance: FloatArray | None = None
+    preferred: Preferred | None = None
 
     @property
     def cosmic_share(self) -> float | None:

@@ -10,6 +10,7 @@ import numpy as np
 from fit.secular_parallax._equations import OMEGA, ParallaxEquations, ParallaxSums, V
 from fit.secular_parallax._flow import flow_of
 from fit.secular_parallax._known import LocalGroup, with_acceleration, with_flow, without_flow
+from fit.secular_parallax._left_out import flow_covariance
 from fit.secular_parallax._parts import ParallaxParts
 from vsh.checks.types import FloatArray
 from vsh.errors import DegeneracyError, ParameterError
@@ -26,39 +27,13 @@ def solve_for(
     ratio: float,
     group: LocalGroup | None = None,
     velocity: FloatArray | None = None,
+    left_out: ParallaxSums | None = None,
 ) -> dict[str, Any]:
     """Least squares for θ with (u, ã, ω[, v]) = to_u θ: the spin fixed, free or none, the flow marginalised.
 
-    Parameters
-    ----------
-    sums : ParallaxSums
-        Of the rows.
-    to_u : (9 or 12, p) array
-        From θ.
-    names : tuple of str
-        Of θ.
-    spin : None, "free" or Vector
-        As for `observer_velocity`.
-    rows : ParallaxEquations or ParallaxParts
-        Whose frame, modes and notes.
-    acceleration : Vector or None
-        Known from elsewhere.
-    ratio : float
-        H0/H_ref in the weights.
-    group : LocalGroup, optional
-        A measurement of the flow where we are.
-    velocity : (3,) array, optional
-        Ours, where H0 is the first of θ. [km/s]
-
-    Returns
-    -------
-    dict
-        What a solution is made with.
-
-    Raises
-    ------
-    ParameterError
-        If the spin is none of these.
+    `to_u` is (9 or 12, p), `ratio` H0/H_ref in the weights, `group` a measurement of the flow where we are, `velocity` ours
+    where H0 is the first of θ; `left_out` are the sums with the columns of a flow that the fit leaves out. Returns what a
+    solution is made with.
     """
     width = 9 if velocity is None else 12
     sums = with_acceleration(sums, acceleration, rows.frame)
@@ -100,6 +75,9 @@ def solve_for(
         "notes": rows.notes,
         "noise_covariance": noise,
     }
+    if left_out is not None:
+        left_out = with_acceleration(left_out, acceleration, rows.frame)
+        found["flow_covariance"] = flow_covariance(left_out, to_u, ratio)
     if amplitudes is not None:
         found["flow"] = flow_of(rows, amplitudes, to_u @ values + fixed, to_u, covariance, ratio)
     return found

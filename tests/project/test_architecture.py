@@ -171,12 +171,12 @@ def test_import_is_light():
 
 @pytest.mark.parametrize("path", FILES, ids=name)
 def test_small_files(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 300
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 600
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=name)
 def test_small_folders(folder):
-    assert len(list(folder.glob("*.py"))) <= 12
+    assert len(list(folder.glob("*.py"))) <= 15
 
 
 def test_the_tests_mirror_the_packages():

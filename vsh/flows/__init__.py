@@ -5,10 +5,11 @@ frame of the microwave background.
 """
 
 from vsh.flows._grid import VelocityGrid, read_velocity_grid
-from vsh.flows._modes import FlowModes, flow_modes
+from vsh.flows._modes import FARTHEST, FlowModes, flow_modes
 from vsh.flows._theory import HUBBLE, PLANCK_2018, LinearTheory
 
 __all__ = [
+    "FARTHEST",
     "HUBBLE",
     "PLANCK_2018",
     "FlowModes",

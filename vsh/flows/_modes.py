@@ -26,7 +26,7 @@ from vsh.errors import ParameterError
 from vsh.flows._theory import HUBBLE, PLANCK_2018, LinearTheory
 
 #: Beyond this distance flows move nobody's estimate: sources there have independent velocities. [Mpc/h]
-_FARTHEST = 600.0
+FARTHEST = 600.0
 #: Below this distance the modes are as here. [Mpc/h]
 _NEAREST = 2.0
 _RADII = 160
@@ -188,7 +188,7 @@ def flow_modes(
     Against the covariance of 500 galaxies between 6 and 90 Mpc/h the modes err by 3, 2 and 1 % of its Frobenius
     norm with 250, 500 and 1000 of them.
     """
-    nearest, farthest = max(nearest, _NEAREST), min(max(farthest, 1.5 * _NEAREST), _FARTHEST)
+    nearest, farthest = max(nearest, _NEAREST), min(max(farthest, 1.5 * _NEAREST), FARTHEST)
     if not nearest < farthest:
         raise ParameterError(f"distances of a flow rise, not from {nearest:g} to {farthest:g} Mpc/h")
     if n_modes < 3:

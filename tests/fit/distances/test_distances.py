@@ -162,7 +162,7 @@ def whole_likelihood(field, dispersion):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_against_the_whole_marginal_likelihood(seed):
     field, _ = seen(2500, seed, release="DR5")
-    found = observer_velocity(field, 67.3, peculiar_dispersion=750.0, luminosity=lambda m: -((m + 18) ** 2) / 4.5)
+    found = observer_velocity(field, 67.3, peculiar_dispersion=750.0, flows=None, luminosity=lambda m: -((m + 18) ** 2) / 4.5)
     exact = whole_likelihood(field, 750.0)
     assert np.abs((found.velocity.value - exact) / found.velocity.sigma).max() < 0.25
 
@@ -212,8 +212,8 @@ def test_pulls_on_skies_as_they_are_seen(magnitudes):
     toward = OURS / np.linalg.norm(OURS)
     for seed in range(40):
         field, _ = seen(1500, 100 + seed, dispersion=600.0, release="DR5")
-        found = observer_velocity(field, 67.3, peculiar_dispersion=600.0, magnitudes=magnitudes).velocity
-        as_true = observer_velocity(field, 67.3, peculiar_dispersion=600.0, redshift_frame="true").velocity
+        found = observer_velocity(field, 67.3, peculiar_dispersion=600.0, flows=None, magnitudes=magnitudes).velocity
+        as_true = observer_velocity(field, 67.3, peculiar_dispersion=600.0, flows=None, redshift_frame="true").velocity
         off.append((found.value - OURS) @ toward / np.sqrt(toward @ found.covariance @ toward))
         naive.append((as_true.value - OURS) @ toward / np.sqrt(toward @ as_true.covariance @ toward))
         pulls.extend((found.value - OURS) / found.sigma)

@@ -12,7 +12,7 @@ from vsh.cosmology import BACHCHAN_2016, PLANCK_2018
 from vsh.errors import ConvergenceError, DegeneracyError, ParameterError
 
 VELOCITY = BACHCHAN_2016.to_frame("icrs").value
-SETTINGS = {"rng": 5, "progress": False}
+SETTINGS: dict = {"rng": 5, "progress": False, "flows": None}
 
 
 def galaxies(n=2000, seed=1, sigma=5.0, velocity=VELOCITY, spread=0.0, hubble=67.3):
@@ -27,7 +27,7 @@ def closed_form(field, prior, hubble, peculiar, n_points=4001):
 
     u | data ~ N(û, C_u), v ~ N(m, C_v), H0 ~ N: with r = H0/H_ref, û ~ N(r m, C_u + r² C_v).
     """
-    found = observer_velocity(field, 67.3, peculiar_dispersion=peculiar).velocity
+    found = observer_velocity(field, 67.3, peculiar_dispersion=peculiar, flows=None).velocity
     prior = prior.to_frame(field.frame)
     h = np.linspace(max(hubble[0] - 7 * hubble[1], 0.5), hubble[0] + 7 * hubble[1], n_points)
     log, means, spreads = [], [], []
@@ -55,7 +55,7 @@ def test_against_the_closed_form_and_the_grid(seed):
     field = galaxies(seed=seed, sigma=rng.uniform(3, 12), spread=peculiar)
     centre, width, mean, sigma = closed_form(field, prior, hubble, peculiar)
     found = sample(field, prior, hubble, n_samples=1_500_000, peculiar_dispersion=peculiar, **SETTINGS)
-    on_grid = grid(field, prior, hubble, peculiar_dispersion=peculiar)
+    on_grid = grid(field, prior, hubble, peculiar_dispersion=peculiar, flows=None)
     for h, s, v in (
         (found.samples["H0"].mean(), found.samples["H0"].std(), found.velocity),
         (on_grid.mean("H0"), on_grid.sigma("H0"), on_grid.velocity),
@@ -67,7 +67,7 @@ def test_against_the_closed_form_and_the_grid(seed):
     # The acceleration drawn along is that of the least squares, where the priors leave it alone.
     assert (
         found.acceleration.sigma.max()
-        < 1.05 * observer_velocity(field, 67.3, peculiar_dispersion=peculiar).acceleration.sigma.max()
+        < 1.05 * observer_velocity(field, 67.3, peculiar_dispersion=peculiar, flows=None).acceleration.sigma.max()
     )
 
 
@@ -82,7 +82,7 @@ def test_the_ridge_with_flat_priors():
     np.testing.assert_allclose(np.quantile(h, quantiles), expected, rtol=0.015)
     assert h.min() >= 40
     assert h.max() <= 100
-    least = observer_velocity(field, 67.3, peculiar_dispersion=0.0).velocity
+    least = observer_velocity(field, 67.3, peculiar_dispersion=0.0, flows=None).velocity
     u = np.stack([found.samples[f"v_{axis}"] * h / 67.3 for axis in "xyz"])
     assert np.abs((u.mean(1) - least.value) / least.sigma).max() < 0.02
     np.testing.assert_allclose(u.std(1), least.sigma, rtol=0.02)
@@ -92,7 +92,7 @@ def test_the_ridge_with_flat_priors():
 def test_a_chain_with_free_dispersion_against_the_grid():
     field = galaxies(sigma=2.0, spread=700.0)
     settings = {"velocity_prior": PLANCK_2018, "hubble_prior": Normal(67, 5), "peculiar_dispersion": Flat(100, 1500)}
-    found, on_grid = sample(field, n_samples=1_500_000, **settings, **SETTINGS), grid(field, **settings)
+    found, on_grid = sample(field, n_samples=1_500_000, **settings, **SETTINGS), grid(field, **settings, flows=None)
     for name in ("H0", "peculiar_dispersion"):
         x = found.samples[name]
         assert abs(x.mean() - on_grid.mean(name)) < 0.02 * on_grid.sigma(name)
@@ -105,7 +105,7 @@ def test_a_chain_with_free_dispersion_against_the_grid():
 def test_excess_noise_is_found():
     field = galaxies(sigma=3.0)
     quieter = field.with_errors(field.sigma / 2)  # 3 in truth, 1.5 as told: √(9 − 2.25) is missing
-    on_grid = grid(quieter, PLANCK_2018, Flat(20, 150), peculiar_dispersion=0.0, excess_noise=Flat(0, 20))
+    on_grid = grid(quieter, PLANCK_2018, Flat(20, 150), peculiar_dispersion=0.0, excess_noise=Flat(0, 20), flows=None)
     assert on_grid.mean("excess_noise") == pytest.approx(np.sqrt(6.75), abs=4 * on_grid.sigma("excess_noise"))
     assert on_grid.sigma("excess_noise") < 0.1
 
@@ -115,7 +115,7 @@ def test_the_table_is_the_likelihood(seed):
     """Interpolated against the full covariance, source by source, at random parameters."""
     rng = np.random.default_rng(seed)
     field = galaxies(60, seed=seed, sigma=4.0, spread=500.0)
-    rows = parallax_equations(field)
+    rows = parallax_equations(field, flows=None)
     given = checked_priors(Priors("flat", Flat(30, 120), Flat(0, 1500), Flat(0, 30)), "icrs")
     model = parallax_model(rows, given)
     theta = np.column_stack([rng.normal(0, 400, (40, 3)), rng.uniform(30, 120, 40), rng.uniform(0, 1500, 40),
@@ -174,30 +174,30 @@ def test_a_callable_prior_is_the_gaussian_it_computes():
 
 def test_a_spin_with_errors_is_a_prior():
     field = galaxies(500)
-    free = grid(field, "flat", Normal(67.3, 1e-3), spin="free", peculiar_dispersion=0.0).velocity
+    free = grid(field, "flat", Normal(67.3, 1e-3), spin="free", peculiar_dispersion=0.0, flows=None).velocity
     loose = grid(
-        field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], 1e8 * np.eye(3)), peculiar_dispersion=0.0
+        field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], 1e8 * np.eye(3)), peculiar_dispersion=0.0, flows=None
     ).velocity
     tight = grid(
-        field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], 1e-10 * np.eye(3)), peculiar_dispersion=0.0
+        field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], 1e-10 * np.eye(3)), peculiar_dispersion=0.0, flows=None
     ).velocity
-    none = grid(field, "flat", Normal(67.3, 1e-3), peculiar_dispersion=0.0).velocity
+    none = grid(field, "flat", Normal(67.3, 1e-3), peculiar_dispersion=0.0, flows=None).velocity
     fixed = grid(
-        field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], np.zeros((3, 3))), peculiar_dispersion=0.0
+        field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], np.zeros((3, 3))), peculiar_dispersion=0.0, flows=None
     ).velocity
     np.testing.assert_allclose(loose.value, free.value, rtol=1e-4)
     np.testing.assert_allclose(tight.value, none.value, rtol=1e-4)
     np.testing.assert_allclose(fixed.value, none.value, rtol=1e-9)
     np.testing.assert_allclose(
-        none.value, observer_velocity(field, 67.3, peculiar_dispersion=0.0).velocity.value, rtol=1e-3
+        none.value, observer_velocity(field, 67.3, peculiar_dispersion=0.0, flows=None).velocity.value, rtol=1e-3
     )
     np.testing.assert_allclose(
-        free.value, observer_velocity(field, 67.3, peculiar_dispersion=0.0, spin="free").velocity.value, rtol=1e-3
+        free.value, observer_velocity(field, 67.3, peculiar_dispersion=0.0, spin="free", flows=None).velocity.value, rtol=1e-3
     )
 
 
 def test_a_short_chain_reports_nothing_but_keeps_its_samples():
-    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=5000, **SETTINGS)
+    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=5000, max_samples=5000, **SETTINGS)
     assert found.chain.shape == (40, 128, 4)
     for report in (found.summary, found.report, found.to_arviz, found.corner, lambda: found.samples):
         with pytest.raises(ConvergenceError, match=r"40 steps are .*; 50 times are needed.*n_samples=\d+"):
@@ -205,7 +205,7 @@ def test_a_short_chain_reports_nothing_but_keeps_its_samples():
 
 
 def test_walkers_that_never_moved_report_nothing():
-    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=256, **SETTINGS)
+    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=256, max_samples=256, **SETTINGS)
     with pytest.raises(ConvergenceError, match="2 steps are"):
         found.report()
 
@@ -262,9 +262,9 @@ def test_arviz():
     assert velocity.attrs == {"unit": "km/s", "frame": found.frame}
     assert posterior["H0"].attrs["unit"] == "km/s/Mpc"
     assert data["sample_stats"]["lp"].shape == posterior["H0"].shape
-    kept = found.kept().to_arviz()["posterior"]  # what a file keeps: one chain
-    assert kept["velocity"].shape == (1, posterior["H0"].size, 3)
-    np.testing.assert_array_equal(np.sort(kept["H0"].values.ravel()), np.sort(posterior["H0"].values.ravel()))
+    kept = found.kept().to_arviz()["posterior"]  # of what a file keeps
+    assert kept["velocity"].shape == (*posterior["H0"].shape, 3)
+    np.testing.assert_array_equal(kept["H0"].values, posterior["H0"].values)
 
 
 def test_a_posterior_without_limits_says_so():
@@ -303,7 +303,7 @@ def test_too_few_sources():
     with pytest.raises(DegeneracyError, match="2 sources cannot separate v_x"):
         sample(galaxies(2), "planck", "planck")
     with pytest.raises(ParameterError, match="fix all but two"):
-        grid(galaxies(50), "planck", Flat(20, 90), peculiar_dispersion=Flat(0, 900), excess_noise=Flat(0, 9))
+        grid(galaxies(50), "planck", Flat(20, 90), peculiar_dispersion=Flat(0, 300), excess_noise=Flat(0, 9))
     with pytest.raises(ParameterError, match="limits that rise"):
         Flat(3, 3)
 
@@ -322,6 +322,7 @@ def calibrate(seed):
         n_samples=350_000,
         rng=seed,
         peculiar_dispersion=Flat(200, 1200),
+        flows=None,
         progress=False,
         threads=1,
     )

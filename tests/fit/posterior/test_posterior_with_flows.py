@@ -121,7 +121,7 @@ def test_the_report_says_the_prior_and_shows_others_beside_it():
 def test_what_is_refused_or_asked_for():
     field = seen(np.random.default_rng(4), 100)
     with pytest.raises(ParameterError, match="needs a flow"):
-        sample(field, flow_amplitude=Normal(1, 0.1), n_samples=1000, progress=False)
+        sample(field, flow_amplitude=Normal(1, 0.1), n_samples=1000, progress=False, flows=None)
     with pytest.raises(ParameterError, match="counts them twice"):
         sample(field, peculiar_dispersion=750.0, n_samples=1000, **OPTIONS)
     with pytest.raises(ParameterError, match="every source is for itself"):

@@ -76,11 +76,11 @@ def design_matrix(field, hubble, peculiar, excess_noise):
 def test_against_the_plain_design_matrix(seed):
     field = galaxies(150, seed, rho=0.95)
     normal, rhs = design_matrix(field, 70.0, 600.0, 1.5)
-    found = observer_velocity(field, 70.0, peculiar_dispersion=600.0, excess_noise=1.5)
+    found = observer_velocity(field, 70.0, peculiar_dispersion=600.0, excess_noise=1.5, flows=None)
     six = slice(0, 6)
     np.testing.assert_allclose(found.covariance, np.linalg.inv(normal[six, six]), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(found.values, np.linalg.solve(normal[six, six], rhs[six]), rtol=1e-9)
-    free = observer_velocity(field, 70.0, peculiar_dispersion=600.0, excess_noise=1.5, spin="free")
+    free = observer_velocity(field, 70.0, peculiar_dispersion=600.0, excess_noise=1.5, spin="free", flows=None)
     np.testing.assert_allclose(free.values, np.linalg.solve(normal, rhs), rtol=1e-9)
     np.testing.assert_allclose(free.spin.covariance, np.linalg.inv(normal)[6:, 6:], rtol=1e-9, atol=1e-12)
 
@@ -117,8 +117,8 @@ def test_the_frame_does_not_matter():
 def test_velocity_and_hubble_are_the_same_product():
     field = galaxies(400, 4)
     one, two = (
-        observer_velocity(field, 67.3, peculiar_dispersion=0),
-        observer_velocity(field, 134.6, peculiar_dispersion=0),
+        observer_velocity(field, 67.3, peculiar_dispersion=0, flows=None),
+        observer_velocity(field, 134.6, peculiar_dispersion=0, flows=None),
     )
     np.testing.assert_allclose(one.velocity.value, 2 * two.velocity.value, rtol=1e-9)
     fast, slow = hubble_constant(field, 2 * VELOCITY), hubble_constant(field, VELOCITY)
@@ -141,14 +141,14 @@ def test_pulls_with_peculiar_velocities():
     for seed in range(60):
         truth = sim.secular_parallax(VELOCITY) + sim.acceleration(ACCELERATION) + sim.peculiar(750.0, rng=1000 + seed)
         field = galaxies(400, seed, sigma=1.0, truth=truth)
-        found = observer_velocity(field, 67.3)
+        found = observer_velocity(field, 67.3, flows=None)
         pulls.append((found.values - [*VELOCITY, *ACCELERATION]) / found.sigma)
-        hubble = hubble_constant(field, BACHCHAN_2016)
+        hubble = hubble_constant(field, BACHCHAN_2016, flows=None)
         pulls[-1] = [*pulls[-1], (hubble.hubble - 67.3) / hubble.hubble_error]
     pulls = np.array(pulls)
     assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(60)
     assert pulls.std() == pytest.approx(1, abs=0.12)
-    ignored = observer_velocity(field, 67.3, peculiar_dispersion=0.0)
+    ignored = observer_velocity(field, 67.3, peculiar_dispersion=0.0, flows=None)
     assert ignored.chi2 / ignored.dof > 1.5
 
 
@@ -201,8 +201,8 @@ def test_bad_input(call, error, words):
 @pytest.mark.parametrize("spin", [None, "free"])
 def test_the_residuals_are_those_of_chi2(spin):
     field = galaxies(300, 3)
-    velocity = observer_velocity(field, 67.3, peculiar_dispersion=0.0, spin=spin)
-    hubble = hubble_constant(field, VELOCITY, peculiar_dispersion=0.0, spin=spin)
+    velocity = observer_velocity(field, 67.3, peculiar_dispersion=0.0, spin=spin, flows=None)
+    hubble = hubble_constant(field, VELOCITY, peculiar_dispersion=0.0, spin=spin, flows=None)
     for found in (velocity, hubble):
         assert found.residuals(field).chi2.sum() == pytest.approx(found.chi2, rel=1e-9)
     with pytest.raises(FieldError, match="redshift"):

@@ -34,8 +34,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--lmax", type=values.count(1), default=1, help="highest degree in the bins (default: 1)")
     parser.add_argument("--shared-higher-degrees", action="store_true", help="degrees above 1 the same in all bins")
     parser.add_argument(
-        "--peculiar-dispersion", type=values.not_negative, metavar="SIGMA",
-        help="dispersion of peculiar velocities in each component, km/s (default: 750; with --flows what they leave, 150)",
+        "--peculiar-dispersion", type=_dispersion, metavar="SIGMA|free",
+        help="dispersion of peculiar velocities in each component, km/s (default: 150 beside flows; 750 with --no-flows), or what the residuals prefer",
     )  # fmt: skip
     parser.add_argument("--omega-m", type=_fraction, metavar="X", help="flat cosmology (default: 0.315)")
     parser.add_argument(
@@ -57,7 +57,11 @@ def make_parser() -> argparse.ArgumentParser:
         help="in which the redshifts stand, where the table does not say it; true: of the expansion alone",
     )  # fmt: skip
     distances.add_argument("--no-magnitudes", action="store_true", help="distances follow from redshifts alone")
-    distances.add_argument("--flows", action="store_true", help="fit the flow that linear theory expects as well")
+    distances.add_argument(
+        "--no-flows", action="store_true",
+        help="leave out the flows that galaxies share: errors are then several times too small on the real sky",
+    )  # fmt: skip
+    distances.add_argument("--flows", action="store_true", help="the default: fit the flow that linear theory expects as well")
     distances.add_argument(
         "--n-modes", type=values.count(3), default=250, metavar="N", help="unknowns of the flow (default: 250)"
     )
@@ -71,7 +75,7 @@ def make_parser() -> argparse.ArgumentParser:
         help="with --posterior: the flow, of this size in units of linear theory's, bears on H0",
     )  # fmt: skip
     distances.add_argument(
-        "--reconstruction", metavar="FILE", help="velocities on a grid, .npz or .npy as 2M++'s; --flows fits its error"
+        "--reconstruction", metavar="FILE", help="velocities on a grid, .npz or .npy as 2M++'s; the flow that is fitted is then its error"
     )
     distances.add_argument(
         "--reconstruction-error", type=values.positive, default=0.5, metavar="X", help="of the flow (default: 0.5)"
@@ -100,6 +104,10 @@ def make_parser() -> argparse.ArgumentParser:
     reading.add_reading(parser)
     parsing.add_common(parser)
     return parser
+
+
+def _dispersion(text):
+    return text if text == "free" else values.not_negative(text)
 
 
 def _edges(text):
@@ -152,7 +160,10 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """
     if options.checkpoint and not options.posterior:
         parser.error("--checkpoint is for --posterior")
-    for name, needs in (("local_group", "flows"), ("reconstruction", "flows"), ("flow_amplitude", "flows"), ("flow_amplitude", "posterior"),
+    for name in ("flows", "local_group", "reconstruction", "flow_amplitude"):
+        if getattr(options, name) and options.no_flows:
+            parser.error(f"--{name.replace('_', '-')} does not go with --no-flows")
+    for name, needs in (("flow_amplitude", "posterior"),
                         ("local_group", "velocity"), ("h0_range", "posterior"), ("peculiar_dispersion_max", "posterior"), ("h0_error", "posterior")):  # fmt: skip
         if getattr(options, name) and not getattr(options, needs):
             parser.error(f"--{name.replace('_', '-')} needs --{needs}")

@@ -1,0 +1,108 @@
+"""What the residuals say of the dispersion of peculiar velocities.
+
+The motions of near galaxies scatter by σ_pec/d. The likelihood of that dispersion, with velocity, acceleration and flow
+marginalised, is taken on a grid: of the sources that tell most of it, those with the largest k/σ, which are chosen by
+their distances and errors and not by their motions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from fit.secular_parallax._equations import OMEGA, ParallaxEquations
+from fit.secular_parallax._known import with_acceleration, with_flow, without_flow
+from vsh.checks.types import FloatArray
+from vsh.errors import ParameterError
+from vsh.field import Field
+from vsh.vector import Vector
+
+#: Dispersions that are tried. [km/s]
+GRID = np.array([0.0, 40.0, 80.0, 120.0, 160.0, 210.0, 270.0, 350.0, 450.0, 600.0, 800.0, 1050.0, 1400.0])
+_SOURCES = 4000
+
+
+@dataclass(frozen=True)
+class Preferred:
+    """The dispersion that the residuals prefer.
+
+    Attributes
+    ----------
+    best : float
+        The most likely one. [km/s]
+    low, high : float
+        68 % of the likelihood, with a flat prior from 0 to 1400 km/s. [km/s]
+    gain : float
+        By how much ln L at the best one is above that at the one which was taken.
+    """
+
+    best: float
+    low: float
+    high: float
+    gain: float
+
+    @property
+    def told(self) -> bool:
+        """Whether the residuals tell it at all: 68 % of the likelihood within less than a third of what was tried."""
+        return self.high - self.low < GRID[-1] / 3
+
+
+def preferred_dispersion(
+    rows: ParallaxEquations,
+    taken: float,
+    excess_noise: float,
+    acceleration: Vector | None,
+    ratio: float,
+) -> Preferred:
+    """The likelihood of the dispersion beside the flow; `taken` is the one that the estimate uses. [km/s]"""
+    few = rows.most_sensitive(_SOURCES)
+    sums = with_acceleration(few.sums(GRID * ratio, excess_noise, ratio=ratio), acceleration, rows.frame)
+    if rows.modes is not None:
+        sums, _ = without_flow(with_flow(sums, few.design.shape[1], np.full(len(GRID), ratio)), few.design.shape[1])
+    keep = slice(0, OMEGA.start)
+    n, b = sums.matrix[:, keep, keep], sums.rhs[:, keep]
+    n = n + 1e-12 * np.trace(n, axis1=1, axis2=2)[:, None, None] * np.eye(n.shape[1])
+    chi2 = sums.chi2_null - np.einsum("gi,gi->g", b, np.linalg.solve(n, b[..., None])[..., 0])
+    log = -(chi2 + sums.logdet + np.linalg.slogdet(n)[1]) / 2
+    return _summary(log, taken)
+
+
+def _summary(log: FloatArray, taken: float) -> Preferred:
+    """From ln L on the grid."""
+    curve = CubicSpline(GRID, log)
+    fine = np.linspace(0, GRID[-1], 1401)
+    values = curve(fine)
+    best = int(np.argmax(values))
+    share = np.cumsum(np.exp(values - values[best]))
+    low, high = np.interp([0.15865525, 0.84134475], share / share[-1], fine)
+    gain = values[best] - float(curve(min(taken, GRID[-1])))
+    return Preferred(float(fine[best]), float(low), float(high), float(max(gain, 0.0)))
+
+
+def freed(estimate: Callable[..., Any], field: Any, word: str, options: Any) -> Any:
+    """An estimate with the dispersion that its residuals prefer; what 68 % of its likelihood leave open adds to the errors."""
+    if word != "free":
+        raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {word!r}")
+    if not isinstance(field, Field):
+        raise ParameterError("a dispersion that is free needs the sources in memory: give a Field, not parts")
+    solution = estimate(**options)
+    first, most = solution.peculiar_dispersion, 400.0 if solution.flow is not None else GRID[-1]
+    for _ in range(6):
+        preferred = solution.preferred
+        if not preferred.told:
+            note = f"the residuals do not tell the dispersion of peculiar velocities: {first:g} km/s are taken"
+            return replace(estimate(**options), notes=(*solution.notes, note))
+        best = min(preferred.best, most)
+        if abs(best - solution.peculiar_dispersion) < 0.02 * max(best, 50.0):
+            break
+        solution = estimate(**options, peculiar_dispersion=best)
+    ends = [estimate(**options, peculiar_dispersion=min(x, most)) for x in (preferred.low, preferred.high)]
+    shift = (ends[1].values - ends[0].values) / 2
+    note = f"the dispersion of peculiar velocities is what the residuals prefer, {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
+    return replace(
+        solution, covariance=solution.covariance + np.outer(shift, shift), notes=(*solution.notes, note)
+    )
