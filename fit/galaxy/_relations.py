@@ -11,8 +11,12 @@ from vsh.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
 R0 = (8.275, 0.034)
 #: Motion of Sgr A* along Galactic longitude, towards lower ones, and its error [mas/yr]: Reid & Brunthaler (2020, ApJ 892, 39).
 SGR_A = (6.411, 0.008)
-#: The Sun's own speed along Galactic rotation [km/s]: Schönrich, Binney & Dehnen (2010, MNRAS 403, 1829).
+#: The Sun's own speed along Galactic rotation [km/s]: Schönrich, Binney & Dehnen (2010, MNRAS 403, 1829), 12.24 ± 0.47 with
+#: systematics of 2.
 SOLAR_SPEED = 12.24
+SOLAR_SPEED_ERROR = 2.1
+#: By which that speed is divided. [kpc]
+_R0_OF_SPEED = 8.178
 #: (km/s)²/kpc in km/s/Myr.
 _PER_KPC = 1e6 * JULIAN_YEAR / 3.0856775814913673e16
 
@@ -55,7 +59,7 @@ def circular_speed(
     return float(speed), float(speed / 2 * np.hypot(error[0] / acceleration, error[1] / r0))
 
 
-def angular_speed(motion: float = SGR_A[0], solar_speed: float = SOLAR_SPEED, r0: float = 8.178) -> float:
+def angular_speed(motion: float = SGR_A[0], solar_speed: float = SOLAR_SPEED, r0: float = _R0_OF_SPEED) -> float:
     """Ω0 = V0/R0, from the motion of Sgr A*, which is at rest in the centre, less that of the Sun's own speed.
 
     Parameters
@@ -80,17 +84,34 @@ def angular_speed(motion: float = SGR_A[0], solar_speed: float = SOLAR_SPEED, r0
     return number("motion", motion) * AU_PER_YEAR - number("solar_speed", solar_speed) / positive("r0", r0)
 
 
+def angular_speed_error() -> float:
+    """The error of `angular_speed`: of the motion of Sgr A* and of the Sun's own speed. [km/s/kpc]
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> round(angular_speed_error(), 3)
+    0.26
+    """
+    return float(np.hypot(SGR_A[1] * AU_PER_YEAR, SOLAR_SPEED_ERROR / _R0_OF_SPEED))
+
+
 def distance_of_centre(
-    acceleration: float, acceleration_error: float = 0.0, speed: float | None = None, speed_error: float = 0.04
+    acceleration: float, acceleration_error: float = 0.0, speed: float | None = None, speed_error: float | None = None
 ) -> tuple[float, float]:
-    """R0 = a/Ω0², and its error: no distance goes in.
+    """R0 = a/Ω0², and its error: no distance goes in, but for the one by which the Sun's own speed is divided in Ω0.
 
     Parameters
     ----------
     acceleration, acceleration_error : float
         Towards the centre. [µas/yr]
     speed, speed_error : float
-        Ω0, `angular_speed()` unless given. [km/s/kpc]
+        Ω0 and its error, `angular_speed()` and `angular_speed_error()` unless given: the motion of Sgr A* less the Sun's own
+        speed over R0, whose ± 2.1 km/s make ± 0.26 km/s/kpc. That R0 is 8.178 kpc; 5 % more of it change the result by half
+        a per cent. [km/s/kpc]
 
     Returns
     -------
@@ -105,9 +126,11 @@ def distance_of_centre(
     Examples
     --------
     >>> "{:.2f} ± {:.2f}".format(*distance_of_centre(5.05, 0.35))
-    '8.60 ± 0.60'
+    '8.60 ± 0.62'
     """
     acceleration = positive("acceleration", acceleration)
+    if speed_error is None:
+        speed_error = angular_speed_error() if speed is None else 0.0
     speed = angular_speed() if speed is None else positive("speed", speed)
     errors = not_negative("acceleration_error", acceleration_error), not_negative("speed_error", speed_error)
     distance = _square_over_radius(acceleration) / speed**2

@@ -88,6 +88,13 @@ def what_of(solution: HarmonicSolution) -> str:
     return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
 
 
+#: Where residuals are larger than errors.
+NEXT_STEP = (
+    "next: --robust student (fit.robust.student_t) gives less weight to sources that scatter more than their errors say, and takes "
+    "its errors from the residuals"
+)
+
+
 def warnings_of(solution: HarmonicSolution) -> list[tuple[str, str]]:
     """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence.
 
@@ -108,6 +115,9 @@ def warnings_of(solution: HarmonicSolution) -> list[tuple[str, str]]:
         found.append(("warning", said))
         if solution.quality.factor > 1:
             found.append(("", "the errors below are not scaled by that; p-values are given for both"))
+            found.append(("", NEXT_STEP))
+    elif said and solution.quality.factor > 1:
+        found.append(("", f"{said}; those below do not rest on the catalogue's"))
     lost = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
     if lost:
         found.append(

@@ -54,6 +54,8 @@ class Correlation(Result):
     n_data : int
         Two a source.
     notes : tuple of str
+    n_effective : float
+        How many blocks of equal weight they are worth, (Σ W)²/Σ W².
     """
 
     theta: FloatArray
@@ -68,6 +70,7 @@ class Correlation(Result):
     frame: str
     n_data: int
     notes: tuple[str, ...] = ()
+    n_effective: float = np.inf
 
     def __repr__(self) -> str:
         return f"<Correlation: {len(self.theta)} bins, {self.n_data // 2} sources>"
@@ -257,7 +260,8 @@ def correlation(
     if (empty := count < 0.5).any():
         notes = (*notes, f"{empty.sum()} bins have no pairs: no values")
         plus, minus = (np.where(empty, np.nan, each) for each in (plus, minus))
+    each = np.array([block.weights[0] for block in blocks])  # Σ w Y_00
     return Correlation(
         edges[1:-1], plus, minus, weight / 2, count, covariance, edges, by_weight, len(blocks),
-        frame, 2 * round(float(total.alone[2])), notes,
+        frame, 2 * round(float(total.alone[2])), notes, float(each.sum() ** 2 / np.sum(each**2)),
     )  # fmt: skip

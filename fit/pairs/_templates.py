@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ncfdtr
 
 from fit.pairs._windows import windows
 from fit.storage import Result
 from vsh import tables
+from vsh.checks.arguments import between
 from vsh.checks.arrays import float_array
 from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.covariance import d_minus, d_plus
@@ -68,6 +71,10 @@ class TemplateFit(Result):
         ξ+ and ξ− that they add up to, in the bins. [(µas/yr)²]
     theta : (k,) array
         Of the bins. [rad]
+    coefficients : (t,) array
+        How many coefficients of the sky, weighed by the power that a template has in each, its amplitude is the square of.
+    n_effective : float
+        Of how many blocks errors were estimated.
     """
 
     names: tuple[str, ...]
@@ -75,6 +82,8 @@ class TemplateFit(Result):
     covariance: FloatArray
     curves: FloatArray
     theta: FloatArray
+    coefficients: FloatArray
+    n_effective: float = np.inf
 
     def __repr__(self) -> str:
         return f"<TemplateFit: {', '.join(f'{n} {v:.3g}' for n, v in zip(self.names, self.values, strict=True))}>"
@@ -91,6 +100,31 @@ class TemplateFit(Result):
         """Standard error of each amplitude, (t,)."""
         return np.sqrt(np.diag(self.covariance))
 
+    def interval(self, probability: float = 0.95) -> FloatArray:
+        """Limits of each amplitude, (t, 2), as likely to be passed above as below; none is below zero.
+
+        An amplitude is a sum of squares of k coefficients less their noise s², which is k χ² and no Gaussian: its own error goes
+        with it. With Var = 2 k s⁴ + 4 s² P both follow from value and error, and the limits from the non-central F of k and the
+        number of blocks, less one.
+
+        Parameters
+        ----------
+        probability : float
+            Between them.
+
+        Returns
+        -------
+        array
+
+        Notes
+        -----
+        Of nothing but noise 95 % hold zero on 93 to 99 % of skies (1500 sources all over the sky, on half of it, in clusters, 8 that
+        dominate, errors three times too small on a third of the sky; 60 sources), where value ± 1.96 errors holds it on 84 to 95.
+        """
+        tail = (1 - between("probability", probability, 0.0, 1.0)) / 2
+        dof = max(self.n_effective - 1, 2.0)
+        return np.array([_limits(*each, tail, dof) for each in zip(self.values, self.sigma, self.coefficients, strict=True)])
+
     def report(self) -> str:
         """Amplitudes as text.
 
@@ -98,9 +132,10 @@ class TemplateFit(Result):
         -------
         str
         """
-        lines = ["Templates in the correlation of motions (errors from the scatter of blocks of the sky)"]
-        for name, value, error in zip(self.names, self.values, self.sigma, strict=True):
-            lines.append(f"  {name:10}{value:+12.4g} ± {error:<10.2g}{TEMPLATES.get(name, '')}")
+        lines = ["Templates in the correlation of motions (errors from the scatter of blocks of the sky; 95 % as squares scatter)"]
+        for name, value, error, (low, high) in zip(self.names, self.values, self.sigma, self.interval(), strict=True):
+            cells = f"{value:+12.4g} ± {error:<10.2g}95 %: {low:.3g} … {high:<10.3g}"
+            lines.append(f"  {name:10}{cells}{TEMPLATES.get(name, '')}")
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
@@ -110,7 +145,9 @@ class TemplateFit(Result):
         -------
         Table
         """
-        return tables.table_of({"template": list(self.names), "value": self.values, "sigma": self.sigma})
+        low, high = self.interval().T
+        columns = {"template": list(self.names), "value": self.values, "sigma": self.sigma, "low95": low, "high95": high}
+        return tables.table_of(columns)
 
     def plot(self, *, ax: Any = None) -> Any:
         """The curves, on matplotlib axes.
@@ -203,4 +240,35 @@ def fitted(found: Any, templates: dict[str, Callable[[FloatArray], FloatArray]])
         (covariance + covariance.T) / 2,
         np.tensordot(values, np.array(curves), 1),
         found.theta,
+        np.array([_coefficients(function) for function in templates.values()]),
+        found.n_effective,
     )
+
+
+def _limits(value, sigma, k, tail, dof):
+    """Limits of one amplitude."""
+    # Var = 2 k s⁴ + 4 s² P, P the value as it is.
+    s2 = (np.sqrt(16 * value**2 + 8 * k * sigma**2) - 4 * value) / (4 * k)
+    ratio = max(value / s2 + k, 0.0) / k  # P/s² + k over k
+    return tuple(s2 * _noncentrality(ratio, k, min(dof, 1e4), p) for p in (1 - tail, tail))
+
+
+def _noncentrality(ratio, k, dof, p):
+    """The non-centrality for which so small an F of k and dof degrees of freedom has probability p; zero where none has."""
+    if ncfdtr(k, dof, 0.0, ratio) <= p:
+        return 0.0
+    high = 4 * k * (ratio + 10)
+    while ncfdtr(k, dof, high, ratio) > p:
+        high *= 2
+    return float(brentq(lambda x: ncfdtr(k, dof, x, ratio) - p, 0.0, high))
+
+
+def _coefficients(function, lmax=40):
+    """(Σ P)²/Σ P²/(2l + 1) over degrees and kinds of a template: 3 for spin or glide, 13 for waves."""
+    node, weight = np.polynomial.legendre.leggauss(400)
+    theta = np.arccos(node)
+    plus, minus = function(theta) * weight
+    degrees = 2 * np.arange(1, lmax + 1) + 1
+    total, difference = degrees * (d_plus(lmax, theta) @ plus), degrees * (d_minus(lmax, theta) @ minus)
+    power = np.maximum([total + difference, total - difference], 0.0)
+    return float(power.sum() ** 2 / max(np.sum(power**2 / degrees), 1e-300)) or 1.0

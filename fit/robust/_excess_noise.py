@@ -83,17 +83,17 @@ def excess_noise(
     """
     modes, sky = as_modes(modes), as_parts(field)
     problem = _Restricted(sky, modes, bool(scale))
-    start = np.array([1e-2, 1.0][: 1 + bool(scale)])
-    bounds = [(0.0, None), (1e-6, None)][: len(start)]
-    options = {"maxiter": max_rounds, "ftol": 1e-15, "gtol": tolerance / np.sqrt(problem.n_sources)}
-    found = minimize(problem.loss, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options)
-    parameters = found.x
+    parameters = problem.maximum(max_rounds, tolerance)
     _, slope = problem.loss(parameters)
     errors = problem.errors(parameters)
     free = parameters > 0
     steps = slope * problem.n_sources * errors  # to the maximum, in errors
     if np.any(np.abs(steps[free]) > 0.05) or np.any(steps[~free] < -0.05):
-        raise ConvergenceError(f"the excess noise has not settled after {problem.n_rounds} fits ({found.message})")
+        away = ", ".join(f"{each:+.2g}" for each in steps)
+        raise ConvergenceError(
+            f"the excess noise has not settled after {problem.n_rounds} fits: it is {away} of its errors from the maximum of the "
+            f"likelihood; allow more than max_rounds={max_rounds}"
+        )
     unit = problem.unit
     enlarged = sky.map(problem.enlarged(parameters))
     solution = solve(problem.sums(parameters)["normal"])
@@ -141,6 +141,8 @@ def _sums(field, enlarged, modes):
     """All that the likelihood needs of some sources."""
     field = enlarged(field)
     a, b, c = field.weights
+    # 1 − s² W, the share of the catalogue's own errors: from sums of W it would be lost to rounding where s is large.
+    own = np.stack([1 - enlarged.noise * a, 1 - enlarged.noise * b, -enlarged.noise * c])
     (s1, s2), rho = field.sigma, field.rho
     squared = np.stack([a * a + c * c, b * b + c * c, c * (a + b)])
     # C⁻¹ ∂C: W for s², (1 − s² W)/f² for f². Their products' traces are the expected information.
@@ -150,6 +152,8 @@ def _sums(field, enlarged, modes):
         "logdet": float(np.sum(2 * np.log(s1 * s2) + np.log1p(-(rho**2)))),
         "trace": float(np.sum(a + b)),
         "trace of squares": float(np.sum(squared[0] + squared[1])),
+        "cross": float(np.sum(a * own[0] + b * own[1] + 2 * c * own[2])),
+        "own": float(np.sum(own[0] ** 2 + own[1] ** 2 + 2 * own[2] ** 2)),
     }
 
 
@@ -192,14 +196,54 @@ class _Restricted:
             slope.append(((2 * n - solution.chi2 - len(self.modes)) / 2 - noise * by_noise) / parameters[1])
         return value / n, np.array(slope) / n
 
+    def maximum(self, max_rounds, tolerance):
+        """The parameters of the largest likelihood, searched along ln(1 + s²) and ln f²: s² may be a millionth or a million."""
+        begun = max(self.excess(), 1e-2)
+        start = np.array([np.log1p(begun), 0.0][: 1 + self.scale])
+        bounds = [(0.0, None), (np.log(1e-6), None)][: len(start)]
+
+        def natural(x):
+            return np.r_[np.expm1(x[0]), np.exp(x[1:])]
+
+        def loss(x):
+            value, slope = self.loss(natural(x))
+            return value, slope * np.r_[np.exp(x[0]), np.exp(x[1:])]
+
+        options = {"maxiter": max_rounds, "ftol": 1e-15, "gtol": tolerance / np.sqrt(self.n_sources)}
+        parameters = natural(minimize(loss, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x)
+        for _ in range(40):  # along a ridge, where one of the two hides the other, by Fisher's scoring
+            value, slope = self.loss(parameters)
+            step = -np.linalg.pinv(self.information(parameters)) @ slope * self.n_sources
+            errors = self.errors(parameters)
+            if not np.isfinite(errors).all():
+                break
+            if self.n_rounds >= max_rounds or np.all(np.abs(step) < 0.01 * errors) or parameters[0] == 0:
+                break
+            limits = np.array([0.0, 1e-6])[: len(step)]
+            for damping in (1.0, 0.5, 0.25, 0.1, 0.03):
+                trial = np.maximum(parameters + damping * np.clip(step, -2 * errors, 2 * errors), limits)
+                if self.loss(trial)[0] <= value:
+                    break
+            parameters = trial
+        return parameters
+
+    def excess(self):
+        """s² by which χ² of the plain fit would be as expected, about, in units of the mean variance."""
+        normal = self.sums(np.array([0.0, 1.0]))["normal"]
+        solution = solve(normal)
+        return solution.chi2 / max(solution.dof, 1) - 1
+
     def errors(self, parameters):
         """Standard errors of the parameters from the expected information, for as many sources as are left by the coefficients."""
-        sums, n, noise = self.sums(parameters), self.n_sources, parameters[0] * self.unit**2
-        first, second = sums["trace"], sums["trace of squares"]
-        information = np.array([[self.unit**4 * second]])
+        return np.sqrt(np.diag(np.linalg.pinv(self.information(parameters))))
+
+    def information(self, parameters):
+        """The expected information of the parameters."""
+        sums, n = self.sums(parameters), self.n_sources
+        information = np.array([[self.unit**4 * sums["trace of squares"]]])
         if self.scale:
-            cross = self.unit**2 * (first - noise * second) / parameters[1]
-            own = (2 * n - 2 * noise * first + noise**2 * second) / parameters[1] ** 2
+            cross = self.unit**2 * sums["cross"] / parameters[1]
+            own = sums["own"] / parameters[1] ** 2
             information = np.array([[information[0, 0], cross], [cross, own]])
         share = max(1 - len(self.modes) / (2 * n), 1e-3)
-        return np.sqrt(np.diag(np.linalg.pinv(information / 2 * share)))
+        return information / 2 * share

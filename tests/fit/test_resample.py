@@ -52,7 +52,7 @@ def test_errors_are_the_scatter(method):
     expected = 1.5 * fit.fit_field(observed(1), 1).sigma
     # 192 blocks at most know a standard deviation to 1/√(2·192) = 5 %, and share the six parameters' luck.
     np.testing.assert_allclose(found.sigma, expected, rtol=0.3)
-    assert found.resampled_solution.errors_from.startswith(f"the {method}, ")
+    assert found.resampled_solution.errors_from.startswith(f"the {found.method}, ")
     np.testing.assert_allclose(found.spin.value, fit.fit_field(observed(1), 1).spin.value, rtol=1e-9)
     np.testing.assert_allclose(found.acceleration.covariance, found.resampled_solution.acceleration.covariance)
 
