@@ -89,6 +89,11 @@ def excess_noise(
     free = parameters > 0
     steps = slope * problem.n_sources * errors  # to the maximum, in errors
     if np.any(np.abs(steps[free]) > 0.05) or np.any(steps[~free] < -0.05):
+        if scale and parameters[0] > 100:
+            raise ConvergenceError(
+                f"beside an excess noise {np.sqrt(parameters[0]):.3g} times as large as the errors no factor on them can be told: fit "
+                "without one (scale=False, --excess-noise add)"
+            )
         away = ", ".join(f"{each:+.2g}" for each in steps)
         raise ConvergenceError(
             f"the excess noise has not settled after {problem.n_rounds} fits: it is {away} of its errors from the maximum of the "

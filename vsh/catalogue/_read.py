@@ -201,7 +201,7 @@ class _maker:
                 found[role] = plain(name, values, mask)
                 if self.other_units and role in REQUIRED[2:]:
                     raw[role] = np.ma.filled(np.ma.asarray(found[role], float), np.nan)
-                if role in REQUIRED:
+                if self.factors.get(role, 1.0) != 1.0 or role in REQUIRED:
                     found[role] = found[role] * self.factors[role]
         doubt_positions(found, self.assumed)
         flat = all(values.ndim == 1 for values in raw.values())  # others are refused below

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from astropy import units as u
 
-from vsh.catalogue._columns import GAIA, REQUIRED, UNITS, missing_column
+from vsh.catalogue._columns import FURTHER_UNITS, GAIA, MUST_SAY, REQUIRED, UNITS, missing_column
 from vsh.checks.notes import printable
 from vsh.checks.types import BoolArray
 from vsh.checks.validation import as_floats
@@ -50,10 +50,15 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
             assumed.setdefault(str(wanted), []).append(name)
             unit = wanted
         found[role] = _factor(name, unit, wanted, name in (units or {}))
-    column = where.get("redshift")
-    unit = (units or {}).get(column, source.units.get(column)) if column else None
-    if unit is not None and str(unit).strip():
-        _check_redshift(column, unit)
+    for role, wanted in FURTHER_UNITS.items():
+        name = where.get(role)
+        unit = (units or {}).get(name, source.units.get(name)) if name else None
+        if unit is not None and str(unit).strip():
+            found[role] = _further(role, name, unit, wanted, name in (units or {}))
+        elif name and role in MUST_SAY:
+            raise TableError(
+                f"column {name!r} has no unit: say which, units={{{name!r}: {str(wanted)!r}}} (--units {name}={wanted})"
+            )
     return found, assumed
 
 
@@ -145,16 +150,25 @@ def _factor(name, unit, wanted, given):
     return factor
 
 
-def _check_redshift(name, unit):
+def _further(role, name, unit, wanted, given):
+    """The factor of a column that need not be there: a pure number, a magnitude, a distance."""
     try:
         parsed = parse_unit(unit)
     except (ValueError, TypeError):
-        return  # words such as "none"
-    if parsed != u.dimensionless_unscaled:
-        raise TableError(
-            f"column {name!r} is in {printable(unit)!r}, not a redshift: divide velocities by c, or say which column "
-            "has redshifts (--columns redshift=NAME)"
-        )
+        if wanted == u.dimensionless_unscaled and not given:
+            return 1.0  # words such as "none"
+        return _factor(name, unit, wanted, given)  # which says what is wrong
+    if role == "magnitude":  # of any zero point: magnitudes are told apart by their differences alone
+        if parsed == u.dimensionless_unscaled or parsed == u.mag or isinstance(parsed, u.MagUnit):
+            return 1.0
+    elif role in ("redshift", "redshift_error"):
+        if parsed != u.dimensionless_unscaled:
+            raise TableError(
+                f"column {name!r} is in {printable(unit)!r}, not a redshift: divide velocities by c, or say which column "
+                f"has redshifts (--columns {role}=NAME)"
+            )
+        return 1.0
+    return _factor(name, unit, wanted, given)
 
 
 def plain(name: str, values: Any, missing: BoolArray | None) -> Any:

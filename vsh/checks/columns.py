@@ -9,7 +9,7 @@ import numpy as np
 
 from vsh.checks.notes import merge_notes
 from vsh.checks.types import ArrayLike, BoolArray, FloatArray, OnBad
-from vsh.checks.validation import as_floats, check_shapes, invalid_rows, placeholders, select_usable
+from vsh.checks.validation import as_floats, check_shapes, doubtful, invalid_rows, placeholders, select_usable
 from vsh.errors import FieldError, FrameError
 from vsh.sky.frames import FRAME_KEY, FRAMES
 from vsh.sky.redshift_frames import REDSHIFT_FRAME_KEY
@@ -60,7 +60,8 @@ def usable_columns(
     notes: tuple[str, ...] = ()
     if on_bad not in ("raise", "drop"):
         raise FieldError(f"on_bad is 'raise' or 'drop', not {on_bad!r}")
-    units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr")
+    units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr") | {"magnitude": "mag"}
+    units |= dict.fromkeys(("distance", "distance_error"), "Mpc")
     absent = [c for c in ("ra", "dec", *_MOTIONS) if given[c] is None]
     if absent:
         raise FieldError(f"{', '.join(absent)} must be given")
@@ -90,7 +91,7 @@ def usable_columns(
     keep, said = select_usable(found, n, on_bad, first_row, (lon, lat))
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
-    return kept, (*notes, *said)
+    return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}), *said)
 
 
 def check_measured(noun: Any) -> None:
@@ -199,7 +200,9 @@ def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str,
     facts = {} if field.frame == "icrs" else {FRAME_KEY: field.frame}
     if field.redshift is not None and field.redshift_frame is not None:
         facts[REDSHIFT_FRAME_KEY] = field.redshift_frame
-    return columns, dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr"), facts
+    units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr") | {"phot_g_mean_mag": "mag"}
+    units |= dict.fromkeys(("distance", "distance_error"), "Mpc")
+    return columns, {name: unit for name, unit in units.items() if name in columns}, facts
 
 
 def joined(one: Any, other: Any) -> dict[str, Any]:

@@ -132,7 +132,8 @@ def invalid_rows(
         f"{what} not finite": ~np.isfinite(motion).all(0),
         "error not finite": ~np.isfinite(sigma).all(0),
         "correlation not finite": ~np.isfinite(rho),
-        "σ ≤ 0": ~(sigma > SIGMA_RANGE[0]).all(0),
+        "σ ≤ 0": ~(sigma > 0).all(0),
+        "σ too small for a number": ~(sigma > SIGMA_RANGE[0]).all(0),
         "σ too large for a number": ~(sigma < SIGMA_RANGE[1]).all(0),
         f"{what} too large for a number": ~(np.abs(motion) < SIGMA_RANGE[1]).all(0),
         "ρ² ≥ 1 − 1e-6": ~(rho * rho < RHO2_LIMIT),
@@ -153,7 +154,7 @@ def invalid_rows(
 PLACEHOLDER = "a value such as -9999 that marks missing data"
 _PLACEHOLDERS = np.array([9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e20, 1e30, 1.6375e30])
 #: These a motion might be; not both components of a source.
-_LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99])
+_LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 99.99, 999.0, 999.9, 999.99])
 
 
 def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
@@ -179,6 +180,28 @@ def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
     if same.any():
         out[same] |= np.isin(columns["pmra"][same], _LIKELY)
     return out
+
+
+def doubtful(columns: Mapping[str, FloatArray]) -> tuple[str, ...]:
+    """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used.
+
+    Examples
+    --------
+    >>> doubtful({"pmra": np.array([1.0, -999.0]), "pmdec": np.array([1.0, 2.0])})[0][:55]
+    'warning: 1 row has a motion of -999 in one component: a'
+    """
+    with np.errstate(invalid="ignore"):
+        odd = np.stack([np.isin(columns[name], _LIKELY) & (np.abs(columns[name]) > 50) for name in ("pmra", "pmdec")])
+    rows = odd.any(0)
+    if not rows.any():
+        return ()
+    values = np.unique(np.concatenate([columns[name][each] for name, each in zip(("pmra", "pmdec"), odd)]))
+    listed = ", ".join(f"{value:g}" for value in values[:4])
+    count = f"{rows.sum()} row{' has' if rows.sum() == 1 else 's have'}"
+    return (
+        f"warning: {count} a motion of {listed} in one component: a mark of missing values? It is used (first: row {rows.argmax()}); "
+        "leave such rows out with --where",
+    )
 
 
 def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> dict[str, FloatArray]:

@@ -72,7 +72,7 @@ TABLES = {
     "many NaN": (set_value("pmra", np.nan, slice(0, 9)), "proper motion not finite: 9 .rows 0, 1, 2, 3, 4, …."),
     "sigma zero": (set_value("pmra_error", 0.0), "σ ≤ 0: 1 .row 3."),
     "sigma negative": (set_value("pmdec_error", -0.1), "σ ≤ 0: 1 .row 3."),
-    "sigma too small to square": (set_value("pmdec_error", 1e-200), "σ ≤ 0: 1 .row 3."),
+    "sigma too small to square": (set_value("pmdec_error", 1e-200), "σ too small for a number: 1 .row 3."),
     "sigma too large to square": (set_value("pmdec_error", 1e200), "σ too large for a number: 1 .row 3."),
     "rho one": (set_value("pmra_pmdec_corr", 1.0), "ρ² ≥ 1 − 1e-6: 1 .row 3."),
     "rho minus almost one": (set_value("pmra_pmdec_corr", -1 + 1e-11), "ρ² ≥ 1 − 1e-6: 1 .row 3."),
