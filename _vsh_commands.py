@@ -48,12 +48,16 @@ def run(command, arguments=None):
         os._exit(1)
 
     signal.signal(signal.SIGINT, interrupted)
-    from vsh.commands.parsing import parse
+    from vsh.system.printing import printing
 
-    options = parse(words_of(command), arguments)
-    program = import_module(COMMANDS[command][1])
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
-    sys.exit(program.run(options))
+    with printing():
+        from vsh.commands.parsing import parse
+
+        options = parse(words_of(command), arguments)
+        program = import_module(COMMANDS[command][1])
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
+        status = program.run(options)
+    sys.exit(status)
 
 
 def main(arguments=None):

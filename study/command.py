@@ -11,6 +11,7 @@ from vsh import tables
 from vsh.checks.notes import dropped
 from vsh.commands import configuration, figures, finishing, outputs, running
 from vsh.commands.options import study as words
+from vsh.system.files import atomic_write
 
 _CAPTIONS = {
     "calibration": "Mean less truth, scatter over formal errors, and how often intervals of 68 and 95 % hold the truth, each with "
@@ -40,7 +41,8 @@ def _gaia(options):
     )
     finishing.add(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
     if options.html:
-        shutil.copyfile(Path(options.output) / "gaia.html", options.html)
+        with atomic_write(options.html) as new:
+            shutil.copyfile(Path(options.output) / "gaia.html", new)
         finishing.add(options, figures.of_page(options.html))
 
 
@@ -61,7 +63,8 @@ def _run(options):
     rows = summary(study, read_realisations(study, Path(folder), count))
     drawn = figures.Figures(lambda: _draw(rows))
     drawn.write(folder, options)
-    (folder / configuration.NAME).write_text(outputs.repeats(options), encoding="utf-8")
+    with atomic_write(folder / configuration.NAME) as new:
+        new.write_text(outputs.repeats(options), encoding="utf-8")
     text = (folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, rows)
     found = finishing.Found(text, lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)})
     finishing.tell(options, found)

@@ -15,6 +15,7 @@ from sim import agis
 from study.config import Study, StudyError
 from study.prepare import galaxies_of, kept, streams_and_law
 from vsh import Field
+from vsh.system.files import read_arrays
 
 
 def prepared_sources(study: Study, case: dict[str, Any], folder: Path, progress: bool = True) -> Path:
@@ -110,8 +111,7 @@ def solved_errors(study: Study, case: dict[str, Any], path: Path, rng: np.random
 def _system(path, mission):
     """The equations of a prepared file; its transits are mapped into memory."""
     told = json.loads(mission)
-    with np.load(path, allow_pickle=False) as file:
-        arrays = dict(file)
+    arrays = read_arrays(path)
     vlbi, gaps = arrays.pop("vlbi"), arrays.pop("gaps")
     mixture = agis.Mixture(**arrays)
     law = sim.NominalScanningLaw(years=told["years"], gaps=tuple(map(tuple, gaps)))

@@ -13,7 +13,7 @@ import numpy as np
 import sim
 from study.config import Study, StudyError
 from vsh import Field
-from vsh.system.files import atomic_write
+from vsh.system.files import write_arrays
 
 
 def prepared(
@@ -72,8 +72,7 @@ def kept(folder: Path, kind: str, wanted: dict[str, Any], make: Callable[[Path],
     path = folder / f"{kind}-{key}.npz"
     if not path.exists():
         arrays = make(path)
-        with atomic_write(path) as new, new.open("wb") as file:
-            np.savez(file, **arrays)
+        write_arrays(path, arrays)
     return path
 
 

@@ -15,6 +15,7 @@ from study.config import Study
 from study.joint import solved_errors
 from vsh import Field, Modes, Vector
 from vsh.cosmology import transverse_distance, with_redshift
+from vsh.system.files import read_arrays
 
 _KINDS = ("quasars", "vlbi", "galaxies")
 
@@ -70,7 +71,11 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
         spin = Vector(
             direct.values[direct.names.index("omega_x") :][:3], np.zeros((3, 3)), frame
         )  # fixed at what the quasars gave, as in the paper
-        options = {"peculiar_dispersion": study.cases[index]["galaxies"]["peculiar_dispersion"], "spin": spin}
+        options = {
+            "peculiar_dispersion": study.cases[index]["galaxies"]["peculiar_dispersion"],
+            "spin": spin,
+            "flows": None,
+        }
         found = observer_velocity(fields["galaxies"], truth["hubble"], **options)
         _put(values, sigma, "v", found.velocity)
         _put(values, sigma, "g_a", found.acceleration)
@@ -110,8 +115,7 @@ def _galaxy_signal(study, index, frame, stream):
 
 @lru_cache(maxsize=6)
 def _arrays(path):
-    with np.load(path, allow_pickle=False) as file:
-        return dict(file)
+    return read_arrays(path)
 
 
 def _draw(path, signal, frame, rng):

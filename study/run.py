@@ -16,7 +16,7 @@ from study.realise import realise
 from study.results import write_results
 from vsh.checks.notes import printable
 from vsh.checks.types import PathName
-from vsh.system.files import atomic_write, remove_unfinished
+from vsh.system.files import atomic_write, exclusive, remove_unfinished
 from vsh.system.parallel import cores, end_with_parent
 from vsh.system.progress import progress_bar
 
@@ -62,6 +62,12 @@ def run(
             (folder / each).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StudyError(f"{folder} cannot be made a folder: {error.strerror}") from error
+    with exclusive(folder / "study.json"):
+        return _run(study, folder, n_realisations, workers, progress)
+
+
+def _run(study, folder, n_realisations, workers, progress):
+    """The same while no other process works in the folder."""
     _claim(study, folder)
     count = n_realisations or study.n_realisations
     tasks = []

@@ -29,6 +29,7 @@ from .errors import (
     TableError,
     VshError,
     VshWarning,
+    WriteError,
 )
 from .field import Field
 from .modes import (
@@ -67,6 +68,7 @@ __all__ = [
     "Vector",
     "VshError",
     "VshWarning",
+    "WriteError",
     "archive",
     "catalogue",
     "conventions",

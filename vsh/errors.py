@@ -68,6 +68,10 @@ class CheckpointError(VshError, ValueError):
     """A file of a run that was interrupted cannot be used to go on."""
 
 
+class WriteError(VshError, ValueError):
+    """A file is somebody else's, is read by the same run, or is being written by another process."""
+
+
 class VshWarning(UserWarning):
     """Base of every warning: the answer stands, but read it with care."""
 

@@ -132,7 +132,9 @@ def _distances(options):
     from vsh.flows import read_velocity_grid
 
     grid = None if options.reconstruction is None else read_velocity_grid(options.reconstruction)
-    found = {"redshift_frame": options.redshift_frame, "magnitudes": False if options.no_magnitudes else None} | _flows(options)
+    found = {"redshift_frame": options.redshift_frame, "magnitudes": False if options.no_magnitudes else None} | _flows(
+        options
+    )
     if grid is not None:
         found |= {"reconstruction": grid, "reconstruction_error": options.reconstruction_error}
     return found
@@ -209,7 +211,9 @@ def _posterior(field, options, common):
         hubble = Flat(*options.h0_range)
     if options.flow_amplitude:
         common = common | {"flow_amplitude": Normal(*options.flow_amplitude, low=0.0)}
-    widest = options.peculiar_dispersion_max or (_WIDEST[not options.no_flows] if options.peculiar_dispersion == "free" else None)
+    widest = options.peculiar_dispersion_max or (
+        _WIDEST[not options.no_flows] if options.peculiar_dispersion == "free" else None
+    )
     if widest:
         common = common | {"peculiar_dispersion": Flat(0.0, widest)}
     prior = reading.velocity_of(options.velocity) or PLANCK_2018

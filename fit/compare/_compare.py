@@ -119,7 +119,8 @@ class FrameComparison(AboutSolution):
         if solution.modes.lmax > 1:
             lines.append(
                 f"deformation (degrees 2 to {solution.modes.lmax}): p = {printed_p_value(self.deformation_p_value)} of as much from noise alone, "
-                f"by the errors quoted" + (f"; {printed_p_value(self.deformation_p_value_scaled)} by scaled ones" if self.factor != 1 else "")
+                f"by the errors quoted"
+                + (f"; {printed_p_value(self.deformation_p_value_scaled)} by scaled ones" if self.factor != 1 else "")
             )
         if self.factor > 1:
             lines.append(f"residuals suggest errors {self.factor:.3g} times as large: multiply those above by it")

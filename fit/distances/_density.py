@@ -113,19 +113,47 @@ def redshift_counts(redshift: FloatArray) -> FloatArray:
 
 
 def flow_counts(redshift: FloatArray, weight: FloatArray) -> FloatArray:
-    """What sources tell of a velocity, their weight times 1/d², by redshift: a table that adds over parts."""
+    """What sources tell of a velocity, their weight times 1/d², by redshift: a table that adds over parts.
+
+    Parameters
+    ----------
+    redshift : (n,) array
+        None missing or below 1e-4.
+    weight : (n,) array
+        Of their motions. [(yr/µas)²]
+
+    Returns
+    -------
+    array
+        A number for each cell of ln z.
+    """
     return np.histogram(np.log(redshift), bins=EDGES, weights=weight / transverse_distance(redshift) ** 2)[0]
 
 
 def flow_limits(counts: FloatArray) -> tuple[float, float]:
-    """Redshifts between which all but a hundredth of that lies: a flow beyond them moves no estimate."""
+    """Redshifts between which all but a hundredth of that lies: a flow beyond them moves no estimate.
+
+    Parameters
+    ----------
+    counts : array
+        Of `flow_counts`.
+
+    Returns
+    -------
+    tuple of float
+        The nearest and the farthest.
+    """
     share = np.cumsum(counts) / max(counts.sum(), 1e-300)
     first, last = np.argmax(share > 1e-4), np.argmax(share > 0.99)
     return float(np.exp(EDGES[first])), float(np.exp(EDGES[last + 1]))
 
 
 def fit_density(
-    counts: FloatArray, spread: float, log_distance: Any, limits: tuple[float, float], cut: tuple[float, float] | None = None
+    counts: FloatArray,
+    spread: float,
+    log_distance: Any,
+    limits: tuple[float, float],
+    cut: tuple[float, float] | None = None,
 ) -> SourceDensity:
     """The density of what a catalogue holds, by which its redshifts are most probable, errors and velocities in them.
 

@@ -15,7 +15,6 @@ from vsh.checks.types import PathName
 from vsh.field import Field
 from vsh.parts import Parts, sample_of
 from vsh.scalars import ScalarField
-from vsh.system.files import atomic_write
 
 
 def write_correlation(solution: HarmonicSolution, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -122,6 +121,7 @@ def write_html(
         What else the page says, as for `fit.output.html_report`.
     """
     from fit.output._html import html_report
+    from vsh.page import write_page
     from vsh.plot import close_figures
 
     own = draw_figures(solution, field) if figures is None else {}
@@ -129,8 +129,7 @@ def write_html(
         solution, {**own, **(figures or {}), **(further or {})}, skies=_skies(solution, field, beside or {}), **about
     )
     close_figures(own.values())
-    with atomic_write(path) as new:
-        new.write_text(page, encoding="utf-8")
+    write_page(path, page)
 
 
 def _skies(solution, field, beside):

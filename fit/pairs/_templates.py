@@ -123,7 +123,9 @@ class TemplateFit(Result):
         """
         tail = (1 - between("probability", probability, 0.0, 1.0)) / 2
         dof = max(self.n_effective - 1, 2.0)
-        return np.array([_limits(*each, tail, dof) for each in zip(self.values, self.sigma, self.coefficients, strict=True)])
+        return np.array(
+            [_limits(*each, tail, dof) for each in zip(self.values, self.sigma, self.coefficients, strict=True)]
+        )
 
     def report(self) -> str:
         """Amplitudes as text.
@@ -132,7 +134,9 @@ class TemplateFit(Result):
         -------
         str
         """
-        lines = ["Templates in the correlation of motions (errors from the scatter of blocks of the sky; 95 % as squares scatter)"]
+        lines = [
+            "Templates in the correlation of motions (errors from the scatter of blocks of the sky; 95 % as squares scatter)"
+        ]
         for name, value, error, (low, high) in zip(self.names, self.values, self.sigma, self.interval(), strict=True):
             cells = f"{value:+12.4g} ± {error:<10.2g}95 %: {low:.3g} … {high:<10.3g}"
             lines.append(f"  {name:10}{cells}{TEMPLATES.get(name, '')}")
@@ -146,7 +150,13 @@ class TemplateFit(Result):
         Table
         """
         low, high = self.interval().T
-        columns = {"template": list(self.names), "value": self.values, "sigma": self.sigma, "low95": low, "high95": high}
+        columns = {
+            "template": list(self.names),
+            "value": self.values,
+            "sigma": self.sigma,
+            "low95": low,
+            "high95": high,
+        }
         return tables.table_of(columns)
 
     def plot(self, *, ax: Any = None) -> Any:

@@ -113,7 +113,14 @@ class Posterior(SampleResult):
         -------
         Samples
         """
-        return Samples(self.samples, self.frame, tuple(map(str, self.notes)), self.model.priors.in_words(), self.seed, self.n_walkers)
+        return Samples(
+            self.samples,
+            self.frame,
+            tuple(map(str, self.notes)),
+            self.model.priors.in_words(),
+            self.seed,
+            self.n_walkers,
+        )
 
     def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
         """Write the samples as a table, a column each; `Posterior.read` reads them back bit for bit, as `Samples`.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from logging import getLogger
 from time import perf_counter
 from typing import Any, Unpack
@@ -23,6 +24,7 @@ from vsh.checks.types import Cosmology, FloatArray, PathName, Rng
 from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.parts import Parts
+from vsh.system.files import exclusive
 from vsh.system.logs import tell
 from vsh.vector import Vector
 
@@ -130,9 +132,12 @@ def sample(
             "cosmology": repr(cosmology), "spin": spin_said, "outliers": repr(outliers),
             "outlier width": str(outlier_width), "distances": _in_words(distances), "walkers": str(n_walkers), "seed": str(seed),
         })  # fmt: skip
-        run.resume_from(checkpoint, identity)
     begun = perf_counter()
-    found = Posterior(*run.run(), model, rows.frame, rows.notes, seed)
+    with nullcontext() if checkpoint is None else exclusive(checkpoint):
+        if checkpoint is not None:
+            run.resume_from(checkpoint, identity)
+        chain, log_probability = run.run()
+    found = Posterior(chain, log_probability, model, rows.frame, rows.notes, seed)
     tell(_LOG, "chain", found, begun)
     return found
 

@@ -78,7 +78,9 @@ class SampleResult(Result):
 
     def _effective(self):
         """How many independent samples those of each quantity are worth, by name."""
-        return {name: values.size / float(autocorrelation(self._chains(name))[0]) for name, values in self.samples.items()}
+        return {
+            name: values.size / float(autocorrelation(self._chains(name))[0]) for name, values in self.samples.items()
+        }
 
     def _r_hat(self):
         """Split R̂ of each quantity, by name."""
@@ -213,7 +215,14 @@ class Samples(SampleResult):
     @classmethod
     def _unpack(cls, columns, rest):
         samples = {name: float_array(name, values) for name, values in columns.items()}
-        return cls(samples, check_frame(rest["frame"]), words(rest["notes"]), dict(rest["priors"]), int(rest["seed"]), _walkers(samples, rest))
+        return cls(
+            samples,
+            check_frame(rest["frame"]),
+            words(rest["notes"]),
+            dict(rest["priors"]),
+            int(rest["seed"]),
+            _walkers(samples, rest),
+        )
 
 
 def _walkers(samples, rest):

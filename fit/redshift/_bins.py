@@ -134,7 +134,9 @@ def binned(
         mean_inverse_distance,
         tuple(notes),
         flow_covariance,
-        "" if flow is None else f"{len(flow.modes)} modes of {flow.theory.name}, and {flow.dispersion:g} km/s beside them",
+        ""
+        if flow is None
+        else f"{len(flow.modes)} modes of {flow.theory.name}, and {flow.dispersion:g} km/s beside them",
     )
 
 
@@ -238,7 +240,9 @@ def _apart(normals, edges, columns):
 def _with_flow(solution, carried):
     """A solution whose errors hold a flow that was not fitted."""
     return replace(
-        solution, covariance=solution.covariance + carried @ carried.T, errors_from="the catalogue, and flows of galaxies"
+        solution,
+        covariance=solution.covariance + carried @ carried.T,
+        errors_from="the catalogue, and flows of galaxies",
     )
 
 

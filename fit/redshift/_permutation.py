@@ -18,7 +18,6 @@ from vsh.modes import KINDS, Modes
 from vsh.sky.sphere import triad
 from vsh.vector import Vector
 
-
 #: From this share in a variance on, a flow matters to the tests of bins.
 FLOW_MATTERS = 0.05
 

@@ -87,4 +87,3 @@ def shared_flow(
         return None
     beside = LEFT_DISPERSION if dispersion is None else dispersion
     return SharedFlow(theory, flow_modes(0.5 * near, 1.2 * far, n_modes, theory), beside)
-

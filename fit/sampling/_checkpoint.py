@@ -7,13 +7,13 @@ import os
 from collections.abc import Iterable
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from vsh.checks.types import ArrayLike, FloatArray, PathName
 from vsh.errors import CheckpointError
-from vsh.system.files import atomic_write
+from vsh.system.files import check_not_read, read_arrays, write_arrays
 
 _STATE = ("key", "position", "has_gauss", "gauss")
 
@@ -60,8 +60,8 @@ def save(
     """
     arrays = {"chain": chain, "log_probability": log_probability}
     arrays |= {name: np.asarray(value) for name, value in zip(_STATE, state[1:], strict=True)}
-    with atomic_write(path) as new, new.open("wb") as file:
-        np.savez(file, fingerprint=np.frombuffer(json.dumps(fingerprint).encode(), np.uint8), **cast(Any, arrays))
+    identity = {"fingerprint": np.frombuffer(json.dumps(fingerprint).encode(), np.uint8)}
+    write_arrays(path, identity | arrays)
 
 
 def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, FloatArray, Any] | None:
@@ -88,10 +88,10 @@ def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, Float
     if not path.exists():
         return None
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            stored = json.loads(bytes(file["fingerprint"]).decode())
-            chain, log_probability = file["chain"], file["log_probability"]
-            state = ("MT19937", *(file[name] if name == "key" else file[name].item() for name in _STATE))
+        file = read_arrays(path)
+        stored = json.loads(bytes(file["fingerprint"]).decode())
+        chain, log_probability = file["chain"], file["log_probability"]
+        state = ("MT19937", *(file[name] if name == "key" else file[name].item() for name in _STATE))
     except Exception as error:  # whatever a damaged file makes of zip and NumPy's headers
         raise CheckpointError(
             f"{path} is no chain of this program, or damaged ({type(error).__name__}): name another file, or delete it"
@@ -121,3 +121,4 @@ def check_writable(path: PathName) -> None:
         raise CheckpointError(f"{path}: there is no such folder")
     if not os.access(folder, os.W_OK) or Path(path).is_dir():
         raise CheckpointError(f"{path} cannot be written")
+    check_not_read(path, f"the checkpoint {path}")

@@ -47,8 +47,8 @@ class Preferred:
 
     @property
     def told(self) -> bool:
-        """Whether the residuals tell it at all: 68 % of the likelihood within less than a third of what was tried."""
-        return self.high - self.low < GRID[-1] / 3
+        """Whether the residuals tell it at all: 68 % of the likelihood within less than a third of what was tried, and not at its end."""
+        return self.high - self.low < GRID[-1] / 3 and self.high < 0.95 * GRID[-1]
 
 
 def preferred_dispersion(
@@ -103,6 +103,4 @@ def freed(estimate: Callable[..., Any], field: Any, word: str, options: Any) -> 
     ends = [estimate(**options, peculiar_dispersion=min(x, most)) for x in (preferred.low, preferred.high)]
     shift = (ends[1].values - ends[0].values) / 2
     note = f"the dispersion of peculiar velocities is what the residuals prefer, {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
-    return replace(
-        solution, covariance=solution.covariance + np.outer(shift, shift), notes=(*solution.notes, note)
-    )
+    return replace(solution, covariance=solution.covariance + np.outer(shift, shift), notes=(*solution.notes, note))

@@ -123,7 +123,17 @@ class ParallaxEquations:
         return float(self.rate.max())
 
     def most_sensitive(self, n_sources: int) -> ParallaxEquations:
-        """Those of so many sources whose motions tell most of peculiar velocities, by distance and error alone."""
+        """Those of so many sources whose motions tell most of peculiar velocities, by distance and error alone.
+
+        Parameters
+        ----------
+        n_sources : int
+            At most so many.
+
+        Returns
+        -------
+        ParallaxEquations
+        """
         n = self.n_data // 2
         if n <= n_sources:
             return self
@@ -175,7 +185,8 @@ class ParallaxEquations:
             return weighted(far[part], [])
 
         total = size + (0 if self.modes is None else len(self.modes))
-        gram, logdet = np.zeros((many, total, total)), np.zeros(many)
+        gram: Any = np.zeros((many, total, total))
+        logdet: Any = np.zeros(many)
         if near:
             for each, log in map_blocks(near_block, near, _BLOCK, threads):
                 gram, logdet = gram + each, logdet + log
@@ -185,8 +196,8 @@ class ParallaxEquations:
                 logdet = logdet + log
         order = np.r_[: size - 1, size:total, size - 1]  # the motion last
         gram = gram[:, order[:, None], order].reshape(*spread.shape, len(order), len(order))
-        logdet = logdet.reshape(spread.shape)
-        return ParallaxSums(gram[..., :-1, :-1], gram[..., :-1, -1], gram[..., -1, -1], logdet, self.n_data)
+        shaped: Any = logdet.reshape(spread.shape)
+        return ParallaxSums(gram[..., :-1, :-1], gram[..., :-1, -1], gram[..., -1, -1], shaped, self.n_data)
 
 
 def _gram(rows, variance):
@@ -278,8 +289,13 @@ def equations_of(
         np.concatenate([left, left]),
     ]
     both = np.r_[order, order + len(field)]
+    design, motion, variance, rates, lefts = (each[both] for each in pairs)
     return ParallaxEquations(
-        *(each[both] for each in pairs),
+        design,
+        motion,
+        variance,
+        rates,
+        lefts,
         hubble_value(calibration.cosmology),
         field.frame,
         (*notes, *calibration.notes),

@@ -100,7 +100,12 @@ def observer_velocity(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to fit.posterior.sample"
         )
     if isinstance(peculiar_dispersion, str):
-        apart = {"cosmology": cosmology, "spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
+        apart: dict[str, Any] = {
+            "cosmology": cosmology,
+            "spin": spin,
+            "acceleration": acceleration,
+            "excess_noise": excess_noise,
+        }
         return freed(partial(observer_velocity, field, hubble, **apart), field, peculiar_dispersion, distances)
     dispersion = dispersion_of(peculiar_dispersion, distances)
     given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
@@ -197,7 +202,12 @@ def hubble_constant(
             "fit.posterior.sample"
         )
     if isinstance(peculiar_dispersion, str):
-        apart = {"cosmology": cosmology, "spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
+        apart: dict[str, Any] = {
+            "cosmology": cosmology,
+            "spin": spin,
+            "acceleration": acceleration,
+            "excess_noise": excess_noise,
+        }
         estimate = partial(hubble_constant, field, velocity, **apart, hubble=hubble, local_group=local_group)
         return freed(estimate, field, peculiar_dispersion, distances)
     dispersion = dispersion_of(peculiar_dispersion, distances)
@@ -246,7 +256,9 @@ def local_group_of(value: Vector | bool | None, rows: ParallaxEquations | Parall
     if value is None or value is False:
         return None
     if rows.modes is None:
-        raise ParameterError("the Local Group tells the flow where we are: local_group= needs galaxies with a flow (z < 0.2, not flows=None)")
+        raise ParameterError(
+            "the Local Group tells the flow where we are: local_group= needs galaxies with a flow (z < 0.2, not flows=None)"
+        )
     if value is not True and not isinstance(value, Vector):
         raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")
     known = (LOCAL_GROUP if value is True else value).to_frame(rows.frame)

@@ -66,6 +66,8 @@ def _dispersion(solution):
     preferred = solution.preferred
     if preferred is None:
         return []
+    if solution.quality.factor > 1.2:
+        return ["               the residuals do not tell it: they contradict the errors themselves"]
     if not preferred.told:
         return ["               the residuals do not tell it"]
     prefer = f"the residuals prefer {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
@@ -73,7 +75,7 @@ def _dispersion(solution):
         return [f"               {prefer}"]
     return [
         f"warning        {prefer}: results are biased where the dispersion is wrong,",
-        "               --peculiar-dispersion free (\"free\") takes what they prefer",
+        '               --peculiar-dispersion free ("free") takes what they prefer',
     ]
 
 
@@ -82,7 +84,11 @@ def _left_out(solution):
     if solution.flow_covariance is None:
         return []
     size = np.sqrt(np.diag(solution.flow_covariance))
-    first = f"{size[0]:.0f} km/s/Mpc in H0" if solution.names[0] == "H0" else f"{np.sqrt(np.mean(size[:3] ** 2)):.0f} km/s in each component"
+    first = (
+        f"{size[0]:.0f} km/s/Mpc in H0"
+        if solution.names[0] == "H0"
+        else f"{np.sqrt(np.mean(size[:3] ** 2)):.0f} km/s in each component"
+    )
     at = solution.names.index("a_x")
     glide = np.sqrt(np.mean(size[at : at + 3] ** 2))
     return [

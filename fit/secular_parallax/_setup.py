@@ -114,7 +114,9 @@ def flow_theory(options: DistanceOptions) -> LinearTheory | None:
     if flows is not None and not isinstance(flows, LinearTheory):
         raise ParameterError(f'flows are "linear", a vsh.flows.LinearTheory or None, not {flows!r}')
     if flows is None and options.get("reconstruction") is not None:
-        raise ParameterError("a reconstruction leaves a flow to be fitted, what it lacks: it does not go with flows=None")
+        raise ParameterError(
+            "a reconstruction leaves a flow to be fitted, what it lacks: it does not go with flows=None"
+        )
     return flows
 
 

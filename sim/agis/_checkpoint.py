@@ -12,7 +12,7 @@ import numpy as np
 
 from vsh.checks.types import PathName
 from vsh.errors import CheckpointError
-from vsh.system.files import atomic_write
+from vsh.system.files import read_arrays, write_arrays
 
 
 def key_of(things: Iterable[Any]) -> str:
@@ -45,8 +45,7 @@ def save(path: PathName, key: str, state: dict[str, Any]) -> None:
     state : dict of arrays
         All that the rest depends on.
     """
-    with atomic_write(path) as new, new.open("wb") as file:
-        np.savez(file, key=np.array(key), **state)
+    write_arrays(path, {"key": np.array(key)} | state)
 
 
 def load(path: PathName, key: str) -> dict[str, Any] | None:
@@ -71,8 +70,7 @@ def load(path: PathName, key: str) -> dict[str, Any] | None:
     if not Path(path).exists():
         return None
     try:
-        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
-            found = dict(file)
+        found = read_arrays(path)
     except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
         raise CheckpointError(f"{path} is damaged ({error}): delete it to begin anew") from error
     if str(found.pop("key", "")) != key:

@@ -15,6 +15,7 @@ from sim import agis
 from sim.commands._agis_results import CAPTIONS, draw, report, tables_of, write
 from vsh.commands import finishing, outputs, running
 from vsh.commands.options import agis as words
+from vsh.system.files import exclusive
 from vsh.units import AU_PER_YEAR
 
 
@@ -42,7 +43,8 @@ def _run(options):
     work = Path(f"{options.output}.unfinished")
     work.mkdir(parents=True, exist_ok=True)
     try:
-        _solve(options, law, mixture, full, work, (noise, start, chosen, radio))
+        with exclusive(work / "checkpoint.npz"):
+            _solve(options, law, mixture, full, work, (noise, start, chosen, radio))
     finally:
         with suppress(OSError):  # not empty: a checkpoint, or somebody else's files
             work.rmdir()
@@ -78,7 +80,8 @@ def _solve(options, law, mixture, full, work, streams):
         title=f"{options.quasars} quasars and the attitude, solved together", captions=CAPTIONS,
     )  # fmt: skip
     (work / "checkpoint.npz").unlink()
-    shutil.rmtree(work / "scans", ignore_errors=True)
+    if options.map:
+        shutil.rmtree(work / "scans", ignore_errors=True)
 
 
 def _global(options, mixture):

@@ -13,7 +13,7 @@ import vsh
 from sim.expected import errors_by_place
 from vsh.commands import configuration, finishing, outputs, reading, running
 from vsh.commands.options import simulate as words
-from vsh.system.files import atomic_write
+from vsh.system.files import atomic_write, digest
 
 
 def _run(options):
@@ -21,7 +21,7 @@ def _run(options):
 
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     outputs.check_file(options.output, options.overwrite)
-    outputs.check_file(_repeats(options), options.overwrite)
+    outputs.check_file(_repeats(options), options.overwrite)  # its configuration, which also has its hash
     if options.kind == "crf3":
         _crf3(options)
         return
@@ -75,15 +75,17 @@ def _crf3(options):
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     counts = {} if options.number is None else {"n_five": options.number}
     table = sim.crf3(options.seed, signal, **counts)
-    tables.write_table(table, options.output, _truth({"SPIN": options.spin, "ACC": options.acceleration}, options))
+    truth = _truth({"SPIN": options.spin, "ACC": options.acceleration}, options)
+    tables.write_table(table, options.output, truth)
     five = int(np.sum(table["astrometric_params_solved"] == 31))
-    _finish(options, [], table.meta, f"{five} sources with five parameters, {len(table) - five} with six")
+    _finish(options, [], dict(table.meta) | truth, f"{five} sources with five parameters, {len(table) - five} with six")
 
 
 def _finish(options, notes, meta, what):
     """The configuration that repeats it, and what is said."""
     with atomic_write(_repeats(options)) as new:
-        new.write_text(outputs.repeats(options, name=_repeats(options).name), encoding="utf-8")
+        written = {Path(options.output).name: digest(options.output)}
+        new.write_text(outputs.repeats(options, name=_repeats(options).name, written=written), encoding="utf-8")
     text = "\n".join([*notes, f"written to {options.output}: {what}"])
 
     def truth():
@@ -100,7 +102,7 @@ def _finish(options, notes, meta, what):
 def _repeats(options):
     """Beside the table: its name with run.toml for the ending."""
     path = Path(options.output)
-    return path.with_name(f"{path.name.split('.')[0]}.{configuration.NAME}")
+    return path.with_name(f"{path.name}.{configuration.NAME}")
 
 
 def _truth(vectors, options):

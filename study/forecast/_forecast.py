@@ -215,7 +215,7 @@ def _of_galaxies(survey, some, flows):
     # The nearest weigh most: all of them, and of the rest every tenth for ten.
     few = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
     alone = _errors(survey, some[few], _ALONE, np.where(np.arange(len(few)) < _NEAREST, 1, _EVERY))
-    found = [*_velocity(some[few], alone)]
+    found = [*_velocity(some[few], alone, flows=None)]
     if flows:
         few = order[:: len(order) // _IN_FLOWS]
         beyond = _errors(survey, some[few], _BEYOND, len(order) / len(few))

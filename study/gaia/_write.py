@@ -15,7 +15,7 @@ from study.gaia._tables import correlation_table, power_table, published_table, 
 from vsh import tables
 from vsh.checks.types import Table
 from vsh.commands.figures import without_windows
-from vsh.page import Shown
+from vsh.page import Shown, write_page
 from vsh.plot import close_figures, save_figures
 
 _HEADINGS = {
@@ -78,7 +78,7 @@ def write_gaia(
         skies=[Shown("degree 3, errors from the bootstrap", five, main.solution.coefficients, main.resampled.covariance)],
     )  # fmt: skip
     close_figures(drawn.values())
-    (folder / "gaia.html").write_text(page, encoding="utf-8")
+    write_page(folder / "gaia.html", page)
     return text
 
 

@@ -10,14 +10,16 @@ FILES = [path for package in ("vsh", "sim", "fit", "study") for path in sorted((
 
 
 def faces():
-    """What each folder promises: the names in `__all__` of its `__init__.py`."""
-    for path in FILES:
-        for node in ast.parse(path.read_text(encoding="utf-8")).body if path.name == "__init__.py" else ():
+    """What each folder promises: the names in `__all__` of its `__init__`, or of the stub that it follows."""
+    for path in [*FILES, *(ROOT / package / "__init__.pyi" for package in ("vsh", "sim", "fit"))]:
+        for node in ast.parse(path.read_text(encoding="utf-8")).body if path.stem == "__init__" else ():
             if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
                 yield path.parent, set(ast.literal_eval(node.value))
 
 
-PROMISED = dict(faces())
+PROMISED: dict = {}
+for _folder, _names in faces():
+    PROMISED[_folder] = PROMISED.get(_folder, set()) | _names
 ENTRY = re.compile(r"^([*\w][\w, *]*?)(?: : .*)?$")
 
 
@@ -34,11 +36,10 @@ def public(path):
 
 
 def promised(path):
-    """The same of names that the folder of the file, or one above it, promises; all of a file that stands in the open."""
-    private = path.name.startswith("_") and path.name != "__init__.py"
+    """The same of names that the folder of the file, or the one above it, promises."""
     names = set().union(*(PROMISED.get(folder, set()) for folder in (path.parent, path.parent.parent)))
     for name, node in public(path):
-        if not private or name.split(".")[0] in names:
+        if name.split(".")[0] in names:
             yield name, node
 
 
@@ -94,8 +95,8 @@ def test_docstrings_have_one_form(path):
 
 @pytest.mark.parametrize("path", FILES, ids=path_name)
 def test_long_signatures_take_keywords(path):
-    """No public function takes more than nine arguments by position."""
-    for name, node in public(path):
+    """No promised function takes more than nine arguments by position."""
+    for name, node in promised(path):
         if isinstance(node, ast.FunctionDef):
             assert len(node.args.args) <= 9, name
 

@@ -38,7 +38,7 @@ from vsh.transform import adjoint, synthesis
 from vsh.waves import strain_of, wave_coefficients
 
 FIELD = sim.observe(sim.galaxies(60, 1), sim.spin((1, 2, 3)), 2, sigma=10.0)
-BINS = binned(FIELD, 1, 2)
+BINS = binned(FIELD, 1, 2, flows=None)
 NORMAL = fit.normal_equations(FIELD, 1)
 NORMAL_3 = fit.normal_equations(FIELD, 3)
 LAW = sim.NominalScanningLaw(years=1.0)

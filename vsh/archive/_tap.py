@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import http.client
 import json
-import os
+import queue
+import shutil
+import threading
 import time
 import urllib.error
 import urllib.parse
@@ -22,7 +24,7 @@ from vsh.checks.arguments import positive, whole
 from vsh.checks.notes import printable
 from vsh.checks.types import PathName
 from vsh.errors import ArchiveError, TableError
-from vsh.system.files import atomic_write
+from vsh.system.files import MARK, atomic_write, digest, exclusive
 from vsh.system.progress import progress_bar
 
 #: ESA's archive of Gaia.
@@ -42,6 +44,7 @@ def query(
     patience: float = 7200.0,
     interval: float = 2.0,
     max_rows: int | None = None,
+    max_bytes: float = 1e11,
     overwrite: bool = False,
     progress: bool = True,
 ) -> Path:
@@ -56,13 +59,15 @@ def query(
     url : str
         Of the service: what /async is put behind.
     patience : float
-        How long to wait for the job. [s]
+        How long to wait for the job, and then once more for its answer. [s]
     interval : float
         How long to wait before asking again, more as time goes by. [s]
     max_rows : int, optional
         The most rows; the server's own limit unless given.
+    max_bytes : float
+        The largest answer that is fetched.
     overwrite : bool
-        Ask again though the file is there.
+        Ask again though the file is there; one that is not as it was fetched is never replaced.
     progress : bool
         Show bars, after two seconds.
 
@@ -74,9 +79,11 @@ def query(
     Raises
     ------
     ArchiveError
-        If the server cannot be reached, refuses the query, ends the job with an error, or does not send a whole table; if
-        the answer was cut off at a limit; if the file is the answer to another query. What was asked for is kept:
-        the same call goes on where it was.
+        If the server cannot be reached, refuses the query, ends the job with an error, is too slow, or does not send a whole
+        table; if the answer was cut off at a limit, or is too large; if the file is the answer to another query, of another
+        service, or not as it was fetched. What was asked for is kept: the same call goes on where it was.
+    WriteError
+        If another process fetches the same file.
 
     Examples
     --------
@@ -90,27 +97,61 @@ def query(
         raise ArchiveError(f"{printable(path)}: there is no such folder")
     if not url.startswith(("http://", "https://")):
         raise ArchiveError(f"{printable(url)} is no address of a service: https://…/tap")
-    note, asked = path.with_name(f"{path.name}.json"), {"query": adql, "url": url, "max_rows": max_rows}
-    known = {} if overwrite else _read(note)
-    if path.exists() and not overwrite:
-        if known and known.get("query") != adql:
-            raise ArchiveError(f"{printable(path)} is the answer to another query: take another name, or overwrite it")
-        _rows_of(path)
-        return path
+    asked = {"query": adql, "url": url, "max_rows": max_rows}
+    with exclusive(path):
+        return _answer(path, asked, patience, interval, max_bytes, overwrite, progress)
+
+
+def _answer(path, asked, patience, interval, max_bytes, overwrite, progress):
+    """The file, while no other process fetches it."""
+    note, (adql, url, max_rows) = path.with_name(f"{path.name}.json"), asked.values()
+    known = _read(note)
+    if path.exists():
+        _check_as_fetched(path, known)
+        if not overwrite:
+            _check_same(path, known, asked)
+            _rows_of(path)
+            return path
+    known = {} if overwrite else known
     job = known.get("job") if all(known.get(key) == value for key, value in asked.items()) else None
     job = _still_there(job) or _submitted(adql, url, None if max_rows is None else whole("max_rows", max_rows))
-    _write(note, asked | {"job": job})
+    before = {"sha256": known["sha256"]} if path.exists() and "sha256" in known else {}
+    _write(note, asked | {"job": job} | before)
     _wait(job, positive("patience", patience), positive("interval", interval), progress)
-    part = path.with_name(f"{path.name}.part")
-    try:
-        _fetch(f"{job}/results/result", part, progress)
-        rows = _rows(part, max_rows)
-    except ArchiveError:
-        part.unlink(missing_ok=True)
-        raise
-    os.replace(part, path)
-    _write(note, asked | {"rows": rows, "fetched": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())})
+    with atomic_write(path) as part:
+        _fetch(f"{job}/results/result", part, time.monotonic() + patience, positive("max_bytes", max_bytes), progress)
+        rows, sha = _rows(part, max_rows), digest(part)
+        fetched = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        _write(note, asked | {"rows": rows, "fetched": fetched, "sha256": sha})
     return path
+
+
+def _check_as_fetched(path, known):
+    """Raise ArchiveError where a file is not the one that its note is about."""
+    if not known.get("query"):
+        raise ArchiveError(f"{printable(path)} is there, and no note beside it says what it answers: take another name")
+    if not known.get("sha256"):
+        raise ArchiveError(
+            f"{printable(path)} is there, and its note has no hash of it: take another name, or delete it"
+        )
+    if digest(path) != known["sha256"]:
+        raise ArchiveError(
+            f"{printable(path)} is not as it was fetched: somebody changed it. Take another name, or delete it"
+        )
+
+
+def _check_same(path, known, asked):
+    """Raise ArchiveError where a file is the answer to something else."""
+    if known.get("query") != asked["query"]:
+        raise ArchiveError(f"{printable(path)} is the answer to another query: take another name, or overwrite it")
+    if known.get("url") != asked["url"]:
+        raise ArchiveError(
+            f"{printable(path)} is the answer of {printable(known.get('url'))}: take another name, or overwrite it"
+        )
+    if known.get("max_rows") != asked["max_rows"]:
+        raise ArchiveError(
+            f"{printable(path)} was asked for with another limit of rows: take another name, or overwrite it"
+        )
 
 
 def _rows_of(path):
@@ -151,9 +192,25 @@ def _still_there(job):
         return None
 
 
-def _phase(job):
-    with _open(f"{job}/phase") as answer:
-        return answer.read(1000).decode("utf-8", "replace").strip()
+def _phase(job, end=None):
+    with _open(f"{job}/phase", end=end) as answer:
+        return _some(answer, 1000, _soon(end)).decode("utf-8", "replace").strip()
+
+
+def _soon(end=None):
+    """Until when a short answer is waited for, by the monotonic clock."""
+    soon = time.monotonic() + _TIMEOUT
+    return soon if end is None else min(soon, max(end, time.monotonic() + 1.0))
+
+
+def _some(answer, size, end):
+    """At most so many bytes of an answer; one that trickles is given up at `end`."""
+    found = b""
+    while len(found) < size and (more := answer.read1(size - len(found))):
+        found += more
+        if time.monotonic() > end:
+            raise ArchiveError("the server sends too slowly: the same call later waits on")
+    return found
 
 
 def _wait(job, patience, interval, progress):
@@ -161,7 +218,7 @@ def _wait(job, patience, interval, progress):
     with progress_bar(words="the archive is at work", shown=progress, unit=" s", bar_format="{desc}: {elapsed}") as bar:
         while True:
             try:
-                phase, failures = _phase(job), 0
+                phase, failures = _phase(job, end), 0
             except _RefusedError:
                 raise
             except ArchiveError:
@@ -179,24 +236,45 @@ def _wait(job, patience, interval, progress):
             interval = min(1.3 * interval, 30.0)
     if phase != "COMPLETED":
         with _open(f"{job}/error") as answer:
-            said = _message(answer.read(_BLOCK))
+            said = _message(_some(answer, _BLOCK, _soon()))
         raise ArchiveError(f"the query ended {phase.lower()}: {said or 'the server does not say why'}")
 
 
-def _fetch(address, part, progress):
-    with _open(address) as answer, part.open("wb") as file:
-        size = int(answer.headers.get("Content-Length") or 0)
+def _fetch(address, part, end, most, progress):
+    """An answer into a file: until `end` by the monotonic clock, and of at most so many bytes."""
+    with _open(address, end=end) as answer, part.open("wb") as file:
+        told = answer.headers.get("Content-Length") or ""
+        size = int(told) if told.isascii() and told.isdigit() else 0
+        _check_room(size, part, most)
         with progress_bar(total=size or None, words="fetching", shown=progress, unit="B", unit_scale=True) as bar:
-            try:
-                while block := answer.read(_BLOCK):
-                    file.write(block)
-                    bar.update(len(block))
-            except (OSError, http.client.HTTPException) as error:
-                raise ArchiveError(
-                    f"{address}: the connection was cut ({error}); the same call fetches it again"
-                ) from error
+            while True:
+                try:
+                    block = answer.read1(_BLOCK)
+                except (OSError, http.client.HTTPException) as error:
+                    raise ArchiveError(
+                        f"{address}: the connection was cut ({error}); the same call fetches it again"
+                    ) from error
+                if not block:
+                    break
+                file.write(block)  # what the disk says of it is its own, not the network's
+                bar.update(len(block))
+                if time.monotonic() > end:
+                    raise ArchiveError(
+                        f"{address}: {file.tell()} bytes came within the time (patience): the same call later fetches it again"
+                    )
+                if file.tell() > most:
+                    raise ArchiveError(f"{address}: the answer is larger than {most:g} bytes (max_bytes): ask for less")
         if size and file.tell() != size:
             raise ArchiveError(f"{address}: {file.tell()} of {size} bytes came; the same call fetches it again")
+
+
+def _check_room(size, part, most):
+    """Raise ArchiveError before the first byte of an answer that is too large."""
+    if size > most:
+        raise ArchiveError(f"the answer has {size} bytes, more than {most:g} (max_bytes): ask for less")
+    free = shutil.disk_usage(part.parent).free
+    if size > free:
+        raise ArchiveError(f"the answer has {size} bytes, and the disk has room for {free}")
 
 
 def _rows(part, max_rows):
@@ -222,18 +300,33 @@ class _RefusedError(ArchiveError):
     """The server was there and said no."""
 
 
-def _open(url, form=None):
+def _open(url, form=None, end=None):
+    """The answer to a request, once its head is there; in a thread, since a head that trickles obeys no time limit."""
     body = None if form is None else urllib.parse.urlencode(form).encode()
     request = urllib.request.Request(url, body, {"User-Agent": "vsh-astrometry"})
+    found: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def ask():
+        try:
+            found.put(urllib.request.urlopen(request, timeout=_TIMEOUT))
+        except BaseException as error:  # handed on to whoever waits
+            found.put(error)
+
+    threading.Thread(target=ask, daemon=True).start()
     try:
-        return urllib.request.urlopen(request, timeout=_TIMEOUT)
-    except urllib.error.HTTPError as error:
-        with error:
-            said = _message(error.read(_BLOCK))
-        raise _RefusedError(f"{url} answered {error.code}: {said or error.reason}") from error
-    except (OSError, http.client.HTTPException, ValueError) as error:
-        reason = getattr(error, "reason", None) or error
-        raise ArchiveError(f"{url} cannot be reached: {reason}. Are you online, and is the archive?") from error
+        answer = found.get(timeout=max(_soon(end) - time.monotonic(), 0.1))
+    except queue.Empty:
+        raise ArchiveError(f"{url} does not answer in time") from None
+    if not isinstance(answer, BaseException):
+        return answer
+    if isinstance(answer, urllib.error.HTTPError):
+        with answer:
+            said = _message(_some(answer, _BLOCK, _soon()))
+        raise _RefusedError(f"{url} answered {answer.code}: {said or answer.reason}") from answer
+    if isinstance(answer, (OSError, http.client.HTTPException, ValueError)):
+        reason = getattr(answer, "reason", None) or answer
+        raise ArchiveError(f"{url} cannot be reached: {reason}. Are you online, and is the archive?") from answer
+    raise answer
 
 
 def _message(body):
@@ -262,4 +355,4 @@ def _read(path) -> dict[str, Any]:
 
 def _write(path, facts):
     with atomic_write(path) as new:
-        Path(new).write_text(json.dumps(facts, indent=1), encoding="utf-8")
+        Path(new).write_text(json.dumps({"program": MARK} | facts, indent=1), encoding="utf-8")

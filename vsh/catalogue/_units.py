@@ -50,12 +50,12 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
             assumed.setdefault(str(wanted), []).append(name)
             unit = wanted
         found[role] = _factor(name, unit, wanted, name in (units or {}))
-    for role, wanted in FURTHER_UNITS.items():
-        name = where.get(role)
-        unit = (units or {}).get(name, source.units.get(name)) if name else None
+    for role in set(FURTHER_UNITS) & set(where):
+        name, wanted = where[role], FURTHER_UNITS[role]
+        unit = (units or {}).get(name, source.units.get(name))
         if unit is not None and str(unit).strip():
             found[role] = _further(role, name, unit, wanted, name in (units or {}))
-        elif name and role in MUST_SAY:
+        elif role in MUST_SAY:
             raise TableError(
                 f"column {name!r} has no unit: say which, units={{{name!r}: {str(wanted)!r}}} (--units {name}={wanted})"
             )

@@ -6,9 +6,11 @@ import sys
 from pathlib import Path
 
 from vsh.archive import QUERIES, query
+from vsh.checks.notes import printable
 from vsh.commands import configuration, finishing, outputs, running
 from vsh.commands.options import archive as words
 from vsh.errors import ArchiveError
+from vsh.system.files import atomic_write, check_not_read
 
 
 def _run(options):
@@ -17,6 +19,7 @@ def _run(options):
         finishing.tell(options, finishing.Found(adql))
         return
     there = Path(options.output).exists() and not options.overwrite
+    check_not_read(options.output, f"--output {printable(options.output)}")
     path = query(
         adql,
         options.output,
@@ -25,12 +28,10 @@ def _run(options):
         max_rows=options.max_rows,
         overwrite=options.overwrite,
     )
-    known = Path(f"{path}.json").exists()
-    was = f"{path} was there already: nothing was asked" + (
-        "" if known else "; whether it answers this query is not known"
-    )
+    was = f"{path} was there already, as it was fetched: nothing was asked"
     beside = Path(f"{path}.{configuration.NAME}")
-    beside.write_text(outputs.repeats(options, name=beside.name), encoding="utf-8")
+    with atomic_write(beside) as new:
+        new.write_text(outputs.repeats(options, name=beside.name), encoding="utf-8")
     finishing.tell(options, finishing.Found(was if there else f"written to {path}"))
 
 

@@ -29,14 +29,15 @@ class Configuration:
         What was said, by the names of options without their dashes.
     version : str
         Of the package that ran it.
-    files : dict of str to str
-        SHA-256 of what it read, by name.
+    files, written : dict of str to str
+        SHA-256 of what it read, and of what it wrote beside this file, by name.
     """
 
     command: str
     options: Mapping[str, Any]
     version: str = ""
     files: Mapping[str, str] = field(default_factory=dict)
+    written: Mapping[str, str] = field(default_factory=dict)
 
     def text(self, name: str = NAME) -> str:
         """The file, as TOML.
@@ -52,6 +53,9 @@ class Configuration:
         if self.files:
             lines += ["", "# SHA-256 of what was read", "[files]"]
             lines += [f"{_quoted(name)} = {_toml(sha)}" for name, sha in self.files.items()]
+        if self.written:
+            lines += ["", "# SHA-256 of what was written: a file that was changed since is not replaced", "[written]"]
+            lines += [f"{_quoted(name)} = {_toml(sha)}" for name, sha in self.written.items()]
         return "\n".join(lines) + "\n"
 
 
@@ -79,8 +83,8 @@ def read(path: str, command: str) -> Configuration:
         raise argparse.ArgumentTypeError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
         raise argparse.ArgumentTypeError(f"{path} is no TOML file: {error}") from None
-    foreign = set(raw) - {"command", "version", "options", "files"}
-    if foreign or not all(isinstance(raw.get(name, {}), dict) for name in ("options", "files")):
+    foreign = set(raw) - {"command", "version", "options", "files", "written"}
+    if foreign or not all(isinstance(raw.get(name, {}), dict) for name in ("options", "files", "written")):
         what = ", ".join(sorted(foreign)) or "options and files"
         raise argparse.ArgumentTypeError(f"{path}: {what}? A configuration has command, version, [options] and [files]")
     if raw.get("command", command) != command:

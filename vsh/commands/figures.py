@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from vsh.checks.types import PathName
-from vsh.system.files import atomic_write
 
 
 class Figures:
@@ -104,8 +103,7 @@ def write_page(
         page.provenance(provenance or {}, command),
     ]
     figures.close()
-    with atomic_write(path) as new:
-        new.write_text(page.page(title, panels, lead=lead), encoding="utf-8")
+    page.write_page(path, page.page(title, panels, lead=lead))
 
 
 def of_page(path: PathName) -> str:

@@ -6,6 +6,7 @@ import argparse
 import io
 import json
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -163,7 +164,8 @@ def as_json(options: argparse.Namespace, found: Found) -> str:
         "tables": {name: _columns(table) for name, table in found.tables.items()},
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],
     }
-    return json.dumps(_plain(told), ensure_ascii=False, allow_nan=False)
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    return json.dumps(_plain(told), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
 
 
 def as_latex(table: Table) -> str:

@@ -15,7 +15,7 @@ from vsh.checks.notes import printable
 from vsh.checks.types import PathName
 from vsh.commands import citing, configuration
 from vsh.errors import VshError
-from vsh.system.files import atomic_folder
+from vsh.system.files import as_recorded, atomic_folder, check_not_read, digest, is_ours
 
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
@@ -64,6 +64,7 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     if path.exists() and not path.is_dir():
         raise VshError(f"{shown} is a file, not a folder")
     _check_parent(path, shown, made=True)
+    check_not_read(path, shown)
     if not path.exists() or not any(path.iterdir()):
         return
     mark = _read_mark(path)
@@ -73,11 +74,19 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
         raise VshError(f"{shown} holds results of {printable(mark.get('command'))}: name another folder")
     if not overwrite:
         raise VshError(f"{shown} holds results: say --overwrite to replace them, or name another folder")
-    foreign = sorted(x.name for x in path.iterdir() if x.name not in {MARK, *mark.get("files", ())})
+    recorded = mark.get("files", ())
+    foreign = sorted(x.name for x in path.iterdir() if x.name not in {MARK, *recorded})
     if foreign:
         raise VshError(
             f"{shown} holds files that {command} did not write ({printable(', '.join(foreign[:5]))}): move them, or name "
             "another folder"
+        )
+    hashes = recorded if isinstance(recorded, dict) else {}
+    changed = sorted(x for x, sha in hashes.items() if (path / x).exists() and digest(path / x) != sha)
+    if changed:
+        raise VshError(
+            f"{shown} holds files that were changed since {command} wrote them ({printable(', '.join(changed[:5]))}): move "
+            "them, or name another folder"
         )
 
 
@@ -96,14 +105,22 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
     Raises
     ------
     VshError
-        If it is there and may not be replaced, or cannot be written.
+        If it is there and may not be replaced (never one that this program did not write, or that was changed since), is what
+        the run reads, or cannot be written.
     """
     path, shown = Path(path), f"{option} {printable(path)}"
     if path.is_dir():
         raise VshError(f"{shown} is a folder, not a file")
     _check_parent(path, shown)
-    if path.exists() and not overwrite:
+    check_not_read(path, shown)
+    if not path.exists():
+        return
+    if not overwrite:
         raise VshError(f"{shown} is there already: say --overwrite to replace it, or name another file")
+    if not is_ours(path):
+        raise VshError(f"{shown} was not written by this program, and is not replaced: name another file")
+    if as_recorded(path) is False or (option == "--html" and not _is_page(path)):
+        raise VshError(f"{shown} is not as this program wrote it, and is not replaced: name another file")
 
 
 @contextmanager
@@ -125,14 +142,17 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
         yield folder
         (folder / configuration.NAME).write_text(repeats(options, provenance), encoding="utf-8")
         (folder / "citation.bib").write_text(citing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
-        files = sorted(x.name for x in folder.iterdir())
+        files = {x.name: digest(x) for x in sorted(folder.iterdir())}
         mark = {"command": options.program, "files": files} | provenance
         (folder / MARK).write_text(json.dumps(mark, indent=1, default=str, ensure_ascii=False) + "\n", encoding="utf-8")
         check_folder(options.output, options.program, options.overwrite)  # somebody else may have written meanwhile
 
 
 def repeats(
-    options: argparse.Namespace, provenance: Mapping[str, Any] | None = None, name: str = configuration.NAME
+    options: argparse.Namespace,
+    provenance: Mapping[str, Any] | None = None,
+    name: str = configuration.NAME,
+    written: Mapping[str, str] | None = None,
 ) -> str:
     """The configuration that repeats a run, as TOML.
 
@@ -144,6 +164,8 @@ def repeats(
         With names and hashes of the files that were read.
     name : str
         Of the file to be.
+    written : dict, optional
+        SHA-256 of files beside it.
 
     Returns
     -------
@@ -151,7 +173,7 @@ def repeats(
     """
     files, hashes = ((provenance or {}).get(key, []) for key in ("catalogue", "sha256"))
     read = dict(zip(files, hashes, strict=True)) if isinstance(files, list) else {files: hashes}
-    return configuration.Configuration(options.program, options.given, vsh.__version__, read).text(name)
+    return configuration.Configuration(options.program, options.given, vsh.__version__, read, written or {}).text(name)
 
 
 def _check_parent(path, shown, made=False):
@@ -162,6 +184,12 @@ def _check_parent(path, shown, made=False):
         raise VshError(f"{shown}: there is no folder {printable(parent)}")
     if not os.access(parent, os.W_OK):
         raise VshError(f"{shown}: the folder {printable(parent)} cannot be written to")
+
+
+def _is_page(path):
+    from vsh.page import is_page  # which imports matplotlib
+
+    return is_page(path)
 
 
 def _read_mark(path):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import logging
+import os
 import platform
+import re
 import shlex
 import sys
 import warnings
@@ -22,13 +23,29 @@ from vsh.commands.configuration import NOT_KEPT
 from vsh.commands.parsing import parse, without_folder
 from vsh.commands.reading import standard_input
 from vsh.errors import VshError, VshWarning
+from vsh.system.files import check_not_read, digest, reading
 from vsh.system.logs import PACKAGES
 from vsh.system.parallel import limited
+from vsh.system.printing import printing, silence, system_words
 from vsh.system.progress import without_bars
 
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*NOT_KEPT, "command", "given", "program", "expected")
 _LOG = logging.getLogger(__name__)
+#: Options that name what is written; and what else of the namespace names no file that is read.
+_WRITTEN = ("output", "html", "log", "checkpoint")
+_NOT_ASKED = ("command", "given", "program", "expected", "show", "url")
+_LOG_LINE = re.compile(
+    rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (DEBUG|INFO|WARNING|ERROR|CRITICAL) +(vsh|sim|fit|study)\b"
+)
+
+
+class _OneLine(logging.Formatter):
+    """Records without the control characters and line breaks that names of files and columns may bring along."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        record.message = printable(record.message)
+        return super().formatMessage(record)
 
 
 def entry(
@@ -53,7 +70,8 @@ def entry(
         return guarded(options, lambda: act(options))
 
     def main(arguments: Sequence[str] | None = None) -> int:
-        return run(parse(words, arguments))
+        with printing():
+            return run(parse(words, arguments))
 
     return main, run
 
@@ -77,6 +95,7 @@ def guarded(options: argparse.Namespace, action: Callable[[], object]) -> int:
         with (
             warnings.catch_warnings(),
             limited(getattr(options, "threads", None)),
+            reading(_inputs(options)),
             logged(options),
             without_bars(options.quiet),
             standard_input(options),
@@ -87,13 +106,55 @@ def guarded(options: argparse.Namespace, action: Callable[[], object]) -> int:
     except MemoryError:
         return _failed(program, "error: not enough memory: lower the degree, or read fewer sources")
     except BrokenPipeError:  # whoever read our output has seen enough
-        sys.stdout = None
+        silence()
         return 0
-    except (VshError, OSError) as error:
+    except OSError as error:
+        return _failed(program, f"error: {system_words(error)}")
+    except VshError as error:
         return _failed(program, f"error: {error}")
     except KeyboardInterrupt:
         return _failed(program, "interrupted")
     return 0
+
+
+def _inputs(options):
+    """What a run reads: files and folders that its options name, but for those it writes."""
+    named = [value for name, value in vars(options).items() if name not in (*_WRITTEN, *_NOT_ASKED)]
+    texts = [each for value in named for each in (value if isinstance(value, (tuple, list)) else (value,))]
+    return [each for each in texts if isinstance(each, (str, Path)) and each not in ("", "-") and os.path.lexists(each)]
+
+
+class _Log(logging.FileHandler):
+    """A log that says once where it could not be written on, and does not end the run for it."""
+
+    failed: str | None = None
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        error = sys.exc_info()[1]
+        self.failed = self.failed or (system_words(error) if isinstance(error, OSError) else str(error))
+
+    def close(self) -> None:
+        try:
+            super().close()
+        except OSError as error:
+            self.failed = self.failed or system_words(error)
+
+
+def _check_log(options):
+    """Raise VshError where a log is no place of its own: what is read or written, or a file that is no log of ours."""
+    path, shown = Path(options.log), f"--log {printable(options.log)}"
+    check_not_read(path, shown)
+    others = [getattr(options, name, None) for name in _WRITTEN if name != "log"]
+    for other in filter(None, others):
+        here, there = Path(os.path.realpath(path)), Path(os.path.realpath(other))
+        if here == there or there in here.parents:
+            raise VshError(f"{shown} is in {printable(other)}, which the run writes: name another file")
+    if path.is_dir():
+        raise VshError(f"{shown} is a folder, not a file")
+    if path.is_file() and path.stat().st_size:
+        with path.open("rb") as file:
+            if not _LOG_LINE.match(file.read(200)):
+                raise VshError(f"{shown} holds something else than a log of this program: name another file")
 
 
 @contextmanager
@@ -113,11 +174,12 @@ def logged(options: argparse.Namespace) -> Iterator[None]:
     if options.log is None:
         yield
         return
+    _check_log(options)
     try:
-        handler = logging.FileHandler(options.log, encoding="utf-8")
+        handler = _Log(options.log, encoding="utf-8")
     except OSError as error:
         raise VshError(f"--log {printable(options.log)}: {error.strerror}") from None
-    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
+    handler.setFormatter(_OneLine("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
     loggers = [logging.getLogger(name) for name in PACKAGES]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
@@ -137,13 +199,15 @@ def logged(options: argparse.Namespace) -> Iterator[None]:
             logger.removeHandler(handler)
             logger.setLevel(level)
         handler.close()
+        if handler.failed:
+            print(f"{options.program}: the log is not complete: {printable(handler.failed)}", file=sys.stderr)
 
 
 def _say_what_changed(options):
     """Files that are not those that a configuration was written for."""
     for path in [Path(value) for value in vars(options).values() if options.expected and isinstance(value, str)]:
         known = options.expected.get(path.name)
-        if known is not None and path.exists() and _hash(path) != known:
+        if known is not None and path.exists() and digest(path) != known:
             said = f"{options.program}: note: {path.name} is not the file that the configuration was written for"
             print(printable(said), file=sys.stderr)
 
@@ -193,7 +257,7 @@ def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[s
     import scipy
 
     paths = [Path(str(path)) for path in (paths if isinstance(paths, list) else [paths])]
-    hashes = [_hash(path) for path in paths]
+    hashes = [digest(path) for path in paths]
     one = len(paths) == 1
     return {
         "catalogue": paths[0].name if one else [path.name for path in paths],
@@ -205,16 +269,6 @@ def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[s
             "astropy": astropy.__version__,
         },
     }  # fmt: skip
-
-
-def _hash(path):
-    """SHA-256 of a file, or of the names and hashes of all files of a folder."""
-    if path.is_dir():
-        inside = sorted(file for file in path.rglob("*") if file.is_file())
-        digest = hashlib.sha256("\n".join(f"{f.relative_to(path)} {_hash(f)}" for f in inside).encode())
-        return digest.hexdigest()
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _plain(value, paths):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from vsh.checks.types import FloatArray, PathName
 from vsh.errors import ParameterError, TableError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
-from vsh.system.files import atomic_write
+from vsh.system.files import write_arrays
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,8 +93,8 @@ class VelocityGrid(InNotebook):
         path : str or Path
             Its ending is .npz.
         """
-        with atomic_write(Path(path)) as new, new.open("wb") as file:
-            np.savez_compressed(file, velocity=self.velocity, half_width=self.half_width, frame=np.array(self.frame))
+        arrays = {"velocity": self.velocity, "half_width": self.half_width, "frame": np.array(self.frame)}
+        write_arrays(path, arrays, compress=True)
 
 
 def read_velocity_grid(path: PathName, half_width: float | None = None, frame: str | None = None) -> VelocityGrid:

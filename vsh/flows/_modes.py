@@ -20,7 +20,7 @@ from scipy.special import spherical_jn
 
 from vsh.basis import scalar_harmonics, spheroidal_twin, toroidal_harmonics
 from vsh.checks import arguments
-from vsh.checks.notebook import InNotebook
+from vsh.checks.frozen import Frozen
 from vsh.checks.types import FloatArray
 from vsh.errors import ParameterError
 from vsh.flows._theory import HUBBLE, PLANCK_2018, LinearTheory
@@ -33,7 +33,7 @@ _RADII = 160
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FlowModes(InNotebook):
+class FlowModes(Frozen):
     """The modes of a flow between two distances, each with an amplitude of one on average.
 
     Attributes

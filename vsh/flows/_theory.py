@@ -19,7 +19,7 @@ from scipy.special import spherical_jn
 
 from vsh.checks.arguments import positive
 from vsh.checks.arrays import float_array
-from vsh.checks.notebook import InNotebook
+from vsh.checks.frozen import Frozen
 from vsh.checks.types import ArrayLike, FloatArray
 from vsh.errors import ParameterError
 
@@ -30,7 +30,7 @@ _FARTHEST = 3000.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LinearTheory(InNotebook):
+class LinearTheory(Frozen):
     """A power spectrum of matter today and the rate at which structures grow.
 
     Attributes
@@ -66,6 +66,7 @@ class LinearTheory(InNotebook):
         object.__setattr__(self, "k", k)
         object.__setattr__(self, "power", power)
         object.__setattr__(self, "growth_rate", positive("growth_rate", self.growth_rate))
+        super().__post_init__()
 
     def __repr__(self) -> str:
         return f"<LinearTheory: {self.name}, {self.sigma:.0f} km/s in each component>"

@@ -1,6 +1,6 @@
 """Pages that need no network: panels of tables, figures and an interactive sky."""
 
-from vsh.page._page import STATIC, bundle, page
+from vsh.page._page import STATIC, bundle, is_page, page, write_page
 from vsh.page._panels import (
     Panel,
     cards,
@@ -27,6 +27,7 @@ __all__ = [
     "figure",
     "figures",
     "heading",
+    "is_page",
     "notes",
     "page",
     "pictures",
@@ -36,4 +37,5 @@ __all__ = [
     "sky",
     "table",
     "words",
+    "write_page",
 ]

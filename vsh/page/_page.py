@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from collections.abc import Iterable
 from functools import lru_cache
 from html import escape
 from importlib.resources import files
+from pathlib import Path
 from string import Template
 
+from vsh.checks.types import PathName
 from vsh.page._panels import Panel
+from vsh.system.files import atomic_write
 
+_SEAL = re.compile(r"<!-- sha256 of the rest: ([0-9a-f]{64}) -->\n")
 #: What is said of a sky where there is no `bundle`.
 STATIC = "cannot be turned: this package was built without the script (make page, with npm)"
 _PAGE = Template("""<!doctype html>
@@ -20,6 +25,7 @@ _PAGE = Template("""<!doctype html>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src $style_hash; script-src $script_hashes">
+<meta name="generator" content="vsh-astrometry">
 <title>$title</title>
 <link rel="icon" href="data:,">
 <style>$style</style>
@@ -72,6 +78,45 @@ def bundle() -> str:
     except OSError:
         return ""
     return f"/*\n{licences.replace('*/', '')}*/\n{script}"
+
+
+def write_page(path: PathName, text: str) -> None:
+    """Write a page with a hash of the rest of it, by which a later run sees that nobody changed it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    text : str
+        Of `page`.
+    """
+    seal = f"<!-- sha256 of the rest: {hashlib.sha256(text.encode()).hexdigest()} -->\n"
+    head, end = text.rsplit("</html>", 1)
+    with atomic_write(path) as new:
+        new.write_text(f"{head}{seal}</html>{end}", encoding="utf-8")
+
+
+def is_page(path: PathName) -> bool:
+    """Whether a file is a page that `write_page` wrote, and as it was written.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    seals = list(_SEAL.finditer(text))
+    if not seals:
+        return False
+    rest = text[: seals[-1].start()] + text[seals[-1].end() :]
+    return seals[-1].group(1) == hashlib.sha256(rest.encode()).hexdigest()
 
 
 def _hash(text):

@@ -13,11 +13,15 @@ from PIL import Image
 from vsh.checks.arguments import choice, positive
 from vsh.checks.types import PathName
 from vsh.plot._style import STYLE, figure_of
-from vsh.system.files import atomic_write
+from vsh.system.files import MARK, atomic_write
 
 FORMATS = ("png", "pdf", "svg")
 #: Nothing that two runs would not have in common.
-_METADATA = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+_METADATA = {
+    "png": {"Software": MARK},
+    "pdf": {"CreationDate": None, "Creator": MARK},
+    "svg": {"Date": None, "Creator": MARK},
+}
 
 
 def picture_of(drawn: Any, dpi: float = 200) -> bytes:

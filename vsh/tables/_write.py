@@ -9,11 +9,15 @@ from typing import Any
 
 import numpy as np
 
+import vsh
 from vsh.checks.notes import printable
 from vsh.checks.types import PathName, Table
 from vsh.errors import TableError, first_line
-from vsh.system.files import atomic_write
+from vsh.system.files import MARK, atomic_write
 from vsh.tables._open import format_of, open_table
+
+#: In the metadata of every table that is written: by what.
+CREATOR = "CREATOR"
 
 
 def read(path: PathName) -> Table:
@@ -125,7 +129,9 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
     """
     path = Path(path)
     check_writable(path)
-    table.meta.update(_plain(dict(table.meta) | (meta or {})))
+    facts = {CREATOR: f"{MARK} {vsh.__version__}"} | {key: each for key, each in table.meta.items() if key != CREATOR}
+    table = table.copy(copy_data=False)
+    table.meta = type(table.meta)(_plain(facts | (meta or {})))
     kind = format_of(path)
     with atomic_write(path) as new, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # units that a format spells in its own way

@@ -162,7 +162,9 @@ def whole_likelihood(field, dispersion):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_against_the_whole_marginal_likelihood(seed):
     field, _ = seen(2500, seed, release="DR5")
-    found = observer_velocity(field, 67.3, peculiar_dispersion=750.0, flows=None, luminosity=lambda m: -((m + 18) ** 2) / 4.5)
+    found = observer_velocity(
+        field, 67.3, peculiar_dispersion=750.0, flows=None, luminosity=lambda m: -((m + 18) ** 2) / 4.5
+    )
     exact = whole_likelihood(field, 750.0)
     assert np.abs((found.velocity.value - exact) / found.velocity.sigma).max() < 0.25
 

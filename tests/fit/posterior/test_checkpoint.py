@@ -12,7 +12,15 @@ from fit.posterior import Flat, Normal, sample
 from vsh.errors import CheckpointError
 from vsh.system.files import atomic_write
 
-COMMON = {"hubble_prior": Flat(20, 150), "n_samples": 3200, "n_walkers": 32, "progress": False, "rng": 3, "flows": None, "max_samples": 1}
+COMMON = {
+    "hubble_prior": Flat(20, 150),
+    "n_samples": 3200,
+    "n_walkers": 32,
+    "progress": False,
+    "rng": 3,
+    "flows": None,
+    "max_samples": 1,
+}
 
 
 @pytest.fixture(scope="module")

@@ -179,7 +179,12 @@ def test_a_spin_with_errors_is_a_prior():
         field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], 1e8 * np.eye(3)), peculiar_dispersion=0.0, flows=None
     ).velocity
     tight = grid(
-        field, "flat", Normal(67.3, 1e-3), spin=Vector([0, 0, 0], 1e-10 * np.eye(3)), peculiar_dispersion=0.0, flows=None
+        field,
+        "flat",
+        Normal(67.3, 1e-3),
+        spin=Vector([0, 0, 0], 1e-10 * np.eye(3)),
+        peculiar_dispersion=0.0,
+        flows=None,
     ).velocity
     none = grid(field, "flat", Normal(67.3, 1e-3), peculiar_dispersion=0.0, flows=None).velocity
     fixed = grid(
@@ -192,7 +197,9 @@ def test_a_spin_with_errors_is_a_prior():
         none.value, observer_velocity(field, 67.3, peculiar_dispersion=0.0, flows=None).velocity.value, rtol=1e-3
     )
     np.testing.assert_allclose(
-        free.value, observer_velocity(field, 67.3, peculiar_dispersion=0.0, spin="free", flows=None).velocity.value, rtol=1e-3
+        free.value,
+        observer_velocity(field, 67.3, peculiar_dispersion=0.0, spin="free", flows=None).velocity.value,
+        rtol=1e-3,
     )
 
 

@@ -32,7 +32,9 @@ def test_what_follows_from_the_acceleration(found):
     for survey, values in found.values.items():
         a = values["acceleration"]
         assert values["direction"] == pytest.approx(np.degrees(a / fit.galaxy.expected_acceleration(8.275)), rel=1e-9)
-        assert values["r0"] == pytest.approx(8.275 * np.hypot(a / 4.861, 2 * 0.04 / 28.894), rel=1e-3)
+        assert values["r0"] == pytest.approx(
+            8.275 * np.hypot(a / 4.861, 2 * np.hypot(0.008 * 4.74047, 2.1 / 8.178) / 28.894), rel=1e-3
+        )
         assert values["acceleration_floor"] == pytest.approx(np.hypot(a, SURVEYS[survey].floor), rel=1e-9)
         # σ(ḣ) = σ_µ √(6/N), σ_a = σ_µ √(3/2N): twice as large.
         assert values["wave"] == pytest.approx(2 * a, rel=0.02)

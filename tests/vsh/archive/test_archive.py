@@ -46,7 +46,7 @@ def test_success_and_the_second_run_offline(tap, table, tmp_path):
     note = json.loads((tmp_path / "sky.fits.json").read_text())
     assert (note["query"], note["url"], note["rows"]) == (ADQL, url, 400)
     before = len(service.asked)
-    assert ask("http://127.0.0.1:9/nobody", path) == path
+    assert ask(url, path) == path
     assert len(service.asked) == before
     assert ask(url, path, overwrite=True) == path
     assert len(service.submitted()) == 2
@@ -142,7 +142,7 @@ def test_patience_ends_and_the_same_job_is_waited_for(tap, tmp_path):
 def test_a_job_that_the_server_forgot_is_sent_again(tap, tmp_path):
     url, service = tap
     (tmp_path / "sky.fits.json").write_text(
-        json.dumps({"query": ADQL, "url": url, "max_rows": None, "job": f"{url}/async/77"})
+        json.dumps({"program": "vsh-astrometry", "query": ADQL, "url": url, "max_rows": None, "job": f"{url}/async/77"})
     )
     ask(url, tmp_path / "sky.fits")
     assert len(service.submitted()) == 1
@@ -179,12 +179,23 @@ def test_queries():
 
 def test_a_file_that_is_there_but_no_answer(tap, tmp_path, capsys):
     url, service = tap
-    (tmp_path / "sky.fits").write_bytes(service.table[:3000])
-    with pytest.raises(ArchiveError, match="is there, but no whole FITS table"):
-        ask(url, tmp_path / "sky.fits")
-    (tmp_path / "sky.fits").write_bytes(service.table)
-    assert main(["gaia-crf3", "--output", str(tmp_path / "sky.fits"), "--url", url]) == 0
-    assert "whether it answers this query is not known" in capsys.readouterr().out
+    path = tmp_path / "sky.fits"
+    for overwrite in (False, True):  # a file that somebody else put there is neither believed nor replaced
+        path.write_bytes(service.table)
+        with pytest.raises(ArchiveError, match="no note beside it says what it answers"):
+            ask(url, path, overwrite=overwrite)
+    path.unlink()
+    ask(url, path)
+    with pytest.raises(ArchiveError, match="is the answer of http://127"):
+        ask("http://127.0.0.1:9/other", path)
+    with pytest.raises(ArchiveError, match="with another limit of rows"):
+        ask(url, path, max_rows=5000)
+    path.write_bytes(service.table[:-1] + b"x")
+    for overwrite in (False, True):
+        with pytest.raises(ArchiveError, match="is not as it was fetched"):
+            ask(url, path, overwrite=overwrite)
+    path.unlink()
+    assert main(["gaia-crf3", "--output", str(path), "--url", url]) == 0
     assert (DR3.epoch, DR3.months, DR4.epoch, DR4.months) == (2016.0, 34, 2017.5, 66)
     assert archive.RELEASES["DR4"].parallax_bias == "tentative_parallax_bias"
 

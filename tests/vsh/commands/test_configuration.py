@@ -57,7 +57,7 @@ def test_simulations_too(tmp_path):
     """A table has its configuration beside it."""
     asked = ["galaxies", "--number", "50", "--no-transits", "--velocity", "369,264,-48.5", "--spin", "-1,0,2"]
     assert simulate([*asked, "--seed", "3", "--output", str(tmp_path / "a.ecsv")]) == 0
-    again = ["--config", str(tmp_path / "a.run.toml"), "--output", str(tmp_path / "b.ecsv")]
+    again = ["--config", str(tmp_path / "a.ecsv.run.toml"), "--output", str(tmp_path / "b.ecsv")]
     assert simulate(again) == 0
     assert (tmp_path / "a.ecsv").read_bytes() == (tmp_path / "b.ecsv").read_bytes()
     assert simulate(again) == 1  # both are there

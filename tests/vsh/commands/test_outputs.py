@@ -101,7 +101,7 @@ def test_many_writers_of_one_file(tmp_path):
 
 def test_links_and_permissions_stay(tmp_path):
     """Fault F9: --html replaced a link by a file."""
-    (tmp_path / "real.txt").write_text("old")
+    (tmp_path / "real.txt").write_text("old, by vsh-astrometry")
     (tmp_path / "real.txt").chmod(0o640)
     (tmp_path / "link.txt").symlink_to(tmp_path / "real.txt")
     with atomic_write(tmp_path / "link.txt") as new:
@@ -254,10 +254,10 @@ def interrupted(command, seconds):
 @pytest.mark.parametrize("tries", [2, pytest.param(24, marks=pytest.mark.slow)])
 def test_interrupts_end_in_one_line(tries, catalogue, tmp_path):
     """Fault F11: 4 of 24 ended in a traceback."""
-    code = "import sys, _vsh_commands; print('begun', flush=True); sys.argv = ['vsh-fit', *sys.argv[1:]]; _vsh_commands.fit()"
+    code = "import sys, _vsh_commands; print('begun', flush=True); sys.argv = ['vsh-sim', *sys.argv[1:]]; _vsh_commands.sim()"
     rng = np.random.default_rng(1)
     for _ in range(tries):
-        command = [sys.executable, "-c", code, catalogue, "--lmax", "1", "--bootstrap", "20000"]
+        command = [sys.executable, "-c", code, "quasars", "--number", "1000000", "--output", str(tmp_path / "q.fits")]
         _, errors = interrupted(command, rng.uniform(0.1, 3.0))
         assert "Traceback" not in errors, errors
         assert errors.strip().endswith("interrupted")

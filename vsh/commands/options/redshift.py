@@ -61,7 +61,9 @@ def make_parser() -> argparse.ArgumentParser:
         "--no-flows", action="store_true",
         help="leave out the flows that galaxies share: errors are then several times too small on the real sky",
     )  # fmt: skip
-    distances.add_argument("--flows", action="store_true", help="the default: fit the flow that linear theory expects as well")
+    distances.add_argument(
+        "--flows", action="store_true", help="the default: fit the flow that linear theory expects as well"
+    )
     distances.add_argument(
         "--n-modes", type=values.count(3), default=250, metavar="N", help="unknowns of the flow (default: 250)"
     )
@@ -75,7 +77,9 @@ def make_parser() -> argparse.ArgumentParser:
         help="with --posterior: the flow, of this size in units of linear theory's, bears on H0",
     )  # fmt: skip
     distances.add_argument(
-        "--reconstruction", metavar="FILE", help="velocities on a grid, .npz or .npy as 2M++'s; the flow that is fitted is then its error"
+        "--reconstruction",
+        metavar="FILE",
+        help="velocities on a grid, .npz or .npy as 2M++'s; the flow that is fitted is then its error",
     )
     distances.add_argument(
         "--reconstruction-error", type=values.positive, default=0.5, metavar="X", help="of the flow (default: 0.5)"

@@ -1,0 +1,47 @@
+"""What is printed reaches its reader, or the command ends in one line. Nothing but the standard library is imported here."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def printing() -> Iterator[None]:
+    """Letters that standard output cannot take are printed as ?; a full disk is told, and a reader who has seen enough is left alone."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    try:
+        yield
+    finally:
+        try:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+        except BrokenPipeError:
+            silence()
+        except OSError as error:
+            silence()
+            if sys.stderr is not None:
+                print(f"vsh: error: not all could be printed: {system_words(error)}", file=sys.stderr)
+            raise SystemExit(1) from None
+
+
+def silence() -> None:
+    """Nothing more goes to standard output, not when Python ends either."""
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (open to the end of the process)
+
+
+def system_words(error: OSError) -> str:
+    """What the system says, and of which file."""
+    place = f": {error.filename}" if error.filename else ""
+    if error.errno == errno.ENOSPC:
+        return f"the disk is full{place}"
+    if error.errno == errno.EFBIG:
+        return f"a file would be larger than is allowed here{place}"
+    if error.strerror and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return error.strerror or str(error) or type(error).__name__
