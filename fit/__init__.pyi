@@ -15,6 +15,7 @@ from . import (
     secular_parallax,
     shear,
     spectrum,
+    storage,
     waves,
 )
 from .check import (
@@ -77,5 +78,6 @@ __all__ = [
     "solve_frame",
     "solve_matrix_free",
     "spectrum",
+    "storage",
     "waves",
 ]

@@ -129,5 +129,11 @@ def errors_by_place(
     pixel = pixels_of(lon, lat, nside)
     there = solve(mission.scanning_law.transits(*centres(nside)), np.ones(12 * nside**2), 0, years=mission.years)
     covariance = there.covariance[pixel][:, 3:, 3:]
+    lost = ~np.isfinite(covariance).all((1, 2))
+    if lost.any():
+        raise ParameterError(
+            f"{lost.sum()} of {lost.size} sources have too few transits for five parameters in {mission.years:g} years: a longer "
+            "mission (years=, --years) gives all of them errors"
+        )
     unit = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     return mission.transit_error(magnitude) * unit, covariance[:, 0, 1] / (unit[0] * unit[1])

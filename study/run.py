@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from multiprocessing import get_context
+from concurrent.futures import FIRST_COMPLETED, wait
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -17,7 +16,7 @@ from study.results import write_results
 from vsh.checks.notes import printable
 from vsh.checks.types import PathName
 from vsh.system.files import atomic_write, exclusive, remove_unfinished
-from vsh.system.parallel import cores, end_with_parent
+from vsh.system.parallel import cores, ended_if_interrupted, process_pool, uninterrupted
 from vsh.system.progress import progress_bar
 
 
@@ -90,13 +89,11 @@ def _work(study, folder, tasks, workers, progress):
     bar = progress_bar(None, len(tasks), "realisations", progress, smoothing=0.05)
     if not tasks:
         return
-    processes = ProcessPoolExecutor(
-        min(workers, len(tasks)), mp_context=get_context("spawn"), initializer=end_with_parent
-    )
-    with bar, processes as pool:
+    with bar, process_pool(min(workers, len(tasks))) as pool, ended_if_interrupted():
         waiting, left = {}, iter(tasks)
         for task in left:
-            waiting[pool.submit(_one, study, folder, task)] = task
+            with uninterrupted():
+                waiting[pool.submit(_one, study, folder, task)] = task
             if len(waiting) < 2 * workers:
                 continue
             done, _ = wait(waiting, return_when=FIRST_COMPLETED)

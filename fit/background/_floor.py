@@ -103,6 +103,10 @@ class Floor(Result):
         lines.append(
             f"the two parities differ with a p-value of {self.parity_p_value:.3g}; ln L gains {self.log_likelihood:.2f}"
         )
+        lines.append(
+            "a spectrum that rises towards degree 1, as Gaia EDR3's published one does, makes the floor too small: true errors are then "
+            "1.2, 1.5, 1.8 times those with it from degree 3, 7, 10"
+        )
         if self.noise_scale != 1:
             lines.append(f"the catalogue's errors were scaled by {self.noise_scale:.4f} along with it")
         return "\n".join(lines) + "\n"
@@ -245,7 +249,9 @@ def floor(
     Notes
     -----
     The floor extrapolates from degrees 2, 3, … to degree 1, on the assumption that each mode has the same power: a
-    spectrum that rises towards low degrees makes it too small. Systematics of degrees that are not fitted leak into those
+    spectrum that rises towards low degrees makes it too small. On skies drawn from Gaia EDR3's published one
+    (`vsh.covariance.LINDEGREN_2021`) spin and acceleration scatter by 1.18, 1.49 and 1.79 of the errors with the floor at degrees
+    3, 7 and 10, and three standard deviations hold 98, 95 and 91 %: the lower degree holds better there. Systematics of degrees that are not fitted leak into those
     that are, and make the powers larger than they are, not the coverage. The median of the posterior covers better than
     the largest likelihood where modes are few (degree 3: 12 of each parity). Where there is nothing it enlarges errors by
     4 % at degree 7, 8 % at 4, 12 % at 3, and takes away what the higher degrees cost. Coverage on simulated skies:

@@ -2,7 +2,7 @@
 
 A source at transverse comoving distance d moves by
 
-    µ = −u_⊥ k + ã_⊥ + ω × r,   k = 1/d,   u = v H0/H_ref,
+    µ = −u_⊥ k + ã_⊥ + ω × r,   k = 1/d_P,   u = v H0/H_ref,
 
 (Bachchan, Hobbs & Lindegren 2016, sect. 2.3 and 4), where distances are those for H_ref: the
 data see the product v H0 only. Where redshifts hold velocities and errors, k is the mean of 1/d (`fit.distances`), and
@@ -20,11 +20,12 @@ import numpy as np
 from fit.distances import Calibration, inverse_distances
 from fit.secular_parallax._flow import FlowRows, known_flow
 from vsh.checks.types import ArrayLike, FloatArray
-from vsh.cosmology import PLANCK_2018, hubble_value
+from vsh.cosmology import PLANCK_2018, hubble_value, parallax_factor
 from vsh.field import Field
 from vsh.flows import FlowModes, LinearTheory, VelocityGrid
 from vsh.sky.sphere import triad
 from vsh.system.parallel import map_blocks
+from vsh.units import AU_PER_YEAR
 
 #: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr]; v of those with distances in Mpc [km/s].
 U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
@@ -262,11 +263,13 @@ def equations_of(
     p, q, _ = triad(field.lon, field.lat)
     cos, sin, large, small = _axes(field, calibration, k)
     own = np.where(k.own & apart, 1.0, 0.0)
-    ours_east, ours_north = (-mean * (1 - own) * each for each in (p, q))
+    # Our own motion moves sources by v/d_P, which in curved space is another distance than d_M.
+    seen = mean * parallax_factor(1 / (AU_PER_YEAR * np.where(k.own, k.mean / ratio, k.mean)), calibration.cosmology)
+    ours_east, ours_north = (-seen * (1 - own) * each for each in (p, q))
     columns = [[ours_east, p, q], [ours_north, q, -p]]
     if apart:
-        columns[0].append(-mean * own * p)
-        columns[1].append(-mean * own * q)
+        columns[0].append(-seen * own * p)
+        columns[1].append(-seen * own * q)
     east, north = map(np.concatenate, columns)
     ours = PLANCK_2018.to_frame(field.frame).value
     unsure, flow, left, order = ours @ ours / 3, None, np.zeros(len(field)), np.arange(len(field))

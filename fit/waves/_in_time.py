@@ -20,6 +20,13 @@ from vsh.modes import as_modes
 
 
 @arguments.accepts(frequency=arguments.positive, nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)
+#: Of every search in time.
+SOLVED_ATTITUDE = (
+    "warning: amplitudes and limits are those of an attitude that is known from elsewhere; where it was solved from the same sky, as in "
+    "Gaia's releases, 0.5 to 0.6 of a wave is left, and a 95 % limit is half of the truth"
+)
+
+
 def search_in_time(
     observations: Observations,
     frequency: float,
@@ -67,6 +74,10 @@ def search_in_time(
     The response is that of a wave much shorter than the distances of the sources (Book & Flanagan 2011), and much longer
     than the time from one field of view to the other. 2F of noise is χ² with four degrees of freedom in one direction;
     the p-value is of all directions at this frequency: of several that are tried, it is to be multiplied by their number.
+
+    Amplitudes and limits are those of an attitude that is known from elsewhere. Where the attitude was solved from the same
+    sky, as in Gaia's releases, it takes a part of the wave up: of waves put into such a solution 0.49 to 0.62 of the
+    amplitude is found, and the "95 %" limit is 0.50 to 0.64 of the true one. A p-value of noise stays what it is.
     """
     arguments.a(Observations)("observations", observations)
     modes = as_modes(lmax)
@@ -91,7 +102,7 @@ def search_in_time(
     statistic, amplitudes, spread = map_of(white, modes, nside, copies=2)
     found = WaveSearch(
         statistic, amplitudes, norm_limit(np.sqrt(statistic) * spread, spread, 4), 1.0, n_skies, tuple(range(2, modes.lmax + 1)),
-        "icrs", used, float(frequency), "µas", observations.notes,
+        "icrs", used, float(frequency), "µas", (*observations.notes, SOLVED_ATTITUDE),
     )  # fmt: skip
     return replace(found, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng, copies=2))
 

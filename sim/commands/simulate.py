@@ -20,7 +20,7 @@ def _run(options):
     from vsh import catalogue, tables
 
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
-    outputs.check_file(options.output, options.overwrite)
+    outputs.check_file(options.output, options.overwrite, recorded=True)
     outputs.check_file(_repeats(options), options.overwrite)  # its configuration, which also has its hash
     if options.kind == "crf3":
         _crf3(options)

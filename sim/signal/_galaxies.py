@@ -10,6 +10,7 @@ from sim.signal._peculiar import distance_of
 from sim.signal._signal import Observer, Signal, direction_of
 from vsh.checks.arguments import positive
 from vsh.checks.types import ArrayLike, Cosmology, FloatArray
+from vsh.cosmology import parallax_factor
 from vsh.sky.sphere import triad
 from vsh.units import AU_PER_YEAR
 
@@ -25,11 +26,13 @@ class SecularParallax(Observer):
     def __call__(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
         p, q, _ = triad(lon, lat)
         distance = distance_of(redshift, self.cosmology, self.hubble)
-        return -np.stack([self.velocity @ p, self.velocity @ q]) / (AU_PER_YEAR * distance)
+        # The curvature acts on distances for the cosmology's own H0.
+        factor = parallax_factor(distance_of(redshift, self.cosmology, None), self.cosmology)
+        return -np.stack([self.velocity @ p, self.velocity @ q]) * (factor / (AU_PER_YEAR * distance))
 
 
 def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None, hubble: float | None = None) -> Signal:
-    """Parallax by our own motion through the Universe: µ = −v_⊥/d_M, towards the antapex.
+    """Parallax by our own motion through the Universe: µ = −v_⊥/d_P, towards the antapex; d_P is d_M where space is flat.
 
     Parameters
     ----------

@@ -77,7 +77,10 @@ def _by_degree(rows, truth):
 @styled
 def _by_subset(rows: Sequence[DegreeOrSubset]) -> Any:
     good: list[Any] = [row for row in rows if row.resampled is not None]
-    drawn = panels(None, 1, 3, size=(WIDTH, 0.16 * len(good) + 0.7), sharey=True)
+    drawn = panels(None, 1, 3, size=(WIDTH, 0.16 * max(len(good), 3) + 0.7), sharey=True)
+    if not good:  # no subset has sources enough
+        drawn[1].set_title("no subset has sources enough", fontsize=6.5)
+        return drawn
     y = -np.arange(len(good))
     for k, (axes, axis, colour) in enumerate(zip(drawn, "xyz", COLOURS, strict=False)):
         value = np.array([row.resampled.acceleration.value[k] for row in good])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fit.background import floor
 from fit.output import cell, html_report
 from study.gaia._figures import CAPTIONS, draw
 from study.gaia._run import GaiaStudy
@@ -15,6 +16,7 @@ from study.gaia._tables import correlation_table, power_table, published_table, 
 from vsh import tables
 from vsh.checks.types import Table
 from vsh.commands.figures import without_windows
+from vsh.errors import VshError
 from vsh.page import Shown, write_page
 from vsh.plot import close_figures, save_figures
 
@@ -93,7 +95,7 @@ def _report(study, made, truth):
         "",
         f"**g = ({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(g.value, g.sigma, strict=True))}) µas/yr**: "
         f"{g.amplitude:.2f} ± {g.amplitude_error:.2f} µas/yr toward α = {g.direction[0]:.1f}° ± {g.direction_error[0]:.1f}°, "
-        f"δ = {g.direction[1]:+.1f}° ± {g.direction_error[1]:.1f}°.",
+        f"δ = {g.direction[1]:+.1f}° ± {g.direction_error[1]:.1f}°. {_floor_words(main.solution, g)}",
     ]
     if truth:
         listed = ", ".join(f"{v:+.3f}" for v in truth["acceleration"].value)
@@ -113,6 +115,20 @@ def _report(study, made, truth):
     notes = study.sources.field.notes
     lines += ["", "## Notes", "", *(f"* {note}" for note in notes)] if notes else []
     return "\n".join(lines) + "\n"
+
+
+def _floor_words(solution, g):
+    """What errors that sources share add to the first line."""
+    try:
+        shared = floor(solution, range(2, solution.modes.lmax + 1))
+    except VshError:
+        return "Errors that sources share are not in it: there are too few sources to estimate them."
+    total = ", ".join(f"{np.hypot(s, shared.acceleration_error):.2f}" for s in g.sigma)
+    low, high = shared.acceleration_interval
+    return (
+        f"Not in these errors: what sources share, ± {shared.acceleration_error:.2f} µas/yr in each component ({low:.2f} … {high:.2f}, "
+        f"68 %) from the power of degrees 2 to {solution.modes.lmax}; with it ± ({total}) µas/yr."
+    )
 
 
 def _shown(name, table):

@@ -228,7 +228,7 @@ def missing_column(name: str | None, source: TableSource) -> str:
     str
     """
     near = [each for each in source.names if each.lower() == str(name).lower()]
-    near = near or get_close_matches(str(name), source.names, n=3, cutoff=0.6)
+    near = near or get_close_matches(str(name), source.names[:2000], n=3, cutoff=0.6)
     hint = f"; nearest: {', '.join(map(printable, near))}" if near else ""
     shown = list(map(printable, source.names[:200]))
     more = f" and {len(source.names) - 200} more" if len(source.names) > 200 else ""

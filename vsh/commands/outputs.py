@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +16,7 @@ from vsh.checks.notes import printable
 from vsh.checks.types import PathName
 from vsh.commands import citing, configuration
 from vsh.errors import VshError
-from vsh.system.files import as_recorded, atomic_folder, check_not_read, digest, is_ours
+from vsh.system.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
 
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
@@ -90,7 +91,7 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
         )
 
 
-def check_file(path: PathName, overwrite: bool = False, option: str = "--output") -> None:
+def check_file(path: PathName, overwrite: bool = False, option: str = "--output", recorded: bool = False) -> None:
     """Raise VshError now if a file could not be written later, or is there already and may not be replaced.
 
     Parameters
@@ -101,6 +102,8 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
         Replace what is there.
     option : str
         The option that named it.
+    recorded : bool
+        Whether a file beside it must have its hash.
 
     Raises
     ------
@@ -119,7 +122,8 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
         raise VshError(f"{shown} is there already: say --overwrite to replace it, or name another file")
     if not is_ours(path):
         raise VshError(f"{shown} was not written by this program, and is not replaced: name another file")
-    if as_recorded(path) is False or (option == "--html" and not _is_page(path)):
+    known = as_recorded(path)
+    if known is False or (known is None and recorded) or (option == "--html" and not _is_page(path)):
         raise VshError(f"{shown} is not as this program wrote it, and is not replaced: name another file")
 
 
@@ -182,8 +186,10 @@ def _check_parent(path, shown, made=False):
         parent = parent.parent
     if not parent.is_dir():
         raise VshError(f"{shown}: there is no folder {printable(parent)}")
-    if not os.access(parent, os.W_OK):
-        raise VshError(f"{shown}: the folder {printable(parent)} cannot be written to")
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=UNFINISHED, dir=parent))  # some folders say yes and mean no
+    except OSError:
+        raise VshError(f"{shown}: the folder {printable(parent)} cannot be written to") from None
 
 
 def _is_page(path):

@@ -45,6 +45,9 @@ def parse(words: Any, arguments: Sequence[str] | None = None) -> argparse.Namesp
             joined[-1] += f"={word}"
         else:
             joined.append(word)
+    for word in joined:
+        if word.startswith("--") and word.endswith("=--"):  # which argparse of Python 3.11 takes for nothing at all
+            parser.error(f"argument {word[:-3]}: '--' is no value")
     kept = None
     asks = {"-h", "--help", "--version"} & set(joined)
     if _says("--citation", joined) and not asks:

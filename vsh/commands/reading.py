@@ -62,7 +62,7 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
         Of a command.
     """
     parser.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of the figures (default: png)")
-    parser.add_argument("--dpi", type=values.positive, default=300, help="dots an inch of the figures (default: 300)")
+    parser.add_argument("--dpi", type=_dpi, default=300, help="dots an inch of the figures, 20 to 2400 (default: 300)")
     parser.add_argument("--no-figures", action="store_true", help="write no figures into the folder of --output")
     parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
 
@@ -208,6 +208,13 @@ def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
     if value is None:
         return None
     return VELOCITIES[value] if isinstance(value, str) else velocity_from_apex(*value)
+
+
+def _dpi(text):
+    number = values.positive(text)
+    if not 20 <= number <= 2400:
+        raise argparse.ArgumentTypeError(f"20 to 2400 dots an inch are wanted, not {text!r}")
+    return number
 
 
 def _named(text):

@@ -91,6 +91,7 @@ def guarded(options: argparse.Namespace, action: Callable[[], object]) -> int:
     int
     """
     program = options.program
+    os.environ["MPLBACKEND"] = "agg"  # a command writes files only, where there may be no screen
     try:
         with (
             warnings.catch_warnings(),

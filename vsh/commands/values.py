@@ -182,7 +182,7 @@ def pairs(text: str) -> dict[str, str]:
     return found
 
 
-def columns(text: str) -> dict[str, str]:
+def columns(text: str) -> dict[str, str | None]:
     """NAME=VALUE,… with one of the sets of names before it, or not.
 
     Parameters
@@ -197,9 +197,16 @@ def columns(text: str) -> dict[str, str]:
     """
     first, _, rest = text.partition(",")
     if "=" in first:
-        return pairs(text)
+        return _with_none(text)
     if first.strip() not in COLUMNS:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not of the form name=value,name=value, {' or '.join(COLUMNS)} before it or not"
         )
-    return {"names": first.strip()} | (pairs(rest) if rest else {})
+    return {"names": first.strip()} | (_with_none(rest) if rest else {})
+
+
+def _with_none(text):
+    """NAME=VALUE,… with None where nothing stands behind the equals sign: no such column is looked for."""
+    empty = {part.partition("=")[0].strip() for part in text.split(",") if part.strip().endswith("=")}
+    kept = ",".join(part for part in text.split(",") if not part.strip().endswith("="))
+    return (pairs(kept) if kept else {}) | dict.fromkeys(empty - {""})

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         distance_modulus,
         flat,
         hubble_value,
+        parallax_factor,
         redshift_of,
         transverse_distance,
     )
@@ -33,6 +34,7 @@ __all__ = [
     "distance_modulus",
     "flat",
     "hubble_value",
+    "parallax_factor",
     "redshift_of",
     "to_cmb",
     "transverse_distance",
@@ -42,7 +44,15 @@ __all__ = [
     "with_redshift",
 ]
 
-_DISTANCE = ["PLANCK_2013", "distance_modulus", "flat", "hubble_value", "redshift_of", "transverse_distance"]
+_DISTANCE = [
+    "PLANCK_2013",
+    "distance_modulus",
+    "flat",
+    "hubble_value",
+    "parallax_factor",
+    "redshift_of",
+    "transverse_distance",
+]
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_distance": _DISTANCE})
 
 

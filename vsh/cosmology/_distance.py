@@ -9,7 +9,8 @@ from scipy.interpolate import make_interp_spline
 from vsh.checks.arrays import float_array
 from vsh.checks.types import ArrayLike, Cosmology, FloatArray
 from vsh.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable
-from vsh.errors import ConvergenceError, FieldError
+from vsh.errors import ConvergenceError, FieldError, ParameterError
+from vsh.units import SPEED_OF_LIGHT
 
 #: Flat, Ω_m = 0.315, H0 = 67.3 km/s/Mpc: Bachchan, Hobbs & Lindegren (2016).
 PLANCK_2013 = FlatLambdaCDM(H0=67.3, Om0=0.315)
@@ -53,7 +54,7 @@ def transverse_distance(
     """
     if redshift is None:
         raise FieldError("these sources have no redshifts, which a distance needs")
-    cosmology = PLANCK_2013 if cosmology is None else cosmology
+    cosmology = PLANCK_2013 if cosmology is None else _checked(cosmology)
     redshift = float_array("redshift", redshift, finite=False)
     if not redshift.size:
         raise FieldError("there are no redshifts to take distances of")
@@ -148,7 +149,46 @@ def hubble_value(cosmology: Cosmology) -> float:
     -------
     float
     """
-    return float(cosmology.H0.to_value("km / (s Mpc)"))
+    return float(_checked(cosmology).H0.to_value("km / (s Mpc)"))
+
+
+def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
+    """By what sources move more by our own motion than at the same transverse distance in flat space: d_M/d_P, (n,).
+
+    Our velocity moves a source by v/d_P with d_P = d_M/√(1 + Ω_k (d_M H0/c)²), its own by v/d_M (Weinberg 1972, Gravitation and
+    Cosmology, sect. 14.4).
+
+    Parameters
+    ----------
+    distance : (n,) array
+        Transverse comoving distance, for the cosmology's own H0. [Mpc]
+    cosmology : astropy cosmology, optional
+        One where it is flat.
+
+    Returns
+    -------
+    array
+
+    Examples
+    --------
+    >>> from astropy.cosmology import LambdaCDM
+    >>> parallax_factor([100.0, 3400.0], LambdaCDM(67.3, 0.315, 0.585)).round(4)
+    array([1.    , 1.0286])
+    """
+    distance = np.asarray(distance, float)
+    curvature = 0.0 if cosmology is None else float(_checked(cosmology).Ok0)
+    if not curvature:
+        return np.ones_like(distance)
+    return np.sqrt(np.maximum(1 + curvature * (distance * hubble_value(cosmology) / SPEED_OF_LIGHT) ** 2, 0.0))
+
+
+def _checked(cosmology):
+    if not (hasattr(cosmology, "H0") and hasattr(cosmology, "comoving_transverse_distance")):
+        raise ParameterError(
+            f"cosmology is one of astropy's, FlatLambdaCDM(H0=70, Om0=0.3) say, not a {type(cosmology).__name__} (PLANCK_2018 of "
+            "vsh.cosmology is our velocity, that of vsh.flows a theory of flows)"
+        )
+    return cosmology
 
 
 def _exact(redshift, cosmology):

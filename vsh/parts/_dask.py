@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import logging
 from collections.abc import Callable, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from vsh.errors import ParameterError, TableError
+from vsh.checks.notes import printable
+from vsh.errors import ParameterError, TableError, VshError, first_line
 from vsh.parts._add import BRANCHES, label_of, total_of
 from vsh.parts._engines import Engine
 
@@ -72,7 +76,7 @@ class Dask(Engine):
             return None
         client, own = self._client()
         if client is None:
-            return self._local(_grown(_leaves(work, pieces)), done)
+            return self._local(work, pieces, done)
         try:
             return _on_cluster(client, work, pieces, done)
         finally:
@@ -100,7 +104,8 @@ class Dask(Engine):
             if own:
                 client.close()
 
-    def _local(self, root, done):
+    def _local(self, work, pieces, done):
+        root = _grown(_leaves(work, pieces))
         from dask.callbacks import Callback
 
         def after(key, *_):
@@ -109,7 +114,7 @@ class Dask(Engine):
 
         options = {"scheduler": "processes", "num_workers": self.workers} if self.workers else {"scheduler": "threads"}
         with Callback(posttask=after):
-            return root.compute(**options)
+            return _in_our_words(lambda: root.compute(**options), lambda: _first_that_fails(pieces))
 
     def _client(self):
         """A client and whether it was opened here; None where there is no cluster."""
@@ -132,13 +137,38 @@ class Dask(Engine):
         file = "://" not in self.address
         if file and not Path(self.address).is_file():  # for which Dask would wait for ever
             raise TableError(f"{self.address} is neither an address such as tcp://host:8786 nor a scheduler file")
+        if file:
+            _check_scheduler_file(self.address)
         where = {"scheduler_file" if file else "address": self.address}
         try:
-            return distributed.Client(**where, timeout=PATIENCE, set_as_default=False), True
+            with _without_log("distributed"):  # which tells what it tries meanwhile
+                return distributed.Client(**where, timeout=PATIENCE, set_as_default=False), True
         except (OSError, ValueError, TimeoutError) as error:
             raise TableError(
                 f"the scheduler {self.address} cannot be reached: {error or type(error).__name__}"
             ) from error
+
+
+def _check_scheduler_file(path):
+    """Raise TableError where a file names no scheduler: Dask would wait for one."""
+    try:
+        with open(path, encoding="utf-8") as file:
+            address = json.load(file)["address"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        address = None
+    if not isinstance(address, str):
+        raise TableError(f"{printable(path)} is no file of a scheduler: Dask writes one, with its address in it")
+
+
+@contextmanager
+def _without_log(name):
+    logger = logging.getLogger(name)
+    before, logger.disabled = logger.level, False
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 def _leaves(work, pieces):
@@ -161,7 +191,7 @@ def _on_cluster(client, work, pieces, done):
 
     leaves = _leaves(work, pieces)
     try:
-        return _gathered(client, leaves, done)
+        return _in_our_words(lambda: _gathered(client, leaves, done), lambda: _first_that_fails(pieces))
     except KilledWorker as error:
         key = str(error.task)
     # Parts that waited at the same worker are blamed too. Alone, the guilty one does it again, and it alone.
@@ -177,6 +207,30 @@ def _on_cluster(client, work, pieces, done):
         return _gathered(client, _leaves(work, pieces), lambda: None)
     except KilledWorker as error:
         raise TableError(f"workers ended while they computed {error.task} ({error})") from error
+
+
+def _first_that_fails(pieces):
+    """Which part's own graph raises, and a word on it."""
+    for number, piece in enumerate(pieces):
+        if is_delayed(piece):
+            try:
+                piece.compute(scheduler="threads")
+            except Exception as error:  # whatever the graph of a part raises
+                return f"part {number + 1} of {len(pieces)} cannot be computed", error
+    return "a part cannot be computed", None
+
+
+def _in_our_words(compute, guilty):
+    """What a graph of Dask's own raises before a part is ours to read, as an error of ours."""
+    from distributed.scheduler import KilledWorker
+
+    try:
+        return compute()
+    except (VshError, KilledWorker, MemoryError):
+        raise
+    except Exception as error:  # whatever the graph of a part raises
+        words, own = guilty()
+        raise TableError(f"{words}: {type(own or error).__name__}: {first_line(own or error)}") from error
 
 
 def _gathered(client, leaves, done):

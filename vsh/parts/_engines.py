@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import pickle
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from multiprocessing import get_context
 from typing import Any
 from weakref import finalize
 
 from vsh.checks.notebook import InNotebook
 from vsh.errors import ParameterError, TableError
 from vsh.parts._add import Tree, label_of
-from vsh.system.parallel import end_with_parent
+from vsh.system.parallel import process_pool, uninterrupted
 
 #: A part alone in its process may end it so often before the part is blamed: the machine may have run out of memory.
 ATTEMPTS = 2
@@ -160,12 +157,12 @@ class Processes(Engine):
         """Numbers and results as they come; what a broken pool leaves undone goes to `suspects`."""
         running = {}
         if self._running is None:
-            self._running = _pool(self.workers)
+            self._running = process_pool(self.workers)
             finalize(self, self._running.shutdown, wait=False, cancel_futures=True)
         try:
             while waiting or running:
                 while waiting and len(running) < 2 * self.workers:
-                    with _uninterrupted():
+                    with uninterrupted():
                         running[self._running.submit(work, pieces[waiting[0]])] = waiting[0]
                     del waiting[0]
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -184,9 +181,9 @@ class Processes(Engine):
         """The result of one part by itself; `single` holds the process that is used again until a part ends it."""
         for _ in range(ATTEMPTS):
             if not single:
-                single.append(_pool(1))
+                single.append(process_pool(1))
             try:
-                with _uninterrupted():
+                with uninterrupted():
                     future = single[0].submit(work, pieces[number])
                 return future.result()
             except BrokenProcessPool:
@@ -197,27 +194,3 @@ class Processes(Engine):
         if number == 0 and not self._worked:
             raise TableError(f"the processes end before they read anything. {script}. If it is there: {name}: {memory}")
         raise TableError(f"{name} {ATTEMPTS + 1} times: {memory}. ({script}.)")
-
-
-def _pool(workers):
-    # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
-    return ProcessPoolExecutor(workers, get_context("spawn"), _begin)
-
-
-@contextmanager
-def _uninterrupted():
-    """Processes that start within it never see an interrupt; this one sees it afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _begin():
-    """A worker leaves an interrupt to the process that started it, and ends with that."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()

@@ -8,7 +8,7 @@ from typing import Any
 
 from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
-from vsh.errors import FieldError, NothingLeftError, NothingSelectedError, VshError
+from vsh.errors import FieldError, NothingLeftError, NothingSelectedError, TableError, VshError
 from vsh.field import Field
 from vsh.parts._add import added, label_of
 from vsh.system.parallel import limited
@@ -90,6 +90,8 @@ class Work:
                 notes = notes + LostNotes(error.notes)
             except FieldError as error:
                 raise FieldError(_named(piece, error)) from error
+            except TableError as error:
+                raise TableError(_named(piece, error)) from error
             except VshError:
                 raise
             except Exception as error:  # of a step or of what is summed

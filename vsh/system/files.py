@@ -44,8 +44,8 @@ _READ: ContextVar[frozenset[Path]] = ContextVar("read", default=frozenset())
 _WRITTEN: dict[Path, tuple[int, int, int, int]] = {}
 _ONE = threading.RLock()
 #: How the names of files that are being written begin; nobody else's files do.
-_UNFINISHED = ".vsh-unfinished-"
-_LOCK = f"{_UNFINISHED}lock-"
+UNFINISHED = ".vsh-unfinished-"
+_LOCK = f"{UNFINISHED}lock-"
 
 
 @contextmanager
@@ -76,7 +76,7 @@ def atomic_write(path: PathName) -> Iterator[Path]:
         raise WriteError(
             f"{path.name} was not written by this program, and is not replaced: name another file, or delete it"
         )
-    handle, name = tempfile.mkstemp(prefix=_UNFINISHED, suffix=f"-{path.name[-100:]}", dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=UNFINISHED, suffix=f"-{path.name[-100:]}", dir=path.parent)
     os.close(handle)
     new = Path(name)
     try:
@@ -87,7 +87,7 @@ def atomic_write(path: PathName) -> Iterator[Path]:
         with _ONE:
             os.replace(new, path)
             _WRITTEN[path] = _state(path)
-        if _UNFINISHED not in str(path):  # of a folder the whole is told
+        if UNFINISHED not in str(path):  # of a folder the whole is told
             _LOG.info("written: %s", path)
     finally:
         new.unlink(missing_ok=True)
@@ -201,7 +201,7 @@ def remove_unfinished(folder: PathName) -> None:
     folder : str or Path
         Where to look.
     """
-    for file in Path(folder).rglob(f"{_UNFINISHED}*"):
+    for file in Path(folder).rglob(f"{UNFINISHED}*"):
         if file.is_file() and not file.is_symlink() and not file.name.startswith(_LOCK):
             file.unlink(missing_ok=True)
 
@@ -220,7 +220,7 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
     path = Path(os.path.realpath(path))
     check_not_read(path)
     _remove_abandoned(path)
-    new = Path(tempfile.mkdtemp(prefix=_UNFINISHED, suffix=f"-{path.name}", dir=path.parent))
+    new = Path(tempfile.mkdtemp(prefix=UNFINISHED, suffix=f"-{path.name}", dir=path.parent))
     try:
         yield new
         os.chmod(new, 0o777 & ~_umask())
@@ -250,7 +250,7 @@ def _exchange(new, path):
 
 def _remove_abandoned(path, age=86400):
     """Remove what a killed writer of this folder left beside it a day ago or earlier."""
-    for left in path.parent.glob(f"{_UNFINISHED}*-{path.name}"):
+    for left in path.parent.glob(f"{UNFINISHED}*-{path.name}"):
         try:
             if left.is_dir() and not left.is_symlink() and time.time() - left.stat().st_mtime > age:
                 shutil.rmtree(left, ignore_errors=True)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
-from multiprocessing import parent_process
+from multiprocessing import active_children, get_context, parent_process
 from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -70,6 +71,41 @@ def end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def process_pool(workers: int) -> ProcessPoolExecutor:
+    """Processes that leave an interrupt to the one that starts them, and end with it; submit to them within `uninterrupted`."""
+    # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
+    return ProcessPoolExecutor(workers, get_context("spawn"), _begin)
+
+
+def _begin():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Processes that start within it never see an interrupt; this one sees it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def ended_if_interrupted() -> Iterator[None]:
+    """Within it, an interrupt ends all processes that this one started."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        for process in active_children():
+            process.terminate()
+        raise
 
 
 def ahead(things: Iterator[T]) -> Iterator[T]:

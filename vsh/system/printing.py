@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import sys
@@ -16,23 +17,27 @@ def printing() -> Iterator[None]:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
     try:
-        yield
-    finally:
         try:
+            yield
+        finally:
             if sys.stdout is not None:
                 sys.stdout.flush()
-        except BrokenPipeError:
-            silence()
-        except OSError as error:
-            silence()
-            if sys.stderr is not None:
-                print(f"vsh: error: not all could be printed: {system_words(error)}", file=sys.stderr)
-            raise SystemExit(1) from None
+    except BrokenPipeError:
+        silence()
+        raise SystemExit(0) from None
+    except OSError as error:
+        silence()
+        if sys.stderr is not None:
+            print(f"vsh: error: not all could be printed: {system_words(error)}", file=sys.stderr)
+        raise SystemExit(1) from None
 
 
 def silence() -> None:
-    """Nothing more goes to standard output, not when Python ends either."""
-    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (open to the end of the process)
+    """Nothing more goes to standard output, and what waits to go there goes nowhere, not when Python ends either."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
 
 
 def system_words(error: OSError) -> str:

@@ -85,6 +85,11 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
         return open_astropy(source)
     if hasattr(source, "__arrow_c_stream__") or hasattr(source, "__arrow_c_array__"):
         return open_stream(source, f"the {type(source).__name__}")
+    kind = type(source)
+    if kind.__name__ == "LazyFrame":
+        raise TableError("a LazyFrame is a plan of a table: give .collect(), the table itself")
+    if hasattr(kind, "__dask_graph__") or hasattr(kind, "to_delayed"):
+        raise TableError("a table of Dask is in parts: give it to vsh.catalogue.parts(…), or .compute() it")
     return open_other(source)
 
 

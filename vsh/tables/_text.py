@@ -6,6 +6,7 @@ import csv
 import gzip
 import io
 import zlib
+from collections import Counter
 from itertools import islice
 from operator import itemgetter
 
@@ -44,8 +45,8 @@ def open_text(path: PathName, label: str) -> TableSource:
         # A mark of the byte order, which spreadsheets write, is no part of the first name.
         ecsv = first.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
         comments, line = [], first
-        while ecsv and line.startswith("#"):
-            comments.append(line[1:].strip("\n\r").removeprefix(" "))
+        while ecsv and line.lstrip("\ufeff").startswith("#"):
+            comments.append(line.lstrip("\ufeff")[1:].strip("\n\r").removeprefix(" "))
             line = next(lines, "")
     if not line.strip():
         raise TableError(f"{label} is empty" if not comments else f"{label} has a header and no table")
@@ -53,7 +54,7 @@ def open_text(path: PathName, label: str) -> TableSource:
     names = _split(line.lstrip("\ufeff"), delimiter, label)
     if types and list(types) != names:
         raise TableError(f"{label} is damaged: its header describes other columns than the line of names")
-    repeated = sorted({name for name in names if names.count(name) > 1})
+    repeated = sorted(name for name, times in Counter(names).items() if times > 1)
     if repeated:
         raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, repeated))}")
     skip = len(comments) + 1

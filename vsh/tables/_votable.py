@@ -13,6 +13,7 @@ from vsh.tables._fits import plain_file
 from vsh.tables._source import TableSource
 
 _SIZE = re.compile(rb"""\b(arraysize|nrows|width)\s*=\s*["']\s*([0-9][0-9x]*)""")
+_ELSEWHERE = re.compile(rb"""<(?:\w+:)?STREAM\b[^>]*\bhref\s*=""", re.IGNORECASE)
 #: Warnings of astropy's parser by which a value was changed or lost.
 _LOSSES = re.compile(r"\b(E\d\d|W46|W51|W53)\b")
 
@@ -35,7 +36,7 @@ def open_votable(path: PathName, label: str) -> TableSource:
     from astropy.io import votable
 
     plain = plain_file(path, label)
-    _check_sizes(plain.name, label)
+    _check_text(plain.name, label)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -98,13 +99,17 @@ def _column(column):
     return np.array(values), mask if mask.any() else None
 
 
-def _check_sizes(path, label):
-    """No fixed size in the header may exceed the file."""
+def _check_text(path, label):
+    """No fixed size in the header may exceed the file, and nothing may be read from elsewhere."""
     with open(path, "rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
         carry = b""
         while chunk := file.read(2**20):
+            if _ELSEWHERE.search(carry + chunk):
+                raise TableError(
+                    f"{label} keeps its rows elsewhere (STREAM href), where nothing is fetched from: get a VOTable with the rows in it"
+                )
             for kind, number in _SIZE.findall(carry + chunk):
                 product = 1
                 for part in number.split(b"x"):
@@ -113,4 +118,4 @@ def _check_sizes(path, label):
                     raise TableError(
                         f"{label} is damaged: {kind.decode()} = {number.decode()[:30]} in a file of {size} bytes"
                     )
-            carry = chunk[-64:]
+            carry = chunk[-512:]

@@ -18,6 +18,8 @@ from vsh.tables._source import TableSource
 _SEXAGESIMAL = ("RAh", "RAm", "RAs", "DE-", "DEd", "DEm", "DEs")
 #: Text that is read whole may have so many bytes; larger tables come as CSV, FITS or Parquet.
 _MOST = 2**30
+#: A column of HDF5 of more bytes is none. [bytes]
+_LARGEST = 2**34
 
 
 def open_whole(path: PathName, label: str, kind: str) -> TableSource:
@@ -69,6 +71,11 @@ def _hdf5(path, label):
         def visit(name, item):
             if not isinstance(item, h5py.Dataset):
                 return
+            if item.nbytes > _LARGEST:
+                raise TableError(
+                    f"{label}: {name} declares {item.shape} values, {item.nbytes / 2**30:.3g} GiB, in a file of "
+                    f"{Path(path).stat().st_size} bytes: HDF5 is read whole; make it FITS or Parquet"
+                )
             if item.dtype.names:
                 compound.append(name)
             elif item.ndim == 1:
