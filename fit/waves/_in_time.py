@@ -18,8 +18,6 @@ from vsh.epochs import Observations
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import as_modes
 
-
-@arguments.accepts(frequency=arguments.positive, nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)
 #: Of every search in time.
 SOLVED_ATTITUDE = (
     "warning: amplitudes and limits are those of an attitude that is known from elsewhere; where it was solved from the same sky, as in "
@@ -27,6 +25,7 @@ SOLVED_ATTITUDE = (
 )
 
 
+@arguments.accepts(frequency=arguments.positive, nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)
 def search_in_time(
     observations: Observations,
     frequency: float,
