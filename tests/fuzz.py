@@ -14,6 +14,7 @@ import tempfile
 import time
 import warnings
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +75,82 @@ def make_files(folder):
     chain = np.random.default_rng(1).normal(size=(20, 8, 4))
     _checkpoint.save(folder / "chain.npz", marks, chain, chain[..., 0], np.random.RandomState(1).get_state())
     files["checkpoint"] = folder / "chain.npz", _chain
+    files |= _further(folder, field)
     return files
+
+
+def _further(folder, field):
+    """Epochs, covariances, whole tables of other formats, partitions and properties of HATS."""
+    from astropy.table import Table
+
+    rng = np.random.default_rng(3)
+    n = 3 * ROWS
+    angle, when = rng.uniform(0, 360, n), np.sort(rng.uniform(5, 9, n)) * 3.15576e16
+    epochs = Table({
+        "source_id": np.repeat(np.arange(1, 5), n // 4), "obs_time_tcb": when, "centroid_pos_al": rng.normal(size=n),
+        "centroid_pos_error_al": np.full(n, 0.1), "scan_pos_angle": angle, "parallax_factor_al": np.sin(angle),
+        "ra0": np.repeat([10.0, 80.0, 200.0, 300.0], n // 4), "dec0": np.repeat([-40.0, 0.0, 30.0, 70.0], n // 4),
+    })  # fmt: skip
+    files = {}
+    for ending in ("ecsv", "fits"):
+        path = folder / f"epochs.{ending}"
+        epochs.write(path)
+        files[f"read_epochs {ending}"] = path, _epochs
+    matrix = np.eye(2 * ROWS) + 0.1
+    np.save(folder / "matrix.npy", matrix)
+    np.savetxt(folder / "matrix.txt", matrix)
+    from astropy.io import fits
+
+    fits.PrimaryHDU(matrix).writeto(folder / "matrix.fits")
+    for ending in ("npy", "txt", "fits"):
+        files[f"covariance {ending}"] = folder / f"matrix.{ending}", _matrix
+    table = field.to_table()
+    table.meta.clear()
+    for name in table.colnames:
+        if table[name].dtype.kind == "f":
+            table[name] = np.round(table[name], 6) * (table[name].unit or 1)
+    table.write(folder / "table.mrt", format="ascii.mrt")
+    table.write(folder / "table.h5", path="table", serialize_meta=False)
+    table.write(folder / "table.dat", format="ascii.basic")
+    units = ",".join(f"{name}={table[name].unit}" for name in table.colnames if table[name].unit)
+    for ending in ("mrt", "h5", "dat"):
+        files[f"read_field {ending}"] = folder / f"table.{ending}", partial(_told, units=units, ending=ending)
+    table.write(folder / "Npix=0.parquet")
+    (folder / "hats.properties").write_text("obs_collection=x\ndataproduct_type=object\nhats_nrows=40\n")
+    files["HATS partition"] = folder / "Npix=0.parquet", _hats
+    files["HATS properties"] = folder / "hats.properties", partial(_hats, partition=folder / "Npix=0.parquet")
+    return files
+
+
+def _epochs(path):
+    from vsh.epochs import read_epochs
+
+    return read_epochs(path)
+
+
+def _matrix(path):
+    from vsh.covariance import read
+
+    return np.asarray(read(path).matrix)
+
+
+def _told(path, units, ending):
+    from vsh.catalogue import read_field
+
+    form = "ascii" if ending == "dat" else None
+    return read_field(path, units=dict(pair.split("=") for pair in units.split(",")), format=form)
+
+
+def _hats(path, partition=None):
+    from vsh.catalogue import parts
+
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place, "dataset", "Norder=0", "Dir=0")
+        folder.mkdir(parents=True)
+        (folder / "Npix=0.parquet").write_bytes((partition or path).read_bytes())
+        told = path.read_bytes() if partition else b"obs_collection=x\ndataproduct_type=object\n"
+        Path(place, "hats.properties").write_bytes(told)
+        return [field._with(notes=()) for field in parts(place)]
 
 
 def _field(path):

@@ -16,11 +16,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import vsh
+from vsh.checks.notes import printable
 from vsh.commands import figures, outputs, running
 from vsh.commands.configuration import NOT_KEPT, NUMBER
 
 if TYPE_CHECKING:
     from vsh.checks.types import Table
+
+
+#: Letters that LaTeX obeys.
+_ESCAPED = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -187,11 +194,16 @@ def as_latex(table: Table) -> str:
         if shown[name].dtype.kind == "f":
             shown[name].info.format = "%.5g"
         elif shown[name].dtype.kind in "US":
-            shown[name] = [str(each).replace("_", r"\_") for each in shown[name]]
-    shown.rename_columns(shown.colnames, [name.replace("_", r"\_") for name in shown.colnames])
+            shown[name] = [_latex(each) for each in shown[name]]
+    shown.rename_columns(shown.colnames, list(map(_latex, shown.colnames)))
     rules = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
     ascii.write(shown, out, format="latex", latexdict=rules)
     return out.getvalue().rstrip("\n")
+
+
+def _latex(text):
+    """Text that LaTeX prints as it is."""
+    return "".join(_ESCAPED.get(letter, letter) for letter in printable(text))
 
 
 def _columns(table):

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from vsh.commands.names import COLUMNS, VELOCITIES
 
 
-def count(least: int) -> Callable[[str], int]:
+def count(least: int, most: int = 10**12) -> Callable[[str], int]:
     """The type of a whole number of at least `least`.
 
     Parameters
     ----------
-    least : int
-        The smallest that is taken.
+    least, most : int
+        The smallest and the largest that is taken.
 
     Raises
     ------
@@ -26,6 +26,8 @@ def count(least: int) -> Callable[[str], int]:
     def whole(text):
         if not text.isdecimal() or int(text) < least:
             raise argparse.ArgumentTypeError(f"a whole number of at least {least} is wanted, not {text!r}")
+        if len(text) > 30 or int(text) > most:
+            raise argparse.ArgumentTypeError(f"a whole number of at most {most} is wanted, not {text[:40]!r}")
         return int(text)
 
     return whole

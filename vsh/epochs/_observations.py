@@ -106,6 +106,13 @@ def read_observations(
     )  # fmt: skip
 
 
+#: No observation is larger: times [ns], positions and errors [mas], angles [deg].
+_MOST = {
+    "obs_time_tcb": 1e20, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e9, "scan_pos_angle": 1e6,
+    "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
+}  # fmt: skip
+
+
 def _observations(
     found: Mapping[str, Any], factors: Mapping[str, float], label: str
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
@@ -129,10 +136,10 @@ def _observations(
             flat[name] = spread.ravel() if factor == 1.0 else spread.ravel() * factor
     bad = bad.ravel()
     unused = ~flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
-    for values in flat.values():
+    for name, values in flat.items():
         if values.dtype.kind == "f":
-            bad |= ~np.isfinite(values)
-    bad |= ~(flat["centroid_pos_error_al"] > 0)
+            bad |= ~(np.abs(values) <= _MOST.get(name, np.inf)) | ~np.isfinite(values)
+    bad |= ~(flat["centroid_pos_error_al"] > 1e-9)
     counts = {
         "not used by AGIS": int(unused.sum()),
         "without a position, an error or a time": int((bad & ~unused).sum()),

@@ -239,3 +239,39 @@ def test_markers_stand_where_a_bin_measures():
         assert found.edges[b] < found.effective_redshift[b] < found.redshift[b]
     first = found.solutions[0].acceleration
     assert np.abs((first.value - at_mean[0]) / first.sigma).max() > 4
+
+
+def test_the_flow_of_bins_against_a_design_matrix():
+    """C N⁻¹ Σ AᵀWF of every bin, with errors that hold each source's own motion, written out."""
+    from fit.redshift._shared import shared_flow
+    from vsh.basis import harmonics
+    from vsh.flows import PLANCK_2018 as THEORY
+
+    field = sim.observe(sim.galaxies(300, 2), sim.spin((0, 0, 0)), 3, sigma=5.0, rho=0.4)
+    edges = np.array([0.001, 0.02, 0.03])
+    found = binned(field, 2, edges, n_modes=40)
+    flow = shared_flow(field, edges, THEORY, None, 40)
+    distance = transverse_distance(field.redshift)
+    rate = 1 / (AU_PER_YEAR * distance)
+    own = rate**2 * (150**2 + flow.modes.left(distance * 0.673)[0])
+    carried = []
+    for low, high in pairwise(edges):
+        inside = (field.redshift >= low) & (field.redshift < high)
+        rows = harmonics(field.lon[inside], field.lat[inside], Modes(2))
+        columns = (
+            np.moveaxis(flow.modes.at(field.lon[inside], field.lat[inside], distance[inside] * 0.673)[0], 2, 0)
+            * rate[inside]
+        )
+        (s1, s2), rho = field.sigma[:, inside], field.rho[inside]
+        c = np.array([[s1**2 + own[inside], rho * s1 * s2], [rho * s1 * s2, s2**2 + own[inside]]])
+        weight = np.linalg.inv(np.moveaxis(c, 2, 0))
+        weighted = np.einsum("nkl,pln->pkn", weight, rows)
+        normal = np.einsum("pkn,qkn->pq", weighted, rows)
+        carried.append(np.linalg.solve(normal, np.einsum("pkn,qkn->pq", weighted, columns)))
+    expected = np.concatenate(carried) @ np.concatenate(carried).T
+    np.testing.assert_allclose(found.flow_covariance, expected, rtol=1e-6, atol=1e-9 * expected.max())
+    for b, solution in enumerate(found.solutions):
+        noise = found.covariance[16 * b : 16 * b + 16, 16 * b : 16 * b + 16]
+        np.testing.assert_allclose(
+            solution.covariance, noise + expected[16 * b :, 16 * b :][:16, :16], rtol=1e-6, atol=1e-9
+        )

@@ -19,7 +19,7 @@ def make_parser() -> argparse.ArgumentParser:
         "catalogue",
         help="a table (FITS, VOTable, ECSV, CSV, Parquet, HDF5, MRT), a folder of them, or - for standard input",
     )
-    parser.add_argument("--bins", type=values.count(1), default=14, help="of angle (default: 14)")
+    parser.add_argument("--bins", type=values.count(1, 2000), default=14, help="of angle (default: 14)")
     parser.add_argument(
         "--up-to", type=_angle, default=180.0, metavar="DEG", help="the largest angle, degrees (default: 180)"
     )

@@ -1,0 +1,82 @@
+"""No command changes a file that is not its own, whatever it is told."""
+
+import pytest
+
+from fit.commands.fit import main as fit_main
+from sim.commands.simulate import main as simulate
+from vsh.system.files import digest
+
+
+@pytest.fixture
+def catalogue(tmp_path):
+    path = tmp_path / "q.fits"
+    assert simulate(["quasars", "--number", "60", "--no-transits", "--output", str(path), "--quiet"]) == 0
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--log", "{q}"], "is what is read"),
+        (["--html", "{q}", "--overwrite"], "is what is read"),
+        (["--output", "{folder}", "--overwrite", "--no-figures"], "holds"),
+        (["--log", "{mine}"], "holds something else than a log"),
+        (["--html", "{mine}", "--overwrite"], "was not written by this program"),
+        (["--output", "{folder}/out", "--log", "{folder}/out/log.txt", "--no-figures"], "which the run writes"),
+    ],
+)
+def test_what_is_read_or_not_ours_stays(options, words, catalogue, tmp_path, capsys):
+    mine = tmp_path / "mine.txt"
+    mine.write_text("precious")
+    before = digest(catalogue)
+    told = [each.format(q=catalogue, folder=tmp_path, mine=mine) for each in options]
+    assert fit_main([str(catalogue), "--lmax", "1", *told]) == 1
+    assert words in capsys.readouterr().err
+    assert digest(catalogue) == before
+    assert mine.read_text() == "precious"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_simulation_replaces_its_own_table_alone(catalogue, tmp_path, capsys):
+    again = ["quasars", "--number", "50", "--no-transits", "--output"]
+    assert simulate([*again, str(catalogue), "--overwrite"]) == 0
+    copy = tmp_path / "copy.fits"  # a copy of ours is the user's
+    copy.write_bytes(catalogue.read_bytes())
+    assert simulate([*again, str(copy), "--overwrite"]) == 1
+    assert "is not as this program wrote it" in capsys.readouterr().err
+    changed = catalogue.read_bytes()[:-1] + b"x"
+    catalogue.write_bytes(changed)
+    assert simulate([*again, str(catalogue), "--overwrite"]) == 1
+    assert catalogue.read_bytes() == changed
+    assert simulate([*again, str(tmp_path / "q.vot")]) == 0  # beside q.fits and its configuration
+    (tmp_path / "n.ecsv.run.toml").write_text("mine")
+    assert simulate([*again, str(tmp_path / "n.ecsv"), "--overwrite"]) == 1
+    assert not (tmp_path / "n.ecsv").exists()
+
+
+def test_results_that_were_changed_stay(catalogue, tmp_path, capsys):
+    command = [str(catalogue), "--lmax", "1", "--no-figures", "--output", str(tmp_path / "out")]
+    assert fit_main(command) == 0
+    assert fit_main([*command, "--overwrite"]) == 0
+    report = tmp_path / "out" / "report.txt"
+    report.write_text("my remarks")
+    assert fit_main([*command, "--overwrite"]) == 1
+    assert "changed since vsh-fit wrote them (report.txt)" in capsys.readouterr().err
+    assert report.read_text() == "my remarks"
+    html = [str(catalogue), "--lmax", "1", "--html", str(tmp_path / "p.html"), "--overwrite"]
+    assert fit_main(html) == 0
+    assert fit_main(html) == 0
+    page = tmp_path / "p.html"
+    page.write_text(page.read_text(encoding="utf-8").replace("spin", "Spin"), encoding="utf-8")
+    assert fit_main(html) == 1
+    assert "is not as this program wrote it" in capsys.readouterr().err
+
+
+def test_a_log_goes_on_and_says_where_it_could_not(catalogue, tmp_path, capsys):
+    log = tmp_path / "log.txt"
+    for _ in range(2):
+        assert fit_main([str(catalogue), "--lmax", "1", "--log", str(log)]) == 0
+    assert log.read_text().count("vsh-fit is done") == 2
+    capsys.readouterr()
+    assert fit_main([str(catalogue), "--lmax", "1", "--log", "/dev/full"]) == 0
+    assert capsys.readouterr().err == "vsh-fit: the log is not complete: the disk is full\n"
