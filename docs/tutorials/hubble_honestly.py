@@ -28,7 +28,7 @@ field
 # -------
 #
 # Least squares, each galaxy with a velocity of its own of 150 km/s, redshifts as they stand.
-naive = hubble_constant(field, PLANCK_2018, redshift_frame="true", peculiar_dispersion=150.0)
+naive = hubble_constant(field, PLANCK_2018, redshift_frame="true", flows=None, peculiar_dispersion=150.0)
 print(f"H0 = {naive.hubble:.1f} ± {naive.hubble_error:.1f} km/s/Mpc; truth {TRUE_H0:g}")
 
 # %%
@@ -38,17 +38,17 @@ print(f"H0 = {naive.hubble:.1f} ± {naive.hubble_error:.1f} km/s/Mpc; truth {TRU
 # A redshift that we measure holds our own motion: galaxies towards which we move are blueshifted, look nearer than they are, and seem to drift too
 # little. A table that says where its redshifts stand needs no more; this one does.
 print("this field's redshifts are", field.redshift_frame)
-framed = hubble_constant(field, PLANCK_2018, peculiar_dispersion=150.0)
+framed = hubble_constant(field, PLANCK_2018, flows=None, peculiar_dispersion=150.0)
 print(f"H0 = {framed.hubble:.1f} ± {framed.hubble_error:.1f} km/s/Mpc")
 
 # %%
 # Flows
 # -----
 #
-# Galaxies do not move each for itself: they stream together towards where mass is. A thousand galaxies of one stream are one measurement. With
-# ``flows="linear"`` the velocity field is a sum of modes with the variances that linear theory gives them, fitted along with H0. The error grows: that
+# Galaxies do not move each for itself: they stream together towards where mass is. A thousand galaxies of one stream are one measurement. Unless it is told
+# ``flows=None``, as above, the fit holds the velocity field as a sum of modes with the variances that linear theory gives them. The error grows: that
 # is not a loss, it is what the error was.
-honest = hubble_constant(field, PLANCK_2018, flows="linear")
+honest = hubble_constant(field, PLANCK_2018)
 print(honest.report())
 print(f"with flows as unknowns the error is {honest.hubble_error / framed.hubble_error:.1f} times as large")
 
@@ -63,9 +63,7 @@ honest.flow.plot()
 # An error of half the value is no ± any more: the posterior is skew, and what is assumed of H0 before shows in what is found. So sample it, under several
 # priors. If the answer follows the prior, the data did not know.
 for words, prior in (("flat between 20 and 150", Flat(20, 150)), ("70 ± 10", Normal(70, 10))):
-    found = sample(
-        field, PLANCK_2018, prior, n_samples=200_000, rng=4, flows="linear", peculiar_dispersion=150.0, progress=False
-    )
+    found = sample(field, PLANCK_2018, prior, n_samples=200_000, rng=4, progress=False)
     low, middle, high = np.percentile(found.samples["H0"], [16, 50, 84])
     print(f"prior {words}: H0 = {middle:.1f} (+{high - middle:.1f} −{middle - low:.1f}) km/s/Mpc")
 
@@ -78,6 +76,6 @@ found.corner(["H0", "speed", "a_x", "a_y", "a_z"], truths={"H0": TRUE_H0, "speed
 #
 # From a shell::
 #
-#     vsh-redshift galaxies.fits --velocity planck --flows --posterior --h0-range 20,150 --output hubble
+#     vsh-redshift galaxies.fits --velocity planck --posterior --h0-range 20,150 --output hubble
 #
 # One sky is one draw of the flow: with other seeds the naive fit is off by as much to either side. Which frame redshifts stand in, how distances follow from them, what flows do: :doc:`../redshifts`.

@@ -197,7 +197,7 @@ def test_one_step_of_the_bootstrap_is_the_full_one_to_first_order():
     again = bootstrap(FIELD, 1, 2000, 1, method="one-step", progress=False)
     np.testing.assert_array_equal(one.replicates, again.replicates)
     assert bootstrap(PARTS, 1, 3, 1, progress=False).method == "one-step bootstrap"
-    assert bootstrap(FIELD, 1, 3, 1, progress=False).method == "bootstrap"
+    assert bootstrap(FIELD, 1, 3, 1, progress=False).method == "one-step bootstrap"
 
 
 def test_correlations_and_leakage():

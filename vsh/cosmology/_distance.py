@@ -173,7 +173,7 @@ def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> 
     --------
     >>> from astropy.cosmology import LambdaCDM
     >>> parallax_factor([100.0, 3400.0], LambdaCDM(67.3, 0.315, 0.585)).round(4)
-    array([1.    , 1.0286])
+    array([1.    , 1.0287])
     """
     distance = np.asarray(distance, float)
     curvature = 0.0 if cosmology is None else float(_checked(cosmology).Ok0)
