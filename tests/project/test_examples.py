@@ -76,7 +76,10 @@ def pulls_of(text):
 
 def test_redshift_dipoles(tmp_path):
     text = run("redshift_dipoles.py", folder=tmp_path)
-    numbers = [[float(each.split(": ")[-1].removeprefix("p-value ")) for each in line.split(";")] for line in text.splitlines()[-2:]]
+    numbers = [
+        [float(each.split(": ")[-1].removeprefix("p-value ")) for each in line.split(";")]
+        for line in text.splitlines()[-2:]
+    ]
     (spin, _, true), (_, _, claimed) = numbers
     assert spin > 0.003
     assert true > 0.003

@@ -214,7 +214,7 @@ def _say_what_changed(options):
 
 
 def _failed(program, said):
-    print(f"{program}: {printable(said)}", file=sys.stderr)
+    print(f"{program}: {printable(said)}".replace("\n", r"\n"), file=sys.stderr)  # one line, whatever a name holds
     return 1
 
 
