@@ -37,7 +37,7 @@ def pulls(estimate, n, skies, **options):
 
 @pytest.mark.parametrize("kappa", [3.0, 2.0, 1.5])
 def test_clipped_errors(kappa):
-    """Fault C4: pulls 1.10 at κ = 2, 1.25 at 1.5; χ²/dof .585."""
+    """Pulls 1.10 at κ = 2, 1.25 at 1.5; χ²/dof .585."""
     found, reduced = [], []
     for seed in range(250):
         try:
@@ -68,20 +68,20 @@ def test_factors_of_a_clip():
     ],
 )
 def test_errors_with_few_sources_a_coefficient(estimate, options):
-    """Fault C5: pulls 1.07 with 96 coefficients from 400 sources."""
+    """Pulls 1.07 with 96 coefficients from 400 sources."""
     found, _ = pulls(lambda field: estimate(field, 6), 400, 25, **options)
     assert found.std() == pytest.approx(1, abs=0.05)  # 2400 pulls: 0.015
 
 
 @pytest.mark.parametrize("estimate", [excess_noise, student_t, permissive])
 def test_errors_wrong_by_place(estimate):
-    """Fault C6: pulls 1.55 where errors are five times too small on half the sky."""
+    """Pulls 1.55 where errors are five times too small on half the sky."""
     found, _ = pulls(lambda field: estimate(field, 1), 600, 120, half=5.0)
     assert found.std() == pytest.approx(1, abs=0.07)  # 720 pulls: 0.026
 
 
 def test_excess_noise_is_unbiased():
-    """Fault C5: 0.871 for 1 with 96 of 800 numbers fitted."""
+    """0.871 for 1 with 96 of 800 numbers fitted."""
     for extra in (1.0, 5.0):
         found = [excess_noise(sky(400, seed, extra=extra), 5) for seed in range(25)]
         mean, error = np.mean([x.excess_noise for x in found]), np.std([x.excess_noise for x in found]) / 5
@@ -151,7 +151,7 @@ def quasars(seed, case, n=300):
 @pytest.mark.parametrize("skies", [40, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("case", ["z > 2.5", "faint, z > 1.5", "z < 0.6", "everywhere", "nowhere"])
 def test_p_values_of_bins(case, skies):
-    """Faults C1 and C2: P(p ≤ .05) was .30, .30 and .62; "contradicted" stood on 31 % of such skies."""
+    """P(p ≤ .05) was .30, .30 and .62; "contradicted" stood on 31 % of such skies."""
     found, contradicted = {}, 0
     for seed in range(skies):
         field, rng = quasars(seed, case)
@@ -194,7 +194,7 @@ def galaxies():
 
 @pytest.mark.parametrize("sigma", [15.0, 20.0])
 def test_the_prior_on_h0_comes_back_or_is_refused(sigma, monkeypatch):
-    """Fault C3: 67.3 ± 15 gave 44.6 ± 24.9, or 4.4, or 49.3, by where the sampler was cut off."""
+    """67.3 ± 15 gave 44.6 ± 24.9, or 4.4, or 49.3, by where the sampler was cut off."""
 
     field = galaxies()
     for estimate in (
@@ -223,7 +223,7 @@ def test_the_chain_agrees_with_the_grid_for_the_flat_product():
 
 
 def test_block_lengths_are_compared():
-    """Fault C7: nside 4 was recommended without a word on the length of correlation."""
+    """Nside 4 was recommended without a word on the length of correlation."""
     rng = np.random.default_rng(1)
     lon, lat = sim.uniform_sky(4000, rng)
     independent = Field(lon, lat, rng.normal(size=(2, 4000)), np.ones((2, 4000)))

@@ -14,7 +14,7 @@ from vsh import Field
     ("reduced", "dof", "deviations"), [(1.435, 5610, 21.3), (0.965, 199_994, -11.2), (1.435, 20, 1.317)]
 )
 def test_significance_counts_not_size(reduced, dof, deviations):
-    """Fault C8: nothing below 1.5 was remarked on, however many degrees of freedom."""
+    """Nothing below 1.5 was remarked on, however many degrees of freedom."""
     found = Quality(reduced * dof, dof)
     assert found.deviations == pytest.approx(deviations, rel=0.05)
     assert found.contradicted == (abs(deviations) > 3)
@@ -66,7 +66,7 @@ def test_few_degrees_of_freedom_are_said():
 
 
 def test_lost_chi2_is_said():
-    """Fault C10: χ² = χ0² − cᵀb cancels where motions are a million times their errors."""
+    """Χ² = χ0² − cᵀb cancels where motions are a million times their errors."""
     rng = np.random.default_rng(4)
     lon, lat = sim.uniform_sky(100, rng)
     motion = sim.spin((1e8, 0, 0))(lon, lat) + rng.normal(size=(2, 100))
@@ -76,7 +76,7 @@ def test_lost_chi2_is_said():
 
 
 def test_errors_of_powers_without_a_signal():
-    """Fault C10: 23 to 30 % too large on average."""
+    """23 to 30 % too large on average."""
     ratio = []
     for seed in range(200):
         rng = np.random.default_rng(seed)

@@ -242,7 +242,7 @@ def test_for_notebooks_and_papers(found):
     ],
 )
 def test_stored_results_are_checked(spoiled, words, tmp_path):
-    """Fault F3: each was read without a word."""
+    """Each was read without a word."""
     field = random_field(100, 1)
     solution = fit.fit_field(field, 2)
     solution.write(tmp_path / "s.ecsv")

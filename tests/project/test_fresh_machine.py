@@ -13,7 +13,7 @@ from conftest import ROOT
     "code", ["import fit.posterior._plot", "import fit; fit.posterior", "import vsh.plot, vsh.page, sim.plot, study"]
 )
 def test_imports_warn_of_nothing_in_an_empty_home(code, tmp_path):
-    """Fault A1: arviz, which corner imports, warns once a day by a stamp in the user's cache."""
+    """Arviz, which corner imports, warns once a day by a stamp in the user's cache."""
     home = {"HOME": str(tmp_path), "PATH": os.environ["PATH"]}
     # Warnings by our own modules; numpy and others may have theirs.
     command = [sys.executable, "-W", "error::FutureWarning", "-c", code]
@@ -23,7 +23,7 @@ def test_imports_warn_of_nothing_in_an_empty_home(code, tmp_path):
 
 
 def test_versions_are_locked_and_floors_are_tested():
-    """Fault A2: `make test-oldest` installs the lowest versions that setup.cfg declares."""
+    """`make test-oldest` installs the lowest versions that setup.cfg declares."""
     floors = dict(re.findall(r"^[ \t]+(\w[\w-]*)>=([\d.]+)$", (ROOT / "setup.cfg").read_text(), re.MULTILINE))
     oldest = dict(re.findall(r"^([\w-]+)==([\d.]+)$", (ROOT / "requirements" / "oldest.txt").read_text(), re.MULTILINE))
     for name in (

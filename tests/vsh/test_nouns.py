@@ -84,7 +84,7 @@ def arrays(thing, seen=()):
 @pytest.mark.parametrize("name", NOUNS)
 @pytest.mark.parametrize("again", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "deep copy"])
 def test_nouns_travel(name, again):
-    """Faults B6 and F11: Refusals could not be made again, arrays came back writeable, signals were closures."""
+    """Refusals could not be made again, arrays came back writeable, signals were closures."""
     noun = NOUNS[name]
     other = again(noun)
     assert type(other) is type(noun)
@@ -106,7 +106,7 @@ def test_signals_and_laws_are_the_same_after_a_pickle():
 
 
 def test_rows_left_out_count_once_however_they_come_in():
-    """Fault B6: told apart by id(), they counted twice after a copy and grew by a line a part."""
+    """Told apart by id(), they counted twice after a copy and grew by a line a part."""
     twin = pickle.loads(pickle.dumps(FIELD))
     total = fit.normal_equations(FIELD, 1) + fit.normal_equations(twin, 1)
     assert total.notes == FIELD.notes
@@ -141,7 +141,7 @@ def test_a_process_pool_takes_fields_with_bad_rows(tmp_path):
 
 
 def test_results_are_equal_where_their_numbers_are(tmp_path):
-    """Fault D7: Solution.read(s.write()) == s was False."""
+    """Solution.read(s.write()) == s was False."""
     solution = NOUNS["Solution"]
     solution.write(tmp_path / "s.ecsv")
     back = fit.Solution.read(tmp_path / "s.ecsv")
@@ -152,7 +152,6 @@ def test_results_are_equal_where_their_numbers_are(tmp_path):
 
 
 def test_frame_solutions_carry_notes_and_quality():
-    """Fault D3."""
     found = NOUNS["FrameSolution"]
     assert found.notes == FIELD.notes
     assert found.reduced_chi2 == pytest.approx(found.chi2 / found.dof)
@@ -183,7 +182,6 @@ def test_frame_solutions_carry_notes_and_quality():
     ],
 )
 def test_modes_are_modes_or_a_degree(call):
-    """Fault D1."""
     # Threads of the transforms add in any order: the last bits vary from call to call.
     np.testing.assert_allclose(call(2), call(Modes(2)), rtol=1e-11)
     with pytest.raises(VshError):
@@ -193,7 +191,7 @@ def test_modes_are_modes_or_a_degree(call):
 
 
 def test_every_deliberate_error_is_ours():
-    """Fault D2: 28 plain ValueErrors and TypeErrors."""
+    """28 plain ValueErrors and TypeErrors."""
     from conftest import ROOT
 
     from vsh import errors

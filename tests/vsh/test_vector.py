@@ -51,7 +51,7 @@ def test_unknown_frames_are_named():
 @pytest.mark.parametrize("covariance", [np.eye(3), np.diag([0.5, 1.0, 2.0])])
 @pytest.mark.parametrize("signal_to_noise", [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0])
 def test_intervals_limits_and_cones_cover(covariance, signal_to_noise):
-    """Fault C9: ± covered 19 % of lengths without a signal, 45 % at S/N 1."""
+    """± covered 19 % of lengths without a signal, 45 % at S/N 1."""
     rng = np.random.default_rng(int(10 * signal_to_noise) + 1)
     root, sigma, n = np.linalg.cholesky(covariance), np.sqrt(np.trace(covariance) / 3), 600
     inside = limited = coned = 0

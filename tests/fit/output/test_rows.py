@@ -28,7 +28,7 @@ def numbers(text):
 
 
 def test_all_forms_say_the_same(solution):
-    """Fault B4: the page had every pull with the wrong sign; a survivor multiplied it by seven."""
+    """The page had every pull with the wrong sign; a survivor multiplied it by seven."""
     text = fit.report(solution, truth=TRUTH)
     page = html_report(solution, {}, truth=TRUTH)
     signs = [float(x) for x in re.findall(r"\(([+-]\d+\.\d)σ\)", text)]
@@ -52,7 +52,7 @@ def test_pulls_are_positive_where_the_fit_is_larger():
 
 
 def test_low_signal_to_noise_is_said_as_such():
-    """Fault C9: directions ± 127°, ± 349°, ± 57296° at a pole."""
+    """Directions ± 127°, ± 349°, ± 57296° at a pole."""
     strong, weak, none = (Vector([0, 0, a], np.eye(3)) for a in (10.0, 2.9, 0.5))
     assert amplitude(strong) == "10.000 ± 1.000"
     assert re.fullmatch(r"\d\.\d+ … \d\.\d+ \(68 %\)", amplitude(weak))
@@ -66,7 +66,6 @@ def test_low_signal_to_noise_is_said_as_such():
 
 
 def test_the_cross_check_takes_one_line_unless_it_fails(solution):
-    """Fault D6."""
     from dataclasses import replace
 
     rng = np.random.default_rng(2)

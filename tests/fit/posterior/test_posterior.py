@@ -351,3 +351,27 @@ def test_simulation_based_calibration():
         counts = np.bincount(column // 10, minlength=10)
         assert chi2.sf(np.sum((counts - 30) ** 2 / 30), 9) > 1e-3
         assert kstest((column + 0.5) / 100, "uniform").pvalue > 1e-3
+
+
+def test_a_chain_that_is_too_short_goes_on():
+    field = galaxies(300)
+    found = sample(field, PLANCK_2018, Flat(20, 150), n_samples=6000, **SETTINGS)
+    steps = len(found.chain)
+    assert steps > 6000 / 128
+    assert steps >= 50 * max(found.autocorrelation.values())
+    again = sample(field, PLANCK_2018, Flat(20, 150), n_samples=6000, **SETTINGS)
+    assert (again.chain == found.chain).all()
+
+
+def test_digits_are_those_that_the_sample_has():
+    """15.31 was printed of a sample whose own exact line says 15.23, with a Monte Carlo error of 0.06."""
+    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=200_000, **SETTINGS)
+    text = found.report()
+    assert "independent samples at least, R̂ 1.0" in text
+    row = next(line for line in text.splitlines() if line.startswith("H0   ")).split()
+    digits = len(row[1].partition(".")[2])
+    error = 1.25 * found.samples["H0"].std() / np.sqrt(found._effective()["H0"])
+    assert 0.1 * 10.0**-digits < error <= 10.0**-digits
+    kept = found.kept()
+    assert kept.report().splitlines()[-9:] != []
+    assert kept._effective() == found._effective()

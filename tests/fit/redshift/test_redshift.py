@@ -226,7 +226,7 @@ def test_a_real_catalogue_claims_nothing():
 
 
 def test_markers_stand_where_a_bin_measures():
-    """Fault C11: at the mean redshift, points lay 4 to 5 σ off a curve that the test accepted."""
+    """At the mean redshift, points lay 4 to 5 σ off a curve that the test accepted."""
     galaxies = sim.galaxies(20_000, 1, min_redshift=0.001, max_redshift=0.03)
     velocity = PLANCK_2018.to_frame("icrs")
     field = sim.observe(galaxies, sim.secular_parallax(velocity.value), 2, sigma=0.5)

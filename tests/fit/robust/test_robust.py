@@ -77,3 +77,13 @@ def test_a_clip_in_circles_says_so(monkeypatch):
         ConvergenceError, match="oscillates after 3 rounds: 1000 sources are alternately clipped and kept"
     ):
         fit.robust.clip(field, Modes(1), threshold=5.0)
+
+
+def test_excess_noise_of_any_size():
+    """On stars that scatter by 264 times their errors it ended in a word of SciPy's."""
+    rng = np.random.default_rng(3)
+    lon, lat = sim.uniform_sky(1500, rng)
+    for size in (0.0, 1.0, 300.0, 8000.0, 1e6):
+        sigma = 10 ** rng.uniform(1, 2, (2, 1500))
+        found = fit.robust.excess_noise(Field(lon, lat, rng.normal(size=(2, 1500)) * np.hypot(sigma, size), sigma), 1)
+        assert abs(found.excess_noise - size) < 5 * found.excess_noise_error

@@ -43,7 +43,7 @@ def gaia_bulk(path, wide=True, first=0):
 
 
 def test_gaia_bulk_files_are_known_by_their_first_bytes(tmp_path):
-    """Fault B8: refused, alone and as a folder."""
+    """Refused, alone and as a folder."""
     field = read_field(gaia_bulk(tmp_path / "GaiaSource_000000-003111.csv.gz"))
     check(field)
     assert field.notes == ()  # units came with the file
@@ -66,7 +66,7 @@ def test_the_stream_is_the_whole(tmp_path, ending):
 
 @pytest.mark.parametrize("scaled", [False, True])
 def test_nulls_of_scaled_columns_are_missing(tmp_path, scaled):
-    """Fault B2: rows without a value came out as −32768 mas/yr."""
+    """Rows without a value came out as −32768 mas/yr."""
     t = table(units=False)
     raw = np.arange(N, dtype=np.int16)
     raw[4] = -32768
@@ -85,14 +85,14 @@ def test_nulls_of_scaled_columns_are_missing(tmp_path, scaled):
 
 @pytest.mark.parametrize("unit", ["mag(mas/yr)", "dex(mas/yr)", "dB(mas/yr)", "-1 mas/yr"])
 def test_units_that_are_not_linear_are_refused(unit):
-    """Fault F1: they passed as factors of 0.4, 10, 1.26 and −1."""
+    """They passed as factors of 0.4, 10, 1.26 and −1."""
     with pytest.raises(TableError, match="pmra.*(logarithm|not positive|no unit that astropy knows)"):
         read_field(table(), units={"pmra": unit})
 
 
 @pytest.mark.parametrize("unit", ["uas/yr", "mas.yr**-1", "mas yr-1", "mas / yr", "marcsec/yr"])
 def test_units_in_every_spelling_by_every_way(tmp_path, unit):
-    """Fault F1: uas/yr in a FITS file was refused by one reader and taken by the other."""
+    """Uas/yr in a FITS file was refused by one reader and taken by the other."""
     t = table(units=False)
     columns = [fits.Column(n, "D", array=t[n], unit=unit if n.startswith("pm") and "corr" not in n else None)
                for n in t.colnames if n != "source_id"]  # fmt: skip
@@ -105,7 +105,7 @@ def test_units_in_every_spelling_by_every_way(tmp_path, unit):
 
 
 def test_columns_in_another_frame_are_asked_for():
-    """Fault B3: l and b given as ra and dec were taken for ICRS."""
+    """L and b given as ra and dec were taken for ICRS."""
     t = table()
     t.rename_columns(["ra", "dec"], ["l", "b"])
     columns = {"ra": "l", "dec": "b"}
@@ -130,7 +130,7 @@ def test_columns_in_another_frame_are_asked_for():
     ],
 )
 def test_numbers_that_stand_for_none_are_refused(column, value, reason):
-    """Faults F8 and F12: taken as they were."""
+    """Taken as they were."""
     t = table()
     t[column][3] = value
     with pytest.raises(FieldError, match=rf"1 of 30 rows cannot be used: {reason}.*\(row 3\)"):
@@ -147,7 +147,7 @@ def test_one_component_of_minus_99_is_a_motion_two_are_not():
 
 
 def test_right_ascension_in_hours_is_doubted():
-    """Fault F8: radians were, hours were not."""
+    """Radians were, hours were not."""
     t = table(units=False)
     t["ra"] = t["ra"] / 15
     with pytest.raises(FieldError, match="is ra in hours"):
@@ -183,7 +183,7 @@ def test_a_truncated_archive_result_is_refused(tmp_path, state):
 
 
 def test_a_lowered_count_of_rows_is_seen(tmp_path):
-    """Fault F8: iter_fields took it."""
+    """Iter_fields took it."""
     tables.write_table(table(), tmp_path / "c.fits")
     content = (tmp_path / "c.fits").read_bytes()
     assert content.count(b"NAXIS2  =                   30") == 1
@@ -197,7 +197,7 @@ def test_a_lowered_count_of_rows_is_seen(tmp_path):
 
 @pytest.mark.parametrize("packed", [False, True])
 def test_declared_sizes_are_held_against_the_file(tmp_path, packed):
-    """Fault F6: NAXIS = 9999999999999999 did not end in a minute."""
+    """NAXIS = 9999999999999999 did not end in a minute."""
     tables.write_table(table(), tmp_path / "c.fits")
     content = (tmp_path / "c.fits").read_bytes()
     content = content.replace(b"NAXIS2  =                   30", b"NAXIS2  =     9999999999999999")
@@ -208,7 +208,7 @@ def test_declared_sizes_are_held_against_the_file(tmp_path, packed):
 
 
 def test_a_giant_field_is_refused_before_it_is_stored(tmp_path):
-    """Fault F6: 3 MB took 4.8 GB."""
+    """3 MB took 4.8 GB."""
     path = tmp_path / "c.csv"
     table(units=False).write(path)
     lines = path.read_text().splitlines()
@@ -261,13 +261,12 @@ def arrow_table():
     ids=["pandas", "a class made from DataFrame", "pyarrow Table", "RecordBatch", "a stream", "a reader"],
 )
 def test_objects_in_memory(make):
-    """Fault B9: module names of types were compared."""
+    """Module names of types were compared."""
     check(read_field(make()))
     assert [len(part) for part in iter_fields(make(), rows=20)] == [20, 10]
 
 
 def test_only_the_columns_that_are_needed_are_read(tmp_path):
-    """Fault B10."""
     arrow = arrow_table()
     for i in range(20):
         arrow = arrow.append_column(f"more{i}", pyarrow.array(["x"] * N))
@@ -306,13 +305,12 @@ def test_rows_are_numbered_through_the_file(tmp_path):
 
 
 def test_an_address_is_no_file():
-    """Fault D5: 'https:/…: no such file'."""
+    """'https:/…: no such file'."""
     with pytest.raises(TableError, match="https://example.org/c.fits is an address"):
         read_field("https://example.org/c.fits")
 
 
 def test_control_characters_do_not_reach_messages(tmp_path):
-    """Fault F10."""
     t = table()
     t.rename_column("pmra", "pm\x1b[31mra")
     with pytest.raises(TableError) as error:
@@ -337,7 +335,7 @@ ICRF = "ICRF J000020.3-322101 2357-326       00 00 20.39996890 -32 21 01.2335800
     ],
 )
 def test_damaged_lines_of_icrf_are_refused(tmp_path, old, new, message):
-    """Fault F8: a damaged start was skipped, a lost dot gave 259924 rad."""
+    """A damaged start was skipped, a lost dot gave 259924 rad."""
     path = tmp_path / "icrf.txt"
     path.write_text(ICRF + ICRF.replace(old, new))
     with pytest.raises(TableError, match=message):

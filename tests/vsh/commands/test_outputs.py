@@ -26,7 +26,6 @@ def catalogue(tmp_path):
 
 
 def test_nothing_is_replaced_unasked(catalogue, tmp_path, capsys):
-    """Fault B11."""
     out = tmp_path / "out"
     arguments = [catalogue, "--lmax", "1", "--output", str(out)]
     assert main(arguments) == 0
@@ -78,7 +77,7 @@ def test_a_folder_that_fails_leaves_the_old_one(tmp_path):
 
 
 def test_many_writers_of_one_file(tmp_path):
-    """Fault F9: temporary names used the process alone: four threads, 18 to 28 errors in 60."""
+    """Temporary names used the process alone: four threads, 18 to 28 errors in 60."""
     errors = []
 
     def write(text):
@@ -100,7 +99,7 @@ def test_many_writers_of_one_file(tmp_path):
 
 
 def test_links_and_permissions_stay(tmp_path):
-    """Fault F9: --html replaced a link by a file."""
+    """--html replaced a link by a file."""
     (tmp_path / "real.txt").write_text("old, by vsh-astrometry")
     (tmp_path / "real.txt").chmod(0o640)
     (tmp_path / "link.txt").symlink_to(tmp_path / "real.txt")
@@ -112,7 +111,7 @@ def test_links_and_permissions_stay(tmp_path):
 
 
 def test_only_our_own_leftovers_go(tmp_path):
-    """Fault B1: hidden files with a dash in their name were taken for ours."""
+    """Hidden files with a dash in their name were taken for ours."""
     for name in (".pre-commit-config.yaml", ".env-production", ".vsh-unfinished-1-x.json"):
         (tmp_path / name).write_text("x")
     remove_unfinished(tmp_path)
@@ -121,7 +120,7 @@ def test_only_our_own_leftovers_go(tmp_path):
 
 @pytest.mark.parametrize("kills", [2, pytest.param(60, marks=pytest.mark.slow)])
 def test_kills_leave_whole_folders(kills, catalogue, tmp_path):
-    """Fault F9: of 12 kills over an old folder 8 left old and new files mixed."""
+    """Of 12 kills over an old folder 8 left old and new files mixed."""
     out, page = tmp_path / "out", tmp_path / "page.html"
     command = [
         sys.executable,
@@ -162,7 +161,7 @@ def test_kills_leave_whole_folders(kills, catalogue, tmp_path):
 
 
 def test_vectors_and_velocities_from_the_shell():
-    """Faults B5 and D5: three meanings of --velocity, and negative numbers behind a space."""
+    """Three meanings of --velocity, and negative numbers behind a space."""
     from vsh.commands.options import simulate
     from vsh.commands.reading import velocity_of
     from vsh.cosmology import PLANCK_2018
@@ -182,7 +181,6 @@ def test_vectors_and_velocities_from_the_shell():
 
 
 def test_the_page_does_not_show_where_its_author_works(catalogue, tmp_path):
-    """Fault D8."""
     assert main([catalogue, "--lmax", "1", "--html", str(tmp_path / "page.html")]) == 0
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert str(tmp_path) not in page
@@ -190,7 +188,7 @@ def test_the_page_does_not_show_where_its_author_works(catalogue, tmp_path):
 
 
 def test_no_bar_in_a_log(capfd):
-    """Fault D7: progress bars filled log files."""
+    """Progress bars filled log files."""
     from vsh.system.progress import progress_bar
 
     for _ in progress_bar(range(3), words="work"):
@@ -208,7 +206,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(catalogue):
 
 
 def test_what_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch, capsys):
-    """Fault B7: 31 lines of traceback after the simulation."""
+    """31 lines of traceback after the simulation."""
     import importlib.util
 
     from sim.commands.simulate import main as simulate
@@ -221,7 +219,7 @@ def test_what_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch, c
 
 @pytest.mark.parametrize("ending", ["fits", "ecsv", "vot", "parquet", "csv"])
 def test_the_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
-    """Fault B7: lost without a word in .csv and .vot."""
+    """Lost without a word in .csv and .vot."""
     from sim.commands.simulate import main as simulate
     from vsh.catalogue import truth_of
 
@@ -253,7 +251,7 @@ def interrupted(command, seconds):
 
 @pytest.mark.parametrize("tries", [2, pytest.param(24, marks=pytest.mark.slow)])
 def test_interrupts_end_in_one_line(tries, catalogue, tmp_path):
-    """Fault F11: 4 of 24 ended in a traceback."""
+    """4 of 24 ended in a traceback."""
     code = "import sys, _vsh_commands; print('begun', flush=True); sys.argv = ['vsh-sim', *sys.argv[1:]]; _vsh_commands.sim()"
     rng = np.random.default_rng(1)
     for _ in range(tries):

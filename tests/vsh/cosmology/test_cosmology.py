@@ -94,7 +94,7 @@ def test_our_velocity():
 
 
 def test_beyond_the_antipode_of_a_closed_cosmology():
-    """Fault C10: negative distances."""
+    """Negative distances."""
     from astropy.cosmology import LambdaCDM
 
     closed = LambdaCDM(H0=70, Om0=3.0, Ode0=3.0)

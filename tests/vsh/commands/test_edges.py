@@ -1,0 +1,148 @@
+"""Odd surroundings, odd options, odd files: one line of ours, never a traceback."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from astropy.table import Table
+from conftest import ROOT, random_field
+
+from fit.commands.fit import main
+from vsh.catalogue import read_field, write_field
+from vsh.errors import TableError
+
+
+@pytest.fixture
+def catalogue(tmp_path):
+    write_field(random_field(80, 1), tmp_path / "q.fits")
+    return str(tmp_path / "q.fits")
+
+
+def shell(*words, environment=(), stdout=subprocess.PIPE):
+    code = "import _vsh_commands, sys; sys.argv[0] = 'vsh'; _vsh_commands.run(sys.argv[1], sys.argv[2:])"
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, words)], cwd=ROOT, env=os.environ | dict(environment), check=False,
+        stdout=stdout, stderr=subprocess.PIPE, text=True, encoding="utf-8",
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full disk to write to")
+@pytest.mark.parametrize("words", [("--citation",), ("--lmax", "1"), ("--lmax", "1", "--json")])
+def test_a_full_disk_is_said_in_one_line(words, catalogue):
+    with open("/dev/full", "w") as full:
+        done = shell("fit", catalogue, *words, stdout=full)
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "the disk is full" in done.stderr
+
+
+def test_letters_that_a_terminal_cannot_take(catalogue):
+    done = shell("fit", catalogue, "--lmax", "1", environment={"PYTHONIOENCODING": "ascii"})
+    assert (done.returncode, done.stderr) == (0, "")
+    told = shell("fit", catalogue, "--lmax", "1", "--json", environment={"PYTHONIOENCODING": "ascii"})
+    here = shell("fit", catalogue, "--lmax", "1", "--json")
+    assert json.loads(told.stdout) == json.loads(here.stdout)  # escaped, and the same
+
+
+def test_a_backend_that_there_is_not(catalogue, tmp_path):
+    done = shell(
+        "fit",
+        catalogue,
+        "--lmax",
+        "1",
+        "--output",
+        tmp_path / "out",
+        "--dpi",
+        "40",
+        environment={"MPLBACKEND": "nonsense"},
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "words"),
+    [
+        (["--dpi", "1"], 2, "20 to 2400 dots an inch"),
+        (["--lmax=--"], 2, "argument --lmax: '--' is no value"),
+        (["--scheduler", "{q}"], 1, "is no file of a scheduler"),
+        (["--output", "/proc/x"], 1, "the folder /proc cannot be written to"),
+        (["--html", "/proc/x.html"], 1, "the folder /proc cannot be written to"),
+    ],
+)
+def test_options_that_cannot_be(options, status, words, catalogue, capsys):
+    told = [each.format(q=catalogue) for each in options]
+    try:
+        found = main([catalogue, "--lmax", "1", *told])
+    except SystemExit as stop:
+        found = stop.code
+    assert found == status
+    assert words in capsys.readouterr().err
+
+
+def test_no_column_may_be_named(catalogue, capsys):
+    assert main([catalogue, "--lmax", "1", "--columns", "solution=,magnitude="]) == 0
+
+
+def test_a_mark_of_the_byte_order_before_ecsv(tmp_path):
+    field = random_field(10, 1)
+    field.write(tmp_path / "t.ecsv")
+    (tmp_path / "b.ecsv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "t.ecsv").read_bytes())
+    assert (read_field(tmp_path / "b.ecsv").motion == field.motion).all()
+
+
+def test_rows_that_stand_elsewhere_are_not_fetched(tmp_path):
+    table = io.BytesIO()
+    random_field(3, 1).to_table().write(table, format="votable", tabledata_format="binary2")
+    text = table.getvalue().replace(
+        b'<STREAM encoding="base64">', b'<STREAM encoding="base64" href="file:///dev/zero">'
+    )
+    assert b"/dev/zero" in text
+    (tmp_path / "t.vot").write_bytes(text)
+    with pytest.raises(TableError, match="keeps its rows elsewhere"):
+        read_field(tmp_path / "t.vot")
+
+
+def test_more_values_than_any_file_has(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "t.h5", "w") as file:
+        for name in ("ra", "dec"):
+            file.create_dataset(name, shape=(10**12,), dtype="f8", chunks=(1000,))
+    with pytest.raises(TableError, match=r"declares \(1000000000000,\) values"):
+        read_field(tmp_path / "t.h5")
+
+
+def test_tables_that_are_plans():
+    class LazyFrame:
+        pass
+
+    with pytest.raises(TableError, match=r"give \.collect\(\)"):
+        read_field(LazyFrame())
+
+
+def test_latex_prints_names_as_they_are():
+    from vsh.commands.finishing import as_latex
+
+    text = as_latex(Table({"a_b": ["50 % & {x}_1 #$ ~^ \\"]}))
+    assert r"a\_b" in text
+    assert r"50 \% \& \{x\}\_1 \#\$ \textasciitilde{}\textasciicircum{} \textbackslash{}" in text
+
+
+def test_every_command_can_be_called():
+    """By its entry point, by its function, and found in the lists that name commands."""
+    from configparser import ConfigParser
+
+    import _vsh_commands
+
+    config = ConfigParser()
+    config.read(ROOT / "setup.cfg", encoding="utf-8")
+    scripts = [line.split("=") for line in config["options.entry_points"]["console_scripts"].strip().splitlines()]
+    assert {name.strip(): target.strip() for name, target in scripts} == {
+        f"vsh-{name}": f"_vsh_commands:{name}" for name in _vsh_commands.COMMANDS
+    }
+    for name in _vsh_commands.COMMANDS:
+        assert callable(getattr(_vsh_commands, name))
+        assert f"vsh-{name}" in (ROOT / "README.md").read_text(encoding="utf-8"), name
+        assert (ROOT / "docs" / "commands" / f"vsh-{name}.md").is_file(), name
