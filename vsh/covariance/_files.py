@@ -55,10 +55,14 @@ def _from_fits(path, check_shape):
         units = fits.open(path)
     with units:
         with _refused(path):
-            images = [unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2]
+            images = [
+                unit for unit in units if unit.is_image and unit.header.get("NAXIS") == 2 and "NAXIS2" in unit.header
+            ]
             if not images:
                 raise TableError(f"{path} holds no image of two axes")
-        check_shape(images[0].shape)
+        with _refused(path):
+            shape = images[0].shape
+        check_shape(shape)
         with _refused(path):
             return np.array(images[0].data, float)
 
@@ -69,5 +73,5 @@ def _refused(path):
         yield
     except TableError:
         raise
-    except (OSError, ValueError, TypeError, EOFError, MemoryError) as error:
+    except (OSError, ValueError, TypeError, KeyError, IndexError, EOFError, MemoryError) as error:
         raise TableError(f"{path} holds no matrix that can be read: {first_line(error)}") from None

@@ -196,7 +196,7 @@ def flow_modes(
     return _chosen_modes(nearest, farthest, n_modes, theory, max_degree)
 
 
-@lru_cache(maxsize=8)  # many skies of the same sources ask for the same
+@lru_cache(maxsize=64)  # many skies of the same sources ask for the same
 def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
     radii = np.geomspace(nearest, farthest, _RADII)
     k, step = _wave_numbers(farthest)
