@@ -270,3 +270,20 @@ def test_intervals_of_templates_hold_as_squares_scatter():
     assert (wide[:, 1] >= high).all()
     assert "95 %:" in templates.report()
     assert {"low95", "high95"} < set(templates.to_table().colnames)
+
+
+def test_limits_of_templates_invert_the_chance_of_squares():
+    """Of an amplitude whose error is known: as small a value, or as large, has a chance of 2.5 % at the limits."""
+    from scipy.stats import ncx2
+
+    from fit.pairs._templates import _limits
+
+    for k in (3.0, 14.2):
+        for power in (0.5, 20.0):
+            s2 = 1.7
+            sigma = np.sqrt(2 * k * s2**2 + 4 * s2 * power)
+            low, high = _limits(power, sigma, k, 0.025, np.inf)
+            assert_allclose(ncx2.cdf(power / s2 + k, k, high / s2), 0.025, rtol=0.02)
+            if low > 0:
+                assert_allclose(ncx2.sf(power / s2 + k, k, low / s2), 0.025, rtol=0.02)
+    assert _limits(-4.0, 3.0, 3.0, 0.025, 40.0)[0] == 0.0

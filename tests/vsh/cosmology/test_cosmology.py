@@ -108,3 +108,20 @@ def test_redshifts_from_distances():
     z = np.array([2e-4, 0.01, 0.3, 1.0, 7.0])
     np.testing.assert_allclose(redshift_of(transverse_distance(z)), z, rtol=1e-6)
     assert np.isnan(redshift_of(np.array([np.nan])))[0]
+
+
+@pytest.mark.parametrize("curvature", [-0.2, 0.0, 0.15])
+def test_the_parallax_distance_of_a_curved_space(curvature):
+    """d_P = R tan(χ/R) on a sphere of radius R, R tanh(χ/R) where it is open; d_M = R sin, or sinh (χ/R)."""
+    from astropy.cosmology import LambdaCDM
+
+    from vsh.cosmology import parallax_factor
+
+    cosmology = LambdaCDM(67.3, 0.3, 0.7 - curvature)
+    z = np.array([0.01, 0.5, 1.5])
+    far = cosmology.comoving_distance(z).value
+    distance = cosmology.comoving_transverse_distance(z).value
+    if curvature:
+        radius = 299792.458 / 67.3 / np.sqrt(abs(cosmology.Ok0))
+        far = radius * (np.tan if curvature < 0 else np.tanh)(far / radius)
+    np.testing.assert_allclose(distance / far, parallax_factor(distance, cosmology), rtol=1e-9)
