@@ -89,7 +89,7 @@ def test_a_catalogue_that_reaches_far_keeps_its_near_flow():
     both = near + far  # which tell the glide alone
     one = observer_velocity(near, 67.3, acceleration=fit.fit_field(far, 1).acceleration).velocity.sigma
     two = observer_velocity(both, 67.3).velocity.sigma
-    np.testing.assert_allclose(two, one, rtol=0.17)  # the density is another as well
+    np.testing.assert_allclose(two, one, rtol=0.07)  # 12 % less where the modes reach to the quasars
     assert len(parallax_equations(both).flow.lon) < len(both)  # far ones need no columns
     bins = [binned(each, 1, [0.003, 0.01, 0.031]).solutions[0].acceleration.sigma for each in (near, both)]
     np.testing.assert_allclose(bins[1], bins[0], rtol=0.1)
