@@ -26,7 +26,7 @@ from vsh.errors import VshError, VshWarning
 from vsh.system.files import check_not_read, digest, reading
 from vsh.system.logs import PACKAGES
 from vsh.system.parallel import limited
-from vsh.system.printing import printing, silence, system_words
+from vsh.system.printing import printing, silence, silence_if_broken, system_words
 from vsh.system.progress import without_bars
 
 #: Options that change no result, and what the parser found besides.
@@ -110,6 +110,7 @@ def guarded(options: argparse.Namespace, action: Callable[[], object]) -> int:
         silence()
         return 0
     except OSError as error:
+        silence_if_broken()
         return _failed(program, f"error: {system_words(error)}")
     except VshError as error:
         return _failed(program, f"error: {error}")

@@ -40,6 +40,14 @@ def silence() -> None:
     os.close(nowhere)
 
 
+def silence_if_broken() -> None:
+    """After an error that is told: where standard output takes no more, what waits to go there is not tried, and told, again."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        silence()
+
+
 def system_words(error: OSError) -> str:
     """What the system says, and of which file."""
     place = f": {error.filename}" if error.filename else ""

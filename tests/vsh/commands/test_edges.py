@@ -30,13 +30,32 @@ def shell(*words, environment=(), stdout=subprocess.PIPE):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full disk to write to")
-@pytest.mark.parametrize("words", [("--citation",), ("--lmax", "1"), ("--lmax", "1", "--json")])
+@pytest.mark.parametrize(
+    "words", [("--citation",), ("--lmax", "1"), ("--lmax", "1", "--json"), ("--lmax", "6", "--json")]
+)
 def test_a_full_disk_is_said_in_one_line(words, catalogue):
     with open("/dev/full", "w") as full:
         done = shell("fit", catalogue, *words, stdout=full)
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1
     assert "the disk is full" in done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full disk to write to")
+@pytest.mark.parametrize("letters", [10, 3000, 8190, 8193, 20000])  # shorter than what Python holds back, and longer
+def test_a_full_disk_is_not_said_again_by_what_waits_to_be_printed(letters):
+    code = (
+        "import argparse, sys\nfrom vsh.commands.running import guarded\nfrom vsh.system.printing import printing\n"
+        "options = argparse.Namespace(program='vsh-fit', log=None, quiet=True, expected={})\n"
+        f"with printing():\n    sys.exit(guarded(options, lambda: print('x' * {letters}, flush=True)))"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=ROOT, env=environment, stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (1, "vsh-fit: error: the disk is full\n")
 
 
 def test_letters_that_a_terminal_cannot_take(catalogue):
