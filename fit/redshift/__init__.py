@@ -2,7 +2,8 @@
 
 from fit.redshift._bins import binned, equal_information
 from fit.redshift._contrasts import ChiSquare, Trend
-from fit.redshift._permutation import FLOW_MATTERS, permutation_test
+from fit.redshift._permutation import permutation_test
+from fit.redshift._shared import FLOW_MATTERS
 from fit.redshift._solution import BinnedSolution
 
 __all__ = [

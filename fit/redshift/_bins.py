@@ -233,7 +233,8 @@ def _apart(normals, edges, columns):
     if columns is not None:
         carried = [s.covariance @ x for s, x in zip(solutions, columns, strict=True)]
         solutions = [_with_flow(s, k) for s, k in zip(solutions, carried, strict=True)]
-        added = np.concatenate(carried) @ np.concatenate(carried).T
+        of_all = np.concatenate(carried)
+        added = of_all @ of_all.T
     return solutions, covariance.reshape(bins * p, bins * p), np.arange(p), added
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from fit.distances import calibrate_if_known, mean_rates
 from fit.redshift._contrasts import equality_chi2, slope_chi2
+from fit.redshift._shared import FLOW_MATTERS
 from fit.redshift._solution import BinnedSolution
 from vsh.basis import harmonics
 from vsh.checks import arguments
@@ -17,9 +18,6 @@ from vsh.field import Field
 from vsh.modes import KINDS, Modes
 from vsh.sky.sphere import triad
 from vsh.vector import Vector
-
-#: From this share in a variance on, a flow matters to the tests of bins.
-FLOW_MATTERS = 0.05
 
 
 @arguments.accepts(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fit.output import WIDTH, components, note_lines, p_value
+from fit.redshift._shared import FLOW_MATTERS
 from vsh.vector import Vector
 
 #: A p-value below this is called a difference; the Gaussian's three σ.
@@ -72,7 +73,7 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
         )
         line += f"{'–' if permuted is None else p_value(permuted):>10}"
         lines.append(f"{line}  {'contradicted' if believed < _REMARKABLE else 'not contradicted'}")
-    if p_values is None and binned.flow_share > 0.05 and binned.modes.lmax == 1 and len(binned) > 1:
+    if p_values is None and binned.flow_share > FLOW_MATTERS and binned.modes.lmax == 1 and len(binned) > 1:
         lines.append("permuted: not computed, since redshifts dealt out anew tear the flow apart that neighbours share")
     elif p_values is None and binned.modes.lmax == 1 and len(binned) > 1:
         lines.append(

@@ -14,16 +14,18 @@ from typing import Any
 import numpy as np
 
 from fit.distances import flow_counts, flow_limits
-from fit.secular_parallax import LEFT_DISPERSION
+from fit.secular_parallax import LEFT_DISPERSION, modes_within
 from vsh.basis import harmonics
 from vsh.checks.types import FloatArray
-from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, hubble_value, transverse_distance, usable
+from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, hubble_value, usable
 from vsh.field import Field
-from vsh.flows import FARTHEST, FlowModes, LinearTheory, flow_modes
+from vsh.flows import FlowModes, LinearTheory
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
 from vsh.units import AU_PER_YEAR
 
+#: From this share in a variance on, a flow matters to the tests of bins.
+FLOW_MATTERS = 0.05
 _BLOCK = 4096
 
 
@@ -82,8 +84,5 @@ def shared_flow(
         counts = as_parts(field).sum(partial(_counts, low=low, high=high), roles=("redshift",), words="redshifts")
         if np.any(counts):
             low, high = flow_limits(counts)
-    near, far = transverse_distance(np.array([low, high])) * hubble_value(PLANCK_2013) / 100
-    if near > 0.9 * FARTHEST:
-        return None
-    beside = LEFT_DISPERSION if dispersion is None else dispersion
-    return SharedFlow(theory, flow_modes(0.5 * near, 1.2 * far, n_modes, theory), beside)
+    modes = modes_within((low, high), PLANCK_2013, theory, n_modes)
+    return None if modes is None else SharedFlow(theory, modes, LEFT_DISPERSION if dispersion is None else dispersion)

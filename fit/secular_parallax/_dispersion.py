@@ -46,8 +46,8 @@ class Preferred:
     gain: float
 
     @property
-    def told(self) -> bool:
-        """Whether the residuals tell it at all: 68 % of the likelihood within less than a third of what was tried, and not at its end."""
+    def constrained(self) -> bool:
+        """Whether the residuals constrain it at all: 68 % of the likelihood within less than a third of what was tried, and not at its end."""
         return self.high - self.low < GRID[-1] / 3 and self.high < 0.95 * GRID[-1]
 
 
@@ -83,24 +83,24 @@ def _summary(log: FloatArray, taken: float) -> Preferred:
     return Preferred(float(fine[best]), float(low), float(high), float(max(gain, 0.0)))
 
 
-def freed(estimate: Callable[..., Any], field: Any, word: str, options: Any) -> Any:
+def freed(estimate: Callable[..., Any], field: Any, word: str) -> Any:
     """An estimate with the dispersion that its residuals prefer; what 68 % of its likelihood leave open adds to the errors."""
     if word != "free":
         raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {word!r}")
     if not isinstance(field, Field):
         raise ParameterError("a dispersion that is free needs the sources in memory: give a Field, not parts")
-    solution = estimate(**options)
+    solution = estimate()
     first, most = solution.peculiar_dispersion, 400.0 if solution.flow is not None else GRID[-1]
     for _ in range(6):
         preferred = solution.preferred
-        if not preferred.told:
+        if not preferred.constrained:
             note = f"the residuals do not tell the dispersion of peculiar velocities: {first:g} km/s are taken"
-            return replace(estimate(**options), notes=(*solution.notes, note))
+            return replace(estimate(), notes=(*solution.notes, note))
         best = min(preferred.best, most)
         if abs(best - solution.peculiar_dispersion) < 0.02 * max(best, 50.0):
             break
-        solution = estimate(**options, peculiar_dispersion=best)
-    ends = [estimate(**options, peculiar_dispersion=min(x, most)) for x in (preferred.low, preferred.high)]
+        solution = estimate(peculiar_dispersion=best)
+    ends = [estimate(peculiar_dispersion=min(x, most)) for x in (preferred.low, preferred.high)]
     shift = (ends[1].values - ends[0].values) / 2
     note = f"the dispersion of peculiar velocities is what the residuals prefer, {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
     return replace(solution, covariance=solution.covariance + np.outer(shift, shift), notes=(*solution.notes, note))

@@ -90,8 +90,8 @@ def observer_velocity(
     Notes
     -----
     Flows of linear theory are unknowns unless flows=None: on the real sky they are nearly the whole error. On simulated skies
-    with such flows, 10⁴ galaxies to z = 0.03 and heliocentric redshifts, 68 and 95 % intervals hold 0.63 to 0.73 and 0.92
-    to 0.98 (benchmarks/flows_by_default.py). Without them, on skies of independent velocities of 300 and 750 km/s, pulls are 1.0
+    with such flows, 10⁴ galaxies to z = 0.03 and heliocentric redshifts, 68 and 95 % intervals hold 0.71 and 0.96, those of
+    `hubble_constant` 0.73 and 0.98 (benchmarks/flows_by_default.py). Without them, on skies of independent velocities of 300 and 750 km/s, pulls are 1.0
     and the bias below 0.2 standard errors, with magnitudes and without; `flow_covariance` then says what flows would add.
     A dispersion that is wrong biases: 300 km/s taken for 450 gives pulls of 1.2; `preferred` says what the residuals prefer.
     """
@@ -99,20 +99,20 @@ def observer_velocity(
         raise DegeneracyError(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to fit.posterior.sample"
         )
+    known: dict[str, Any] = {
+        "cosmology": cosmology,
+        "spin": spin,
+        "acceleration": acceleration,
+        "excess_noise": excess_noise,
+    }
+    estimate = partial(observer_velocity, field, hubble, **known, **distances)
     if isinstance(peculiar_dispersion, str):
-        apart: dict[str, Any] = {
-            "cosmology": cosmology,
-            "spin": spin,
-            "acceleration": acceleration,
-            "excess_noise": excess_noise,
-        }
-        return freed(partial(observer_velocity, field, hubble, **apart), field, peculiar_dispersion, distances)
+        return freed(estimate, field, peculiar_dispersion)
     dispersion = dispersion_of(peculiar_dispersion, distances)
     given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
     def as_frame(frame):
-        other = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise}
-        return _in_words(observer_velocity(field, hubble, **given | other | {"redshift_frame": frame}).velocity)
+        return _in_words(estimate(peculiar_dispersion=dispersion, redshift_frame=frame).velocity)
 
     ratio = hubble / hubble_value(PLANCK_2013 if cosmology is None else cosmology)
     rows = noted(parallax_equations(field, ratio=ratio, **given), field, distances.get("redshift_frame"), as_frame)
@@ -135,11 +135,9 @@ def velocity_from(
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
     group = local_group_of(local_group, rows)
-    further = _further(rows, dispersion, excess_noise, acceleration, ratio)
-    found = solve_for(
-        sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=further.pop("left_out")
-    )
-    return VelocitySolution(**found, **further, peculiar_dispersion=dispersion, assumed_hubble=hubble)
+    left_out, preferred = _further(rows, dispersion, excess_noise, acceleration, ratio)
+    found = solve_for(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out)
+    return VelocitySolution(**found, preferred=preferred, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
 
 def _further(rows, dispersion, excess_noise, acceleration, ratio):
@@ -150,7 +148,7 @@ def _further(rows, dispersion, excess_noise, acceleration, ratio):
     preferred = None
     if isinstance(rows, ParallaxEquations):
         preferred = preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio)
-    return {"left_out": left_out, "preferred": preferred}
+    return left_out, preferred
 
 
 @arguments.accepts(
@@ -201,24 +199,22 @@ def hubble_constant(
             f"{_PRODUCT}: give velocity=, or a Hubble constant to fit.secular_parallax.observer_velocity, or priors to "
             "fit.posterior.sample"
         )
+    known: dict[str, Any] = {
+        "cosmology": cosmology,
+        "spin": spin,
+        "acceleration": acceleration,
+        "excess_noise": excess_noise,
+    }
+    known |= {"hubble": hubble, "local_group": local_group}
+    estimate = partial(hubble_constant, field, velocity, **known, **distances)
     if isinstance(peculiar_dispersion, str):
-        apart: dict[str, Any] = {
-            "cosmology": cosmology,
-            "spin": spin,
-            "acceleration": acceleration,
-            "excess_noise": excess_noise,
-        }
-        estimate = partial(hubble_constant, field, velocity, **apart, hubble=hubble, local_group=local_group)
-        return freed(estimate, field, peculiar_dispersion, distances)
+        return freed(estimate, field, peculiar_dispersion)
     dispersion = dispersion_of(peculiar_dispersion, distances)
     given: dict[str, Any] = {"cosmology": cosmology, "peculiar_dispersion": dispersion} | distances
 
     def as_frame(frame):
-        other = {"spin": spin, "acceleration": acceleration, "excess_noise": excess_noise, "hubble": hubble}
-        found = hubble_constant(
-            field, velocity, **given | other | {"redshift_frame": frame, "local_group": local_group}
-        )
-        return f"H0 = {found.hubble:.1f} ± {found.hubble_error:.1f} km/s/Mpc"
+        solution = estimate(peculiar_dispersion=dispersion, redshift_frame=frame)
+        return f"H0 = {solution.hubble:.1f} ± {solution.hubble_error:.1f} km/s/Mpc"
 
     rows = noted(parallax_equations(field, apart=True, **given), field, distances.get("redshift_frame"), as_frame)
     velocity = velocity_along(velocity, rows.frame)
@@ -227,8 +223,7 @@ def hubble_constant(
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     names = ("H0", "a_x", "a_y", "a_z")
 
-    further = _further(rows, dispersion, excess_noise, acceleration, ratio)
-    left_out = further.pop("left_out")
+    left_out, preferred = _further(rows, dispersion, excess_noise, acceleration, ratio)
 
     def at(v):
         to_u = np.zeros((12, 4))
@@ -244,7 +239,7 @@ def hubble_constant(
              for s in step * np.eye(3)], axis=1,
         )  # fmt: skip
         found["covariance"] = found["covariance"] + slopes @ velocity.covariance @ slopes.T
-    return HubbleSolution(**found, **further, peculiar_dispersion=dispersion, assumed_velocity=velocity)
+    return HubbleSolution(**found, preferred=preferred, peculiar_dispersion=dispersion, assumed_velocity=velocity)
 
 
 def _in_words(velocity):

@@ -68,7 +68,7 @@ def _dispersion(solution):
         return []
     if solution.quality.factor > 1.2:
         return ["               the residuals do not tell it: they contradict the errors themselves"]
-    if not preferred.told:
+    if not preferred.constrained:
         return ["               the residuals do not tell it"]
     prefer = f"the residuals prefer {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
     if preferred.gain < 4.5:  # ln L of three standard deviations

@@ -10,13 +10,13 @@ from warnings import warn
 
 import numpy as np
 
-from fit.distances import WHOLE_DISPERSION, Calibration, calibrate
+from fit.distances import WHOLE_DISPERSION, calibrate
 from fit.secular_parallax._equations import ParallaxEquations
 from fit.secular_parallax._left_out import LeftOut
 from fit.secular_parallax._parts import ParallaxParts, equations
 from vsh.checks.arguments import not_negative
 from vsh.checks.types import Cosmology, FloatArray
-from vsh.cosmology import PLANCK_2013, transverse_distance
+from vsh.cosmology import PLANCK_2013, hubble_value, transverse_distance
 from vsh.errors import ParameterError, VshError, VshWarning
 from vsh.field import Field
 from vsh.flows import FARTHEST, PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
@@ -172,11 +172,13 @@ def parallax_equations(
         field, given.get("redshift_frame"), radial, cosmology=cosmology, density=given.get("density"),
         luminosity=given.get("luminosity"), magnitudes=given.get("magnitudes"),
     )  # fmt: skip
-    modes = None if flows is None else modes_within(calibration, flows, given.get("n_modes", 250))
+    modes = None
+    if flows is not None:
+        modes = modes_within(calibration.flow_limits, calibration.cosmology, flows, given.get("n_modes", 250))
     how = {"ratio": ratio, "apart": apart, "threads": threads}
     rows = equations(field, calibration, theory=flows, modes=modes, reconstruction=grid, **how)
     if flows is None:
-        reach = modes_within(calibration, PLANCK_2018, _MODES_LEFT_OUT)
+        reach = modes_within(calibration.flow_limits, calibration.cosmology, PLANCK_2018, _MODES_LEFT_OUT)
         rows = replace(rows, left_out=None if reach is None else LeftOut(field, calibration, reach, how))
     return rows
 
@@ -199,9 +201,27 @@ def _scaled(theory, error):
     return replace(theory, growth_rate=theory.growth_rate * error, name=f"{theory.name}, {error:g} of it")
 
 
-def modes_within(calibration: Calibration, theory: LinearTheory, n_modes: int = 250) -> FlowModes | None:
-    """The modes of a flow over the distances that tell of one; None where all of a catalogue lies beyond their reach."""
-    low, high = transverse_distance(np.array(calibration.flow_limits), calibration.cosmology) * calibration.little_h
+def modes_within(
+    redshifts: tuple[float, float], cosmology: Cosmology, theory: LinearTheory, n_modes: int
+) -> FlowModes | None:
+    """The modes of a flow over the distances between two redshifts; None where all of them lie beyond its reach.
+
+    Parameters
+    ----------
+    redshifts : pair of float
+        The nearest and the farthest that tell of a velocity.
+    cosmology : astropy cosmology
+        From redshifts to distances.
+    theory : LinearTheory
+        The flow's.
+    n_modes : int
+        Unknowns of the flow.
+
+    Returns
+    -------
+    FlowModes or None
+    """
+    low, high = transverse_distance(np.array(redshifts), cosmology) * hubble_value(cosmology) / 100
     if low > 0.9 * FARTHEST:
         return None
     # Distances given the redshift may lie beyond that of the redshift itself.

@@ -243,8 +243,8 @@ def _wait(job, patience, interval, progress):
 def _fetch(address, part, end, most, progress):
     """An answer into a file: until `end` by the monotonic clock, and of at most so many bytes."""
     with _open(address, end=end) as answer, part.open("wb") as file:
-        told = answer.headers.get("Content-Length") or ""
-        size = int(told) if told.isascii() and told.isdigit() else 0
+        declared = answer.headers.get("Content-Length") or ""
+        size = int(declared) if declared.isascii() and declared.isdigit() else 0
         _check_room(size, part, most)
         with progress_bar(total=size or None, words="fetching", shown=progress, unit="B", unit_scale=True) as bar:
             while True:

@@ -163,7 +163,7 @@ def _check_scheduler_file(path):
 @contextmanager
 def _without_log(name):
     logger = logging.getLogger(name)
-    before, logger.disabled = logger.level, False
+    before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
         yield

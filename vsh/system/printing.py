@@ -43,7 +43,8 @@ def silence() -> None:
 def silence_if_broken() -> None:
     """After an error that is told: where standard output takes no more, what waits to go there is not tried, and told, again."""
     try:
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except OSError:
         silence()
 

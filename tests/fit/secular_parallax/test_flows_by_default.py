@@ -150,7 +150,7 @@ def test_residuals_that_tell_nothing_say_so():
         -field.sigma * 100 * np.random.default_rng(1).normal(size=(2, len(field)))
     )
     found = observer_velocity(noisy, 67.3)
-    assert not found.preferred.told
+    assert not found.preferred.constrained
     assert "the residuals do not tell it" in found.report()
     free = observer_velocity(noisy, 67.3, peculiar_dispersion="free")
     assert free.peculiar_dispersion == 150
