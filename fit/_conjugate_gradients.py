@@ -15,33 +15,7 @@ from vsh.system.progress import progress_bar
 def conjugate_gradients(
     system: Any, rhs: FloatArray, tolerance: float, max_iterations: int, words: str | None
 ) -> tuple[FloatArray, int, float, float]:
-    """Solve system c = rhs.
-
-    Parameters
-    ----------
-    system : object
-        With `apply`, `precondition`, `empty_sky`, `diagonal` and `modes`.
-    rhs : (p,) array
-        The right-hand side.
-    tolerance : float
-        Relative residual at which to stop.
-    max_iterations : int
-        After which it has not converged.
-    words : str or None
-        Beside a progress bar.
-
-    Returns
-    -------
-    c : (p,) array
-    iterations : int
-    residual, condition : float
-        The relative residual, and the condition number as the iterations saw it.
-
-    Raises
-    ------
-    ConvergenceError
-        If it has not converged.
-    """
+    """Solve system c = rhs."""
     x, r = np.zeros_like(rhs), rhs.copy()
     z = system.precondition(r)
     p, rz = z.copy(), r @ z

@@ -39,23 +39,13 @@ class CrossCheck(Result):
     largest: float
 
     def report(self) -> str:
-        """Whether the two solvers agree, as text.
-
-        Returns
-        -------
-        str
-        """
+        """Whether the two solvers agree, as text."""
         from fit.output import report_check
 
         return report_check(self) + "\n"
 
     def to_table(self) -> Table:
-        """Both solutions as an astropy Table: a row for each component of spin and acceleration.
-
-        Returns
-        -------
-        Table
-        """
+        """Both solutions as an astropy Table: a row for each component of spin and acceleration."""
         columns: dict[str, Any] = {"parameter": list(self.frame.names)}
         for name, found in (("harmonics", self.harmonics), ("frame_solver", self.frame)):
             spin: Any = found.spin
@@ -70,10 +60,6 @@ class CrossCheck(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         return self.frame.plot(ax=ax)
 
@@ -89,10 +75,6 @@ def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | N
         The sources. Parts are gone through twice.
     covariance : Covariance or (2n, 2n) array, optional
         As for `normal_equations`.
-
-    Returns
-    -------
-    CrossCheck
 
     Raises
     ------

@@ -60,12 +60,7 @@ class FrameSolution(NamedSolution):
     """
 
     def report(self) -> str:
-        """Orientation, spin and acceleration with their correlations as text.
-
-        Returns
-        -------
-        str
-        """
+        """Orientation, spin and acceleration with their correlations as text."""
         lines = [
             f"Orientation, spin and acceleration by the direct frame solver ({self.frame} axes)",
             f"χ²/dof         {self.chi2:.6g} / {self.dof} = {self.reduced_chi2:.3f}",
@@ -82,10 +77,6 @@ class FrameSolution(NamedSolution):
         ----------
         field : Field
             The sources.
-
-        Returns
-        -------
-        array
         """
         p, q, _ = triad(field.lon, field.lat)
         rotation: Any = self.spin
@@ -113,10 +104,6 @@ def solve_frame(
         same: `motion` and `sigma` hold Δα*, Δδ and their errors. [µas]
     covariance : Covariance or (2n, 2n) array, optional
         Of the motions, all east components first, in place of the errors that the field has. [(µas/yr)²]
-
-    Returns
-    -------
-    FrameSolution
 
     Raises
     ------
@@ -191,13 +178,7 @@ def _triangle(field, column, size, covariance=None):
 
 
 def qr(rows: FloatArray) -> FloatArray:
-    """The upper triangle R of rows = Q R, by Householder's reflections (LAPACK).
-
-    Parameters
-    ----------
-    rows : (m, p) array
-        In Fortran's order, and overwritten.
-    """
+    """The upper triangle R of rows = Q R, by Householder's reflections (LAPACK)."""
     found, _, _, _ = dgeqrf(rows, overwrite_a=True)
     return np.triu(found[: rows.shape[1]])
 

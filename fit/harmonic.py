@@ -65,10 +65,6 @@ class HarmonicSolution(LinearSolution):
         ----------
         field : Field or ScalarField
             The sources.
-
-        Returns
-        -------
-        FloatArray
         """
         return at_sources(self.coefficients, field)
 
@@ -96,10 +92,6 @@ class HarmonicSolution(LinearSolution):
             The degree.
         debiased : bool
             Take away what noise gives on average.
-
-        Returns
-        -------
-        float
         """
         values, _ = self.of_degree(kind, l)
         power = float(self._power_weights(l) @ values**2)
@@ -132,10 +124,6 @@ class HarmonicSolution(LinearSolution):
             Toroidal or spheroidal.
         l : int
             The degree.
-
-        Returns
-        -------
-        float
         """
         return float(np.trace(self._weighted_covariance(kind, l)))
 
@@ -152,10 +140,6 @@ class HarmonicSolution(LinearSolution):
             Toroidal or spheroidal.
         l : int
             The degree.
-
-        Returns
-        -------
-        float
         """
         values, covariance = self.of_degree(kind, l)
         wc = self._weighted_covariance(kind, l)
@@ -179,10 +163,6 @@ class HarmonicSolution(LinearSolution):
             Toroidal or spheroidal.
         l : int
             The degree.
-
-        Returns
-        -------
-        float
         """
         chi2, n, dof = self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof
         if np.isinf(dof):
@@ -199,10 +179,6 @@ class HarmonicSolution(LinearSolution):
             Toroidal or spheroidal.
         l : int
             The degree.
-
-        Returns
-        -------
-        float
         """
         if self.covariance_dof < 2 * l + 1:
             return float("nan")
@@ -222,15 +198,7 @@ class HarmonicSolution(LinearSolution):
 
 
 def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
-    """The motions of coefficients at the sources of a field, (2, n); by the transform for many of them.
-
-    Parameters
-    ----------
-    coefficients : Coefficients
-        The field. [µas/yr]
-    field : Field
-        The sources.
-    """
+    """The motions of coefficients at the sources of a field, (2, n); by the transform for many of them."""
     if len(field) < 10_000:
         return coefficients.at(field.lon, field.lat)
     from vsh.transform import synthesis  # ducc0, for many sources only

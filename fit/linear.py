@@ -51,10 +51,6 @@ class LinearSolution(Result):
         ----------
         field : Field
             In the frame of the solution.
-
-        Returns
-        -------
-        FloatArray
         """
 
     @property
@@ -96,10 +92,6 @@ class LinearSolution(Result):
         ----------
         field : Field
             In the frame of the solution.
-
-        Returns
-        -------
-        Field
 
         Raises
         ------

@@ -84,12 +84,7 @@ class MatrixFreeSolution(HarmonicSolution):
         )
 
     def report(self) -> str:
-        """Powers by degree as text, with what is known of errors.
-
-        Returns
-        -------
-        str
-        """
+        """Powers by degree as text, with what is known of errors."""
         lines = [
             f"Vector spherical harmonics to degree {self.modes.lmax}, matrix-free",
             f"sources        {self.n_sources}",
@@ -106,12 +101,7 @@ class MatrixFreeSolution(HarmonicSolution):
         return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
 
     def to_table(self) -> Table:
-        """The coefficients as an astropy Table, a row each; errors are nan where they were not asked for.
-
-        Returns
-        -------
-        Table
-        """
+        """The coefficients as an astropy Table, a row each; errors are nan where they were not asked for."""
         sigma = np.full(len(self.modes), np.nan)
         for mode, error in self.errors.items():
             sigma[self.modes.index(mode)] = error
@@ -125,10 +115,6 @@ class MatrixFreeSolution(HarmonicSolution):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.output import plot_power
 
@@ -218,18 +204,6 @@ def prior_precision(modes: Modes, power: float | ArrayLike | Callable[[int], flo
 
     An isotropic field of power P_l has var(c_l0) = P_l/(2l + 1), and half of that for each
     real and imaginary part.
-
-    Parameters
-    ----------
-    modes : Modes or int
-        What to fit, or the degree lmax.
-    power : float or array
-        ∫ |V_l|² dΩ. [(µas/yr)²]
-
-    Raises
-    ------
-    ParameterError
-        If a power is not positive.
     """
     if power is None:
         return np.zeros(len(modes))

@@ -43,13 +43,7 @@ class NamedSolution(LinearSolution):
     notes: tuple = ()
 
     def __post_init__(self) -> None:
-        """Check what a file or a caller may have mixed up.
-
-        Raises
-        ------
-        ParameterError
-            If values or covariance do not go with the names.
-        """
+        """Check what a file or a caller may have mixed up."""
         size = len(self.names)
         object.__setattr__(self, "values", float_array("the values", self.values, (size,), finite=False))
         object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, size))
@@ -86,12 +80,7 @@ class NamedSolution(LinearSolution):
         return self._vector("a")
 
     def to_table(self) -> Table:
-        """Parameters with their errors and correlations as an astropy Table, a row each.
-
-        Returns
-        -------
-        Table
-        """
+        """Parameters with their errors and correlations as an astropy Table, a row each."""
         columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
         columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
         return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
@@ -103,10 +92,6 @@ class NamedSolution(LinearSolution):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.output import plot_correlation
 

@@ -15,11 +15,6 @@ from vsh.checks.types import FloatArray
 
 __all__ = [
     "Quality",
-    "f_p_value",
-    "log_p_value",
-    "norm_limit",
-    "normal_deviate",
-    "printed_p_value",
 ]
 
 #: From so many standard deviations on, a χ² contradicts the errors.
@@ -60,12 +55,7 @@ class Quality:
         return float(np.sqrt(self.reduced)) if self.contradicted and self.chi2 > 0 else 1.0
 
     def warning(self) -> str | None:
-        """What a report says, or None.
-
-        Returns
-        -------
-        str | None
-        """
+        """What a report says, or None."""
         if self.dof <= 0:
             return "no degrees of freedom are left: the residuals say nothing of the errors"
         if not self.contradicted:
@@ -80,17 +70,6 @@ class Quality:
 
 def log_p_value(chi2: float, dof: float) -> float:
     """Logarithm of the probability of as much χ² or more; exact where the probability itself is zero in double precision.
-
-    Parameters
-    ----------
-    chi2 : float
-        χ².
-    dof : float
-        Degrees of freedom.
-
-    Returns
-    -------
-    float
 
     Examples
     --------
@@ -114,17 +93,6 @@ def log_p_value(chi2: float, dof: float) -> float:
 def normal_deviate(chi2: float, dof: float) -> float:
     """The z with the same tail probability as χ² with so many degrees of freedom, of any size.
 
-    Parameters
-    ----------
-    chi2 : float
-        χ².
-    dof : float
-        Degrees of freedom.
-
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> round(float(normal_deviate(12, 3)), 4), round(float(normal_deviate(2000, 3)), 1)
@@ -138,21 +106,7 @@ def normal_deviate(chi2: float, dof: float) -> float:
 
 
 def f_p_value(chi2: float, numerator: float, denominator: float) -> float:
-    """Probability of as much or more of χ² whose scale was estimated: chi2/numerator against F(numerator, denominator).
-
-    Parameters
-    ----------
-    chi2 : float
-        χ².
-    numerator : float
-        Its degrees of freedom.
-    denominator : float
-        Those of the scale.
-
-    Returns
-    -------
-    float
-    """
+    """Probability of as much or more of χ² whose scale was estimated: chi2/numerator against F(numerator, denominator)."""
     if not numerator:
         return float("nan")
     if not np.isfinite(denominator) or denominator > 1e8:
@@ -165,19 +119,6 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
 
     Exact where all components have one error; never below that of a search without a signal (CLs; Read 2002, J. Phys. G
     28, 2693).
-
-    Parameters
-    ----------
-    norms, sigma : (n,) arrays
-        What was found, and the error of a component.
-    size : int
-        How many components.
-    probability : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    array
 
     Examples
     --------
@@ -195,15 +136,5 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
 
 
 def printed_p_value(p: float) -> str:
-    """A probability as it is printed.
-
-    Parameters
-    ----------
-    p : float
-        A probability.
-
-    Returns
-    -------
-    str
-    """
+    """A probability as it is printed."""
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "nan"

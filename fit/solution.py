@@ -78,10 +78,6 @@ class Solution(HarmonicSolution):
             Of a simulated catalogue, by name.
         source : str, optional
             What was fitted.
-
-        Returns
-        -------
-        str
         """
         from fit.output import report
 
@@ -94,22 +90,13 @@ class Solution(HarmonicSolution):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.output import plot_spectrum
 
         return plot_spectrum(self, ax=ax)
 
     def to_table(self) -> Table:
-        """The coefficients with their errors as an astropy Table, a row each.
-
-        Returns
-        -------
-        Table
-        """
+        """The coefficients with their errors as an astropy Table, a row each."""
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": self.sigma}
         return tables.table_of(
             columns, {"frame": self.frame}, {name: self._units[name] for name in ("value", "sigma") if self._units}
@@ -121,12 +108,7 @@ class Solution(HarmonicSolution):
         return html_of(self)
 
     def latex(self) -> str:
-        """Spin, acceleration and powers as a LaTeX table (booktabs).
-
-        Returns
-        -------
-        str
-        """
+        """Spin, acceleration and powers as a LaTeX table (booktabs)."""
         from fit.output import latex_of
 
         return latex_of(self)
@@ -164,13 +146,7 @@ class Solution(HarmonicSolution):
         return replace(self, covariance=self.covariance * factor**2, errors_from=f"the catalogue, times {factor:.3g}")
 
     def __post_init__(self) -> None:
-        """Check what a file or a caller may have mixed up.
-
-        Raises
-        ------
-        ParameterError
-            If the covariance is none of so many coefficients.
-        """
+        """Check what a file or a caller may have mixed up."""
         object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, len(self.modes)))
         super().__post_init__()
 
@@ -256,33 +232,13 @@ class AboutSolution(Result):
     solution: Solution
 
     def report(self) -> str:
-        """The solution as text.
-
-        Returns
-        -------
-        str
-        """
+        """The solution as text."""
         return self.solution.report()
 
     def to_table(self) -> Table:
-        """The coefficients with their errors as an astropy Table, a row each.
-
-        Returns
-        -------
-        Table
-        """
+        """The coefficients with their errors as an astropy Table, a row each."""
         return self.solution.to_table()
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Power by degree on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
-        """
+        """Power by degree on matplotlib axes."""
         return self.solution.plot(ax=ax)

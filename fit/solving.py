@@ -120,10 +120,6 @@ def fit_field(
     covariance : Covariance or (2n, 2n) array, optional
         As for `normal_equations`.
 
-    Returns
-    -------
-    Solution
-
     Raises
     ------
     DegeneracyError

@@ -13,7 +13,6 @@ from fit.quality import norm_limit, normal_deviate
 __all__ = [
     "Degree",
     "spectrum",
-    "wilson_hilferty",
 ]
 
 
@@ -52,10 +51,6 @@ class Degree(NamedTuple):
         ----------
         probability : float
             Between 0 and 1.
-
-        Returns
-        -------
-        float
         """
         n = 2 * self.l + 1
         norm, sigma = np.sqrt([self.power]), np.sqrt([self.noise / n])
@@ -80,17 +75,6 @@ def spectrum(solution: HarmonicSolution) -> list[Degree]:
 
 def wilson_hilferty(w: float, n: float) -> float:
     """Z = √(9n/2) [(W/n)^⅓ − (1 − 2/(9n))]: nearly normal when W is χ² with n degrees of freedom.
-
-    Parameters
-    ----------
-    w : float
-        W.
-    n : float
-        Degrees of freedom.
-
-    Returns
-    -------
-    float
 
     Examples
     --------

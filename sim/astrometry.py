@@ -24,6 +24,11 @@ from vsh.checks.types import ArrayLike, BoolArray, FloatArray, Release, Rng
 from vsh.epochs import design_row
 from vsh.errors import ParameterError
 
+__all__ = [
+    "Astrometry",
+    "solve",
+]
+
 #: Knots of the attitude, whose error all sources seen in between share. [yr]
 KNOT = 30.0 / (365.25 * 86400)
 PARAMETERS = ("ra", "dec", "parallax", "pmra", "pmdec")
@@ -83,10 +88,6 @@ def solve(
     quote_variability : bool
         Fold the variability into the quoted covariance, A⁺ (W⁻¹ + C) A⁺ᵀ; the
         weights of the solution stay those of the measurement noise.
-
-    Returns
-    -------
-    Astrometry
     """
     rng = generator(rng)
     error = np.asarray(error, float)
@@ -130,19 +131,6 @@ def expected_solution_covariances(
 
     The true one adds A⁺ C A⁺ᵀ of the variability, and the attitude's error as if it were independent
     from transit to transit. nan where a source has too few transits.
-
-    Parameters
-    ----------
-    transits : Transits
-        Ordered by source.
-    error : (n,) array
-        Of a transit. [µas]
-    years : float
-        Length of the mission.
-    variability : Variability, optional
-        Variability of the photocentres.
-    attitude : float
-        Its error. [µas]
     """
     formal = solve(transits, error, 0, years=years).covariance
     inverse = formal / error[:, None, None] ** 2
@@ -169,20 +157,6 @@ def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 
     """Sky-mean errors of (α*, δ, ϖ, µ_α*, µ_δ) for a transit error of one, (5,).
 
     From n uniform positions, always the same ones; the law remembers the result.
-
-    Parameters
-    ----------
-    law : NominalScanningLaw
-        The scanning law.
-    n : int
-        Positions.
-    seed : int
-        Of the positions.
-
-    Raises
-    ------
-    ParameterError
-        If the mission is too short for any solution.
     """
     if (n, seed) not in law.remembered:
         rng = np.random.default_rng(seed)
@@ -202,32 +176,11 @@ def transit_error(
 
     Such that the sky-mean parallax error of the mission is the published one of the release,
     whatever the length of the mission.
-
-    Parameters
-    ----------
-    magnitude : (n,) array
-        G.
-    law : NominalScanningLaw
-        The scanning law.
-    release : {"DR3", "DR4", "DR5"}
-        Whose errors.
-    unit : (5,) array, optional
-        Of `errors_of_unit_transits(law)`, where it is at hand.
     """
     unit = errors_of_unit_transits(law) if unit is None else unit
     return parallax_error(np.asarray(magnitude, float), release) / unit[2]
 
 
 def attitude_noise(law: NominalScanningLaw, sigma: float, rng: Rng) -> FloatArray:
-    """Error of the attitude along scan in every interval between knots, (k,). [µas]
-
-    Parameters
-    ----------
-    law : NominalScanningLaw
-        The scanning law.
-    sigma : float
-        Its error. [µas]
-    rng : Generator or int
-        The source of all randomness.
-    """
+    """Error of the attitude along scan in every interval between knots, (k,). [µas]"""
     return sigma * generator(rng).standard_normal(int(np.ceil(law.years / KNOT)) + 1)

@@ -17,7 +17,6 @@ from vsh.units import AU_PER_YEAR
 
 __all__ = [
     "ATTRACTORS",
-    "ATTRACTORS_TODAY",
     "apparent_motion",
     "attraction",
     "attractions",
@@ -67,10 +66,6 @@ def apparent_motion(acceleration: Quantity) -> Any:
     acceleration : Quantity
         Of the observer.
 
-    Returns
-    -------
-    object
-
     Examples
     --------
     >>> f"{apparent_motion(1e-10 * u.m / u.s**2):.6f}"
@@ -86,10 +81,6 @@ def circular_acceleration(speed: Quantity, radius: Quantity) -> Any:
     ----------
     speed, radius : Quantities
         On the circle.
-
-    Returns
-    -------
-    object
 
     Examples
     --------
@@ -108,10 +99,6 @@ def attraction(mass: Quantity, distance: Quantity) -> Any:
         Of the attractor.
     distance : Quantity
         To it.
-
-    Returns
-    -------
-    object
 
     Examples
     --------
@@ -153,10 +140,6 @@ def transverse_motion(speed: Quantity, distance: Quantity) -> Any:
     distance : Quantity
         To the source.
 
-    Returns
-    -------
-    object
-
     Examples
     --------
     >>> f"{transverse_motion(750 * u.km / u.s, 44.44 * u.Mpc):.2f}"
@@ -176,10 +159,6 @@ def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, so
     density, mass, lens_distance, source_distance : Quantities
         Lenses in a volume.
 
-    Returns
-    -------
-    object
-
     Examples
     --------
     >>> f"{lensing_depth(0.05 / u.Mpc**3, 1e11 * u.M_sun, 5 * u.Gpc, 10 * u.Gpc):.2f}"
@@ -198,10 +177,6 @@ def lensing_motion(lens_motion: Quantity, depth: Quantity) -> Any:
         Of the lens.
     depth : float
         The optical depth.
-
-    Returns
-    -------
-    object
     """
     return lens_motion * np.sqrt(depth)
 

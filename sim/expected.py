@@ -122,6 +122,11 @@ def errors_by_place(
         [µas/yr]
     rho : (n,) array
         Their correlation.
+
+    Raises
+    ------
+    ParameterError
+        If a source has too few transits for five parameters.
     """
     from vsh.sky.pixels import centres, pixels_of  # healpy
 

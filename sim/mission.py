@@ -108,10 +108,6 @@ class Mission(InNotebook):
         excess_noise : float or (n,) array
             Added in quadrature. [µas]
 
-        Returns
-        -------
-        array
-
         Raises
         ------
         ParameterError
@@ -130,10 +126,6 @@ class Mission(InNotebook):
         rng : Generator or int
             The source of all randomness.
 
-        Returns
-        -------
-        array | None
-
         Raises
         ------
         ParameterError
@@ -145,20 +137,7 @@ class Mission(InNotebook):
 
 
 def as_mission(mission: Mission | NominalScanningLaw, release: Release = "DR3") -> Mission:
-    """A Mission; a bare scanning law becomes one with the errors of a release.
-
-    Parameters
-    ----------
-    mission : Mission or NominalScanningLaw
-        Any.
-    release : {"DR3", "DR4", "DR5", "paper"}
-        Whose errors.
-
-    Raises
-    ------
-    ParameterError
-        If it is neither.
-    """
+    """A Mission; a bare scanning law becomes one with the errors of a release."""
     if isinstance(mission, NominalScanningLaw):
         return Mission(mission, release)
     return arguments.a(Mission, NominalScanningLaw)("mission", mission)

@@ -23,18 +23,6 @@ def parallax_error(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray
     """Sky-mean standard error of the parallax, (n,). [µas]
 
     Gaia's published error model: √(40 + 800 z + 30 z²) · t with z = 10^{0.4 (max(G, 13) − 15)}.
-
-    Parameters
-    ----------
-    magnitude : (n,) array
-        G.
-    release : {"DR3", "DR4", "DR5", "paper"}
-        Whose errors.
-
-    Raises
-    ------
-    ParameterError
-        If the release is unknown.
     """
     if release not in RELEASES:
         raise ParameterError(f"unknown release {release!r}: choose one of {', '.join(RELEASES)}")
@@ -52,10 +40,6 @@ def gaia_errors(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
         G.
     release : {"DR3", "DR4", "DR5", "paper"}
         Whose errors.
-
-    Returns
-    -------
-    array
 
     Examples
     --------

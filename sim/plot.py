@@ -40,10 +40,6 @@ def plot_density(population: Population, nside: int = 16, title: str | None = No
         Of the figure.
     ax : matplotlib axes, optional
         Whose place the map takes; a new figure unless given.
-
-    Returns
-    -------
-    SkyAxes
     """
     pixel = pixels_of(population.lon, population.lat, nside)
     density = np.bincount(pixel, minlength=12 * nside**2) / (41252.96 / (12 * nside**2))
@@ -70,10 +66,6 @@ def plot_transits(population: Population, counts: FloatArray, nside: int = 16, *
         Of the HEALPix pixels.
     ax : matplotlib axes, optional
         Whose place the map takes; a new figure unless given.
-
-    Returns
-    -------
-    SkyAxes
     """
     values = mean_map(population.lon, population.lat, counts, nside)
     return plot_map(
@@ -91,10 +83,6 @@ def plot_histograms(population: Population, *, ax: Any = None) -> Any:
         The sources.
     ax : matplotlib axes, one for each quantity there is, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (k,) array of matplotlib axes
     """
     columns = {"G": population.magnitude, "redshift": population.redshift}
     columns = {name: values for name, values in columns.items() if values is not None}
@@ -123,10 +111,6 @@ def plot_tracks(
         How many.
     ax : matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
     """
     rng = generator(rng)
     (axes,) = panels(ax, size=(WIDTH, 3.2))
@@ -151,10 +135,6 @@ def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = PLAN
         The shape of the distance: flat, Ω_m = 0.315 unless given.
     ax : two matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (2,) array of matplotlib axes
     """
     z = np.geomspace(1e-3, 6, 400)
     distance = transverse_distance(z, cosmology)

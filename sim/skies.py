@@ -17,9 +17,6 @@ from vsh.sky.pixels import centres, random_positions
 from vsh.sky.sphere import angles, triad
 
 __all__ = [
-    "GUMS_PLANE",
-    "IGQL_SHARES",
-    "NSIDE",
     "draw_positions",
     "sky_map",
 ]
@@ -84,10 +81,6 @@ def draw_positions(
         A name known to `sky_map`, or a map in ring order.
     map_frame : str
         Of the axes of a map that is given.
-
-    Returns
-    -------
-    lon, lat : (n,) arrays
     """
     density, frame = sky_map(sky) if isinstance(sky, str) else (sky, map_frame)
     lon, lat = random_positions(density, n, rng)

@@ -18,8 +18,6 @@ from vsh.errors import ParameterError
 
 __all__ = [
     "Variability",
-    "chain_products",
-    "markov_chain",
 ]
 
 
@@ -49,36 +47,12 @@ class Variability(InNotebook):
         ----------
         times : (k,) array
             Of the observations. [yr]
-
-        Returns
-        -------
-        array
         """
         return self.sigma**2 * np.exp(-np.abs(np.subtract.outer(times, times)) / self.tau)
 
 
 def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: IntArray | None = None) -> FloatArray:
     """One draw of the chain at irregular times.
-
-    Parameters
-    ----------
-    times : (k,) array
-        Rising, within each source [yr]
-    sigma, tau : float
-        As of `Variability` [unit of the result; yr]
-    rng : Generator or int
-        The source of all randomness.
-    source : (k,) int array, optional
-        Rising; a new source begins a new chain.
-
-    Returns
-    -------
-    (k,) array
-
-    Raises
-    ------
-    ParameterError
-        If the times of a source fall.
 
     Examples
     --------
@@ -102,23 +76,7 @@ def markov_chain(times: FloatArray, sigma: float, tau: float, rng: Rng, source: 
 
 
 def chain_products(weights: FloatArray, source: IntArray, times: FloatArray, tau: float) -> FloatArray:
-    """Covariances of weighted sums of chains of unit variance: Σ over sources of aᵀ C a', C_ij = e^{−|t_i − t_j|/τ}.
-
-    Parameters
-    ----------
-    weights : (K, 2, k) array
-        a of each sum, for α* and δ, which vary independently.
-    source : (k,) int array
-        Rising.
-    times : (k,) array
-        Rising, within each source. [yr]
-    tau : float
-        Correlation time. [yr]
-
-    Returns
-    -------
-    (K, K) array
-    """
+    """Covariances of weighted sums of chains of unit variance: Σ over sources of aᵀ C a', C_ij = e^{−|t_i − t_j|/τ}."""
     first = np.r_[True, source[1:] != source[:-1]] if len(times) else np.zeros(0, bool)
     keep = np.where(first, 0.0, np.exp(-np.where(first, 0.0, np.diff(times, prepend=0.0)) / tau))
     # What all earlier observations of a source amount to at each: one step of the chain after the other.

@@ -19,19 +19,6 @@ def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: Any = None) -> An
     """Every parameter of a study: how far its mean is from the truth, its scatter over its formal error, and coverage.
 
     Each with the error that the number of realisations leaves it.
-
-    Parameters
-    ----------
-    rows : list of dicts
-        Of `study.results.summary`.
-    ax : three matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (3,) array of matplotlib axes
-        Mean less truth in units of the scatter; scatter over formal error; share of the intervals of 68 and 95 % that hold
-        the truth.
     """
     cases = list(dict.fromkeys(row["case"] for row in rows))
     names = list(dict.fromkeys(row["parameter"] for row in rows))

@@ -92,10 +92,6 @@ def load(source: PathName | dict[str, Any]) -> Study:
     source : path of a TOML file, or a dict
         The configuration.
 
-    Returns
-    -------
-    Study
-
     Raises
     ------
     StudyError

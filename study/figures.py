@@ -18,15 +18,7 @@ from vsh.units import AU_PER_YEAR
 
 
 def write_figures(study: Study, folder: Path) -> list[Path]:
-    """Figures 1 to 4 as PNG and PDF; returns their paths.
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    folder : str or Path
-        Where to write.
-    """
+    """Figures 1 to 4 as PNG and PDF; returns their paths."""
     without_windows()
     figures = {
         "figure1_distance": plot_distance_and_parallax,

@@ -19,34 +19,12 @@ from vsh.system.files import read_arrays
 
 
 def prepared_sources(study: Study, case: dict[str, Any], folder: Path, progress: bool = True) -> Path:
-    """The file with all sources of a case and the folder with their transits, made if they are not there.
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    case : dict
-        One of its cases.
-    folder : Path
-        Where to write.
-    progress : bool
-        Show a bar, after two seconds.
-
-    Returns
-    -------
-    Path
-        Of the file; its name is a hash of all that determines it.
-
-    Raises
-    ------
-    StudyError
-        If there are too few sources, or a number makes no sense.
-    """
+    """The file with all sources of a case and the folder with their transits, made if they are not there."""
     wanted = {"sources": {key: value for key, value in case.items() if key != "name"}, "mission": study.mission, "seed": study.settings["seed"]}  # fmt: skip
-    return kept(folder, "joint", wanted, lambda path: _make(study, case, path.with_suffix(""), progress))
+    return kept(folder, "joint", wanted, lambda path: _make_joint(study, case, path.with_suffix(""), progress))
 
 
-def _make(study, case, scans, progress):
+def _make_joint(study, case, scans, progress):
     """The sources of a case, and the folder of their transits."""
     mission = study.mission
     skies, chosen, law = streams_and_law(study)
@@ -69,24 +47,7 @@ def _make(study, case, scans, progress):
 
 
 def solved_errors(study: Study, case: dict[str, Any], path: Path, rng: np.random.Generator) -> dict[str, Field]:
-    """One draw of all observations, solved: errors of motions, and of offsets from radio positions, by kind of source.
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    case : dict
-        The case.
-    path : Path
-        Of `prepared_sources`.
-    rng : Generator
-        The source of all randomness.
-
-    Returns
-    -------
-    dict of str to Field
-        Estimate less truth, in the study's frame, with the errors that would be quoted.
-    """
+    """One draw of all observations, solved: errors of motions, and of offsets from radio positions, by kind of source."""
     system, mixture, vlbi = _system(path, json.dumps(study.mission, sort_keys=True))
     noise, radio = rng.spawn(2)
     told = case["quasars"]

@@ -23,19 +23,7 @@ _SET = {
 
 
 def write_paper(study: Study, folder: Path, n_realisations: int, draw: bool = True) -> None:
-    """Write tables.md, tables.ecsv, comparison.md and the figures into the folder of a finished study.
-
-    Parameters
-    ----------
-    study : Study
-        Cases A to D.
-    folder : Path
-        Where to write.
-    n_realisations : int
-        Realisations.
-    draw : bool
-        Figures as well.
-    """
+    """Write tables.md, tables.ecsv, comparison.md and the figures into the folder of a finished study."""
     folder = Path(folder)
     rows = summary(study, read_realisations(study, folder, n_realisations))
     correlations = {name: _correlation(study, folder, name) for name in ("A", "D")}

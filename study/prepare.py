@@ -23,26 +23,7 @@ def prepared(
     folder: Path,
     progress: bool = True,
 ) -> Path:
-    """The file with the sources of one kind, made if it is not there.
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    case : dict
-        One of its cases.
-    kind : {"quasars", "vlbi", "galaxies"}
-        Which sources of the case.
-    folder : Path
-        Where to write.
-    progress : bool
-        Show a bar, after two seconds.
-
-    Returns
-    -------
-    Path
-        Its name is a hash of all that determines it: cases with the same sources share a file.
-    """
+    """The file with the sources of one kind, made if it is not there."""
     wanted = {"kind": kind, "sources": case[kind], "mission": study.mission, "seed": study.settings["seed"]}
     if kind == "galaxies":  # how they are seen is no matter of theirs
         wanted["sources"] = {key: value for key, value in case[kind].items() if key != "redshifts"} | {"columns": 2}
@@ -51,23 +32,7 @@ def prepared(
 
 
 def kept(folder: Path, kind: str, wanted: dict[str, Any], make: Callable[[Path], dict[str, Any]]) -> Path:
-    """A file of arrays, made if it is not there.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to write.
-    kind : str
-        What its name begins with.
-    wanted : dict
-        All that determines it, as plain values, of which its name is a hash.
-    make : function of the path
-        Makes the arrays.
-
-    Returns
-    -------
-    Path
-    """
+    """A file of arrays, made if it is not there."""
     key = hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()[:16]
     path = folder / f"{kind}-{key}.npz"
     if not path.exists():
@@ -77,18 +42,7 @@ def kept(folder: Path, kind: str, wanted: dict[str, Any], make: Callable[[Path],
 
 
 def streams_and_law(study: Study) -> tuple[np.random.Generator, np.random.Generator, sim.NominalScanningLaw]:
-    """The streams of positions and of chosen sources, the same in all cases, and the scanning law with its gaps.
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-
-    Returns
-    -------
-    skies, chosen : Generators
-    law : NominalScanningLaw
-    """
+    """The streams of positions and of chosen sources, the same in all cases, and the scanning law with its gaps."""
     # A stream for each thing, the same in all cases: what differs between them is what they say.
     skies, chosen, gaps = np.random.default_rng(study.settings["seed"]).spawn(3)
     mission = study.mission
@@ -96,19 +50,7 @@ def streams_and_law(study: Study) -> tuple[np.random.Generator, np.random.Genera
 
 
 def galaxies_of(case: dict[str, Any], skies: np.random.Generator) -> sim.Population:
-    """The galaxies of a case.
-
-    Parameters
-    ----------
-    case : dict
-        With galaxies.
-    skies : Generator
-        Of `streams_and_law`.
-
-    Returns
-    -------
-    Population
-    """
+    """The galaxies of a case."""
     told = case["galaxies"]
     limits = {name: told[name] for name in ("min_redshift", "max_redshift")}
     return sim.galaxies(told["number"], skies.spawn(1)[0], told["sky"], **limits)

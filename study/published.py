@@ -91,13 +91,7 @@ EXPERIMENTS = 100
 
 
 def published(case: str) -> dict[str, Any]:
-    """Mean, standard deviation and formal error by parameter, for a case of the paper.
-
-    Parameters
-    ----------
-    case : str
-        Its name.
-    """
+    """Mean, standard deviation and formal error by parameter, for a case of the paper."""
     out = {}
     for names, table in ((_FRAME, _TABLE_5), (_GALAXIES, _TABLE_7)):
         for name, *three in zip(names, *table[case], strict=True):

@@ -21,25 +21,7 @@ _KINDS = ("quasars", "vlbi", "galaxies")
 
 
 def realise(study: Study, index: int, files: dict[str, Path], number: int) -> dict[str, dict[str, float]]:
-    """Draw and fit one realisation.
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    index : int
-        Of the case.
-    files : dict of str to path
-        Its sources, from `study.prepare.prepared`; or all of them under "joint", from `study.joint.prepared_sources`.
-    number : int
-        Of the realisation.
-
-    Returns
-    -------
-    dict of str to dict
-        "values" and "sigma", each by name of parameter. Names end in @l where they are from harmonics to
-        degree l, in @seen where redshifts are as the Sun sees them; g_a_x … is the acceleration from the galaxies.
-    """
+    """Draw and fit one realisation."""
     truth, frame = study.truth, study.settings["frame"]
     streams = {
         kind: np.random.default_rng([study.settings["seed"], 7, index, number, k]) for k, kind in enumerate(_KINDS)
@@ -91,13 +73,7 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
 
 
 def true_velocity(study: Study) -> Vector:
-    """The velocity of the configuration (speed, l, b), a Vector along the study's axes. [km/s]
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    """
+    """The velocity of the configuration (speed, l, b), a Vector along the study's axes. [km/s]"""
     speed, l, b = study.truth["velocity"]
     return Vector.from_spherical(speed, l, b, frame="galactic", unit="km/s").to_frame(study.settings["frame"])
 

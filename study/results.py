@@ -15,17 +15,7 @@ from vsh.checks.types import Table
 
 
 def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
-    """Values and errors of all realisations, by case: dicts of name to (n_realisations,) arrays.
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    folder : str or Path
-        The folder of the study.
-    n_realisations : int
-        How many.
-    """
+    """Values and errors of all realisations, by case: dicts of name to (n_realisations,) arrays."""
     found = {}
     for case in study.cases:
         paths = [folder / "realisations" / case["name"] / f"{number:05d}.json" for number in range(n_realisations)]
@@ -38,17 +28,7 @@ def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
 
 
 def write_results(study: Study, folder: Path, n_realisations: int) -> None:
-    """Write results.ecsv (every number of every realisation) and summary.ecsv (a row a case and parameter).
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    folder : str or Path
-        Where to write.
-    n_realisations : int
-        How many.
-    """
+    """Write results.ecsv (every number of every realisation) and summary.ecsv (a row a case and parameter)."""
     found = read_realisations(study, folder, n_realisations)
     columns = {"case": [], "realisation": [], "parameter": [], "value": [], "sigma": []}
     for case, (values, sigma) in found.items():
@@ -70,13 +50,6 @@ def summary(study: Study, found: Any) -> list[dict[str, Any]]:
     The truth stands beside them, and how far the mean is from it in standard errors of the mean; how uncertain the scatter is
     after so many realisations; and the shares of them whose intervals of 68 and 95 % (1 and 1.96 σ) hold the truth, with the
     standard deviation that such a share would have if the errors were right.
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    found : dict
-        From `read_realisations`.
     """
     rows = []
     for case, (values, sigma) in found.items():
@@ -98,49 +71,17 @@ def summary(study: Study, found: Any) -> list[dict[str, Any]]:
 
 
 def chance(reach: float) -> float:
-    """How often a normal deviate is within `reach` standard deviations.
-
-    Parameters
-    ----------
-    reach : float
-        In standard deviations.
-
-    Returns
-    -------
-    float
-    """
+    """How often a normal deviate is within `reach` standard deviations."""
     return float(2 * ndtr(reach) - 1)
 
 
 def table_of(rows: list[dict[str, Any]]) -> Table:
-    """A summary as an astropy Table.
-
-    Parameters
-    ----------
-    rows : list of dicts
-        Of `summary`.
-
-    Returns
-    -------
-    Table
-    """
+    """A summary as an astropy Table."""
     return tables.table_of({key: [row[key] for row in rows] for key in rows[0]})
 
 
 def truth_of(study: Study, name: str) -> float:
-    """The true value of a parameter.
-
-    Parameters
-    ----------
-    study : Study
-        The configuration.
-    name : str
-        Of a parameter.
-
-    Returns
-    -------
-    float
-    """
+    """The true value of a parameter."""
     from study.realise import true_velocity
 
     truth, name = study.truth, name.split("@")[0].removeprefix("g_")

@@ -26,23 +26,6 @@ from vsh.sky.sphere import multiples, sin_cos
 def harmonics(lon: FloatArray, lat: FloatArray, modes: Modes | int) -> FloatArray:
     """The field of each mode at each source: the design matrix.
 
-    Parameters
-    ----------
-    lon, lat : (n,) arrays
-        Positions [rad]
-    modes : Modes or ScalarModes, or the degree lmax of vector fields
-        Which modes, in which order; p of them.
-
-    Returns
-    -------
-    (p, 2, n) array; (p, 1, n) of scalar modes
-        East and north component, or the value, of every mode at every source, for a coefficient of one.
-
-    Raises
-    ------
-    ParameterError
-        If positions are not finite, or of unequal length.
-
     Examples
     --------
     >>> from vsh import Modes
@@ -59,28 +42,12 @@ def harmonics(lon: FloatArray, lat: FloatArray, modes: Modes | int) -> FloatArra
 
 
 def spheroidal_twin(toroidal: FloatArray) -> FloatArray:
-    """S is T turned by +90° about the line of sight: (e, n) → (-n, e), axis 1.
-
-    Parameters
-    ----------
-    toroidal : (p, 2, n) array
-        Toroidal harmonics.
-    """
+    """S is T turned by +90° about the line of sight: (e, n) → (-n, e), axis 1."""
     return np.stack([-toroidal[:, 1], toroidal[:, 0]], axis=1)
 
 
 def toroidal_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
-    """The toroidal half of `harmonics`: (lmax (lmax + 2), 2, n).
-
-    Parameters
-    ----------
-    lon : (n,) array
-        Longitude. [rad]
-    lat : (n,) array
-        Latitude. [rad]
-    lmax : int
-        The highest degree.
-    """
+    """The toroidal half of `harmonics`: (lmax (lmax + 2), 2, n)."""
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     sin, cos = sin_cos(lat)
     turn_re, turn_im = multiples(lon, lmax)
@@ -110,15 +77,6 @@ def scalar_harmonics(lon: FloatArray, lat: FloatArray, lmax: int) -> FloatArray:
 
     A coefficient of one of a spheroidal mode is the gradient of these, over √(l(l+1)): Y_l0, then
     2 Re Y_lm and −2 Im Y_lm for m = 1 … l.
-
-    Parameters
-    ----------
-    lon : (n,) array
-        Longitude. [rad]
-    lat : (n,) array
-        Latitude. [rad]
-    lmax : int
-        The highest degree.
 
     Examples
     --------

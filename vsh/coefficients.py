@@ -109,10 +109,6 @@ class Coefficients(Frozen):
             In which the coefficients are.
         unit : str
             Of the coefficients.
-
-        Returns
-        -------
-        Vector
         """
         place = self.modes.slice_of(kind, 1)
         own = np.zeros((3, 3)) if covariance is None else np.asarray(covariance)[place, place]
@@ -127,10 +123,6 @@ class Coefficients(Frozen):
             Toroidal or spheroidal; "F" of a scalar field.
         l : int
             The degree.
-
-        Returns
-        -------
-        float
         """
         c = self.values[self.modes.slice_of(kind, l)]
         return float(c[0] ** 2 + 2 * np.sum(c[1:] ** 2))
@@ -142,10 +134,6 @@ class Coefficients(Frozen):
         ----------
         lon, lat : (n,) arrays
             Positions [rad]
-
-        Returns
-        -------
-        array
         """
         lon, lat = np.broadcast_arrays(np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float))
         out = np.empty((self.modes.components, lon.size))
@@ -166,10 +154,6 @@ class Coefficients(Frozen):
         ----------
         lmax : int
             The highest degree.
-
-        Returns
-        -------
-        Coefficients
         """
         modes = as_modes(lmax, self._kind)
         values = np.zeros(len(modes))
@@ -193,21 +177,7 @@ class Coefficients(Frozen):
 
 
 def vector_of(rows: FloatArray, values: FloatArray, covariance: FloatArray, frame: str, unit: str) -> Vector:
-    """The vector whose components along the axes make the three coefficients of degree 1.
-
-    Parameters
-    ----------
-    rows : (3, 3) array
-        From components to coefficients: `FIRST_DEGREE`, or that of a scalar's dipole.
-    values, covariance : (3,) and (3, 3) arrays
-        Of the coefficients.
-    frame, unit : str
-        Theirs.
-
-    Returns
-    -------
-    Vector
-    """
+    """The vector whose components along the axes make the three coefficients of degree 1."""
     # The rows are orthogonal, but not of one length: the inverse, then.
     inverse = np.linalg.inv(rows)
     return Vector(inverse @ values, inverse @ covariance @ inverse.T, frame, unit)

@@ -87,10 +87,6 @@ def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
     parameters : dict of str to float
         As `to_icrf3` gives them. [µas/yr]
 
-    Returns
-    -------
-    Coefficients
-
     Raises
     ------
     ModesError
@@ -133,10 +129,6 @@ def from_healpy(alm: ArrayLike) -> Coefficients:
     alm : (2, k) complex array
         E and B, in healpy's order. [µas/yr]
 
-    Returns
-    -------
-    Coefficients
-
     Raises
     ------
     ModesError
@@ -174,10 +166,6 @@ def scalar_from_healpy(alm: ArrayLike) -> ScalarCoefficients:
     ----------
     alm : (k,) complex array
         In healpy's order.
-
-    Returns
-    -------
-    ScalarCoefficients
 
     Raises
     ------

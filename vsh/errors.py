@@ -77,12 +77,6 @@ class VshWarning(UserWarning):
 
 
 def first_line(error: object) -> str:
-    """The first line of what an error says.
-
-    Parameters
-    ----------
-    error : Exception
-        Any.
-    """
+    """The first line of what an error says."""
     text = str(error).strip()
     return text.splitlines()[0].rstrip(".") if text else type(error).__name__

@@ -239,10 +239,6 @@ class Field(Tabled):
         ----------
         model : (2, n) array
             Motions. [µas/yr]
-
-        Returns
-        -------
-        Field
         """
         return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 
@@ -255,10 +251,6 @@ class Field(Tabled):
             Standard errors. [µas/yr]
         rho : (n,) array, optional
             Their correlation; as it is unless given.
-
-        Returns
-        -------
-        Field
         """
         rho = self.rho if rho is None else float_array("rho", rho, finite=False)
         sigma = float_array("sigma", sigma, finite=False)
@@ -274,10 +266,6 @@ class Field(Tabled):
         ----------
         name : {"icrs", "galactic", "ecliptic"}
             The frame to turn to.
-
-        Returns
-        -------
-        Field
         """
         if check_frame(name) == self.frame:
             return self

@@ -154,10 +154,6 @@ class Modes(InNotebook):
             One of `kinds`.
         l : int
             The degree.
-
-        Returns
-        -------
-        slice
         """
         start = self.index(Mode(kind, l, 0))
         return slice(start, start + 2 * l + 1)
@@ -199,18 +195,6 @@ class ScalarModes(Modes):
 
 def as_modes(modes: Modes | int, kind: type[Modes] | None = Modes) -> Modes:
     """Modes of vector fields, or of another kind; or the degree lmax in their place.
-
-    Parameters
-    ----------
-    modes : Modes or int
-        Or the degree lmax.
-    kind : type or None
-        `Modes` or `ScalarModes`; None takes either, and a degree for one of vector fields.
-
-    Raises
-    ------
-    ModesError
-        If it is neither, or modes of the other kind of field.
 
     Examples
     --------

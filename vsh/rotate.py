@@ -40,10 +40,6 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     frame : str
         Where they stand now; not used with a matrix.
 
-    Returns
-    -------
-    Coefficients, of the kind that was given; or they and a (p, p) array where a covariance was given
-
     Raises
     ------
     FrameError
@@ -83,10 +79,6 @@ def degree_matrix(l: int, vector: FloatArray) -> FloatArray:
         Axis times angle of the rotation r' = A r [rad]
     l : int
         The degree.
-
-    Returns
-    -------
-    array
     """
     m = np.arange(-l, l + 1)
     raising = np.diag(np.sqrt(l * (l + 1) - m[:-1] * (m[:-1] + 1)), -1)  # J₊ |m⟩ = √… |m + 1⟩

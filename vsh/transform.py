@@ -22,10 +22,7 @@ from vsh.system.parallel import cores
 
 __all__ = [
     "adjoint",
-    "adjoint_on_rings",
-    "fourier_moments",
     "synthesis",
-    "synthesis_on_rings",
 ]
 
 #: Relative accuracy asked of ducc0; it reaches 2e-13 at best in double precision.
@@ -123,24 +120,7 @@ def adjoint(
 def fourier_moments(
     lon: ArrayLike, lat: ArrayLike, values: FloatArray, max_order: int, threads: int | None = 1
 ) -> FloatArray:
-    """Σ over the sources of values · e^{−i(Mα + nδ)}, a non-uniform Fourier transform.
-
-    Parameters
-    ----------
-    lon, lat : (n,) arrays
-        Positions [rad]; already checked, of a Field.
-    values : (k, n) complex array
-        Of each source.
-    max_order : int
-        The highest |M| and |n|.
-    threads : int, optional
-        How many; one a core unless given.
-
-    Returns
-    -------
-    (k, 2 max_order + 1, 2 max_order + 1) complex array
-        Indexed by M + max_order and n + max_order.
-    """
+    """Σ over the sources of values · e^{−i(Mα + nδ)}, a non-uniform Fourier transform."""
     out = np.empty((len(values), 2 * max_order + 1, 2 * max_order + 1), complex)
     ducc0.nufft.nu2u(
         points=np.ascontiguousarray(values, complex),
@@ -155,21 +135,7 @@ def fourier_moments(
 
 
 def synthesis_on_rings(coefficients: Coefficients, shape: tuple[int, ...], threads: int | None = None) -> FloatArray:
-    """The field on rings of latitude, (2, rings, points): east and north.
-
-    Parameters
-    ----------
-    coefficients : Coefficients
-        The field. [µas/yr]
-    shape : (rings, points)
-        Latitudes −π/2 + (j + ½) π/rings, longitudes 2πk/points.
-    threads : int, optional
-        How many; one a core unless given.
-
-    Returns
-    -------
-    array
-    """
+    """The field on rings of latitude, (2, rings, points): east and north."""
     south, east = ducc0.sht.synthesis_2d(
         alm=to_healpy(coefficients),
         spin=1,
@@ -183,21 +149,7 @@ def synthesis_on_rings(coefficients: Coefficients, shape: tuple[int, ...], threa
 
 
 def adjoint_on_rings(modes: Modes, motion: FloatArray, threads: int | None = None) -> FloatArray:
-    """Σ over the points of rings of motion · V_i, the adjoint of `synthesis_on_rings`.
-
-    Parameters
-    ----------
-    modes : Modes
-        The modes V_i; p of them.
-    motion : (2, rings, points) array
-        East and north.
-    threads : int, optional
-        How many; one a core unless given.
-
-    Returns
-    -------
-    array
-    """
+    """Σ over the points of rings of motion · V_i, the adjoint of `synthesis_on_rings`."""
     alm = ducc0.sht.adjoint_synthesis_2d(
         map=np.ascontiguousarray(np.stack([-motion[1, ::-1], motion[0, ::-1]])),
         spin=1,

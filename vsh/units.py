@@ -26,15 +26,6 @@ KM_S_MYR = 1 / (SPEED_OF_LIGHT * 1e6 * UAS)
 def hubble_rate(hubble: float) -> float:
     """H0 as an angular rate, as angles would change in an expansion on one axis only. [µas/yr]
 
-    Parameters
-    ----------
-    hubble : float
-        H0. [km/s/Mpc]
-
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> round(hubble_rate(67.3), 4), round(hubble_rate(70), 4)

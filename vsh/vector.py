@@ -177,10 +177,6 @@ class Vector(Frozen):
         ----------
         probability : float
             Between 0 and 1.
-
-        Returns
-        -------
-        float
         """
         return self._upper(1 - between("probability", probability, 0, 1))
 
@@ -207,10 +203,6 @@ class Vector(Frozen):
         ----------
         probability : float
             Between 0 and 1.
-
-        Returns
-        -------
-        float
 
         Notes
         -----
@@ -261,10 +253,6 @@ class Vector(Frozen):
         ----------
         name : {"icrs", "galactic", "ecliptic"}
             The frame to turn to.
-
-        Returns
-        -------
-        Vector
         """
         matrix = rotation_matrix(self.frame, name)
         return replace(self, value=matrix @ self.value, covariance=matrix @ self.covariance @ matrix.T, frame=name)
@@ -283,12 +271,6 @@ class Vector(Frozen):
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:
-    """The correlation matrix of a covariance.
-
-    Parameters
-    ----------
-    covariance : (k, k) array
-        Any.
-    """
+    """The correlation matrix of a covariance."""
     sigma = np.sqrt(np.diag(covariance))
     return covariance / np.outer(sigma, sigma)

@@ -48,10 +48,6 @@ class Amplitude(Frozen):
         ----------
         amplitude : array
             A, not below zero.
-
-        Returns
-        -------
-        array
         """
         x = np.sqrt(np.asarray(amplitude, float))
         return np.exp(np.interp(x, self.root, self.log_likelihood, left=-np.inf, right=-np.inf))
@@ -67,10 +63,6 @@ class Amplitude(Frozen):
             Flat in A, in √A, or in ln A.
         lowest : float, optional
             Where a prior flat in ln A begins; it has no limit otherwise.
-
-        Returns
-        -------
-        float
         """
         x, share = self._shares(prior, lowest)
         return float(np.interp(between("probability", probability, 0, 1), share, x) ** 2)
@@ -84,10 +76,6 @@ class Amplitude(Frozen):
             A.
         prior : {"flat", "root"}
             As for `quantile`.
-
-        Returns
-        -------
-        float
         """
         return float(np.interp(np.sqrt(amplitude), *self._shares(prior)))
 

@@ -21,24 +21,7 @@ QUOTED = "the catalogue"
 
 
 def equations_of(found: Any) -> NormalEquations:
-    """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of.
-
-    Parameters
-    ----------
-    found : NormalEquations, Solution, or a result about one
-        What was summed or fitted.
-
-    Returns
-    -------
-    NormalEquations
-
-    Raises
-    ------
-    ParameterError
-        If it is neither, or a solution with a prior in it, whose data alone are not known any more.
-    DegeneracyError
-        If a solution's covariance is singular, of too few replicates say.
-    """
+    """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
     found = _about(found)
     if isinstance(found, NormalEquations | HarmonicSolution) and found.modes.components != 2:
         raise ParameterError(
@@ -75,52 +58,18 @@ def equations_of(found: Any) -> NormalEquations:
 
 
 def errors_of(found: Any) -> str:
-    """Where the errors come from; where from the catalogue alone, χ² tells their scale.
-
-    Parameters
-    ----------
-    found : NormalEquations or Solution
-        What was fitted.
-    """
+    """Where the errors come from; where from the catalogue alone, χ² tells their scale."""
     return getattr(_about(found), "errors_from", QUOTED)
 
 
 def is_scaled(found: Any, noise_scale: bool | None) -> bool:
-    """Whether the scale of the errors is estimated: as told, or where the errors are the catalogue's.
-
-    Parameters
-    ----------
-    found : NormalEquations or Solution
-        What was fitted.
-    noise_scale : bool or None
-        What the user says.
-
-    Raises
-    ------
-    ParameterError
-        If that is neither.
-    """
+    """Whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
     told = choice("noise_scale", noise_scale, (None, True, False))
     return errors_of(found) == QUOTED if told is None else told
 
 
 def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
-    """Degrees that are among those fitted, in order, each once.
-
-    Parameters
-    ----------
-    modes : Modes
-        What is fitted.
-    degrees : int or iterable of int
-        As users give them.
-    name : str
-        Of the argument, for the message.
-
-    Raises
-    ------
-    ModesError
-        If one is not fitted, or none is given.
-    """
+    """Degrees that are among those fitted, in order, each once."""
     try:
         listed = list(degrees) if isinstance(degrees, Iterable) else [degrees]
         found = sorted({int(each) for each in listed if int(each) == each})
@@ -135,26 +84,12 @@ def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[i
 
 
 def places(modes: Modes, degrees: Iterable[int]) -> IntArray:
-    """Where the coefficients of some degrees are stored.
-
-    Parameters
-    ----------
-    modes : Modes
-        All of them.
-    degrees : iterable of int
-        Those wanted.
-    """
+    """Where the coefficients of some degrees are stored."""
     return np.flatnonzero(np.isin(modes.degrees, list(degrees)))
 
 
 def words_of(degrees: Sequence[int]) -> str:
-    """Degrees as a reader sees them: "2, 3", "2 to 7".
-
-    Parameters
-    ----------
-    degrees : sequence of int
-        Rising.
-    """
+    """Degrees as a reader sees them: "2, 3", "2 to 7"."""
     degrees = list(degrees)
     if len(degrees) > 2 and degrees == list(range(degrees[0], degrees[-1] + 1)):
         return f"{degrees[0]} to {degrees[-1]}"

@@ -59,10 +59,6 @@ def evidence(
     noise_scale : float
         Factor on the catalogue's errors, √(χ²/dof) say.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     ModesError
@@ -134,12 +130,7 @@ class Comparison(Result):
         return np.exp(self.log_evidence - logsumexp(self.log_evidence))
 
     def report(self) -> str:
-        """The models with their evidences as text, the best first.
-
-        Returns
-        -------
-        str
-        """
+        """The models with their evidences as text, the best first."""
         wide = max(len(name) for name in self.names) + 2
         lines = [f"{'model':{wide}}{'ln Z':>10}{'less the best':>16}{'probability':>14}"]
         for i in np.argsort(-self.log_evidence, kind="stable"):
@@ -153,12 +144,7 @@ class Comparison(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each model as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each model as an astropy Table."""
         columns: dict[str, Any] = {
             "model": list(self.names),
             "log_evidence": self.log_evidence,
@@ -173,10 +159,6 @@ class Comparison(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.background._plot import plot_comparison
 
@@ -191,10 +173,6 @@ def compare(models: Mapping[str, Any]) -> Comparison:
     models : dict of str to float, or to a tuple
         ln Z by name, or what `evidence` takes: (normal, spectrum, degrees), perhaps with a dict of its options. All must be
         of the same data.
-
-    Returns
-    -------
-    Comparison
 
     Raises
     ------

@@ -74,12 +74,7 @@ class Background(Result):
         return np.sqrt(np.diag(self.covariance))
 
     def report(self) -> str:
-        """The amplitudes as text.
-
-        Returns
-        -------
-        str
-        """
+        """The amplitudes as text."""
         wide = max(len(name) for name in self.names) + 2
         lines = [
             f"Backgrounds in degrees {words_of(self.degrees)} of {self.n_data // 2} sources"
@@ -96,12 +91,7 @@ class Background(Result):
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each spectrum as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each spectrum as an astropy Table."""
         columns: dict[str, Any] = {
             "spectrum": list(self.names), "amplitude": self.amplitudes, "sigma": self.sigma, "low": self.intervals[:, 0],
             "high": self.intervals[:, 1],
@@ -115,10 +105,6 @@ class Background(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.background._plot import plot_amplitudes
 
@@ -148,10 +134,6 @@ def fit(
         Where the background is; all that are fitted and not free unless given.
     free : iterable of int
         Degrees that are fitted without a prior, and never shrunk. Degrees that are neither have no coefficients.
-
-    Returns
-    -------
-    Background
 
     Raises
     ------

@@ -87,12 +87,7 @@ class Floor(Result):
         return self.odd * Spectrum.odd() + self.even * Spectrum.even()
 
     def report(self) -> str:
-        """The floor as text.
-
-        Returns
-        -------
-        str
-        """
+        """The floor as text."""
         lines = [
             f"Errors that sources share, from the power of degrees {words_of(self.degrees)} ({self.n_data // 2} sources)",
             f"{'':12}{'power of a mode [(µas/yr)²]':>34}{'68 %':>22}{'floor [µas/yr]':>18}",
@@ -112,12 +107,7 @@ class Floor(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each parity as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each parity as an astropy Table."""
         rows = self._rows()
         columns: dict[str, Any] = {
             "parameter": [row[0] for row in rows], "power": [row[1] for row in rows],
@@ -134,10 +124,6 @@ class Floor(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.background._plot import plot_floor
 
@@ -150,10 +136,6 @@ class Floor(Result):
         ----------
         modes : Modes
             What is fitted.
-
-        Returns
-        -------
-        NormalEquations
 
         Raises
         ------
@@ -177,10 +159,6 @@ class Floor(Result):
             From normal equations to their solution.
         normal : NormalEquations
             Of the data.
-
-        Returns
-        -------
-        Solution
         """
         modes, tau = normal.modes, self.noise_scale**2
         data = equations_of(normal)
@@ -235,10 +213,6 @@ def floor(
         Estimate a factor on the catalogue's errors along with the powers: errors that are too small pass for
         systematics otherwise. Unless given it is, but for a solution whose errors come from residuals.
 
-    Returns
-    -------
-    Floor
-
     Raises
     ------
     ModesError
@@ -289,11 +263,5 @@ def floor(
 
 
 def first_degree(power: float) -> float:
-    """√(3 s/8π): each component of a spin or a glide, for the power of a mode. [µas/yr]
-
-    Parameters
-    ----------
-    power : float
-        s. [(µas/yr)²]
-    """
+    """√(3 s/8π): each component of a spin or a glide, for the power of a mode. [µas/yr]"""
     return (power * Spectrum.flat()).spin_error

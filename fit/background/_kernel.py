@@ -10,22 +10,7 @@ from vsh.errors import DegeneracyError
 
 
 def parts_of(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tuple[float, float]:
-    """ln|K| and Q of coefficients with variances D, for errors of scale one.
-
-    Parameters
-    ----------
-    matrix : (q, q) array
-        N.
-    rhs : (q,) array
-        b.
-    variances : (q,) array
-        D, zero for coefficients that are zero.
-
-    Raises
-    ------
-    DegeneracyError
-        If the normal matrix is not positive.
-    """
+    """ln|K| and Q of coefficients with variances D, for errors of scale one."""
     root, k = kernel(matrix, variances)
     side = root * rhs
     factor, solved, failed = dposv(k, side, lower=1, overwrite_a=1)
@@ -35,15 +20,7 @@ def parts_of(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tupl
 
 
 def kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """√D, and K = I + D^½ N D^½ in the order that LAPACK overwrites.
-
-    Parameters
-    ----------
-    matrix : (q, q) array
-        N.
-    variances : (q,) array
-        D.
-    """
+    """√D, and K = I + D^½ N D^½ in the order that LAPACK overwrites."""
     root = np.sqrt(variances)
     k = np.multiply(matrix, root[:, None] * root, order="F")
     k.ravel("K")[:: len(k) + 1] += 1

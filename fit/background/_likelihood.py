@@ -111,28 +111,14 @@ class Likelihood:
         return len(self.shapes)
 
     def __call__(self, amplitudes: FloatArray, noise_scale: float = 1.0) -> float:
-        """ln L, relative to that of no background with errors as they are.
-
-        Parameters
-        ----------
-        amplitudes : (k,) array
-            A.
-        noise_scale : float
-            κ.
-        """
+        """ln L, relative to that of no background with errors as they are."""
         tau = noise_scale**2
         return (
             float(self.of_parts(*self.parts(np.atleast_1d(np.asarray(amplitudes, float)) / tau), tau)) + self.chi2 / 2
         )
 
     def parts(self, ratios: FloatArray) -> tuple[float, float]:
-        """ln|K| and Q for amplitudes in units of κ².
-
-        Parameters
-        ----------
-        ratios : (k,) array
-            a = A/κ².
-        """
+        """ln|K| and Q for amplitudes in units of κ²."""
         if self._eigen is not None:
             values, squares = ratios[0] * np.array(self._eigen)
             return float(np.log1p(values).sum()), float(np.sum(squares / (1 + values)))
@@ -141,35 +127,15 @@ class Likelihood:
     def of_parts(
         self, logdet: FloatArray | float, gain: FloatArray | float, tau: FloatArray | float
     ) -> FloatArray | float:
-        """ln L from ln|K| and Q, up to a constant.
-
-        Parameters
-        ----------
-        logdet, gain : float or array
-            ln|K|, Q.
-        tau : float or array
-            κ².
-        """
+        """ln L from ln|K| and Q, up to a constant."""
         return -self.n_data / 2 * np.log(tau) - logdet / 2 - (self.chi2 - gain) / (2 * tau)
 
     def scale(self, gain: float) -> float:
-        """κ² where it is likeliest, for some ratios.
-
-        Parameters
-        ----------
-        gain : float
-            Q.
-        """
+        """κ² where it is likeliest, for some ratios."""
         return max((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
 
     def profile(self, ratios: FloatArray) -> float:
-        """ln L of ratios, with κ where it is likeliest, up to the same constant.
-
-        Parameters
-        ----------
-        ratios : (k,) array
-            a.
-        """
+        """ln L of ratios, with κ where it is likeliest, up to the same constant."""
         logdet, gain = self.parts(ratios)
         return float(self.of_parts(logdet, gain, self.scale(gain)))
 
@@ -238,15 +204,7 @@ class Likelihood:
 
 
 def parity_p_value(apart: Maximum, together: Maximum) -> float:
-    """Probability that two parities of one power look as different as they do, by the likelihood ratio.
-
-    Parameters
-    ----------
-    apart : Maximum
-        With a power for each.
-    together : Maximum
-        With one for both.
-    """
+    """Probability that two parities of one power look as different as they do, by the likelihood ratio."""
     return float(chdtrc(1, max(2 * (apart.log_likelihood - together.log_likelihood), 0.0)))
 
 

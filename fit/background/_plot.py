@@ -14,19 +14,7 @@ _LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coeff
 
 @styled
 def plot_waves(limit: Any, *, ax: Any = None) -> Axes:
-    """The posteriors of Ω for priors flat in Ω and in √Ω, with the upper limits.
-
-    Parameters
-    ----------
-    limit : WaveLimit
-        What was found.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
-    """
+    """The posteriors of Ω for priors flat in Ω and in √Ω, with the upper limits."""
     (axes,) = panels(ax, size=(WIDTH, 2.9))
     top = 1.35 * limit.limit(0.95, "flat")
     omega = np.linspace(0, top, 1500)[1:]
@@ -55,19 +43,7 @@ def _colour(prior):
 
 @styled
 def plot_floor(floor: Any, *, ax: Any = None) -> Any:
-    """The power of a mode of either parity, with 68 % intervals.
-
-    Parameters
-    ----------
-    floor : Floor
-        What was found.
-    ax : two matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (2,) array of matplotlib axes
-    """
+    """The power of a mode of either parity, with 68 % intervals."""
     names = [
         f"odd parity: spin ± {floor.spin_error:.3g} µas/yr",
         f"even parity: acceleration ± {floor.acceleration_error:.3g} µas/yr",
@@ -78,38 +54,14 @@ def plot_floor(floor: Any, *, ax: Any = None) -> Any:
 
 @styled
 def plot_amplitudes(background: Any, *, ax: Any = None) -> Any:
-    """The amplitudes of the spectra with 68 % intervals.
-
-    Parameters
-    ----------
-    background : Background
-        What was found.
-    ax : matplotlib axes, one for each amplitude, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (k,) array of matplotlib axes
-    """
+    """The amplitudes of the spectra with 68 % intervals."""
     labels = ["amplitude"] * len(background.names)
     return _intervals(background.names, background.amplitudes, background.intervals, labels, "largest likelihood", ax)
 
 
 @styled
 def plot_comparison(comparison: Any, *, ax: Any = None) -> Axes:
-    """The evidences less the best.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        What was found.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
-    """
+    """The evidences less the best."""
     (axes,) = panels(ax, size=(WIDTH, 0.7 + 0.25 * len(comparison.names)))
     below = comparison.log_evidence - comparison.log_evidence.max()
     place = np.arange(len(below))[::-1]

@@ -29,15 +29,6 @@ def posteriors(
 ) -> tuple[list[Amplitude], float]:
     """What the data say of amplitudes, each with all others marginalised, and ln of the evidence relative to no background.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Of all amplitudes.
-    best : Maximum
-        Where it is largest.
-    which : list of int, optional
-        Of which amplitudes; all unless given.
-
     Notes
     -----
     The prior of the others is the uniform-shrinkage one, A/(A + u) uniform with u the amplitude seen at one standard error
@@ -59,13 +50,7 @@ class _Grid:
         self.parts = _parts(likelihood, self.spans, self.taus)
 
     def of(self, k: int) -> tuple[Amplitude, float]:
-        """Amplitude k with all others marginalised, and the evidence.
-
-        Parameters
-        ----------
-        k : int
-            Which.
-        """
+        """Amplitude k with all others marginalised, and the evidence."""
         nodes = {k: self._unit(k) * np.sinh(np.linspace(self._ends(k)[0], self._ends(k)[1], _POINTS))}
         order = [k, *(j for j in range(len(self.spans)) if j != k)]
         weights = []

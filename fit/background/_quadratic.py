@@ -17,15 +17,6 @@ _ACCURACY = 1e-7
 def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> float:
     """P(Σ λ_i (z_i + δ_i)² > x) with z_i ~ N(0, 1), by inversion of the characteristic function.
 
-    Parameters
-    ----------
-    x : float
-        The value.
-    variances : (n,) array
-        λ, positive.
-    shifts : (n,) array
-        δ.
-
     Notes
     -----
     Imhof (1961, Biometrika 48, 419), eq. 3.2.
@@ -53,17 +44,7 @@ def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> fl
 
 
 def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
-    """The value below which Σ λ_i (z_i + δ_i)² lies with a probability.
-
-    Parameters
-    ----------
-    probability : float
-        Between 0 and 1.
-    variances : (n,) array
-        λ, positive.
-    shifts : (n,) array
-        δ.
-    """
+    """The value below which Σ λ_i (z_i + δ_i)² lies with a probability."""
     mean = np.sum(variances * (1 + shifts**2))
     spread = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
     high = mean + 3 * spread
@@ -76,15 +57,6 @@ def squares_of(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[flo
     """P_2, its noise, and the variances and shifts of its terms, (2, 10), in the fit of all degrees to lmax.
 
     All are nan where the data do not determine them. [(µas/yr)²]
-
-    Parameters
-    ----------
-    equations : NormalEquations
-        Of the data.
-    lmax : int
-        The highest degree that is fitted.
-    scaled : bool
-        Multiply the errors by √(χ²/dof).
     """
     modes = equations.modes
     where = places(modes, range(1, lmax + 1))

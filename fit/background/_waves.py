@@ -92,10 +92,6 @@ class WaveLimit(Result):
         ----------
         omega : array
             Ω, not below zero.
-
-        Returns
-        -------
-        array
         """
         return self.amplitude.likelihood(omega)
 
@@ -119,10 +115,6 @@ class WaveLimit(Result):
             Where the prior flat in ln Ω begins, a millionth of the largest Ω that is not excluded unless given: that limit
             depends on it.
 
-        Returns
-        -------
-        float
-
         Raises
         ------
         ParameterError
@@ -142,10 +134,6 @@ class WaveLimit(Result):
         ----------
         years : float
             T, over which the motions were measured. [yr]
-
-        Returns
-        -------
-        float
         """
         return 1 / (positive("years", years) * JULIAN_YEAR)
 
@@ -158,10 +146,6 @@ class WaveLimit(Result):
             T, over which the motions were measured. [yr]
         probability, prior
             As for `limit`.
-
-        Returns
-        -------
-        float
         """
         rate = self.hubble / _MPC
         return float(np.sqrt(1.5 * self.limit(probability, prior)) * rate / (np.pi * self.frequency(years)))
@@ -173,10 +157,6 @@ class WaveLimit(Result):
         ----------
         years : float, optional
             T, over which the motions were measured. [yr]
-
-        Returns
-        -------
-        str
         """
         low, high = self.interval
         name = "h70² Ω" if self.hubble == 70 else "Ω"
@@ -207,12 +187,7 @@ class WaveLimit(Result):
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     def to_table(self) -> Table:
-        """The likelihood of Ω as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """The likelihood of Ω as an astropy Table."""
         columns = {"omega": self.amplitude.root**2, "log_likelihood": self.amplitude.log_likelihood}
         return tables.table_of(columns, {"hubble": self.hubble, "n_data": self.n_data})
 
@@ -223,10 +198,6 @@ class WaveLimit(Result):
         ----------
         ax : matplotlib axes, optional
             Where to draw.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.background._plot import plot_waves
 
@@ -258,10 +229,6 @@ def wave_limit(
     systematics : sequence of Spectrum, optional
         Backgrounds whose amplitudes are marginalised: one flat spectrum where degrees beyond 2 are used, none for degree 2
         alone, unless given.
-
-    Returns
-    -------
-    WaveLimit
 
     Raises
     ------

@@ -30,15 +30,7 @@ class Backgrounds:
     texts: tuple[str, ...]
 
     def write(self, folder: Path, meta: dict[str, Any]) -> None:
-        """Write each result as a table.
-
-        Parameters
-        ----------
-        folder : Path
-            Where.
-        meta : dict
-            Provenance.
-        """
+        """Write each result as a table."""
         for name, result in self.results.items():
             result.write(folder / f"{name}.ecsv", meta)
 
@@ -54,20 +46,7 @@ class Backgrounds:
 
 
 def found(solution: Any, options: argparse.Namespace) -> Backgrounds:
-    """What the options ask for.
-
-    Parameters
-    ----------
-    solution : Solution
-        Of the catalogue.
-    options : Namespace
-        Of the command.
-
-    Raises
-    ------
-    ModesError
-        If the degree is too low.
-    """
+    """What the options ask for."""
     results: dict[str, Any] = {}
     texts, given = [], solution
     if options.waves:

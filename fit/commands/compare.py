@@ -73,7 +73,7 @@ def _has_motions(path, options):
 
     try:
         wanted = catalogue.as_columns(options.columns)
-        return {wanted.pmra, wanted.pmdec} <= set(catalogue.opened(path, options.input_format).names)
+        return {wanted.pmra, wanted.pmdec} <= set(catalogue.open_icrf(path, options.input_format).names)
     except TableError:  # ICRF's fixed columns, or columns of positions
         return False
 

@@ -145,13 +145,7 @@ def _flows(options):
 
 
 def _ask_for_frame(field, options, common, label):
-    """Say what hangs on the frame of the redshifts where nobody told it, and stop.
-
-    Raises
-    ------
-    VshError
-        If nobody did.
-    """
+    """Say what hangs on the frame of the redshifts where nobody told it, and stop."""
     from fit.secular_parallax import by_frame, observer_velocity, undeclared
 
     if not undeclared(field, options.redshift_frame):

@@ -102,12 +102,7 @@ class FrameComparison(AboutSolution):
         return f_p_value(chi2, int(beyond.sum()), dof)
 
     def report(self) -> str:
-        """The comparison as text.
-
-        Returns
-        -------
-        str
-        """
+        """The comparison as text."""
         solution, (a, b) = self.solution, self.labels
         what = "position" if solution.unit == "µas" else "motion"
         lines = [
@@ -142,12 +137,7 @@ class FrameComparison(AboutSolution):
         return "\n".join(lines) + "\n\n" + report(solution)
 
     def parameters_table(self) -> Table:
-        """`parameters`, a row each, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """`parameters`, a row each, as an astropy Table."""
         unit, (values, errors) = (
             "uas" if self.solution.unit == "µas" else "uas / yr",
             np.transpose(list(self.parameters.values())),
@@ -156,12 +146,7 @@ class FrameComparison(AboutSolution):
         return tables.table_of(columns, {"frame": self.solution.frame}, dict.fromkeys(("value", "sigma"), unit))
 
     def outliers_table(self) -> Table:
-        """A row for each source that was left out, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each source that was left out, as an astropy Table."""
         unit = "uas" if self.solution.unit == "µas" else "uas / yr"
         columns = {
             "name": np.array(self.names, dtype=str),

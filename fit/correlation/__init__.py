@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from fit.correlation._plot import plot_influence, symbol
 
 __all__ = [
-    "FRAME",
     "CorrelationMatrices",
     "Downweighted",
     "Eigenmodes",
@@ -24,7 +23,6 @@ __all__ = [
     "Prediction",
     "compare_cuts",
     "correlation_matrices",
-    "dipole",
     "downweight",
     "eigenmodes",
     "gain_of_sources",
@@ -32,12 +30,9 @@ __all__ = [
     "leakage",
     "lmax_table",
     "most_influential",
-    "named",
-    "parameters_of",
     "plot_influence",
     "predict",
     "recommend_lmax",
-    "symbol",
     "without_motions",
 ]
 

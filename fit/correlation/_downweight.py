@@ -40,12 +40,7 @@ class Downweighted(Result):
     after: Prediction
 
     def report(self) -> str:
-        """What it costs and what it gains, as text.
-
-        Returns
-        -------
-        str
-        """
+        """What it costs and what it gains, as text."""
         lines = [f"{np.nanmean(self.factors):.0%} of the weight is kept"]
         for words, found in (("before", self.before), ("after", self.after)):
             value, pair = found.largest
@@ -56,12 +51,7 @@ class Downweighted(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """Share of the weight to keep in each pixel, as an astropy Table in ring order.
-
-        Returns
-        -------
-        Table
-        """
+        """Share of the weight to keep in each pixel, as an astropy Table in ring order."""
         return tables.table_of({"keep": self.keep}, {"frame": self.after.frame})
 
     def plot(self, *, ax: Any = None) -> Any:
@@ -71,10 +61,6 @@ class Downweighted(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.correlation._plot import plot_shares
 
@@ -87,10 +73,6 @@ class Downweighted(Result):
         ----------
         rng : Generator or int
             The source of all randomness.
-
-        Returns
-        -------
-        mask
         """
         return generator(rng).uniform(size=len(self.factors)) < self.factors
 
@@ -109,10 +91,6 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
         Of the pixels.
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own. [µas/yr]
-
-    Returns
-    -------
-    Downweighted
 
     Raises
     ------

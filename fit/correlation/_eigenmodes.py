@@ -35,12 +35,7 @@ class Eigenmodes(Result):
     frame: str
 
     def report(self) -> str:
-        """How well the best and the worst are measured, as text.
-
-        Returns
-        -------
-        str
-        """
+        """How well the best and the worst are measured, as text."""
         error = 1 / np.sqrt(self.information)
         lines = [
             f"Fields that this sky measures independently ({self.frame} axes): {len(error)}, with errors of "
@@ -55,12 +50,7 @@ class Eigenmodes(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """Information of each as an astropy Table, from the worst to the best.
-
-        Returns
-        -------
-        Table
-        """
+        """Information of each as an astropy Table, from the worst to the best."""
         return tables.table_of({"information": self.information}, {"frame": self.frame})
 
     def plot(self, n_fields: int = 2, *, ax: Any = None) -> Any:
@@ -72,10 +62,6 @@ class Eigenmodes(Result):
             How many of the worst and of the best.
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.correlation._plot import plot_eigenmodes
 

@@ -155,20 +155,7 @@ def compare_cuts(
 
 
 def reweighted(field: Field, case: ArrayLike | None) -> Field:
-    """The field with a mask, or factors on its weights, or as it is.
-
-    Parameters
-    ----------
-    field : Field
-        The sources.
-    case : None, mask or factors
-        On the weights.
-
-    Raises
-    ------
-    FieldError
-        If a case is none of these, or of another length.
-    """
+    """The field with a mask, or factors on its weights, or as it is."""
     if case is None:
         return field
     case = np.asarray(case)

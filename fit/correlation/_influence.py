@@ -184,10 +184,6 @@ def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
     fraction : float
         Between 0 and 1.
 
-    Returns
-    -------
-    (12 nside²,) bool array
-
     Raises
     ------
     ParameterError

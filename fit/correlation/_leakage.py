@@ -54,10 +54,6 @@ class Leakage(Result):
         ----------
         coefficients : Coefficients
             A true field. [µas/yr]
-
-        Returns
-        -------
-        Coefficients
         """
         return Coefficients(
             self.fitted, self.matrix @ self._columns(coefficients.to_degree(self.unmodelled.lmax).values)
@@ -71,10 +67,6 @@ class Leakage(Result):
         power : float, dict or array
             ∫ |V_l|² dΩ of one kind and degree on average: the same for all, by degree {l: power}, an array
             from the first unmodelled degree on, or two rows of it, T and S. [(µas/yr)²]
-
-        Returns
-        -------
-        array
         """
         variance = self._columns(self._variances(power))
         return (self.matrix * variance) @ self.matrix.T
@@ -88,10 +80,6 @@ class Leakage(Result):
         ----------
         power : float or array
             ∫ |V_l|² dΩ. [(µas/yr)²]
-
-        Returns
-        -------
-        array
         """
         return np.sqrt(np.diag(self.covariance(power)))
 
@@ -113,22 +101,12 @@ class Leakage(Result):
         return dict(zip(names, np.sqrt(np.diag(chosen.covariance(self.covariance(power)))).tolist(), strict=True))
 
     def to_table(self) -> Table:
-        """The matrix as an astropy Table: a row a fitted coefficient.
-
-        Returns
-        -------
-        Table
-        """
+        """The matrix as an astropy Table: a row a fitted coefficient."""
         columns = {"coefficient": list(self.names)} | dict(zip(self.unmodelled_names, self.matrix.T, strict=True))
         return tables.table_of(columns, {"frame": self.frame})
 
     def report(self) -> str:
-        """What a power of 1 (µas/yr)² in each unmodelled degree and kind does to spin and acceleration, as text.
-
-        Returns
-        -------
-        str
-        """
+        """What a power of 1 (µas/yr)² in each unmodelled degree and kind does to spin and acceleration, as text."""
         cells = ", ".join(f"{name} {value:.3g}" for name, value in self.bias_of(FRAME_NAMES, 1.0).items())
         return f"{self!r}: rms bias by a power of 1 (µas/yr)² in each [µas/yr]\n  {cells}\n"
 
@@ -139,10 +117,6 @@ class Leakage(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.correlation._plot import plot_leakage
 
@@ -201,10 +175,6 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
         Fitted to the first, with a true field up to the second.
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own. [µas/yr]
-
-    Returns
-    -------
-    Leakage
     """
     fitted, unmodelled = as_modes(fitted), as_modes(unmodelled)
     check_lower(fitted, unmodelled)
@@ -276,10 +246,6 @@ def recommend_lmax(
         Where to stop looking.
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own. [µas/yr]
-
-    Returns
-    -------
-    int
 
     Raises
     ------

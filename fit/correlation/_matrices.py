@@ -57,10 +57,6 @@ class CorrelationMatrices(Result):
         ----------
         i : int
             Which of the catalogues.
-
-        Returns
-        -------
-        array
         """
         return self.matrices[i]
 
@@ -73,10 +69,6 @@ class CorrelationMatrices(Result):
             Which catalogue above the diagonal.
         lower : int
             And which below.
-
-        Returns
-        -------
-        array
         """
         if len(self.matrices) == 1:
             return self.matrices[0]
@@ -90,10 +82,6 @@ class CorrelationMatrices(Result):
         ----------
         i : int
             Which of the catalogues.
-
-        Returns
-        -------
-        array
         """
         x, y, z = self.dipoles[i]
         return -1.5 * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -116,12 +104,7 @@ class CorrelationMatrices(Result):
         return float(self.matrices[i][row, column]), (self.names[row], self.names[column])
 
     def to_table(self) -> Table:
-        """The matrix, of two catalogues in its two triangles, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """The matrix, of two catalogues in its two triangles, as an astropy Table."""
         from vsh import tables
 
         meta = {"frame": self.frame, "upper": self.labels[0], "lower": self.labels[min(1, len(self.labels) - 1)]}
@@ -136,10 +119,6 @@ class CorrelationMatrices(Result):
         ----------
         max_size : int
             The largest matrix that is printed.
-
-        Returns
-        -------
-        str
         """
         lines = [f"Correlations in {self.frame} axes: " + ("upper {}, lower {}".format(*self.labels[:2])
                  if len(self.labels) > 1 else self.labels[0])]  # fmt: skip
@@ -162,10 +141,6 @@ class CorrelationMatrices(Result):
         ----------
         ax : matplotlib axes, optional
             Where to draw.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.correlation._plot import plot_matrix
 
@@ -234,10 +209,6 @@ def correlation_matrices(
     sigma : float, optional
         Errors of positions that have none [µas/yr]
 
-    Returns
-    -------
-    CorrelationMatrices
-
     Raises
     ------
     FrameError
@@ -280,17 +251,7 @@ def correlation_matrices(
 
 
 def dipole(field: Field | Parts) -> FloatArray:
-    """Mean direction of the sources by weight, (3,): zero on a uniform sky.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        The sources.
-
-    Returns
-    -------
-    array
-    """
+    """Mean direction of the sources by weight, (3,): zero on a uniform sky."""
     vector, weight = as_parts(field).sum(_directions, roles=(), words="dipole")
     return vector / weight
 

@@ -44,33 +44,12 @@ class Parameters(Frozen):
         return len(self.names)
 
     def covariance(self, covariance: FloatArray) -> FloatArray:
-        """Their covariance (k, k) from that of the coefficients.
-
-        Parameters
-        ----------
-        covariance : (p, p) array
-            Of the coefficients.
-        """
+        """Their covariance (k, k) from that of the coefficients."""
         return self.rows @ covariance @ self.rows.T
 
 
 def parameters_of(what: Modes | int | str) -> Parameters:
-    """All parameters of a kind.
-
-    Parameters
-    ----------
-    what : Modes, int or str
-        Every coefficient, or with "spin+acceleration" omega_x … a_z from a fit of degree 1.
-
-    Returns
-    -------
-    chosen : Parameters
-
-    Raises
-    ------
-    ParameterError
-        If it is none of these.
-    """
+    """All parameters of a kind."""
     if isinstance(what, str):
         if what != FRAME:
             raise ParameterError(f"parameters are {FRAME!r}, a degree or Modes, not {what!r}")
@@ -80,24 +59,7 @@ def parameters_of(what: Modes | int | str) -> Parameters:
 
 
 def named(names: Sequence[str], what: Modes | int | str) -> Parameters:
-    """Some parameters of a fit by name: coefficients, "t(1,0)" say, or omega_x … a_z.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Coefficients, or omega_x … a_z.
-    what : Modes, int or str
-        Of the fit; "spin+acceleration" is degree 1.
-
-    Returns
-    -------
-    chosen : Parameters
-
-    Raises
-    ------
-    ParameterError
-        If a name is neither; the message lists those there are.
-    """
+    """Some parameters of a fit by name: coefficients, "t(1,0)" say, or omega_x … a_z."""
     if isinstance(what, str):
         if what != FRAME:
             raise ParameterError(f"parameters are of {FRAME!r}, a degree or Modes, not {what!r}")
@@ -119,20 +81,7 @@ def named(names: Sequence[str], what: Modes | int | str) -> Parameters:
 
 
 def check_lower(fitted: Modes, unmodelled: Modes) -> None:
-    """Raise ModesError unless the second degree is the higher one.
-
-    Parameters
-    ----------
-    fitted : Modes
-        What is fitted.
-    unmodelled : Modes
-        What is not.
-
-    Raises
-    ------
-    ModesError
-        If it is not.
-    """
+    """Raise ModesError unless the second degree is the higher one."""
     if not unmodelled.lmax > fitted.lmax:
         raise ModesError(f"what is not fitted must lie above degree {fitted.lmax}: {unmodelled.lmax} does not")
 
@@ -146,10 +95,6 @@ def without_motions(sources: Any, sigma: ArrayLike | None = None) -> Field | Par
         The sources.
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own; one number for parts. [µas/yr]
-
-    Returns
-    -------
-    Field | Parts
 
     Raises
     ------

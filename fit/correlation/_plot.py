@@ -38,19 +38,7 @@ _TOGETHER = 30
 
 @styled
 def plot_matrix(correlations: Any, *, ax: Any = None) -> Axes:
-    """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room.
-
-    Parameters
-    ----------
-    correlations : CorrelationMatrices
-        One or two catalogues.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
-    """
+    """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room."""
     (axes,) = panels(ax, size=(WIDTH, 3.8))
     names = [symbol(name) for name in correlations.names]
     degrees = [name[:1].upper() + name[2:].split(",")[0] for name in correlations.names]
@@ -85,10 +73,6 @@ def plot_influence(
         Full width at half maximum of the smoothing: some 30 sources are within it unless given; 0 for none. [deg]
     ax : matplotlib axes, optional
         Whose place the map takes; a new figure unless given.
-
-    Returns
-    -------
-    SkyAxes
     """
     if smooth is None:
         smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _TOGETHER / max(1, len(field)))), 0.0, 60.0))
@@ -108,40 +92,13 @@ def plot_influence(
 
 
 def plot_shares(keep: FloatArray, frame: str, *, ax: Any = None) -> SkyAxes:
-    """A map of the share of the weight that is kept in each pixel, (12 nside²,).
-
-    Parameters
-    ----------
-    keep : (12 nside²,) array
-        Shares, 0 to 1.
-    frame : str
-        "icrs", "galactic" or "ecliptic".
-    ax : matplotlib axes, optional
-        Whose place the map takes; a new figure unless given.
-
-    Returns
-    -------
-    SkyAxes
-    """
+    """A map of the share of the weight that is kept in each pixel, (12 nside²,)."""
     return plot_map(keep, "share of the weight that is kept", frame=frame, ax=ax, vmin=0, vmax=1)
 
 
 @styled
 def plot_leakage(leakage: Any, *, ax: Any = None) -> Any:
-    """What each unmodelled degree does to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in it.
-
-    Parameters
-    ----------
-    leakage : Leakage
-        What to draw.
-    ax : two matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (2,) array of matplotlib axes
-        Of spin and of acceleration.
-    """
+    """What each unmodelled degree does to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in it."""
     drawn = panels(ax, 2, 1, size=(WIDTH, 3.6), sharex=True)
     degrees = np.arange(leakage.fitted.lmax + 1, leakage.unmodelled.lmax + 1)
     for axes, vector, name in zip(drawn, ("omega", "a"), ("spin", "acceleration"), strict=True):
@@ -163,21 +120,7 @@ def plot_leakage(leakage: Any, *, ax: Any = None) -> Any:
 
 @styled
 def plot_eigenmodes(eigen: Any, n_fields: int = 2, *, ax: Any = None) -> Any:
-    """The worst and the best measured fields of a sky, as arrows.
-
-    Parameters
-    ----------
-    eigen : Eigenmodes
-        What to draw.
-    n_fields : int
-        How many of the worst and of the best.
-    ax : matplotlib axes, one for each field, optional
-        Whose places the maps take; a new figure unless given.
-
-    Returns
-    -------
-    (2 n_fields,) array of SkyAxes
-    """
+    """The worst and the best measured fields of a sky, as arrows."""
     count = min(n_fields, len(eigen.fields) // 2)
     drawn = panels(ax, 2 * count, 1, size=(WIDTH, 2.1 * 2 * count))
     chosen = [*range(count), *range(len(eigen.fields) - count, len(eigen.fields))]

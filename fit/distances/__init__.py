@@ -8,16 +8,11 @@ from fit.distances._luminosity import LuminosityFunction
 from fit.distances._moments import InverseDistances, inverse_distances, mean_rates
 
 __all__ = [
-    "WHOLE_DISPERSION",
     "Calibration",
-    "ErrorsByRedshift",
     "InverseDistances",
     "LuminosityFunction",
     "SourceDensity",
     "calibrate",
-    "calibrate_if_known",
     "flow_counts",
-    "flow_limits",
     "inverse_distances",
-    "mean_rates",
 ]

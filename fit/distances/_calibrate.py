@@ -62,10 +62,6 @@ def calibrate(
     magnitudes : bool, optional
         Whether to use them; if all sources have one unless given.
 
-    Returns
-    -------
-    Calibration
-
     Raises
     ------
     ParameterError
@@ -117,17 +113,7 @@ def calibrate(
 def bare_calibration(
     field: Field | Parts, redshift_frame: str | None, dispersion: float, cosmology: Cosmology
 ) -> Calibration:
-    """The frame of the redshifts alone.
-
-    Parameters
-    ----------
-    field, redshift_frame, dispersion, cosmology
-        As for `calibrate`.
-
-    Returns
-    -------
-    Calibration
-    """
+    """The frame of the redshifts alone."""
     frame = check_redshift_frame(redshift_frame or _frame_of(as_parts(field)) or TRUE)
     return Calibration(frame, dispersion, cosmology, SourceDensity())
 
@@ -138,19 +124,6 @@ def calibrate_if_known(
     """A calibration where somebody says in which frame redshifts stand; None where nobody does, or they are true ones.
 
     Magnitudes are used where all sources have one.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        With redshifts; those that cannot be used are left out.
-    redshift_frame : str or None
-        As for `calibrate`.
-    dispersion : float or None
-        As for `calibrate`; 750 unless given.
-
-    Returns
-    -------
-    Calibration or None
     """
     sky = as_parts(field)
     frame = check_redshift_frame(redshift_frame or _frame_of(sky) or TRUE)

@@ -68,10 +68,6 @@ class Calibration(InNotebook):
         field : Field
             The sources.
 
-        Returns
-        -------
-        array
-
         Raises
         ------
         FieldError
@@ -125,10 +121,6 @@ class Calibration(InNotebook):
             The sources.
         redshift : (n,) array
             At rest in the microwave background.
-
-        Returns
-        -------
-        array
         """
         variance = np.full(len(field), 0.0 if self.exact else (self.dispersion / SPEED_OF_LIGHT) ** 2)
         if field.redshift_error is not None:

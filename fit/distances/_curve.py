@@ -25,13 +25,7 @@ class LogCurve:
     values: FloatArray
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        """The logarithm of the curve.
-
-        Parameters
-        ----------
-        x : array
-            Where.
-        """
+        """The logarithm of the curve."""
         spline = CubicSpline(self.knots, self.values, bc_type="natural")
         ends = self.knots[[0, -1]]
         inside = np.clip(x, *ends)
@@ -40,15 +34,7 @@ class LogCurve:
 
 
 def curve_basis(knots: FloatArray, x: FloatArray) -> FloatArray:
-    """What each value at a knot adds to the curve, (n, k).
-
-    Parameters
-    ----------
-    knots : (k,) array
-        Rising.
-    x : (n,) array
-        Where.
-    """
+    """What each value at a knot adds to the curve, (n, k)."""
     return np.stack([LogCurve(knots, unit)(x) for unit in np.eye(len(knots))], axis=1)
 
 
@@ -56,17 +42,6 @@ def fit_log_curve(basis: FloatArray, counts: FloatArray, shares: FloatArray, smo
     """The values at the knots that make counts most probable.
 
     The chance of a source of group b to be in cell a is shares[b, a] exp(curve) over the sum of those of the group.
-
-    Parameters
-    ----------
-    basis : (m, k) array
-        Of `curve_basis`, at the m cells where the curve acts.
-    counts : (b, m) or (b, a) array
-        Sources.
-    shares : (b, m) array, or (b, a, m) array
-        Of each cell where the curve acts in each that is counted.
-    smooth : float
-        Against second differences that no source bears on.
     """
     second = np.diff(np.eye(basis.shape[1]), 2, axis=0)
     total = counts.sum()

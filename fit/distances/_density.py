@@ -39,10 +39,6 @@ class SourceDensity(InNotebook):
         ----------
         distance : array
             [Mpc]
-
-        Returns
-        -------
-        array
         """
         return np.zeros(np.shape(distance)) if self.curve is None else self.curve(np.log(distance))
 
@@ -79,19 +75,7 @@ class Completed:
 
 
 def completed(density: SourceDensity, luminosity: Any, limit: float, log_distance: Any) -> SourceDensity:
-    """The density of all sources behind that of a magnitude-limited catalogue.
-
-    Parameters
-    ----------
-    density : SourceDensity
-        Of `fit_density`.
-    luminosity : LuminosityFunction
-        Of the sources.
-    limit : float
-        The faintest apparent magnitude.
-    log_distance : function
-        As for `fit_density`.
-    """
+    """The density of all sources behind that of a magnitude-limited catalogue."""
     x = np.geomspace(1e-4, np.log(30.0), 600)
     log_d, _ = log_distance(x)
     faintest = limit - 5 / np.log(10) * (log_d + x) - 25
@@ -102,13 +86,7 @@ def completed(density: SourceDensity, luminosity: Any, limit: float, log_distanc
 
 
 def redshift_counts(redshift: FloatArray) -> FloatArray:
-    """Sources by redshift, a table that adds over parts.
-
-    Parameters
-    ----------
-    redshift : (n,) array
-        At rest in the microwave background.
-    """
+    """Sources by redshift, a table that adds over parts."""
     return np.histogram(np.log(redshift), bins=EDGES)[0].astype(float)
 
 
@@ -131,18 +109,7 @@ def flow_counts(redshift: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def flow_limits(counts: FloatArray) -> tuple[float, float]:
-    """Redshifts between which all but a hundredth of that lies: a flow beyond them moves no estimate.
-
-    Parameters
-    ----------
-    counts : array
-        Of `flow_counts`.
-
-    Returns
-    -------
-    tuple of float
-        The nearest and the farthest.
-    """
+    """Redshifts between which all but a hundredth of that lies: a flow beyond them moves no estimate."""
     share = np.cumsum(counts) / max(counts.sum(), 1e-300)
     first, last = np.argmax(share > 1e-4), np.argmax(share > 0.99)
     return float(np.exp(EDGES[first])), float(np.exp(EDGES[last + 1]))
@@ -155,22 +122,7 @@ def fit_density(
     limits: tuple[float, float],
     cut: tuple[float, float] | None = None,
 ) -> SourceDensity:
-    """The density of what a catalogue holds, by which its redshifts are most probable, errors and velocities in them.
-
-    Parameters
-    ----------
-    counts : array
-        Of `redshift_counts`.
-    spread : float
-        The rms error of ln(1 + z).
-    log_distance : function
-        From ln(1 + z) to ln d and the logarithm of the volume per ln(1 + z), but for a factor.
-    limits : pair of float
-        The smallest and largest redshift.
-    cut : pair of float, optional
-        Between these no direction is cut by limits of redshifts in another frame: counts beyond them are left out, where
-        enough lie between.
-    """
+    """The density of what a catalogue holds, by which its redshifts are most probable, errors and velocities in them."""
     if cut is not None and cut[1] > cut[0] > 0:
         inner = np.searchsorted(EDGES, np.log(cut)) - 1
         if inner[1] - inner[0] > 8 and counts[inner[0] : inner[1]].sum() > 0.2 * counts.sum():

@@ -30,44 +30,18 @@ class ErrorsByRedshift(InNotebook):
     curve: LogCurve
 
     def at(self, redshift: FloatArray) -> FloatArray:
-        """The mean variance at redshifts. [(µas/yr)²]
-
-        Parameters
-        ----------
-        redshift : (n,) array
-            Of sources.
-
-        Returns
-        -------
-        array
-        """
+        """The mean variance at redshifts. [(µas/yr)²]"""
         return np.exp(self.curve(np.log(redshift)))
 
 
 def variance_sums(redshift: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Sources and the sum of their mean variances by redshift, (2, k), which adds over parts.
-
-    Parameters
-    ----------
-    redshift : (n,) array
-        At rest in the microwave background.
-    sigma : (2, n) array
-        Errors of motions. [µas/yr]
-    """
+    """Sources and the sum of their mean variances by redshift, (2, k), which adds over parts."""
     x = np.log(redshift)
     return np.stack([np.histogram(x, EDGES)[0], np.histogram(x, EDGES, weights=np.mean(sigma**2, 0))[0]])
 
 
 def errors_by_redshift(sums: FloatArray, knots: int = 6) -> ErrorsByRedshift:
-    """The curve whose mean is that of the variances, everywhere: they are taken as exponentially distributed about it.
-
-    Parameters
-    ----------
-    sums : (2, k) array
-        Of `variance_sums`.
-    knots : int
-        Of the curve, evenly in ln z.
-    """
+    """The curve whose mean is that of the variances, everywhere: they are taken as exponentially distributed about it."""
     held = sums[0] > 0
     counts, totals = sums[:, held]
     x = (EDGES[1:] + EDGES[:-1])[held] / 2

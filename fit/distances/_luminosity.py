@@ -42,24 +42,12 @@ class LuminosityFunction(InNotebook):
         ----------
         magnitude : array
             Absolute.
-
-        Returns
-        -------
-        array
         """
         return self.curve(magnitude)
 
 
 def magnitude_counts(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
-    """Sources by absolute magnitude and distance modulus, a table that adds over parts.
-
-    Parameters
-    ----------
-    magnitude : (n,) array
-        Apparent.
-    modulus : (n,) array
-        5 lg d_L − 5.
-    """
+    """Sources by absolute magnitude and distance modulus, a table that adds over parts."""
     edges = [np.r_[each, each[-1] + _STEP] for each in (MAGNITUDES, MODULI)]
     return np.histogram2d(magnitude - modulus, modulus, bins=edges)[0]
 
@@ -70,18 +58,6 @@ def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
     Of each distance only the shape of the counts matters, so that neither density nor clusters bear on it
     (Sandage, Tammann & Yahil 1979, ApJ 232, 352; the curve is free as that of Efstathiou, Ellis & Peterson 1988,
     MNRAS 232, 431).
-
-    Parameters
-    ----------
-    counts : array
-        Of `magnitude_counts`.
-    limit : float
-        The faintest apparent magnitude.
-
-    Raises
-    ------
-    DegeneracyError
-        If there are too few sources.
     """
     total = counts.sum()
     if total < _LEAST:

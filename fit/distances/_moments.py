@@ -68,10 +68,6 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     threads : int, optional
         How many; one a core unless given.
 
-    Returns
-    -------
-    InverseDistances
-
     Raises
     ------
     FieldError
@@ -110,19 +106,7 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
 
 
 def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
-    """The motion that 1 km/s gives to each source, (n,), on average; nothing within the flow. [µas/yr per km/s]
-
-    Parameters
-    ----------
-    field : Field
-        With redshifts, none missing.
-    calibration : Calibration or None
-        Of its catalogue; redshifts are true ones without.
-
-    Returns
-    -------
-    array
-    """
+    """The motion that 1 km/s gives to each source, (n,), on average; nothing within the flow. [µas/yr per km/s]"""
     assert field.redshift is not None
     redshift = field.redshift
     if calibration is not None:

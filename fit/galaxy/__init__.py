@@ -22,12 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "R0",
-    "SGR_A",
-    "SOLAR_SPEED",
-    "SOLAR_SPEED_ERROR",
     "GalacticOrbit",
     "angular_speed",
-    "angular_speed_error",
     "circular_speed",
     "distance_of_centre",
     "expected_acceleration",

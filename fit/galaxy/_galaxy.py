@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.galaxy import _relations as relations
-from fit.galaxy._relations import R0
+from fit.galaxy._relations import R0, circular_speed, distance_of_centre, expected_acceleration
 from fit.quality import printed_p_value
 from fit.storage import Result
 from vsh import tables
@@ -61,12 +60,12 @@ class GalacticOrbit(Result):
     def circular_speed(self) -> tuple[float, float]:
         """V0 = √(a R0) of the component towards the centre, and its error. [km/s]"""
         value, error = self._inward_seen()
-        return relations.circular_speed(value, error, self.r0, self.r0_error)
+        return circular_speed(value, error, self.r0, self.r0_error)
 
     @property
     def distance_of_centre(self) -> tuple[float, float]:
         """R0 = a/Ω0² with the motion of Sgr A*, and its error. [kpc]"""
-        return relations.distance_of_centre(*self._inward_seen())
+        return distance_of_centre(*self._inward_seen())
 
     def _inward_seen(self) -> tuple[float, float]:
         value, error = self.inward
@@ -124,12 +123,7 @@ class GalacticOrbit(Result):
         return Vector(expected, np.zeros((3, 3)), "galactic"), p_value
 
     def report(self) -> str:
-        """The orbit as text.
-
-        Returns
-        -------
-        str
-        """
+        """The orbit as text."""
         vector = self.acceleration
         lines = ["Acceleration of the Solar System in the Galaxy [µas/yr]"]
         lines += [
@@ -146,19 +140,14 @@ class GalacticOrbit(Result):
             lines += [
                 f"circular speed          {speed[0]:.1f} ± {speed[1]:.1f} km/s with R0 = {self.r0:g} ± {self.r0_error:g} kpc",
                 f"distance of the centre  {centre[0]:.2f} ± {centre[1]:.2f} kpc with the motion of Sgr A*, no R0 assumed",
-                f"expected inward         {relations.expected_acceleration(self.r0):.3f} µas/yr with that motion and R0 = {self.r0:g} kpc",
+                f"expected inward         {expected_acceleration(self.r0):.3f} µas/yr with that motion and R0 = {self.r0:g} kpc",
             ]
         else:
             lines.append("it does not point to the centre: no circular speed, no distance")
         return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each component, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each component, as an astropy Table."""
         columns = {"component": list(_NAMES), "value": self.acceleration.value, "sigma": self.acceleration.sigma}
         return tables.table_of(columns, {"frame": "galactic"}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
@@ -169,10 +158,6 @@ class GalacticOrbit(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.galaxy._plot import plot_orbit
 
@@ -188,10 +173,6 @@ def orbit(found: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> Galactic
         A solution for spin and acceleration, by harmonics or the frame solver; or the acceleration. [µas/yr]
     r0, r0_error : float
         Distance of the Galactic centre. [kpc]
-
-    Returns
-    -------
-    GalacticOrbit
 
     Raises
     ------

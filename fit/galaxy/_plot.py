@@ -19,10 +19,6 @@ def plot_orbit(found: Any, *, ax: Any = None) -> Axes:
         What to draw.
     ax : matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
     """
     (axes,) = panels(ax)
     axes.errorbar(

@@ -87,10 +87,6 @@ def angular_speed(motion: float = SGR_A[0], solar_speed: float = SOLAR_SPEED, r0
 def angular_speed_error() -> float:
     """The error of `angular_speed`: of the motion of Sgr A* and of the Sun's own speed. [km/s/kpc]
 
-    Returns
-    -------
-    float
-
     Examples
     --------
     >>> round(angular_speed_error(), 3)
@@ -146,10 +142,6 @@ def expected_acceleration(r0: float = R0[0], speed: float | None = None) -> floa
         Distance of the centre. [kpc]
     speed : float, optional
         Ω0, `angular_speed()` unless given. [km/s/kpc]
-
-    Returns
-    -------
-    float
 
     Examples
     --------

@@ -8,7 +8,6 @@ from fit.normal._sum import normal_equations
 __all__ = [
     "Moments",
     "NormalEquations",
-    "WhiteRows",
     "gaussian_prior",
     "normal_equations",
 ]

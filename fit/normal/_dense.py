@@ -42,24 +42,7 @@ class WhiteRows(Frozen):
 
     @classmethod
     def of(cls, field: Field, modes: Modes, covariance: Any) -> WhiteRows:
-        """Those of a field.
-
-        Parameters
-        ----------
-        field : Field
-            The sources.
-        modes : Modes
-            What to fit.
-        covariance : Covariance or (2n, 2n) array
-            Of the motions, all east components first, in place of the field's errors. [(µas/yr)²]
-
-        Raises
-        ------
-        ParameterError
-            If the covariance is of other sources.
-        CovarianceError
-            If it is not positive definite.
-        """
+        """Those of a field."""
         shared = as_covariance(covariance, field)
         p, n = len(modes), len(field)
         rows = shared.whiten(harmonics(field.lon, field.lat, modes).reshape(p, 2 * n)).reshape(p, 2, n)
@@ -72,17 +55,7 @@ class WhiteRows(Frozen):
         return WhiteRows(self.modes, self.rows[..., keep], self.motion[:, keep], self.frame, self.notes)
 
     def normal_equations(self, times: ArrayLike = 1.0) -> NormalEquations:
-        """The sum of their rows, those of each source so many times.
-
-        Parameters
-        ----------
-        times : (n,) array
-            How often each source counts.
-
-        Returns
-        -------
-        NormalEquations
-        """
+        """The sum of their rows, those of each source so many times."""
         times = np.broadcast_to(np.asarray(times, float), self.motion.shape).ravel()
         rows, motion = self.rows.reshape(len(self.modes), -1), self.motion.ravel()
         weighted = rows * times

@@ -78,10 +78,6 @@ class NormalEquations(Frozen):
         ----------
         *notes
             Lines to add.
-
-        Returns
-        -------
-        NormalEquations
         """
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
@@ -139,10 +135,6 @@ def gaussian_prior(
         [µas/yr]
     frame : str, optional
         Of the axes, where the prior knows directions.
-
-    Returns
-    -------
-    NormalEquations
 
     Raises
     ------

@@ -74,13 +74,7 @@ class Moments(Result):
     unit: str = "µas/yr"
 
     def __post_init__(self) -> None:
-        """Check what a file or a caller may have mixed up.
-
-        Raises
-        ------
-        ModesError
-            If the moments do not go with the degree.
-        """
+        """Check what a file or a caller may have mixed up."""
         lmax = self.kind(self.lmax).lmax
         for name, shape in zip(("weights", "motions"), shapes(self.kind, lmax), strict=True):
             if (found := np.asarray(getattr(self, name), complex)).shape != shape:
@@ -111,10 +105,6 @@ class Moments(Result):
             The highest degree.
         threads : int, optional
             How many; one a core unless given. Their number changes no bit.
-
-        Returns
-        -------
-        Moments
 
         Raises
         ------
@@ -151,10 +141,6 @@ class Moments(Result):
         lmax : int
             The degree.
 
-        Returns
-        -------
-        Moments
-
         Raises
         ------
         ModesError
@@ -181,10 +167,6 @@ class Moments(Result):
         modes : Modes, or a degree, optional
             What to fit; all that the moments hold unless given.
 
-        Returns
-        -------
-        NormalEquations
-
         Raises
         ------
         ModesError
@@ -210,10 +192,6 @@ class Moments(Result):
         ----------
         *notes
             Lines to add.
-
-        Returns
-        -------
-        Moments
         """
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
@@ -233,12 +211,7 @@ class Moments(Result):
         return rings.lat, weight / (np.cos(rings.lat) * 2 * np.pi**2 / weight.size)[:, None]
 
     def report(self) -> str:
-        """What the moments hold, as text.
-
-        Returns
-        -------
-        str
-        """
+        """What the moments hold, as text."""
         weight = self.weights[: self.kind.components, 0].sum(0)[2 * self.lmax].real / self.n_data
         lines = [
             f"Moments of {self.n_sources} sources to degree {self.lmax} ({self.frame} axes): "
@@ -256,10 +229,6 @@ class Moments(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.normal._plot import plot_moments
 

@@ -12,27 +12,13 @@ from vsh.modes import Modes, ScalarModes
 
 
 def shapes(kind: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The shapes of moments of weights and of values.
-
-    Parameters
-    ----------
-    kind : type
-        `Modes`, or `ScalarModes` of a scalar field.
-    lmax : int
-        The highest degree.
-    """
+    """The shapes of moments of weights and of values."""
     weights, values = (1, 1) if kind is ScalarModes else (3, 2)
     return (weights, 2 * lmax + 1, 4 * lmax + 1), (values, lmax + 1, 2 * lmax + 1)
 
 
 def packed(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
-    """Columns, the rest as plain values, units of columns: what `Result._pack` gives.
-
-    Parameters
-    ----------
-    moments : Moments
-        What to write.
-    """
+    """Columns, the rest as plain values, units of columns: what `Result._pack` gives."""
     kinds, m, n, values = [], [], [], []
     for names, each, half in (("abc", moments.weights, 2 * moments.lmax), ("en", moments.motions, moments.lmax)):
         for name, grid in zip(names, each, strict=False):  # a and e alone of a scalar field
@@ -53,20 +39,7 @@ def packed(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]
 
 
 def unpacked(columns: dict[str, Any], rest: dict[str, Any]) -> dict[str, Any]:
-    """The attributes of moments from what was written.
-
-    Parameters
-    ----------
-    columns : dict of arrays
-        Of the table.
-    rest : dict
-        The plain values.
-
-    Raises
-    ------
-    TableError
-        If they are not finite.
-    """
+    """The attributes of moments from what was written."""
     kind = Modes if "b" in columns["of"] else ScalarModes
     lmax = kind(rest["lmax"]).lmax
     values = np.asarray(columns["real"], float) + 1j * np.asarray(columns["imaginary"], float)

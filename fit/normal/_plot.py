@@ -11,19 +11,7 @@ from vsh.sky.pixels import centres
 
 
 def plot_moments(moments: Any, *, ax: Any = None) -> SkyAxes:
-    """Where on the sky the weight of the sources is, as smooth as their moments have it.
-
-    Parameters
-    ----------
-    moments : Moments
-        What to draw.
-    ax : matplotlib axes, optional
-        Whose place the map takes; a new figure unless given.
-
-    Returns
-    -------
-    SkyAxes
-    """
+    """Where on the sky the weight of the sources is, as smooth as their moments have it."""
     lat, weight = moments.on_sky()
     lon_of, lat_of = centres(32)
     ring = np.abs(lat_of[:, None] - lat).argmin(1)

@@ -57,10 +57,6 @@ def normal_equations(
         Of the motions of a field, all east components first, in place of the errors that the field has; for at most
         10 000 sources (`vsh.covariance`). [(µas/yr)²]
 
-    Returns
-    -------
-    NormalEquations
-
     Raises
     ------
     FieldError

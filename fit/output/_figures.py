@@ -53,10 +53,6 @@ def plot_spectrum(solution: HarmonicSolution, *, ax: Any = None) -> Axes:
     ax : matplotlib axes, optional
         Where to draw; a new figure unless given.
 
-    Returns
-    -------
-    matplotlib axes
-
     Notes
     -----
     Limits are those of `fit.spectrum.Degree.limit`.
@@ -108,10 +104,6 @@ def plot_power(solution: Any, *, ax: Any = None) -> Axes:
         What to draw.
     ax : matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
     """
     (axes,) = panels(ax)
     l = np.arange(1, solution.modes.lmax + 1)
@@ -134,10 +126,6 @@ def plot_correlation(solution: Any, *, ax: Any = None) -> Axes:
         What was found.
     ax : matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
     """
     (axes,) = panels(ax, size=(WIDTH, 3.7))
     if isinstance(solution, HarmonicSolution):
@@ -186,10 +174,6 @@ def plot_residuals(
         Of the pixels; at least ten sources in each on average unless given.
     ax : matplotlib axes, optional
         Whose place the map takes; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
     """
     nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_sources / 120)) / 2, 0, 6))
     work = partial(_residual_sums, solution=solution, nside=nside)

@@ -18,17 +18,7 @@ from vsh.scalars import ScalarField
 
 
 def write_correlation(solution: HarmonicSolution, path: PathName, meta: dict[str, Any] | None = None) -> None:
-    """Write the correlation matrix as a table, a row and a column for each coefficient.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    path : str or Path
-        The file.
-    meta : dict, optional
-        Provenance, plain values.
-    """
+    """Write the correlation matrix as a table, a row and a column for each coefficient."""
     names = [str(mode) for mode in solution.modes]
     columns = {"coefficient": names} | dict(zip(names, np.asarray(solution.correlation)))
     tables.write(path, columns, meta)
@@ -43,10 +33,6 @@ def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts)
         What was found.
     field : Field, ScalarField or Parts
         The sources.
-
-    Returns
-    -------
-    dict of str to matplotlib axes
     """
     from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
     from vsh.plot import plot_field, plot_scalar_field

@@ -22,17 +22,7 @@ _SYMBOLS = {
 
 
 def html_of(solution: HarmonicSolution) -> str:
-    """Spin, acceleration and powers as HTML tables, for a notebook.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-
-    Returns
-    -------
-    str
-    """
+    """Spin, acceleration and powers as HTML tables, for a notebook."""
     rows = "".join(
         f"<tr><th>{row.name}</th>{_cells(row.cells)}<td>{escape(row.amplitude)}</td></tr>"
         for row in vector_rows(vectors_of(solution))
@@ -69,10 +59,6 @@ def latex_of(solution: Any) -> str:
     ----------
     solution : Solution
         What was found.
-
-    Returns
-    -------
-    str
     """
     unit = _tex(solution.unit).replace("µas/yr", r"\textmu as\,yr$^{-1}$").replace("µ", r"\textmu ")
     lines = [r"\begin{tabular}{lcccc}", r"\toprule"]

@@ -34,10 +34,6 @@ def report(
     source : str, optional
         What was fitted.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     ParameterError
@@ -76,13 +72,7 @@ def _heading(solution, source):
 
 
 def what_of(solution: HarmonicSolution) -> str:
-    """The title of a report.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    """
+    """The title of a report."""
     if is_scalar(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
     return f"Vector spherical harmonics of {'differences of position' if solution.unit == 'µas' else 'proper motions'}"
@@ -96,17 +86,7 @@ NEXT_STEP = (
 
 
 def warnings_of(solution: HarmonicSolution) -> list[tuple[str, str]]:
-    """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-
-    Returns
-    -------
-    list of (str, str)
-    """
+    """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
     found = []
     if solution.errors_from != "the catalogue":
         found.append(("errors from", solution.errors_from))
@@ -177,13 +157,7 @@ def _floor(solution):
 
 @lru_cache(maxsize=1)  # text and page ask one after the other
 def floor_words(solution: HarmonicSolution) -> tuple[str, ...]:
-    """What the power of the higher degrees says of errors that sources share: a heading, then lines; none below degree 3.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    """
+    """What the power of the higher degrees says of errors that sources share: a heading, then lines; none below degree 3."""
     from fit.background import floor  # its integrals and searches are for reports alone
 
     if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):
@@ -223,17 +197,7 @@ def _degrees(solution):
 
 
 def report_check(check: Any) -> str:
-    """Whether two solvers agree, as text.
-
-    Parameters
-    ----------
-    check : CrossCheck, optional
-        Both solvers at degree 1.
-
-    Returns
-    -------
-    str
-    """
+    """Whether two solvers agree, as text."""
     if check.largest < AGREE:
         return (
             f"Cross-check: plain least squares of degree 1 by two solvers without a common formula, on the same "

@@ -37,19 +37,7 @@ class VectorRow(NamedTuple):
 
 
 def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | None = None) -> list[VectorRow]:
-    """Rows of the table of vectors.
-
-    Parameters
-    ----------
-    vectors : dict of str to Vector
-        By name.
-    truth : dict of str to Vector, optional
-        Of a simulated catalogue, by the same names.
-
-    Returns
-    -------
-    list[VectorRow]
-    """
+    """Rows of the table of vectors."""
     rows = []
     for name, vector in vectors.items():
         rows.append(VectorRow(name, components(vector), amplitude(vector), False))
@@ -64,17 +52,7 @@ def vector_rows(vectors: Mapping[str, Vector], truth: Mapping[str, Vector] | Non
 
 
 def vectors_of(solution: Any) -> dict[str, Vector]:
-    """Spin and acceleration of a solution by name; rotation and glide of positions, the dipole of a scalar field.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-
-    Returns
-    -------
-    dict[str, Vector]
-    """
+    """Spin and acceleration of a solution by name; rotation and glide of positions, the dipole of a scalar field."""
     if is_scalar(solution):
         return {"dipole": solution.dipole} if solution.modes.lmax > 0 else {}
     names = ("rotation", "glide") if solution.unit == "µas" else ("spin", "acceleration")
@@ -82,76 +60,28 @@ def vectors_of(solution: Any) -> dict[str, Vector]:
 
 
 def is_scalar(solution: HarmonicSolution) -> bool:
-    """Whether it is of a scalar field, which has a mean and a dipole in place of spin and acceleration.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    """
+    """Whether it is of a scalar field, which has a mean and a dipole in place of spin and acceleration."""
     return solution.modes.components == 1
 
 
 def squared(solution: HarmonicSolution) -> str:
-    """The unit of powers, in brackets; nothing of pure numbers.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    """
+    """The unit of powers, in brackets; nothing of pure numbers."""
     return f"[({solution.unit})²]" if solution.unit else ""
 
 
 def pulls(vector: Vector, true: Vector) -> FloatArray:
-    """How far a fit is from the truth in its own errors, (3,): positive where the fit is larger.
-
-    Parameters
-    ----------
-    vector : Vector
-        What was found.
-    true : Vector
-        The truth.
-
-    Returns
-    -------
-    array
-    """
+    """How far a fit is from the truth in its own errors, (3,): positive where the fit is larger."""
     return (vector.value - true.to_frame(vector.frame).value) / vector.sigma
 
 
 def components(vector: Vector, digits: int = 3) -> tuple[str, ...]:
-    """Three components with their errors.
-
-    Parameters
-    ----------
-    vector : Vector
-        The vector.
-    digits : int
-        After the point.
-
-    Returns
-    -------
-    tuple[str, ...]
-    """
+    """Three components with their errors."""
     pairs = zip(vector.value, vector.sigma, strict=True)
     return tuple(f"± {s:.{digits}f}" if np.isnan(v) else f"{v:+.{digits}f} ± {s:.{digits}f}" for v, s in pairs)
 
 
 def amplitude(vector: Vector, digits: int = 3) -> str:
-    """Length with its error; at low signal to noise with its 68 % interval, or its upper limit where it is not significant.
-
-    Parameters
-    ----------
-    vector : Vector
-        The vector.
-    digits : int
-        After the point.
-
-    Returns
-    -------
-    str
-    """
+    """Length with its error; at low signal to noise with its 68 % interval, or its upper limit where it is not significant."""
     if np.isnan(vector.amplitude):  # errors of a fit that is to come
         return ""
     if not vector.amplitude_error > 0:
@@ -165,17 +95,7 @@ def amplitude(vector: Vector, digits: int = 3) -> str:
 
 
 def direction(vector: Vector) -> str:
-    """Where a vector points: "toward …", named after the frame, with errors; at low signal to noise with a cone.
-
-    Parameters
-    ----------
-    vector : Vector
-        The vector.
-
-    Returns
-    -------
-    str
-    """
+    """Where a vector points: "toward …", named after the frame, with errors; at low signal to noise with a cone."""
     names = ANGLES[vector.frame]
     errors = vector.direction_error
     if vector.amplitude_error > 0 and (vector.amplitude < _SURE * vector.amplitude_error or max(errors) > 40):
@@ -202,17 +122,7 @@ class PowerRow(NamedTuple):
 
 
 def power_rows(solution: HarmonicSolution) -> list[PowerRow]:
-    """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-
-    Returns
-    -------
-    list[PowerRow]
-    """
+    """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it."""
     scaled = spectrum(solution.scaled)
     return [
         PowerRow(f"{d.kind}{d.l}", f"{d.power:.5g}", f"{d.debiased:.5g}", f"{d.error:.3g}", f"{np.sqrt(d.power):.3g}",
@@ -222,27 +132,12 @@ def power_rows(solution: HarmonicSolution) -> list[PowerRow]:
 
 
 def is_scaled(solution: HarmonicSolution) -> bool:
-    """Whether p-values are shown twice: as quoted, and with scaled errors.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    """
+    """Whether p-values are shown twice: as quoted, and with scaled errors."""
     return solution.scaled is not solution
 
 
 def cell(value: Any) -> str:
     """A number of a table for reading: four digits, none behind the point from a thousand on, nothing for nan.
-
-    Parameters
-    ----------
-    value : object
-        Of a table's cell.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

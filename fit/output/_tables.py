@@ -14,19 +14,7 @@ from vsh.checks.types import Table
 
 
 def vectors_table(solution: Any) -> Table:
-    """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-
-    Returns
-    -------
-    Table
-        Components, errors, covariances, length (as fitted, debiased, its 95 % limit), direction [deg] and the chance of as much from noise
-        alone: above 0.05 the limit is what to quote, and the direction means nothing. The fit's facts are in the metadata.
-    """
+    """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each."""
     vectors = vectors_of(solution)
     names = (
         "amplitude", "amplitude_error", "debiased_amplitude", "limit_95", "lon", "lat", "lon_error", "lat_error", "p_value",
@@ -53,17 +41,7 @@ def vectors_table(solution: Any) -> Table:
 
 
 def powers_table(solution: HarmonicSolution) -> Table:
-    """Power by degree and kind as an astropy Table, with errors, chances, and roots of the powers.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-
-    Returns
-    -------
-    Table
-    """
+    """Power by degree and kind as an astropy Table, with errors, chances, and roots of the powers."""
     found = spectrum(solution)
     numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
     columns = {"kind": np.array([d.kind for d in found]), "l": np.array([d.l for d in found])}

@@ -123,12 +123,7 @@ class Correlation(Result):
         return fitted(self, names_of(templates, arguments.positive("hubble", hubble)))
 
     def report(self) -> str:
-        """The correlation by angle as text.
-
-        Returns
-        -------
-        str
-        """
+        """The correlation by angle as text."""
         lines = [
             f"Correlation of motions by angle: {self.n_data // 2} sources, sums to degree {self.lmax}, no pair of a source with itself",
             f"ξ± = ⟨u∥u∥'⟩ ± ⟨u⊥u⊥'⟩ [(µas/yr)²]; errors from the scatter of {self.n_blocks} blocks of the sky",
@@ -140,12 +135,7 @@ class Correlation(Result):
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each bin, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each bin, as an astropy Table."""
         columns = {
             "theta": self.theta, "plus": self.plus, "sigma_plus": self.sigma_plus, "minus": self.minus,
             "sigma_minus": self.sigma_minus, "weight": self.weight, "n_pairs": self.n_pairs,
@@ -162,10 +152,6 @@ class Correlation(Result):
             What `fit` found.
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.pairs._plot import plot_pairs
 
@@ -204,10 +190,6 @@ def correlation(
         would count more.
     threads : int, optional
         How many; one a core unless given. Their number changes no bit.
-
-    Returns
-    -------
-    Correlation
 
     Raises
     ------

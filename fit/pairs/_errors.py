@@ -18,18 +18,7 @@ from vsh.modes import Modes, ScalarModes
 
 
 def covariance_of(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArray, weight: FloatArray) -> FloatArray:
-    """The covariance of k linear functions of the spectra of pairs, (k, k); nan of less than four blocks.
-
-    Parameters
-    ----------
-    blocks : list of PairSums
-        Of each block.
-    plus, minus : (k, lmax) arrays
-        What multiplies the spectra T + S and T − S of all pairs, degree 1 first.
-    weight : (k, lmax + 1) array
-        What multiplies the spectrum of the weights: less what the estimate expects of the pairs, so that each function
-        is zero for all sources together.
-    """
+    """The covariance of k linear functions of the spectra of pairs, (k, k); nan of less than four blocks."""
     count = len(blocks)
     if count < 4:
         return np.full((len(plus),) * 2, np.nan)

@@ -25,10 +25,6 @@ def plot_pairs(found: Any, fit: Any = None, *, ax: Any = None) -> Any:
         Whose curves are drawn.
     ax : two matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (2,) array of matplotlib axes
     """
     axes, below = drawn = panels(ax, 2, 1, size=(WIDTH, 3.3), sharex=True, height_ratios=(3, 1))
     degrees = np.degrees(found.theta)
@@ -55,19 +51,7 @@ def plot_pairs(found: Any, fit: Any = None, *, ax: Any = None) -> Any:
 
 @styled
 def plot_curves(fit: Any, *, ax: Any = None) -> Axes:
-    """The curves of fitted templates.
-
-    Parameters
-    ----------
-    fit : TemplateFit
-        What to draw.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
-    """
+    """The curves of fitted templates."""
     (axes,) = panels(ax)
     for curve, colour, label in zip(fit.curves, (_PLUS, _MINUS), ("ξ₊", "ξ₋"), strict=True):
         axes.plot(np.degrees(fit.theta), curve, color=colour, label=label)
@@ -88,10 +72,6 @@ def plot_power(found: Any, *, ax: Any = None) -> Axes:
         What to draw.
     ax : matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
     """
     (axes,) = panels(ax)
     l = np.arange(1, len(found.toroidal) + 1)

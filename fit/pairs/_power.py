@@ -54,12 +54,7 @@ class PairPower(Result):
         return np.sqrt(np.diag(self.covariance)).reshape(2, -1)
 
     def report(self) -> str:
-        """The powers as text.
-
-        Returns
-        -------
-        str
-        """
+        """The powers as text."""
         lines = [
             f"Power by degree from pairs of {self.n_data // 2} sources [(µas/yr)²]: no noise in it, whatever the errors;",
             f"errors from the scatter of {self.n_blocks} blocks of the sky",
@@ -72,12 +67,7 @@ class PairPower(Result):
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each degree, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each degree, as an astropy Table."""
         columns = {
             "l": np.arange(1, len(self.toroidal) + 1), "toroidal": self.toroidal, "sigma_toroidal": self.errors[0],
             "spheroidal": self.spheroidal, "sigma_spheroidal": self.errors[1],
@@ -92,10 +82,6 @@ class PairPower(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.pairs._plot import plot_power
 
@@ -123,10 +109,6 @@ def power(
         As for `fit.pairs.correlation`.
     lmax : int
         The highest degree.
-
-    Returns
-    -------
-    PairPower
 
     Raises
     ------

@@ -85,28 +85,7 @@ class Gathered(NamedTuple):
 
 
 def sums_of(field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | None, threads: int | None) -> Gathered:
-    """The sums of all sources, and of each HEALPix block that holds some.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        The sources.
-    lmax : int
-        The highest degree.
-    nside : int
-        Of the blocks.
-    weights : (n,) array, optional
-        Of each source; 2/(σ_α*² + σ_δ²) unless given.
-    threads : int, optional
-        One a core unless given; changes no bit.
-
-    Raises
-    ------
-    FieldError
-        If there are fewer than two sources.
-    ParameterError
-        If weights are below zero, all zero, or given for parts.
-    """
+    """The sums of all sources, and of each HEALPix block that holds some."""
     if isinstance(field, Parts):
         if weights is not None:
             raise ParameterError(

@@ -112,10 +112,6 @@ class TemplateFit(Result):
         probability : float
             Between them.
 
-        Returns
-        -------
-        array
-
         Notes
         -----
         Of nothing but noise 95 % hold zero on 93 to 99 % of skies (1500 sources all over the sky, on half of it, in clusters, 8 that
@@ -128,12 +124,7 @@ class TemplateFit(Result):
         )
 
     def report(self) -> str:
-        """Amplitudes as text.
-
-        Returns
-        -------
-        str
-        """
+        """Amplitudes as text."""
         lines = [
             "Templates in the correlation of motions (errors from the scatter of blocks of the sky; 95 % as squares scatter)"
         ]
@@ -143,12 +134,7 @@ class TemplateFit(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each template, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each template, as an astropy Table."""
         low, high = self.interval().T
         columns = {
             "template": list(self.names),
@@ -166,10 +152,6 @@ class TemplateFit(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.pairs._plot import plot_curves
 
@@ -177,20 +159,7 @@ class TemplateFit(Result):
 
 
 def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], FloatArray]]:
-    """Templates as functions of θ that give ξ+ and ξ−, (2, n), by name.
-
-    Parameters
-    ----------
-    templates : sequence of str, or dict of functions
-        As users say it.
-    hubble : float
-        H0. [km/s/Mpc]
-
-    Raises
-    ------
-    ParameterError
-        If one is unknown, or no function.
-    """
+    """Templates as functions of θ that give ξ+ and ξ−, (2, n), by name."""
     if isinstance(templates, Mapping) and templates:
         for name, function in templates.items():
             if not callable(function):
@@ -214,20 +183,7 @@ def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], 
 
 
 def fitted(found: Any, templates: dict[str, Callable[[FloatArray], FloatArray]]) -> TemplateFit:
-    """Amplitudes by least squares, with the weight of the pairs in each bin.
-
-    Parameters
-    ----------
-    found : Correlation
-        In bins.
-    templates : dict of functions
-        By name.
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer bins than templates, or templates cannot be told apart.
-    """
+    """Amplitudes by least squares, with the weight of the pairs in each bin."""
     bins, seen = windows(found.edges, found.lmax), np.isfinite(found.plus)
     pairs = bins.values * (found.window @ bins.scalar)  # as the pairs spread within each bin
     curves = []

@@ -43,15 +43,7 @@ class Windows:
 
 
 def windows(edges: FloatArray, lmax: int) -> Windows:
-    """The bins between edges.
-
-    Parameters
-    ----------
-    edges : (k + 2,) array
-        Ascending. [rad]
-    lmax : int
-        The highest degree.
-    """
+    """The bins between edges."""
     return _windows(tuple(map(float, edges)), lmax)
 
 
@@ -73,18 +65,7 @@ def _windows(edges, lmax):
 
 
 def checked_edges(edges: ArrayLike) -> FloatArray:
-    """Edges of bins, ascending from 0 to π at most.
-
-    Parameters
-    ----------
-    edges : (k + 2,) array
-        At least three. [rad]
-
-    Raises
-    ------
-    ParameterError
-        If they are none.
-    """
+    """Edges of bins, ascending from 0 to π at most."""
     found = float_array("edges", edges)
     if found.ndim != 1 or found.size < 3:
         raise ParameterError(

@@ -24,37 +24,14 @@ from vsh.parts import Parts
 
 
 def distances_of(options: dict[str, Any]) -> DistanceOptions:
-    """Those of the keywords that say how distances follow from redshifts.
-
-    Parameters
-    ----------
-    options : dict
-        Of `sample` or `grid`.
-    """
+    """Those of the keywords that say how distances follow from redshifts."""
     return DistanceOptions(**{name: value for name, value in options.items() if name in DISTANCES})  # type: ignore[typeddict-item]
 
 
 def posterior_equations(
     field: Field | Parts, priors: Priors, cosmology: Cosmology | None, distances: DistanceOptions
 ) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
-    """The equations of a catalogue, and the priors along its axes.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        With redshifts.
-    priors : Priors
-        As users say it.
-    cosmology : astropy cosmology or None
-        The shape of the distance.
-    distances : DistanceOptions
-        How distances follow from redshifts.
-
-    Raises
-    ------
-    ParameterError
-        If sources have distances in Mpc.
-    """
+    """The equations of a catalogue, and the priors along its axes."""
     first = field if isinstance(field, Field) else next(iter(field))
     given = checked_priors(priors, first.frame, distances)
     rows = parallax_equations(field, cosmology, peculiar_dispersion=given.typical_dispersion, **distances)

@@ -44,12 +44,7 @@ class GridPosterior(Result):
     velocity: Vector
 
     def report(self) -> str:
-        """Means and standard deviations as text.
-
-        Returns
-        -------
-        str
-        """
+        """Means and standard deviations as text."""
         v = self.velocity
         lines = [f"Posterior on a grid ({v.frame} axes, velocity toward the apex)"]
         lines += [f"{name:22}{self.mean(name):.4g} ± {self.sigma(name):.2g}" for name in self.names]
@@ -57,12 +52,7 @@ class GridPosterior(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """Marginal probabilities as an astropy Table: for each quantity its values and their probabilities.
-
-        Returns
-        -------
-        Table
-        """
+        """Marginal probabilities as an astropy Table: for each quantity its values and their probabilities."""
         columns = {}
         for name in self.names:
             columns[name], columns[f"probability_{name}"] = self.marginal(name)
@@ -75,10 +65,6 @@ class GridPosterior(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.posterior._plot import plot_marginals
 
@@ -107,10 +93,6 @@ class GridPosterior(Result):
         ----------
         name : str
             Of the quantity.
-
-        Returns
-        -------
-        float
         """
         x, p = self.marginal(name)
         return float(x @ p)
@@ -122,10 +104,6 @@ class GridPosterior(Result):
         ----------
         name : str
             Of the quantity.
-
-        Returns
-        -------
-        float
         """
         x, p = self.marginal(name)
         return float(np.sqrt((x - x @ p) ** 2 @ p))
@@ -161,10 +139,6 @@ def grid(
         How many; one a core unless given.
     **noise
         The other attributes of `Priors`, but outliers; and `fit.secular_parallax.DistanceOptions`.
-
-    Returns
-    -------
-    GridPosterior
 
     Raises
     ------

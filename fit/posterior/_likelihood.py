@@ -59,30 +59,12 @@ class CompressedLikelihood:
     frame: str
 
     def __call__(self, spreads: FloatArray) -> Any:
-        """c (n,), û (n, 3), M (n, 3, 3) at spreads, excess noises and sizes of the flow, inside the limits.
-
-        Parameters
-        ----------
-        spreads : (3, n) array
-            s, x and q.
-        """
+        """c (n,), û (n, 3), M (n, 3, 3) at spreads, excess noises and sizes of the flow, inside the limits."""
         c, peak, matrix = np.split(self._at(spreads, slice(0, 10)), [1, 4], axis=1)
         return c[:, 0], peak, _symmetric(matrix)
 
     def acceleration(self, spreads: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest.
-
-        Parameters
-        ----------
-        spreads : (3, n) array
-            s [km/s], x [µas/yr] and q.
-        u : (n, 3) array
-            u. [km/s]
-
-        Returns
-        -------
-        tuple[array, array]
-        """
+        """Mean (n, 3) and covariance (n, 3, 3) of ã, given all the rest."""
         mean, slope, covariance = np.split(self._at(spreads, slice(10, 28)), [3, 12], axis=1)
         return mean + np.einsum("nij,nj->ni", slope.reshape(-1, 3, 3), u), _symmetric(covariance)
 
@@ -111,13 +93,7 @@ class Tabulated:
     threads: int | None
 
     def at(self, s: FloatArray, x: FloatArray, q: FloatArray) -> FloatArray:
-        """The functions, (28, n), at n points: `marginalise` of the sums, flow and acceleration as they are known.
-
-        Parameters
-        ----------
-        s, x, q : (n,) arrays
-            [km/s], [µas/yr], and of the flow.
-        """
+        """The functions, (28, n), at n points: `marginalise` of the sums, flow and acceleration as they are known."""
         pairs, which = np.unique(np.stack([s, x]), axis=1, return_inverse=True)
         sums = with_acceleration(self.rows.sums(*pairs, threads=self.threads), self.acceleration, self.rows.frame)
         if self.rows.modes is None:
@@ -141,31 +117,7 @@ def compress_likelihood(
     accuracy: float = 1e-5,
     threads: int | None = None,
 ) -> CompressedLikelihood:
-    """Tabulate the likelihood between limits.
-
-    Parameters
-    ----------
-    rows : ParallaxEquations or ParallaxParts
-        Its equations.
-    spread, excess_noise, flow : pairs of float
-        Limits of s [km/s], x [µas/yr] and q
-    spin : None, "free" or Vector
-        As for `fit.secular_parallax.observer_velocity`, but that a Vector's
-        covariance is a prior.
-    acceleration : Vector, optional
-        Known from elsewhere, with its covariance. [µas/yr]
-    accuracy : float
-        Of log L near its largest value; far below it, 1 % of the depth.
-    threads : int, optional
-        How many; one a core unless given.
-
-    Raises
-    ------
-    DegeneracyError
-        If the sources cannot tell the velocity from the acceleration.
-    ConvergenceError
-        If the table does not settle.
-    """
+    """Tabulate the likelihood between limits."""
     scale = max(np.sqrt(rows.smallest_variance) / rows.largest_rate, 1e-6 * max(spread[1], 1e-30))
     noise = float(np.sqrt(rows.smallest_variance))
     limits = ((spread, scale), (excess_noise, noise), (flow, flow[1]))
@@ -201,22 +153,7 @@ def _table(what, axes):
 
 
 def marginalise(sums: ParallaxSums, spin: Literal["free"] | Vector | None, frame: str) -> Any:
-    """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9).
-
-    Parameters
-    ----------
-    sums : ParallaxSums
-        Of a catalogue.
-    spin : None, "free" or Vector
-        As in `Priors`. [µas/yr]
-    frame : str
-        "icrs", "galactic" or "ecliptic".
-
-    Raises
-    ------
-    ParameterError
-        If the spin is none of these.
-    """
+    """The functions that are tabulated, (28, …), from normal equations, (…, 9, 9)."""
     matrix, rhs, chi2 = sums.matrix, sums.rhs, sums.chi2_null
     rest = list(range(A.start, A.stop))
     if isinstance(spin, Vector):

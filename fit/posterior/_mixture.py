@@ -70,13 +70,7 @@ class MixtureModel:
         return (*self.base.names, "outlier_fraction", "a_x", "a_y", "a_z", *spin)
 
     def log_probability(self, theta: FloatArray) -> FloatArray:
-        """Log posterior density of coordinates (n, d), up to a constant.
-
-        Parameters
-        ----------
-        theta : (n, d) array
-            Coordinates.
-        """
+        """Log posterior density of coordinates (n, d), up to a constant."""
         k = len(self.base.names)
         numbers, fraction, linear = theta[:, 3:k], theta[:, k], theta[:, k + 1 :]
         with np.errstate(invalid="ignore"):
@@ -117,15 +111,7 @@ class MixtureModel:
         return sum(map_blocks(block, n, _BLOCK, self.threads))
 
     def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
-        """Coordinates of walkers: those of the model without outliers, and small fractions.
-
-        Parameters
-        ----------
-        rng : Generator or int
-            The source of all randomness.
-        walkers : int
-            How many.
-        """
+        """Coordinates of walkers: those of the model without outliers, and small fractions."""
         theta = self.base.start(rng, walkers)
         named = self.base.to_samples(theta, rng)
         top = min(self.fraction.high, self.fraction.low + 0.1)
@@ -138,15 +124,7 @@ class MixtureModel:
         return np.column_stack([theta, fraction, *linear])
 
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
-        """What a user asks for, by name.
-
-        Parameters
-        ----------
-        theta : (n, d) array
-            Coordinates.
-        rng : Generator or int
-            The source of all randomness.
-        """
+        """What a user asks for, by name."""
         k = len(self.base.names)
         samples = self.base.to_samples(theta[:, :k], rng)
         return samples | dict(zip(self.names[k:], theta[:, k:].T))

@@ -46,36 +46,18 @@ class ParallaxModel:
         return (*(f"{self.along}_{axis}" for axis in "xyz"), *self.priors.free)
 
     def velocities(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """u and v, (n, 3) each, of coordinates (n, d).
-
-        Parameters
-        ----------
-        theta : (n, d) array
-            Coordinates.
-        """
+        """u and v, (n, 3) each, of coordinates (n, d)."""
         ratio = theta[:, 3:4] / self.likelihood.hubble  # H0 is the first of the free numbers
         return (theta[:, :3], theta[:, :3] / ratio) if self.along == "u" else (theta[:, :3] * ratio, theta[:, :3])
 
     def log_jacobian(self, ratio: FloatArray) -> FloatArray | float:
-        """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u.
-
-        Parameters
-        ----------
-        ratio : (n,) array
-            H0/H_ref.
-        """
+        """log |∂v/∂(coordinates)|, or |∂u/∂(coordinates)| for a prior that is flat in u."""
         if self.priors.velocity.in_product:
             return 0.0 if self.along == "u" else 3 * np.log(ratio)
         return -3 * np.log(ratio) if self.along == "u" else 0.0
 
     def log_probability(self, theta: FloatArray) -> FloatArray:
-        """Log posterior density of coordinates (n, d), up to a constant.
-
-        Parameters
-        ----------
-        theta : (n, d) array
-            Coordinates.
-        """
+        """Log posterior density of coordinates (n, d), up to a constant."""
         total = self.priors.log(theta[:, 3:])
         good = np.isfinite(total)
         spreads, ratio = self.spreads(theta[good, 3:])
@@ -87,13 +69,7 @@ class ParallaxModel:
         return np.where(np.isnan(total), -np.inf, total)
 
     def spreads(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """s, x and q of the likelihood, (3, n), and H0/H_ref, from the free numbers (n, k).
-
-        Parameters
-        ----------
-        numbers : (n, k) array
-            The free numbers, H0 first.
-        """
+        """s, x and q of the likelihood, (3, n), and H0/H_ref, from the free numbers (n, k)."""
         columns = dict(zip(self.priors.free, numbers.T, strict=True))
         ratio = columns["H0"] / self.likelihood.hubble
         spread = (
@@ -112,13 +88,6 @@ class ParallaxModel:
         """Given the free numbers (n, k): log of the posterior with v marginalised, v's mean and covariance.
 
         For Gaussian (and flat) priors on the velocity, exactly.
-
-        Parameters
-        ----------
-        numbers : (n, k) array
-            The free numbers, H0 first.
-        with_priors : bool
-            Whether the log holds their priors, which are nothing beyond their limits.
         """
         spreads, ratio = self.spreads(numbers)
         c, peak, matrix = self.likelihood(spreads)
@@ -140,18 +109,6 @@ class ParallaxModel:
         """Coordinates of walkers, spread over the posterior, (walkers, d).
 
         Candidates are drawn, weighed by their density, and the draw is repeated around the best.
-
-        Parameters
-        ----------
-        rng : Generator or int
-            The source of all randomness.
-        walkers : int
-            How many.
-
-        Raises
-        ------
-        ParameterError
-            If the posterior is zero wherever it was tried.
         """
         limits = np.array([self.priors.limits(name) for name in self.priors.free])
         low, high = limits.T
@@ -195,15 +152,7 @@ class ParallaxModel:
         return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - logdet
 
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
-        """What a user asks for, by name: v, H0, the others, and ã, drawn given them.
-
-        Parameters
-        ----------
-        theta : (n, d) array
-            Coordinates.
-        rng : Generator or int
-            The source of all randomness.
-        """
+        """What a user asks for, by name: v, H0, the others, and ã, drawn given them."""
         numbers = theta[:, 3:]
         spreads, _ = self.spreads(numbers)
         u, v = self.velocities(theta)
@@ -220,24 +169,7 @@ def parallax_model(
     spin: Literal["free"] | Vector | None = None,
     threads: int | None = None,
 ) -> ParallaxModel:
-    """The posterior of a catalogue's equations under priors.
-
-    Parameters
-    ----------
-    rows : ParallaxEquations or ParallaxParts
-        Of a catalogue.
-    given : ModelPriors
-        What is known before.
-    spin : None, "free" or Vector
-        As in `Priors`. [µas/yr]
-    threads : int, optional
-        How many; one a core unless given.
-
-    Raises
-    ------
-    ParameterError
-        If the size of a flow is free that is not fitted.
-    """
+    """The posterior of a catalogue's equations under priors."""
     spread, flow = given.limits("peculiar_dispersion"), (1.0, 1.0)
     slow, fast = (each / rows.hubble for each in given.limits("H0"))
     if "peculiar_dispersion" in given.free:

@@ -26,13 +26,7 @@ _LABELS = {
 
 
 def label(name: str) -> str:
-    """A quantity's name with its unit, as on an axis.
-
-    Parameters
-    ----------
-    name : str
-        Of a quantity.
-    """
+    """A quantity's name with its unit, as on an axis."""
     unit = f"\n[{UNITS[name]}]" if UNITS.get(name) else ""
     return _LABELS.get(name, name) + unit
 
@@ -41,29 +35,7 @@ def label(name: str) -> str:
 def plot_corner(
     posterior: Any, names: Sequence[str] | None = None, *, truths: Mapping[str, float] | None = None, ax: Any = None
 ) -> Any:
-    """Every pair of quantities, with 68 and 95 % contours.
-
-    Parameters
-    ----------
-    posterior : Posterior or Samples
-        What to draw.
-    names : sequence of str, optional
-        Which quantities. Unless given: velocity, H0, acceleration and what else was free, but not those of which the data
-        say no more than their Gaussian prior did.
-    truths : dict of str to float, optional
-        True values by name, drawn as lines: of a simulated catalogue.
-    ax : k² matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (k, k) array of matplotlib axes
-
-    Raises
-    ------
-    ParameterError
-        If there is no quantity of a name, or none that was free.
-    """
+    """Every pair of quantities, with 68 and 95 % contours."""
     samples = posterior.samples
     chosen = list(samples) if names is None else list(names)
     unknown = [name for name in (*chosen, *(truths or {})) if name not in samples]
@@ -132,21 +104,7 @@ def _draw_prior(drawn, posterior, names):
 
 @styled
 def plot_trace(posterior: Any, n_shown: int = 40, *, ax: Any = None) -> Any:
-    """Coordinates of the sampler against steps, some walkers; the burn-in shaded, R̂ and the effective size beside each.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        What to draw.
-    n_shown : int
-        Of the walkers.
-    ax : matplotlib axes, one for each coordinate, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (d,) array of matplotlib axes
-    """
+    """Coordinates of the sampler against steps, some walkers; the burn-in shaded, R̂ and the effective size beside each."""
     names, chain = posterior.model.names, posterior.chain
     drawn = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
     each, every = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)
@@ -163,19 +121,7 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: Any = None) -> Any:
 
 @styled
 def plot_marginals(grid: Any, *, ax: Any = None) -> Any:
-    """The marginal density of each quantity on a grid.
-
-    Parameters
-    ----------
-    grid : GridPosterior
-        What to draw.
-    ax : matplotlib axes, one for each quantity, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (k,) array of matplotlib axes
-    """
+    """The marginal density of each quantity on a grid."""
     drawn = panels(ax, len(grid.names), 1, size=(WIDTH, 1.9 * len(grid.names)))
     for axes, name in zip(drawn, grid.names, strict=True):
         x, p = grid.marginal(name)

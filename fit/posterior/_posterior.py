@@ -98,21 +98,11 @@ class Posterior(SampleResult):
         return self.model.to_samples(kept.reshape(-1, kept.shape[-1]), np.random.default_rng([self.seed, 1]))
 
     def report(self) -> str:
-        """The summary as text.
-
-        Returns
-        -------
-        str
-        """
+        """The summary as text."""
         return "\n".join([text_of(self), *_sensitivity_lines(self.model, self.samples)])
 
     def kept(self) -> Samples:
-        """The samples without the chain: a `Samples`, which can be written and read back.
-
-        Returns
-        -------
-        Samples
-        """
+        """The samples without the chain: a `Samples`, which can be written and read back."""
         return Samples(
             self.samples,
             self.frame,
@@ -144,10 +134,6 @@ class Posterior(SampleResult):
         ----------
         path : str or Path
             An ECSV or FITS file.
-
-        Returns
-        -------
-        Samples
         """
         return Samples.read(path)
 
@@ -156,10 +142,6 @@ class Posterior(SampleResult):
 
         Every quantity of `samples` by its name; and `velocity` and `acceleration` with the coordinate `axis` (x, y, z). Units and the
         frame are attributes; `sample_stats` has the log-probability.
-
-        Returns
-        -------
-        arviz.InferenceData
 
         Raises
         ------
@@ -188,10 +170,6 @@ class Posterior(SampleResult):
             True values by name, drawn as lines.
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         return self.plot(names, truths, ax=ax)
 
@@ -202,10 +180,6 @@ class Posterior(SampleResult):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.posterior._plot import plot_trace
 

@@ -102,24 +102,7 @@ def as_priors(
     hubble_prior: str | tuple[float, float] | Prior | None,
     options: dict[str, Any],
 ) -> Priors:
-    """The Priors that `sample` and `grid` were given, in one way or the other.
-
-    Parameters
-    ----------
-    priors : Priors or None
-        All in one.
-    velocity_prior : see `Priors`
-        Or None.
-    hubble_prior : see `Priors`
-        Or None.
-    options : dict
-        The others, one by one.
-
-    Raises
-    ------
-    ParameterError
-        If both ways were used at once.
-    """
+    """The Priors that `sample` and `grid` were given, in one way or the other."""
     single = {"velocity": velocity_prior, "hubble": hubble_prior} | options
     single = {name: value for name, value in single.items() if value is not None and name not in DISTANCES}
     if priors is None:
@@ -170,18 +153,7 @@ class ModelPriors:
         return {name: prior for name, prior in self._named().items() if not isinstance(prior, float)}
 
     def limits(self, name: str) -> tuple[float, float]:
-        """The smallest and largest value of one of them that is ever asked for.
-
-        Parameters
-        ----------
-        name : str
-            Of a free number.
-
-        Raises
-        ------
-        ParameterError
-            If a prior other than that of H0 has no upper limit.
-        """
+        """The smallest and largest value of one of them that is ever asked for."""
         prior = self._named()[name]
         if isinstance(prior, float):
             return prior, prior
@@ -195,13 +167,7 @@ class ModelPriors:
         return max(low, 0.0), high
 
     def log(self, values: FloatArray) -> FloatArray:
-        """Summed log-density of the free numbers, (n,), from their columns (n, k).
-
-        Parameters
-        ----------
-        values : (n, k) array
-            The free numbers.
-        """
+        """Summed log-density of the free numbers, (n,), from their columns (n, k)."""
         total = np.zeros(len(values))
         for column, (name, prior) in zip(values.T, self.free.items(), strict=True):
             low, high = self.limits(name)
@@ -243,23 +209,7 @@ def _in_words(prior):
 
 
 def checked_priors(priors: Priors, frame: str, distances: DistanceOptions | None = None) -> ModelPriors:
-    """Priors as users give them, checked: ModelPriors.
-
-    Parameters
-    ----------
-    priors : Priors
-        As users say it.
-    frame : str
-        Of the axes of the data.
-    distances : DistanceOptions, optional
-        Whether flows are fitted.
-
-    Raises
-    ------
-    ParameterError
-        If one is none, if the velocity's prior is flat and that on H0 has no limits, or if
-        the posterior of H0 is not integrable.
-    """
+    """Priors as users give them, checked: ModelPriors."""
     velocity = velocity_prior(priors.velocity, frame)
     hubble = as_prior(priors.hubble, "H0", _HUBBLE_PRIORS)
     if not (velocity.proper or hubble.proper):

@@ -85,10 +85,6 @@ def sample(
         The other attributes of `Priors`: peculiar_dispersion, flow_amplitude, acceleration, excess_noise, spin,
         outliers, outlier_width; and `fit.secular_parallax.DistanceOptions`: redshift_frame, flows, …
 
-    Returns
-    -------
-    Posterior
-
     Raises
     ------
     ParameterError

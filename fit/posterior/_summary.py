@@ -35,11 +35,6 @@ class Interval(NamedTuple):
 def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
     """An Interval for each name.
 
-    Parameters
-    ----------
-    samples : dict of str to (n,) array
-        By name.
-
     Examples
     --------
     >>> found = intervals({"x": np.arange(101.0)})["x"]
@@ -90,12 +85,7 @@ class SampleResult(Result):
         return np.asarray(self.samples[name]).reshape(-1, self.n_walkers)[:, :, None]
 
     def summary(self) -> dict[str, Interval]:
-        """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`.
-
-        Returns
-        -------
-        dict[str, Interval]
-        """
+        """Median, mean, σ, and the 68 and 95 % credible intervals of every quantity: a dict of `Interval`."""
         return intervals(self.samples)
 
     @property
@@ -109,12 +99,7 @@ class SampleResult(Result):
         return self._vector("a", "µas/yr")
 
     def to_table(self) -> Table:
-        """The summary as an astropy Table, a row a quantity.
-
-        Returns
-        -------
-        Table
-        """
+        """The summary as an astropy Table, a row a quantity."""
         rows = self.summary()
         columns = {"quantity": list(rows), "unit": [UNITS.get(name, "") for name in rows]}
         columns |= {key: [getattr(row, key) for row in rows.values()] for key in Interval._fields}
@@ -123,21 +108,7 @@ class SampleResult(Result):
     def plot(
         self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: Any = None
     ) -> Any:
-        """Corner plot of some of the quantities: velocity, H0 and what else was free. On matplotlib axes.
-
-        Parameters
-        ----------
-        names : sequence of str, optional
-            Which quantities.
-        truths : dict of str to float, optional
-            True values by name, drawn as lines.
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
-        """
+        """Corner plot of some of the quantities: velocity, H0 and what else was free. On matplotlib axes."""
         from fit.posterior._plot import plot_corner
 
         return plot_corner(self, names, truths=truths, ax=ax)
@@ -182,10 +153,6 @@ class Samples(SampleResult):
     def to_arviz(self) -> Any:
         """The samples as arviz' InferenceData, a chain for each walker: as `Posterior.to_arviz`, without log-probabilities.
 
-        Returns
-        -------
-        arviz.InferenceData
-
         Raises
         ------
         ImportError
@@ -198,12 +165,7 @@ class Samples(SampleResult):
         return f"<Samples: {len(self.samples['H0'])} of {', '.join(self.samples)}, {self.frame}>"
 
     def report(self) -> str:
-        """The summary as text.
-
-        Returns
-        -------
-        str
-        """
+        """The summary as text."""
         return "\n".join([*heading(self.frame, self.priors), *table_lines(self)]) + "\n"
 
     def _pack(self):
@@ -234,13 +196,7 @@ def _walkers(samples, rest):
 
 
 def text_of(posterior: Any) -> str:
-    """A page of text on a posterior.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        What to describe.
-    """
+    """A page of text on a posterior."""
     steps, walkers, _ = posterior.chain.shape
     slowest = max(posterior.autocorrelation.values())
     priors = posterior.model.priors
@@ -255,15 +211,7 @@ def text_of(posterior: Any) -> str:
 
 
 def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
-    """The first lines of a report on a posterior: its priors in words.
-
-    Parameters
-    ----------
-    frame : str
-        Of the axes.
-    priors : dict of str to str
-        In words.
-    """
+    """The first lines of a report on a posterior: its priors in words."""
     dispersion = priors["peculiar_dispersion"]
     fixed = (
         "fixed: in the weights alone"
@@ -283,13 +231,7 @@ def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
 
 
 def table_lines(found: SampleResult) -> list[str]:
-    """The table of medians and intervals of a SampleResult, as lines.
-
-    Parameters
-    ----------
-    found : SampleResult
-        What to describe.
-    """
+    """The table of medians and intervals of a SampleResult, as lines."""
     size, r_hat = found._effective(), found._r_hat()
     lines = [
         f"effective      {min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most; digits are those they have",

@@ -53,13 +53,7 @@ class VelocityPrior:
         return self.function is None
 
     def log(self, v: FloatArray) -> FloatArray:
-        """Log-density at velocities v, (n, 3).
-
-        Parameters
-        ----------
-        v : (n, 3) array
-            Velocities. [km/s]
-        """
+        """Log-density at velocities v, (n, 3)."""
         if self.function is not None:
             return np.asarray(self.function(v), float)
         away = v - self.mean
@@ -68,20 +62,7 @@ class VelocityPrior:
 
 
 def velocity_prior(value: Any, frame: str) -> VelocityPrior:
-    """A velocity prior along the axes of `frame`.
-
-    Parameters
-    ----------
-    value : "planck", "flat", "flat-product", a Vector in km/s with its covariance, or a function from
-        velocities (n, 3), along the axes of `frame`, to log-densities (n,)
-    frame : str
-        Of the axes.
-
-    Raises
-    ------
-    ParameterError
-        If it is none of these, or a Vector without errors.
-    """
+    """A velocity prior along the axes of `frame`."""
     if isinstance(value, str) and value in ("flat", "flat-product"):
         return VelocityPrior(value, np.zeros(3), np.zeros((3, 3)))
     if isinstance(value, str) and value == "planck":

@@ -7,7 +7,6 @@ from fit.redshift._shared import FLOW_MATTERS
 from fit.redshift._solution import BinnedSolution
 
 __all__ = [
-    "FLOW_MATTERS",
     "BinnedSolution",
     "ChiSquare",
     "Trend",

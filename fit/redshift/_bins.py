@@ -68,10 +68,6 @@ def binned(
     threads : int, optional
         How many; one a core unless given.
 
-    Returns
-    -------
-    BinnedSolution
-
     Raises
     ------
     ParameterError
@@ -170,10 +166,6 @@ def equal_information(field: Field | Parts, n_bins: int) -> FloatArray:
         The sources.
     n_bins : int
         How many.
-
-    Returns
-    -------
-    array
 
     Raises
     ------

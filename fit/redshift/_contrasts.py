@@ -54,24 +54,14 @@ class Trend(Result):
     acceleration: Vector
 
     def report(self) -> str:
-        """The slopes and their test as text.
-
-        Returns
-        -------
-        str
-        """
+        """The slopes and their test as text."""
         lines = [f"slopes of {name:14}" + "".join(f"{x:+10.3f} ± {s:.3f}" for x, s in zip(v.value, v.sigma, strict=True))
                  for name, v in (("spin", self.spin), ("acceleration", self.acceleration))]  # fmt: skip
         lines.append(f"no slope: χ² = {self.test.chi2:.2f} for {self.test.dof}, p-value {self.test.p_value:.4g}")
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """The slopes of spin and acceleration with their errors as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """The slopes of spin and acceleration with their errors as an astropy Table."""
         names = [f"{name}_{axis}" for name in ("spin", "acceleration") for axis in "xyz"]
         return tables.table_of({
             "parameter": names, "slope": np.concatenate([self.spin.value, self.acceleration.value]),
@@ -85,10 +75,6 @@ class Trend(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.redshift._plot import plot_trend
 
@@ -96,15 +82,7 @@ class Trend(Result):
 
 
 def welch(binned: Any, steps: int) -> tuple[float, float]:
-    """By what a scaled χ² is divided, and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts.
-
-    Parameters
-    ----------
-    binned : BinnedSolution
-        The bins.
-    steps : int
-        How many contrasts.
-    """
+    """By what a scaled χ² is divided, and the degrees of freedom of its scale (Welch 1951), for `steps` contrasts."""
     weight, dof = information(binned)
     share = weight / weight.sum()
     spread = np.sum((1 - share) ** 2 / dof)
@@ -113,13 +91,7 @@ def welch(binned: Any, steps: int) -> tuple[float, float]:
 
 
 def information(binned: Any) -> tuple[FloatArray, FloatArray]:
-    """Weight of each bin with scaled errors, and the degrees of freedom of its scale.
-
-    Parameters
-    ----------
-    binned : BinnedSolution
-        The bins.
-    """
+    """Weight of each bin with scaled errors, and the degrees of freedom of its scale."""
     size = len(binned.free)
     noise = [np.trace(binned.covariance[i : i + size, i : i + size]) for i in range(0, size * len(binned), size)]
     weight = 1 / np.array(noise) / binned.scales
@@ -127,46 +99,20 @@ def information(binned: Any) -> tuple[FloatArray, FloatArray]:
 
 
 def slope_of(found: tuple[FloatArray, float, FloatArray], q: int) -> float:
-    """χ² of no slope, from what `gls` found for constants and slopes.
-
-    Parameters
-    ----------
-    found : tuple
-        Constants and slopes (2q,), χ², and their covariance (2q, 2q).
-    q : int
-        How many slopes.
-    """
+    """χ² of no slope, from what `gls` found for constants and slopes."""
     theta, _, spread = found
     return float(theta[q:] @ np.linalg.solve(spread[q:, q:], theta[q:]))
 
 
 def equality_chi2(values: FloatArray, covariance: FloatArray) -> float:
-    """χ² of the differences of independent bins: values (B, q), covariance (B, q, q).
-
-    Parameters
-    ----------
-    values : (B, q) array
-        In each bin.
-    covariance : (B, q, q) array
-        Of each bin.
-    """
+    """χ² of the differences of independent bins: values (B, q), covariance (B, q, q)."""
     weight = np.linalg.inv(covariance)
     pull = np.einsum("bij,bj->bi", weight, values)
     return float(np.sum(values * pull) - pull.sum(0) @ np.linalg.solve(weight.sum(0), pull.sum(0)))
 
 
 def slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> float:
-    """χ² that a straight line takes away from independent bins: that of no slope.
-
-    Parameters
-    ----------
-    values : (B, q) array
-        In each bin.
-    covariance : (B, q, q) array
-        Of each bin.
-    x : (B,) array
-        Of the bins.
-    """
+    """χ² that a straight line takes away from independent bins: that of no slope."""
     weight = np.linalg.inv(covariance)
     design = np.stack([np.ones_like(x), x - x.mean()])
     normal = np.einsum("kb,lb,bij->kilj", design, design, weight).reshape(2 * weight.shape[1], -1)
@@ -175,17 +121,7 @@ def slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> flo
 
 
 def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and θ's covariance.
-
-    Parameters
-    ----------
-    values : (B, q) array
-        In each bin.
-    covariance : (B q, B q) array
-        Of all of them.
-    design : (B, k) array
-        Of the model.
-    """
+    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and θ's covariance."""
     q = values.shape[1]
     full = np.kron(design, np.eye(q))
     y = values.ravel()

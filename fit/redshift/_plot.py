@@ -16,23 +16,7 @@ from vsh.vector import Vector
 
 @styled
 def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: Any = None) -> Any:
-    """Spin and acceleration, components and amplitude, in each bin.
-
-    Parameters
-    ----------
-    binned : BinnedSolution
-        The bins.
-    velocity : "planck", Vector or None
-        Whose secular parallax is drawn in, about the acceleration that fits
-        best with it.
-    ax : four matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (4,) array of matplotlib axes
-        Components and amplitude of the acceleration, of the spin.
-    """
+    """Spin and acceleration, components and amplitude, in each bin."""
     drawn = panels(ax, 4, 1, size=(WIDTH, 6.6), sharex=True, height_ratios=(2, 1, 2, 1))
     # A bin measures the mean of 1/d, and that is where its marker stands.
     z, edges = np.clip(binned.effective_redshift, binned.edges[:-1], binned.edges[1:]), binned.edges
@@ -98,19 +82,7 @@ def _draw_prediction(binned, velocity, drawn):
 
 @styled
 def plot_trend(trend: Any, *, ax: Any = None) -> Axes:
-    """Slopes of spin and acceleration with redshift.
-
-    Parameters
-    ----------
-    trend : Trend
-        What to draw.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
-    """
+    """Slopes of spin and acceleration with redshift."""
     (axes,) = panels(ax)
     for at, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):
         for i, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):

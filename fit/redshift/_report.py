@@ -23,15 +23,6 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
     Every hypothesis is tested three ways: with errors as quoted, with the errors of each bin multiplied by
     the root of its own χ²/dof, and by permuting redshifts. It is called contradicted where both of the last
     two say so (the second alone where there are no permutations).
-
-    Parameters
-    ----------
-    binned : BinnedSolution
-        The bins.
-    velocity : Vector or None
-        Whose secular parallax the bins are compared with.
-    p_values : dict, optional
-        From `fit.redshift.permutation_test`.
     """
     lines = [f"Bins of redshift ({binned.frame} axes, degree 1 to {binned.modes.lmax})", "─" * WIDTH]
     lines.append(f"{'z':>17}{'sources':>9}{'χ²/dof':>8}{'spin':>26}{'acceleration [µas/yr]':>28}")

@@ -150,10 +150,6 @@ class BinnedSolution(Result):
         x : (B,) array, optional
             The bins' redshifts unless given; `mean_inverse_distance` makes it a secular parallax.
 
-        Returns
-        -------
-        Trend
-
         Raises
         ------
         ParameterError
@@ -210,12 +206,7 @@ class BinnedSolution(Result):
         return _vector(self.modes, "S", theta, spread, free, self.frame), test
 
     def to_table(self) -> Table:
-        """Spin and acceleration in each bin, with errors, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """Spin and acceleration in each bin, with errors, as an astropy Table."""
         columns = {
             "z_low": self.edges[:-1], "z_high": self.edges[1:], "z": self.redshift, "sources": self.counts,
             "chi2_dof": np.array([s.reduced_chi2 for s in self.solutions]),
@@ -237,10 +228,6 @@ class BinnedSolution(Result):
             Whose secular parallax the bins are compared with. [km/s]
         p_values : dict of str to float, optional
             From `fit.redshift.permutation_test`.
-
-        Returns
-        -------
-        str
         """
         return text_of(self, velocity, p_values)
 
@@ -253,10 +240,6 @@ class BinnedSolution(Result):
             Whose secular parallax is drawn in.
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.redshift._plot import plot_bins
 

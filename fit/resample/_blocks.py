@@ -61,10 +61,6 @@ def block_bootstrap(
     nside : int
         nside of the HEALPix blocks; blocks without sources are not counted.
 
-    Returns
-    -------
-    Resampled
-
     Raises
     ------
     DegeneracyError

@@ -79,10 +79,6 @@ def bootstrap(
     progress : bool
         Show a bar, after two seconds.
 
-    Returns
-    -------
-    Resampled
-
     Raises
     ------
     ParameterError
@@ -177,10 +173,6 @@ def parametric_bootstrap(
     ----------
     field, modes, n_replicates, rng, covariance
         As for `bootstrap`.
-
-    Returns
-    -------
-    Resampled
     """
     modes = modes_for(field, modes)
     solution = solve(normal_equations(field, modes, covariance=covariance))

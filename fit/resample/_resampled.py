@@ -35,21 +35,11 @@ class Resampled(AboutSolution):
     covariance: FloatArray
 
     def report(self) -> str:
-        """The solution with these errors, as text.
-
-        Returns
-        -------
-        str
-        """
+        """The solution with these errors, as text."""
         return self.resampled_solution.report()
 
     def to_table(self) -> Table:
-        """The coefficients with these errors as an astropy Table, a row each.
-
-        Returns
-        -------
-        Table
-        """
+        """The coefficients with these errors as an astropy Table, a row each."""
         return self.resampled_solution.to_table()
 
     def plot(self, *, ax: Any = None) -> Any:
@@ -59,10 +49,6 @@ class Resampled(AboutSolution):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         return self.resampled_solution.plot(ax=ax)
 
@@ -103,10 +89,6 @@ class Resampled(AboutSolution):
         ----------
         probability : float
             Between 0 and 1.
-
-        Returns
-        -------
-        array
         """
         probability = between("probability", probability, 0, 1)
         if self.method == "jackknife":

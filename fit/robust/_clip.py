@@ -61,10 +61,6 @@ class Clipped(AboutSolution):
         ----------
         field : Field
             In the solution's frame.
-
-        Returns
-        -------
-        Field
         """
         return _select(field, partial(_distances, solution=self.solution), self.limit)
 
@@ -75,10 +71,6 @@ class Clipped(AboutSolution):
         ----------
         field : Field or Parts
             All of them.
-
-        Returns
-        -------
-        Field or Parts
         """
         chosen = field.map(self.select) if isinstance(field, Parts) else field[self.kept]
         return chosen.add_note(self.solution.notes[-1])
@@ -127,10 +119,6 @@ def clip(
     covariance : Covariance or (2n, 2n) array, optional
         Of the motions of a field, all east components first, in place of its errors (`fit.normal_equations`). The
         distance of a source is then by its own block of the matrix.
-
-    Returns
-    -------
-    Clipped
 
     Raises
     ------
@@ -256,13 +244,6 @@ class _Mark(int):
 
 def truncation(q: float, components: int = 2) -> tuple[float, float]:
     """What a cut at X²/2 = q does to Gaussian residuals: factors on variance and on χ².
-
-    Parameters
-    ----------
-    q : float
-        The limit on X²/2.
-    components : int
-        Of a residual: two of a motion, one of a scalar.
 
     Examples
     --------

@@ -64,10 +64,6 @@ def excess_noise(
     max_rounds : int
         Of the iteration.
 
-    Returns
-    -------
-    ExcessNoise
-
     Raises
     ------
     ConvergenceError

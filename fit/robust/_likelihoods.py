@@ -32,28 +32,12 @@ class StudentT:
     components: int = 2
 
     def __call__(self, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """u and its slope, (n,) each.
-
-        Parameters
-        ----------
-        x2 : (n,) array
-            X².
-        """
+        """u and its slope, (n,) each."""
         u = (self.nu + self.components) / (self.nu + x2)
         return u, -u / (self.nu + x2)
 
     def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
-        """The same with the likeliest ν, from residuals and shares by the ν that was.
-
-        Parameters
-        ----------
-        sky : Parts
-            The sources.
-        share : Share
-            Their residuals.
-        words : str
-            Beside the progress bar.
-        """
+        """The same with the likeliest ν, from residuals and shares by the ν that was."""
         if not self.estimated:
             return self
         n, logs = sky.sum(partial(_log_terms, share=share), roles=(), words=words)
@@ -68,25 +52,13 @@ class Permissive:
     components: int = 2
 
     def __call__(self, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """u and its slope, (n,) each.
-
-        Parameters
-        ----------
-        x2 : (n,) array
-            X².
-        """
+        """u and its slope, (n,) each."""
         q = np.maximum(x2 / 2, 1e-8)
         i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (self.components + 1) / 2 + np.arange(3))
         return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
 
     def fitted(self, sky: Parts, share: Share, words: str) -> Permissive:
-        """The same: it has nothing to fit.
-
-        Parameters
-        ----------
-        sky, share, words
-            Not looked at.
-        """
+        """The same: it has nothing to fit."""
         return self
 
 
@@ -109,13 +81,7 @@ class Share:
     leverage: float
 
     def __call__(self, field: Field) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n).
-
-        Parameters
-        ----------
-        field : Field
-            Some of the sources.
-        """
+        """X² over one less the share, u and its slope, each (n,); and the residuals, (components, n)."""
         residual = self.solution.residuals(field)
         chi2, largest = residual.chi2, self.leverage * field.information
         own = np.zeros(len(field))

@@ -67,10 +67,6 @@ class Reweighted(AboutSolution):
         n_sources : int
             How many.
 
-        Returns
-        -------
-        int array
-
         Raises
         ------
         ParameterError
@@ -112,10 +108,6 @@ def student_t(
     max_rounds : int
         Of the iteration.
 
-    Returns
-    -------
-    Reweighted
-
     Raises
     ------
     ConvergenceError
@@ -152,10 +144,6 @@ def permissive(
     ----------
     field, modes, tolerance, max_rounds
         As for `student_t`.
-
-    Returns
-    -------
-    Reweighted
 
     Raises
     ------

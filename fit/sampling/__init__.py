@@ -6,20 +6,4 @@ from fit.sampling._chain import ENOUGH, Run, autocorrelation, split_r_hat
 from fit.sampling._checkpoint import check_writable, fingerprint
 from fit.sampling._priors import Density, Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
 
-__all__ = [
-    "ENOUGH",
-    "Axis",
-    "Density",
-    "Flat",
-    "Normal",
-    "Prior",
-    "Run",
-    "as_prior",
-    "autocorrelation",
-    "check_writable",
-    "fingerprint",
-    "inference_data",
-    "integrable_over_cube",
-    "named_function",
-    "split_r_hat",
-]
+__all__: list[str] = []

@@ -16,24 +16,7 @@ _AXES = ("x", "y", "z")
 def inference_data(
     samples: Mapping[str, FloatArray], log_probability: FloatArray | None, frame: str, units: Mapping[str, str]
 ) -> Any:
-    """arviz' InferenceData (its DataTree from version 1 on) of samples, each (chains, draws).
-
-    Parameters
-    ----------
-    samples : dict of str to (chains, draws) array
-        By name; v_x, v_y, v_z become a velocity with the coordinate `axis`, too, and a_x, a_y, a_z an acceleration.
-    log_probability : (chains, draws) array or None
-        In sample_stats.
-    frame : str
-        Of the vectors.
-    units : dict of str to str
-        By name.
-
-    Raises
-    ------
-    ImportError
-        If arviz is not installed.
-    """
+    """arviz' InferenceData (its DataTree from version 1 on) of samples, each (chains, draws)."""
     try:
         arviz = import_quietly("arviz")
     except ImportError:

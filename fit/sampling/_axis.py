@@ -27,28 +27,14 @@ class Axis:
         return self._value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
 
     def basis(self, value: FloatArray) -> FloatArray:
-        """Chebyshev polynomials at values inside the limits, (n, count).
-
-        Parameters
-        ----------
-        value : (n,) array
-            On this axis.
-        """
+        """Chebyshev polynomials at values inside the limits, (n, count)."""
         if self.count == 1:
             return np.ones((value.size, 1))
         a, b = self._ends
         return chebyshev.chebvander((2 * np.arcsinh(value / self.scale) - a - b) / (b - a), self.count - 1)
 
     def to_coefficients(self, table: FloatArray, axis: int) -> FloatArray:
-        """From values at the nodes, along one axis of a table, to Chebyshev coefficients.
-
-        Parameters
-        ----------
-        table : array
-            Values at the nodes.
-        axis : int
-            Of the table.
-        """
+        """From values at the nodes, along one axis of a table, to Chebyshev coefficients."""
         vander = self.basis(self.nodes)
         return np.moveaxis(np.tensordot(np.linalg.inv(vander), table, (1, axis)), 0, axis)
 
@@ -57,13 +43,7 @@ class Axis:
         return Axis(self.low, self.high, self.scale, 2 * self.count if self.count > 1 else 1)
 
     def at(self, fraction: FloatArray) -> FloatArray:
-        """Values at fractions of the way from low to high.
-
-        Parameters
-        ----------
-        fraction : (n,) array
-            Of the way from low to high.
-        """
+        """Values at fractions of the way from low to high."""
         return self._value(2 * np.asarray(fraction) - 1) if self.count > 1 else np.full(len(fraction), self.low)
 
     @property

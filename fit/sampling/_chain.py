@@ -8,40 +8,20 @@ from typing import Any
 import emcee
 import numpy as np
 
-from fit.sampling import _checkpoint as checkpoints
+from fit.sampling._checkpoint import load, save
 from vsh.checks.types import FloatArray, PathName
 from vsh.errors import CheckpointError, ParameterError
 from vsh.system.progress import progress_bar
 
 
 def autocorrelation(chain: FloatArray) -> FloatArray:
-    """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]
-
-    Parameters
-    ----------
-    chain : (steps, walkers, d) array
-        A chain.
-
-    Returns
-    -------
-    array
-    """
+    """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]"""
     with np.errstate(invalid="ignore", divide="ignore"):
         return emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
 
 
 def split_r_hat(chain: FloatArray) -> FloatArray:
     """Split R̂ of each coordinate of a chain (steps, walkers, d), (d,): what the halves of all walkers differ by.
-
-    Parameters
-    ----------
-    chain : (steps, walkers, d) array
-        A chain without its burn-in.
-
-    Returns
-    -------
-    array
-        1 where between the halves there is no more variance than within; nan where nothing moves.
 
     Notes
     -----
@@ -89,22 +69,9 @@ class Run:
         self.fingerprint: dict[str, str] = {}
 
     def resume_from(self, path: PathName, fingerprint: dict[str, str]) -> None:
-        """Go on from a checkpoint, if it is there, and write to it from now on.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file.
-        fingerprint : dict of str to str
-            What a run is known by.
-
-        Raises
-        ------
-        CheckpointError
-            If the checkpoint belongs to another run, or is damaged.
-        """
+        """Go on from a checkpoint, if it is there, and write to it from now on."""
         self.path, self.fingerprint = path, fingerprint | {"start": f"{self.start[1].sum():.17g}"}
-        found = checkpoints.load(path, self.fingerprint)
+        found = load(path, self.fingerprint)
         if found is None:
             return
         chain, log_probability, random_state = found
@@ -161,4 +128,4 @@ class Run:
     def _save(self):
         done = slice(0, self.done)
         state = self.sampler.random_state
-        checkpoints.save(self.path, self.fingerprint, self.chain[done], self.log_probability[done], state)
+        save(self.path, self.fingerprint, self.chain[done], self.log_probability[done], state)

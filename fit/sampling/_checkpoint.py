@@ -19,21 +19,7 @@ _STATE = ("key", "position", "has_gauss", "gauss")
 
 
 def fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) -> dict[str, str]:
-    """What a chain belongs to: a hash of the data, and the model in words.
-
-    Parameters
-    ----------
-    arrays : iterable of arrays
-        The data.
-    about : str
-        What they are.
-    model : dict of str to str
-        What else determines the chain.
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """What a chain belongs to: a hash of the data, and the model in words."""
     digest = sha256()
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -43,21 +29,7 @@ def fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) 
 def save(
     path: PathName, fingerprint: dict[str, str], chain: FloatArray, log_probability: FloatArray, state: Any
 ) -> None:
-    """Write a chain (steps, walkers, d), its log-densities and the state of its random numbers.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    fingerprint : dict of str to str
-        What the run is known by.
-    chain : (steps, walkers, d) array
-        So far.
-    log_probability : (steps, walkers) array
-        So far.
-    state : tuple
-        Of the random numbers.
-    """
+    """Write a chain (steps, walkers, d), its log-densities and the state of its random numbers."""
     arrays = {"chain": chain, "log_probability": log_probability}
     arrays |= {name: np.asarray(value) for name, value in zip(_STATE, state[1:], strict=True)}
     identity = {"fingerprint": np.frombuffer(json.dumps(fingerprint).encode(), np.uint8)}
@@ -65,25 +37,7 @@ def save(
 
 
 def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, FloatArray, Any] | None:
-    """Read a chain back: chain, log-densities, state of the random numbers; None where there is no file.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    fingerprint : dict of str to str
-        What the run is known by.
-
-    Returns
-    -------
-    tuple[array, array, Any] | None
-
-    Raises
-    ------
-    CheckpointError
-        If the file is no chain, is damaged, or belongs to other data or another model: the
-        difference is named.
-    """
+    """Read a chain back: chain, log-densities, state of the random numbers; None where there is no file."""
     path = Path(path)
     if not path.exists():
         return None
@@ -104,18 +58,7 @@ def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, Float
 
 
 def check_writable(path: PathName) -> None:
-    """Raise CheckpointError before the work, not after it.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Raises
-    ------
-    CheckpointError
-        If the file cannot be written.
-    """
+    """Raise CheckpointError before the work, not after it."""
     folder = Path(path).absolute().parent
     if not folder.is_dir():
         raise CheckpointError(f"{path}: there is no such folder")

@@ -38,13 +38,7 @@ class Prior(Protocol):
         """Whether its integral is finite."""
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape.
-
-        Parameters
-        ----------
-        x : array
-            Of any shape.
-        """
+        """Log-density at x, any shape."""
         ...
 
 
@@ -74,17 +68,7 @@ class Flat(InNotebook):
         return bool(np.isfinite(self.high - self.low))
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape.
-
-        Parameters
-        ----------
-        x : array
-            Of any shape.
-
-        Returns
-        -------
-        array
-        """
+        """Log-density at x, any shape."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, -np.log(self.high - self.low) if self.proper else 0.0, -np.inf)
 
@@ -107,17 +91,7 @@ class Normal(InNotebook):
             raise ParameterError(f"a Gaussian prior needs a finite mean and σ > 0, not {self.mean} ± {self.sigma}")
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape, but for the constant that a cut-off adds.
-
-        Parameters
-        ----------
-        x : array
-            Of any shape.
-
-        Returns
-        -------
-        array
-        """
+        """Log-density at x, any shape, but for the constant that a cut-off adds."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, -(((x - self.mean) / self.sigma) ** 2) / 2 - np.log(self.sigma), -np.inf)
 
@@ -136,32 +110,13 @@ class Density(InNotebook):
         return f"Density({named_function(self.function)}, {self.low}, {self.high})"
 
     def log(self, x: FloatArray) -> FloatArray:
-        """Log-density at x, any shape.
-
-        Parameters
-        ----------
-        x : array
-            Of any shape.
-
-        Returns
-        -------
-        array
-        """
+        """Log-density at x, any shape."""
         inside = (x >= self.low) & (x <= self.high)
         return np.where(inside, self.function(np.where(inside, x, (self.low + self.high) / 2)), -np.inf)
 
 
 def integrable_over_cube(prior: Prior) -> bool:
     """Whether ∫ p(x)/x³ dx over x > 0 is finite at zero.
-
-    Parameters
-    ----------
-    prior : prior
-        A density of one number.
-
-    Returns
-    -------
-    bool
 
     Examples
     --------
@@ -179,26 +134,7 @@ def integrable_over_cube(prior: Prior) -> bool:
 
 
 def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ()) -> Any:
-    """A prior of one positive number: a prior, a pair (mean, σ), or one of the names.
-
-    Parameters
-    ----------
-    value : object
-        As users say it.
-    name : str
-        For messages.
-    named : dict of str to prior
-        Those that have names.
-
-    Returns
-    -------
-    Any
-
-    Raises
-    ------
-    ParameterError
-        If it is none of these, or bears on no positive number.
-    """
+    """A prior of one positive number: a prior, a pair (mean, σ), or one of the names."""
     known = dict(named)
     if isinstance(value, str):
         if value not in known:
@@ -214,17 +150,7 @@ def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ())
 
 
 def named_function(function: Callable[..., Any]) -> str:
-    """The name of a function and a hash of what it does.
-
-    Parameters
-    ----------
-    function : function
-        Of one number.
-
-    Returns
-    -------
-    str
-    """
+    """The name of a function and a hash of what it does."""
     code = getattr(function, "__code__", None)
     mark = sha256(code.co_code + repr(code.co_consts).encode()).hexdigest()[:12] if code else ""
     return f"{getattr(function, '__qualname__', type(function).__name__)} {mark}".strip()

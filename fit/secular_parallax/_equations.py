@@ -130,10 +130,6 @@ class ParallaxEquations:
         ----------
         n_sources : int
             At most so many.
-
-        Returns
-        -------
-        ParallaxEquations
         """
         n = self.n_data // 2
         if n <= n_sources:
@@ -230,27 +226,7 @@ def equations_of(
     reconstruction: VelocityGrid | None = None,
     threads: int | None = None,
 ) -> ParallaxEquations:
-    """The equations of a field.
-
-    Parameters
-    ----------
-    field : Field
-        With redshifts.
-    calibration : Calibration
-        From redshifts to distances.
-    theory : LinearTheory, optional
-        Of the flow: what of it the modes leave adds to the variances.
-    modes : FlowModes, optional
-        Of a flow: further columns. None where no source is near enough for one.
-    ratio : float
-        H0/H_ref, for distances that are in Mpc whatever H0 is.
-    apart : bool
-        Whether those have v as columns of their own, in place of u.
-    reconstruction : VelocityGrid, optional
-        A flow whose motions are taken away, so that the modes hold its error.
-    threads : int, optional
-        How many; one a core unless given.
-    """
+    """The equations of a field."""
     k = inverse_distances(field, calibration, threads)
     distance = k.distance * calibration.little_h
     mean, y, notes = k.mean, field.motion, field.notes

@@ -73,10 +73,6 @@ def observer_velocity(
         `fit.secular_parallax.DistanceOptions`: redshift_frame, flows, n_modes, reconstruction, reconstruction_error,
         density, luminosity, magnitudes.
 
-    Returns
-    -------
-    VelocitySolution
-
     Raises
     ------
     DegeneracyError
@@ -184,10 +180,6 @@ def hubble_constant(
     local_group : Vector, optional
         The Local Group's velocity in the microwave background, which tells the flow where we are; True for that of
         Kogut et al. (1993), 627 ± 22 km/s. With flows only. [km/s]
-
-    Returns
-    -------
-    HubbleSolution
 
     Raises
     ------

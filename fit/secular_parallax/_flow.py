@@ -53,13 +53,7 @@ class FlowRows:
         return FlowRows(self.modes, *(getattr(self, name)[index] for name in names))
 
     def rows(self, part: slice) -> FloatArray:
-        """The columns of some sources, (2k, p): the first components of all, then the second. [µas/yr]
-
-        Parameters
-        ----------
-        part : slice
-            Which sources.
-        """
+        """The columns of some sources, (2k, p): the first components of all, then the second. [µas/yr]"""
         (east, north), _ = self.modes.at(self.lon[part], self.lat[part], self.distance[part])
         cos, sin = self.cos[part, None] * self.rate[part, None], self.sin[part, None] * self.rate[part, None]
         return np.concatenate([cos * east + sin * north, cos * north - sin * east])
@@ -68,27 +62,7 @@ class FlowRows:
 def known_flow(
     grid: VelocityGrid, field: Field, distance: FloatArray, slope: FloatArray
 ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
-    """Velocities that are known from elsewhere: across, what they do to 1/d by the redshift, and a note.
-
-    Parameters
-    ----------
-    grid : VelocityGrid
-        The velocities.
-    field : Field
-        The sources.
-    distance : (n,) array
-        [Mpc/h]
-    slope : (n,) array
-        By how much the mean of 1/d changes with ln(1 + z_obs).
-
-    Returns
-    -------
-    across : (2, n) array
-        [km/s]
-    shift : (n,) array
-        Of the mean of 1/d.
-    notes : tuple of str
-    """
+    """Velocities that are known from elsewhere: across, what they do to 1/d by the redshift, and a note."""
     velocity, inside = grid.at(field.lon, field.lat, distance, field.frame)
     across, along = across_and_along(velocity, field.lon, field.lat)
     outside = int((~inside).sum())
@@ -143,21 +117,12 @@ class Flow(Result):
         ----------
         radius : float
             [Mpc/h]
-
-        Returns
-        -------
-        Vector
         """
         rows = _shell_mean(self.modes, positive("radius", radius))
         return Vector(rows @ self.values, rows @ self.covariance @ rows.T, self.frame, "km/s")
 
     def report(self) -> str:
-        """The bulk flow by distance as text.
-
-        Returns
-        -------
-        str
-        """
+        """The bulk flow by distance as text."""
         lines = [
             f"The flow of galaxies, {self.modes.theory.name} as its prior, {len(self.modes)} modes", "─" * WIDTH,
             f"{'Mpc/h':>8}  mean velocity of a shell, {self.frame} axes [km/s]",
@@ -169,12 +134,7 @@ class Flow(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """Mean velocities of shells as an astropy Table, a row each.
-
-        Returns
-        -------
-        Table
-        """
+        """Mean velocities of shells as an astropy Table, a row each."""
         radii = self._radii()
         found = [self.bulk(radius) for radius in radii]
         columns: dict[str, Any] = {"distance": radii}
@@ -190,10 +150,6 @@ class Flow(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.secular_parallax._plot import plot_flow
 
@@ -222,23 +178,7 @@ def _shell_mean(modes, radius):
 def flow_of(
     rows: Any, amplitudes: Any, theta: FloatArray, to_u: FloatArray, covariance: FloatArray, ratio: float
 ) -> Flow:
-    """The flow of a fit, from its amplitudes given the other parameters.
-
-    Parameters
-    ----------
-    rows : ParallaxEquations or ParallaxParts
-        Whose frame and modes.
-    amplitudes : Amplitudes
-        Of `without_flow`.
-    theta : (q,) array
-        The other parameters as the equations have them.
-    to_u : (q, p) array
-        From the parameters of the fit to those.
-    covariance : (p, p) array
-        Of the fit.
-    ratio : float
-        H0/H_ref, in which the amplitudes of the equations are.
-    """
+    """The flow of a fit, from its amplitudes given the other parameters."""
     slope = amplitudes.slope @ to_u
     values = (amplitudes.mean - amplitudes.slope @ theta) / ratio
     total = (amplitudes.covariance + slope @ covariance @ slope.T) / ratio**2

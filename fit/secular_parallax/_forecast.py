@@ -92,12 +92,7 @@ class Forecast(Result):
     hubble: Any
 
     def report(self) -> str:
-        """The table as text.
-
-        Returns
-        -------
-        str
-        """
+        """The table as text."""
         lines = [
             "Errors to come: a component of our velocity [km/s] / H0 [km/s/Mpc], with the cosmic variance of linear flows", "─" * WIDTH,
             f"{'':8}{'z below':>8}{'sources':>9}" + "".join(f"{name:>16}" for name in self.known),
@@ -114,12 +109,7 @@ class Forecast(Result):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each catalogue and limit, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each catalogue and limit, as an astropy Table."""
         pairs = [(i, j) for i in range(len(self.catalogues)) for j in range(len(self.limits))]
         columns: dict[str, Any] = {
             "catalogue": [self.catalogues[i] for i, _ in pairs],
@@ -138,10 +128,6 @@ class Forecast(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.secular_parallax._plot import plot_forecast
 

@@ -28,10 +28,6 @@ def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: st
     frame : str
         Of the axes.
 
-    Returns
-    -------
-    ParallaxSums
-
     Raises
     ------
     ParameterError
@@ -62,10 +58,6 @@ def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> Para
         How many columns there are before.
     scale : float or array
         H0/H_ref, times the flow's amplitude where that is not one; one for each of the sums.
-
-    Returns
-    -------
-    ParallaxSums
     """
     matrix = sums.matrix.copy()
     modes = np.arange(width, matrix.shape[-1])
@@ -149,19 +141,7 @@ class LocalGroup:
     covariance: FloatArray
 
     def added(self, sums: ParallaxSums, width: int, ratio: float, ours: FloatArray | None) -> ParallaxSums:
-        """Normal equations, the flow's prior among them, with this measurement as well.
-
-        Parameters
-        ----------
-        sums : ParallaxSums
-            Of `with_flow`.
-        width : int
-            How many columns there are before the modes.
-        ratio : float
-            H0/H_ref in the weights.
-        ours : (3,) array or None
-            Our own velocity v, where h is not known but u·v/v². [km/s]
-        """
+        """Normal equations, the flow's prior among them, with this measurement as well."""
         here = self.modes.at_origin()
         across = here.T @ np.linalg.inv(self.covariance) / ratio**2
         mean = here.T @ np.linalg.solve(here @ here.T + self.covariance, self.velocity)

@@ -39,21 +39,7 @@ class LeftOut:
 
 
 def flow_covariance(sums: ParallaxSums, to_u: FloatArray, ratio: float) -> FloatArray:
-    """The covariance that a flow gives to parameters which were fitted without it.
-
-    Parameters
-    ----------
-    sums : ParallaxSums
-        Weighed as without the flow, with its columns.
-    to_u : (q, p) array
-        From the parameters to those of the equations.
-    ratio : float
-        H0/H_ref.
-
-    Returns
-    -------
-    (p, p) array
-    """
+    """The covariance that a flow gives to parameters which were fitted without it."""
     width = len(to_u)
     normal = to_u.T @ sums.matrix[:width, :width] @ to_u
     carried = np.linalg.solve(normal, to_u.T @ sums.matrix[:width, width:]) * ratio

@@ -61,22 +61,7 @@ class ParallaxParts:
 
     @classmethod
     def of(cls, sky: Parts, calibration: Calibration, options: dict[str, Any]) -> ParallaxParts:
-        """The equations of a catalogue in parts.
-
-        Parameters
-        ----------
-        sky : Parts
-            With redshifts.
-        calibration : Calibration
-            From redshifts to distances.
-        options : dict
-            Of `equations_of`.
-
-        Raises
-        ------
-        FrameError
-            If parts stand in different frames.
-        """
+        """The equations of a catalogue in parts."""
         work = partial(_facts_of, calibration=calibration, options=options)
         facts = sky.sum(work, roles=DISTANCES, words="redshifts")
         if len(facts["frames"]) > 1:
@@ -89,17 +74,7 @@ class ParallaxParts:
     def sums(
         self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, ratio: float = 1.0, threads: int | None = None
     ) -> ParallaxSums:
-        """As `ParallaxEquations.sums`.
-
-        Parameters
-        ----------
-        spread, excess_noise, ratio, threads
-            As there.
-
-        Returns
-        -------
-        ParallaxSums
-        """
+        """As `ParallaxEquations.sums`."""
         given = {"spread": spread, "excess_noise": excess_noise, "ratio": ratio, "threads": threads}
         work = partial(_sums_of, calibration=self.calibration, options=self.options, given=given)
         return self.sky.sum(work, roles=DISTANCES, words="secular parallax")
@@ -122,17 +97,7 @@ def _sums_of(field, calibration, options, given):
 
 
 def equations(field: Field | Parts, calibration: Calibration, **options: Any) -> ParallaxEquations | ParallaxParts:
-    """The equations of a field or of parts.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        With redshifts. Parts are gone through once for every set of sums that is asked for.
-    calibration : Calibration
-        From redshifts to distances.
-    **options
-        Of `equations_of`.
-    """
+    """The equations of a field or of parts."""
     if isinstance(field, Parts):
         return ParallaxParts.of(field, calibration, options)
     return equations_of(field, calibration, **options)

@@ -15,19 +15,7 @@ _NSIDE = 16
 
 @styled
 def plot_flow(flow: Any, *, ax: Any = None) -> Any:
-    """Velocities on shells: radial ones as colours, tangential ones as arrows; faint where the fit knows nothing.
-
-    Parameters
-    ----------
-    flow : Flow
-        What was found.
-    ax : matplotlib axes, one for each shell, optional
-        Whose places the maps take; a new figure unless given.
-
-    Returns
-    -------
-    (k,) array of SkyAxes
-    """
+    """Velocities on shells: radial ones as colours, tangential ones as arrows; faint where the fit knows nothing."""
     last = flow.modes.radii[-1]
     radii = [radius for radius in (20.0, 40.0, 80.0) if radius <= last] or [float(last)]
     drawn = panels(ax, len(radii), 1, size=(WIDTH, 2.15 * len(radii) + 0.5))
@@ -60,19 +48,7 @@ def _known(flow, radius, places=48):
 
 @styled
 def plot_forecast(forecast: Any, *, ax: Any = None) -> Any:
-    """Errors of H0 against the redshift limit.
-
-    Parameters
-    ----------
-    forecast : Forecast
-        What to draw.
-    ax : matplotlib axes, one for each catalogue, optional
-        Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (k,) array of matplotlib axes
-    """
+    """Errors of H0 against the redshift limit."""
     count = len(forecast.catalogues)
     drawn = panels(ax, count, 1, size=(WIDTH, 1.9 * count + 0.6), sharex=True)
     colours = ("#7f7f7f", *COLOURS)

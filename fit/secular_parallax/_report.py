@@ -14,21 +14,7 @@ from vsh.cosmology import PLANCK_2018
 
 
 def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | None = None) -> str:
-    """A velocity or a Hubble constant as text.
-
-    Parameters
-    ----------
-    solution : VelocitySolution or HubbleSolution
-        What was found.
-    source : str, optional
-        What was fitted.
-    truth : dict, optional
-        "velocity" and "hubble" of a simulated catalogue, printed beside what was found.
-
-    Returns
-    -------
-    str
-    """
+    """A velocity or a Hubble constant as text."""
     velocity = hasattr(solution, "velocity")
     what = "Our velocity" if velocity else "The Hubble constant"
     lines = [f"{what} from the secular parallax of galaxies: {_cosmic(solution)}", "─" * WIDTH]

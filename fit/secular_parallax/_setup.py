@@ -61,24 +61,7 @@ class DistanceOptions(TypedDict, total=False):
 
 
 def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -> float:
-    """The dispersion of peculiar velocities: 750 km/s, or 150 beside the flows of linear theory. [km/s]
-
-    Parameters
-    ----------
-    peculiar_dispersion : float or None
-        As users say it.
-    options : DistanceOptions
-        Whether flows are fitted.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ParameterError
-        If it holds the flows that are fitted as well.
-    """
+    """The dispersion of peculiar velocities: 750 km/s, or 150 beside the flows of linear theory. [km/s]"""
     flows = flow_theory(options)
     if peculiar_dispersion is not None:
         not_negative("peculiar_dispersion", peculiar_dispersion)
@@ -149,10 +132,6 @@ def parallax_equations(
     **options
         `DistanceOptions`.
 
-    Returns
-    -------
-    ParallaxEquations, or ParallaxParts of parts
-
     Raises
     ------
     FieldError
@@ -204,23 +183,7 @@ def _scaled(theory, error):
 def modes_within(
     redshifts: tuple[float, float], cosmology: Cosmology, theory: LinearTheory, n_modes: int
 ) -> FlowModes | None:
-    """The modes of a flow over the distances between two redshifts; None where all of them lie beyond its reach.
-
-    Parameters
-    ----------
-    redshifts : pair of float
-        The nearest and the farthest that tell of a velocity.
-    cosmology : astropy cosmology
-        From redshifts to distances.
-    theory : LinearTheory
-        The flow's.
-    n_modes : int
-        Unknowns of the flow.
-
-    Returns
-    -------
-    FlowModes or None
-    """
+    """The modes of a flow over the distances between two redshifts; None where all of them lie beyond its reach."""
     low, high = transverse_distance(np.array(redshifts), cosmology) * hubble_value(cosmology) / 100
     if low > 0.9 * FARTHEST:
         return None
@@ -229,19 +192,7 @@ def modes_within(
 
 
 def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
-    """Whether nobody says in which frame the redshifts stand.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        Of galaxies.
-    redshift_frame : str or None
-        As users say it.
-
-    Returns
-    -------
-    bool
-    """
+    """Whether nobody says in which frame the redshifts stand."""
     if redshift_frame is not None:
         return False
     first = field if isinstance(field, Field) else next(iter(field))
@@ -249,19 +200,7 @@ def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
 
 
 def by_frame(words: Callable[[str], str], frames: Sequence[str]) -> dict[str, tuple[bool, str]]:
-    """What would be found were the redshifts in each of some frames: whether it is found, and words.
-
-    Parameters
-    ----------
-    words : function
-        From the name of a frame to what would be found.
-    frames : sequence of str
-        Of redshifts.
-
-    Returns
-    -------
-    dict of str to (bool, str)
-    """
+    """What would be found were the redshifts in each of some frames: whether it is found, and words."""
     found = {}
     for frame in frames:
         try:
@@ -275,23 +214,7 @@ def by_frame(words: Callable[[str], str], frames: Sequence[str]) -> dict[str, tu
 def noted(
     rows: Any, field: Field | Parts, redshift_frame: str | None, words: Callable[[str], str] | None = None
 ) -> Any:
-    """The equations, with a note and a warning where nobody says in which frame redshifts stand.
-
-    Parameters
-    ----------
-    rows : ParallaxEquations or ParallaxParts
-        Of a catalogue.
-    field : Field or Parts
-        Of galaxies.
-    redshift_frame : str or None
-        As users say it.
-    words : function, optional
-        From the name of a frame to what would be found.
-
-    Returns
-    -------
-    ParallaxEquations or ParallaxParts
-    """
+    """The equations, with a note and a warning where nobody says in which frame redshifts stand."""
     if not undeclared(field, redshift_frame):
         return rows
     changes = ["what it would change fit.secular_parallax.observer_velocity tells"]

@@ -75,10 +75,6 @@ class ParallaxSolution(NamedSolution):
             What was fitted.
         truth : dict, optional
             "velocity" and "hubble" of a simulated catalogue, printed beside what was found.
-
-        Returns
-        -------
-        str
         """
         return text_of(self, source, truth)
 
@@ -106,10 +102,6 @@ class VelocitySolution(ParallaxSolution):
         ----------
         field : Field
             The sources.
-
-        Returns
-        -------
-        array
         """
         return self._motions(field, self.velocity.value, self.assumed_hubble)
 
@@ -154,10 +146,6 @@ class HubbleSolution(ParallaxSolution):
         ----------
         field : Field
             The sources.
-
-        Returns
-        -------
-        array
         """
         return self._motions(field, self.assumed_velocity.to_frame(self.frame).value, self.hubble)
 

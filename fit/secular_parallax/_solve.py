@@ -84,24 +84,7 @@ def solve_for(
 
 
 def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:
-    """Raise DegeneracyError where the data leave a combination of parameters unseen.
-
-    Parameters
-    ----------
-    matrix : (p, p) array
-        The normal matrix.
-    names : sequence of str
-        Which of them.
-    sources : int
-        How many.
-    limit : float
-        On the condition number.
-
-    Raises
-    ------
-    DegeneracyError
-        If they do.
-    """
+    """Raise DegeneracyError where the data leave a combination of parameters unseen."""
     diagonal = np.diag(matrix)
     if 2 * sources >= len(names) and (diagonal > 0).all():
         scaled = matrix / np.sqrt(np.outer(diagonal, diagonal))

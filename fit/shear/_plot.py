@@ -21,10 +21,6 @@ def plot_shear(found: Any, *, ax: Any = None) -> SkyAxes:
         What to draw.
     ax : matplotlib axes, optional
         Whose place the map takes; a new figure unless given.
-
-    Returns
-    -------
-    SkyAxes
     """
     axes = sky_axes(found.frame, ax, below=0.55)
     lon, lat = arrow_grid(axes)

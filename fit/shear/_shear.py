@@ -54,13 +54,7 @@ class Shear(Result):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check what a file or a caller may have mixed up.
-
-        Raises
-        ------
-        ParameterError
-            If tensor or covariance have other shapes.
-        """
+        """Check what a file or a caller may have mixed up."""
         check_frame(self.frame)
         object.__setattr__(self, "tensor", read_only(float_array("the tensor", self.tensor, (3, 3))))
         object.__setattr__(self, "covariance", covariance("the covariance of a tensor", self.covariance, 6))
@@ -113,10 +107,6 @@ class Shear(Result):
         ----------
         probability : float
             Between 0 and 1.
-
-        Returns
-        -------
-        float
         """
         between("probability", probability, 0, 1)
         weights = np.array([1, 1, 1, 2, 2, 2])
@@ -130,10 +120,6 @@ class Shear(Result):
         ----------
         rate : array
             [µas/yr]
-
-        Returns
-        -------
-        array
         """
         return 100 * np.asarray(rate, float) / hubble_rate(self.hubble)
 
@@ -144,21 +130,12 @@ class Shear(Result):
         ----------
         name : {"icrs", "galactic", "ecliptic"}
             The frame to turn to.
-
-        Returns
-        -------
-        array
         """
         matrix = rotation_matrix(self.frame, name)
         return matrix @ self.tensor @ matrix.T
 
     def report(self) -> str:
-        """The expansion as text.
-
-        Returns
-        -------
-        str
-        """
+        """The expansion as text."""
         lines = [
             f"Expansion that differs from axis to axis, from degree 2 of {self.n_data // 2} sources ({self.frame} axes)",
             "tensor [µas/yr]  "
@@ -177,12 +154,7 @@ class Shear(Result):
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each component, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each component, as an astropy Table."""
         columns = {"component": list(_NAMES), "value": self.values, "sigma": self.sigma}
         return tables.table_of(columns, self._plain_facts(), dict.fromkeys(("value", "sigma"), "uas / yr"))
 
@@ -193,10 +165,6 @@ class Shear(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.shear._plot import plot_shear
 
@@ -215,10 +183,6 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
         if neither is one.
     hubble : float
         To which rates are compared. [km/s/Mpc]
-
-    Returns
-    -------
-    Shear
 
     Raises
     ------

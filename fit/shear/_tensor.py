@@ -61,10 +61,6 @@ def tensor_of(coefficients: Coefficients) -> FloatArray:
     coefficients : Coefficients
         To degree 2 at least.
 
-    Returns
-    -------
-    (3, 3) array
-
     Raises
     ------
     ModesError
@@ -74,31 +70,14 @@ def tensor_of(coefficients: Coefficients) -> FloatArray:
 
 
 def degree_two(modes: Modes) -> slice:
-    """Where the spheroidal coefficients of degree 2 are stored.
-
-    Parameters
-    ----------
-    modes : Modes
-        What is fitted.
-
-    Raises
-    ------
-    ModesError
-        If there is no degree 2.
-    """
+    """Where the spheroidal coefficients of degree 2 are stored."""
     if modes.lmax < 2 or modes.components != 2:
         raise ModesError("an expansion that differs from axis to axis is of degree 2: fit motions to degree 2 at least")
     return modes.slice_of("S", 2)
 
 
 def matrix_of(six: FloatArray) -> FloatArray:
-    """A symmetric matrix of its components xx, yy, zz, xy, xz, yz.
-
-    Parameters
-    ----------
-    six : (6,) array
-        The components.
-    """
+    """A symmetric matrix of its components xx, yy, zz, xy, xz, yz."""
     out = np.empty((3, 3))
     for (i, j), value in zip(PLACES, six, strict=True):
         out[i, j] = out[j, i] = value

@@ -3,4 +3,7 @@
 from fit.storage._plain import coefficient_columns, count, decoded, encoded, exact, number, same, words
 from fit.storage._result import Result, read
 
-__all__ = ["Result", "coefficient_columns", "count", "decoded", "encoded", "exact", "number", "read", "same", "words"]
+__all__ = [
+    "Result",
+    "read",
+]

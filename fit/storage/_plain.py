@@ -16,19 +16,7 @@ from vsh.modes import Modes
 
 
 def same(one: Any, two: Any) -> bool:
-    """Whether two values, arrays and sequences of them among them, are equal; nan equals nan.
-
-    Parameters
-    ----------
-    one : object
-        Any.
-    two : object
-        Any.
-
-    Returns
-    -------
-    bool
-    """
+    """Whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
     if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):
         one, two = np.asarray(one), np.asarray(two)
         return one.shape == two.shape and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
@@ -46,17 +34,7 @@ def same(one: Any, two: Any) -> bool:
 
 
 def encoded(value: Any) -> Any:
-    """A value as plain JSON, every bit of it: arrays as compressed bytes, results and nouns by their attributes.
-
-    Parameters
-    ----------
-    value : object
-        An array, a number, text, a frozen dataclass of ours, or a dict, list or tuple of such.
-
-    Returns
-    -------
-    object
-    """
+    """A value as plain JSON, every bit of it: arrays as compressed bytes, results and nouns by their attributes."""
     if isinstance(value, np.ndarray):
         array = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"))
         data = base64.b85encode(zlib.compress(array.tobytes(), 6)).decode()
@@ -85,22 +63,7 @@ def _attributes(kind):
 
 
 def decoded(plain: Any) -> Any:
-    """What `encoded` wrote.
-
-    Parameters
-    ----------
-    plain : object
-        From a file.
-
-    Returns
-    -------
-    object
-
-    Raises
-    ------
-    TableError
-        If it is not as it was written.
-    """
+    """What `encoded` wrote."""
     if not isinstance(plain, dict):
         return plain
     if "array" in plain:
@@ -137,17 +100,7 @@ def decoded(plain: Any) -> Any:
 
 
 def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
-    """The columns that name each coefficient.
-
-    Parameters
-    ----------
-    modes : Modes
-        The coefficients.
-
-    Returns
-    -------
-    dict[str, list[object]]
-    """
+    """The columns that name each coefficient."""
     each = list(modes)
     return {
         "coefficient": [str(mode) for mode in each], "kind": [mode.kind for mode in each],
@@ -156,70 +109,24 @@ def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
 
 
 def exact(x: Any) -> str:
-    """A number in hexadecimal: every bit, nan and inf among them.
-
-    Parameters
-    ----------
-    x : float
-        Any.
-
-    Returns
-    -------
-    str
-    """
+    """A number in hexadecimal: every bit, nan and inf among them."""
     return float(x).hex()
 
 
 def number(text: Any) -> Any:
-    """What `exact` wrote, as a number; anything else as it is.
-
-    Parameters
-    ----------
-    text : str or float
-        Any.
-
-    Returns
-    -------
-    object
-    """
+    """What `exact` wrote, as a number; anything else as it is."""
     return float.fromhex(text) if isinstance(text, str) else text
 
 
 def words(values: Any) -> tuple[str, ...]:
-    """A list of strings, checked, as a tuple.
-
-    Parameters
-    ----------
-    values : object
-        From a file.
-
-    Returns
-    -------
-    tuple[str, ...]
-
-    Raises
-    ------
-    TableError
-        If it is none.
-    """
+    """A list of strings, checked, as a tuple."""
     if not isinstance(values, list) or not all(isinstance(each, str) for each in values):
         raise TableError(f"{values!r} is no list of words")
     return tuple(values)
 
 
 def count(value: Any) -> int:
-    """A whole number of at least zero, checked.
-
-    Parameters
-    ----------
-    value : object
-        From a file.
-
-    Raises
-    ------
-    TableError
-        If it is none.
-    """
+    """A whole number of at least zero, checked."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
         raise TableError(f"{value!r} is no count")
     return value

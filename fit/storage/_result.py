@@ -40,12 +40,7 @@ class Result(Frozen):
     """
 
     def report(self) -> str:
-        """The result as text.
-
-        Returns
-        -------
-        str
-        """
+        """The result as text."""
         raise NotImplementedError
 
     def plot(self, *, ax: Any = None) -> Any:
@@ -55,20 +50,11 @@ class Result(Frozen):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         raise NotImplementedError
 
     def to_table(self) -> Table:
-        """The result as an astropy Table: the columns that `write` writes.
-
-        Returns
-        -------
-        Table
-        """
+        """The result as an astropy Table: the columns that `write` writes."""
         columns, _, units = self._pack()
         return tables.table_of(columns, self._plain_facts(), units)
 
@@ -131,10 +117,6 @@ class Result(Frozen):
         path : str or Path
             An ECSV or FITS file.
 
-        Returns
-        -------
-        Any
-
         Raises
         ------
         TableError
@@ -164,10 +146,6 @@ def read(path: PathName) -> Any:
     ----------
     path : str or Path
         An ECSV or FITS file.
-
-    Returns
-    -------
-    Any
 
     Raises
     ------

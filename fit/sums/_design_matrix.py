@@ -16,23 +16,7 @@ from vsh.system.parallel import map_blocks
 
 
 def design_matrix_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
-    """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up.
-
-    Parameters
-    ----------
-    field : Field or ScalarField
-        The sources.
-    modes : Modes or ScalarModes
-        What to fit.
-    threads : int, optional
-        One a core unless given.
-
-    Returns
-    -------
-    matrix : (p, p) array
-    rhs : (p,) array
-    chi2_null : float
-    """
+    """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up."""
     p = len(modes)
     # Enough sources to keep NumPy busy, 64 MiB of whitened basis at most.
     size = max(256, min(2**16, 2**22 // p))
@@ -78,14 +62,5 @@ def design_matrix_up_to(modes: Modes) -> int:
 
     As measured (docs/performance.md): below it the fixed cost of the rings tells, above it
     the design matrix.
-
-    Parameters
-    ----------
-    modes : Modes
-        What to fit.
-
-    Returns
-    -------
-    int
     """
     return max(1000, 2**18 // max(modes.lmax, 1) ** 2)

@@ -19,19 +19,7 @@ BLOCK = 2**14
 
 
 def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
-    """N, b and Σ yᵀ C⁻¹ y of degree 1: what `fit.normal_equations` adds up.
-
-    Parameters
-    ----------
-    field : Field
-        The sources.
-
-    Returns
-    -------
-    matrix : (6, 6) array
-    rhs : (6,) array
-    chi2_null : float
-    """
+    """N, b and Σ yᵀ C⁻¹ y of degree 1: what `fit.normal_equations` adds up."""
     size = min(BLOCK, len(field))
     scratch, rows = np.empty((20, size)), np.empty((7, 2, size))
     gram = np.zeros((7, 7))

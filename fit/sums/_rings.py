@@ -32,60 +32,19 @@ BLOCK = 2**16
 
 
 def compressed_sums(field: Any, modes: Modes, threads: int | None = None) -> tuple[FloatArray, FloatArray, float]:
-    """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up, at any degree.
-
-    Parameters
-    ----------
-    field : Field
-        The sources.
-    modes : Modes
-        What to fit, or the degree lmax.
-    threads : int, optional
-        One a core unless given.
-
-    Returns
-    -------
-    matrix : (p, p) array
-    rhs : (p,) array
-    chi2_null : float
-    """
+    """N, b and Σ yᵀ C⁻¹ y of a field: what `fit.normal_equations` adds up, at any degree."""
     weights, motions, chi2_null = fourier_sums(field, modes.lmax, threads)
     rings = rings_of(modes)
     return rings.matrix(weights), rings.rhs(motions), chi2_null
 
 
 def rings_of(modes: Modes) -> Rings:
-    """The rings on which moments for these modes are put back.
-
-    Parameters
-    ----------
-    modes : Modes or ScalarModes
-        What to fit.
-    """
+    """The rings on which moments for these modes are put back."""
     return (ScalarRings if isinstance(modes, ScalarModes) else Rings)(modes.lmax)
 
 
 def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
-    """All that a fit to degree L needs of the sources: sums over them, which add.
-
-    Parameters
-    ----------
-    field : Field or ScalarField
-        The sources.
-    lmax : int
-        The highest degree.
-    threads : int, optional
-        How many; one a core unless given.
-
-    Returns
-    -------
-    weights : (3, 2L + 1, 4L + 1) complex array; (1, …) of a scalar field
-        Fourier moments of a, b, c for M = 0 … 2L and n = −2L … 2L.
-    motions : (2, L + 1, 2L + 1) complex array; (1, …) of a scalar field
-        Those of the weighted motions for M = 0 … L and n = −L … L.
-    chi2_null : float
-        Σ yᵀ C⁻¹ y.
-    """
+    """All that a fit to degree L needs of the sources: sums over them, which add."""
     parts = map_blocks(lambda part: _moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
     weights: Any = 0
     motions: Any = 0
@@ -148,13 +107,6 @@ class Rings:
 
         A function that goes with e^{iMα} is even or odd about the pole like M, or unlike M
         where it is a component of a vector, which `turns_over` there.
-
-        Parameters
-        ----------
-        moments : complex array
-            Fourier moments.
-        turns_over : bool
-            Whether the far half of the meridian changes sign.
         """
         most = moments.shape[-1] // 2
         n = np.arange(-most, most + 1)[:, None]
@@ -167,23 +119,12 @@ class Rings:
         """a, b, c on a grid of 2L + 1 rings by 4L + 2 longitudes from α = 0, (3, 2L + 1, 4L + 2).
 
         The grid with these weights, some of them negative, has the normal matrix of the catalogue.
-
-        Parameters
-        ----------
-        weights : (3, 2L + 1, 4L + 1) complex array
-            Fourier moments of a, b, c.
         """
         spectra = np.swapaxes(self.spectra(weights, turns_over=False), 1, 2)
         return np.fft.irfft(spectra, 4 * self.lmax + 2)
 
     def matrix(self, weights: ComplexArray) -> FloatArray:
-        """N from the moments of a, b, c.
-
-        Parameters
-        ----------
-        weights : (3, 2L + 1, 4L + 1) complex array
-            Fourier moments of a, b, c.
-        """
+        """N from the moments of a, b, c."""
         a, b, c = self.spectra(weights, turns_over=False)
         # S is T turned by +90°, J = [[0, −1], [1, 0]]: N_SS has Jᵀ W J in place of W, N_TS has W J.
         tt = self.form(a, c, c, b)
@@ -192,13 +133,7 @@ class Rings:
         return np.block([[tt, ts], [ts.T, ss]])
 
     def rhs(self, motions: ComplexArray) -> FloatArray:
-        """b from the moments of the weighted motions.
-
-        Parameters
-        ----------
-        motions : (2, L + 1, 2L + 1) complex array
-            Those of the weighted motions.
-        """
+        """b from the moments of the weighted motions."""
         east, north = (z[self.m] for z in self.spectra(motions, turns_over=True))
         out = np.zeros((2, self.size))
         positive = self.m > 0
@@ -208,19 +143,7 @@ class Rings:
         return out.ravel()
 
     def form(self, ee: Any, en: Any, ne: Any, nn: Any) -> FloatArray:
-        """Σ T_iᵀ W T_j for weights W = [[ee, en], [ne, nn]] on the rings, in the order of the modes.
-
-        Parameters
-        ----------
-        ee : array
-            Spectrum of products east–east.
-        en : array
-            East–north.
-        ne : array
-            North–east.
-        nn : array
-            North–north.
-        """
+        """Σ T_iᵀ W T_j for weights W = [[ee, en], [ne, nn]] on the rings, in the order of the modes."""
         spectra = np.stack([ee, en, ne, nn])
         real, sine = spectra.real, -spectra.imag  # Σ w cos Mα, Σ w sin Mα
         out = np.zeros((self.size, self.size))
@@ -271,24 +194,12 @@ class ScalarRings(Rings):
         self.a = np.zeros_like(self.b)
 
     def matrix(self, weights: ComplexArray) -> FloatArray:
-        """N from the moments of the weights.
-
-        Parameters
-        ----------
-        weights : (1, 2L + 1, 4L + 1) complex array
-            Fourier moments of the weights.
-        """
+        """N from the moments of the weights."""
         (w,) = self.spectra(weights, turns_over=False)
         return self.form(w, 0 * w, 0 * w, 0 * w)
 
     def rhs(self, motions: ComplexArray) -> FloatArray:
-        """b from the moments of the weighted values.
-
-        Parameters
-        ----------
-        motions : (1, L + 1, 2L + 1) complex array
-            Those of the weighted values.
-        """
+        """b from the moments of the weighted values."""
         values = self.spectra(motions, turns_over=False)[0][self.m]
         out, positive = np.zeros(self.size), self.m > 0
         out[self.re] = np.sum(self.b * values.real, axis=1)

@@ -46,25 +46,7 @@ class _Weighted:
 def weighted_sums(
     field: Field, weights: FloatArray, modes: Modes, threads: int | None = None
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Σ Aᵀ X A, Σ Aᵀ X y and Σ yᵀ X y with any symmetric X = [[a, c], [c, b]] at each source.
-
-    Parameters
-    ----------
-    field : Field
-        Positions and motions y; its errors do not count.
-    weights : (3, n) array
-        a, b, c of each source; they need not be positive.
-    modes : Modes
-        What to fit.
-    threads : int, optional
-        How many; one a core unless given.
-
-    Returns
-    -------
-    matrix : (p, p) array
-    rhs : (p,) array
-    square : float
-    """
+    """Σ Aᵀ X A, Σ Aᵀ X y and Σ yᵀ X y with any symmetric X = [[a, c], [c, b]] at each source."""
     sources = _Weighted(field.lon, field.lat, np.asarray(weights, float), field.data)
     if len(sources) > design_matrix_up_to(modes):
         return compressed_sums(sources, modes, threads)
@@ -79,23 +61,7 @@ def weighted_sums(
 
 
 def weighted_matrix(field: Field, weights: FloatArray, modes: Modes, threads: int | None = None) -> FloatArray:
-    """Σ Aᵀ [[a, c], [c, b]] A over the sources, (p, p).
-
-    Parameters
-    ----------
-    field : Field
-        Only its positions count.
-    weights : (3, n) array
-        a, b, c of each source; they need not be positive.
-    modes : Modes
-        What to fit.
-    threads : int, optional
-        How many; one a core unless given.
-
-    Returns
-    -------
-    array
-    """
+    """Σ Aᵀ [[a, c], [c, b]] A over the sources, (p, p)."""
     return weighted_sums(field, weights, modes, threads)[0]
 
 
@@ -109,25 +75,6 @@ def leverage(
     threads: int | None = None,
 ) -> FloatArray:
     """How much of its own fitted motion each source makes, (n,): between 0 and 1, p/2n on average (p/n of scalars).
-
-    Parameters
-    ----------
-    field : Field
-        The sources.
-    modes : Modes
-        What to fit, or the degree lmax.
-    inverse : (p, p) array
-        N⁻¹ of the fit.
-    factors : (n,) array
-        On the weights of the field, as the fit had them.
-    total : (int, float), optional
-        How many sources went into the fit, and Σ tr W of them, where the field holds only some.
-    threads : int, optional
-        How many; one a core unless given.
-
-    Returns
-    -------
-    array
 
     Notes
     -----
@@ -151,21 +98,7 @@ def leverage(
 
 
 def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
-    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n), or (1, n) of scalars: what the scores ψ = factors C⁻¹Δ scatter by.
-
-    Parameters
-    ----------
-    field : Field
-        The sources.
-    residual : (2, n) array
-        Δ. [µas/yr]
-    factors : (n,) array
-        u, the weight of each source.
-
-    Returns
-    -------
-    array
-    """
+    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n), or (1, n) of scalars: what the scores ψ = factors C⁻¹Δ scatter by."""
     score = weighed(field.weights, residual)
     if len(score) == 1:
         return score**2 * factors**2
@@ -181,30 +114,7 @@ def sandwich(
     power: float = 0.75,
     words: str = "errors",
 ) -> FloatArray:
-    """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ.
-
-    Parameters
-    ----------
-    sky : Parts
-        The sources, summed in two passes.
-    scores : function
-        From a Field to three arrays: the residuals Δ, (2, n) [µas/yr]; u, each source's weight in the fit, (n,); the
-        slopes of u Δ by Δ in units of C⁻¹, (n,): u itself where the weights do not depend on Δ.
-    modes : Modes
-        What to fit, or the degree lmax.
-    power : float
-        Residuals are divided by (1 − leverage) to this power: ½ is HC2, 1 is HC3 of MacKinnon &
-        White (1985, J. Econometrics 29, 305). The first is unbiased for the covariance, and so gives pulls
-        that are too wide where it is uncertain; halfway they are 1 within 2 % with 400 sources and 96
-        coefficients.
-    words : str
-        Beside the progress bar.
-
-    Returns
-    -------
-    array
-        [(µas/yr)²]
-    """
+    """H⁻¹ M H⁻¹, (p, p): the covariance of a fit whose scores are Σ Aᵀ u C⁻¹Δ."""
     slopes = sky.sum(partial(_slopes, scores=scores, modes=modes), roles=(), words=words)
     fitted, slope = np.linalg.inv(slopes["fitted"]), np.linalg.inv(slopes["slope"])
     total = (slopes["sources"], slopes["trace"])

@@ -38,22 +38,7 @@ class Whitened(Frozen):
 
     @classmethod
     def of(cls, matrix: FloatArray, rhs: FloatArray, kept: BoolArray) -> Whitened:
-        """From normal equations.
-
-        Parameters
-        ----------
-        matrix : (p, p) array
-            N.
-        rhs : (p,) array
-            b.
-        kept : (p,) bool array
-            The coefficients of interest.
-
-        Raises
-        ------
-        DegeneracyError
-            If they determine no coefficients.
-        """
+        """From normal equations."""
         try:
             free = cho_factor(matrix[np.ix_(~kept, ~kept)])
             across = matrix[np.ix_(~kept, kept)]
@@ -69,41 +54,14 @@ class Whitened(Frozen):
 
 @lru_cache(maxsize=4)
 def templates(lmax: int, nside: int) -> FloatArray:
-    """Coefficients of both polarisations for every pixel, (2, p, 12 nside²).
-
-    Parameters
-    ----------
-    lmax : int
-        The highest degree.
-    nside : int
-        Of the map.
-    """
+    """Coefficients of both polarisations for every pixel, (2, p, 12 nside²)."""
     found = wave_templates(triad(*centres(nside))[2], lmax)
     found.flags.writeable = False
     return found
 
 
 def map_of(white: Whitened, modes: Modes, nside: int, copies: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """2F, the best amplitudes and the mean error of one, for every direction.
-
-    Parameters
-    ----------
-    white : Whitened
-        What was fitted.
-    modes : Modes
-        Of the coefficients.
-    nside : int
-        Of the map.
-    copies : int
-        How many sets of coefficients there are, one after the other: cosine and sine, in time.
-
-    Returns
-    -------
-    statistic : (n,) array
-    amplitudes : (2 copies, n) array
-    spread : (n,) array
-        Root of the mean variance of the amplitudes.
-    """
+    """2F, the best amplitudes and the mean error of one, for every direction."""
     seen, inverse = _basis(white, modes, nside, copies)
     g = np.tensordot(white.values, seen, axes=(0, 1))
     amplitudes = np.einsum("nij,jn->in", inverse, g)
@@ -122,19 +80,7 @@ def _basis(white, modes, nside, copies):
 
 
 def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng, copies: int = 1) -> float:
-    """Probability that noise alone gives as large a 2F anywhere: (1 + how many skies do)/(1 + how many there are).
-
-    Parameters
-    ----------
-    white, modes, nside, copies
-        As for `map_of`.
-    largest : float
-        What was found.
-    n_skies : int
-        How many skies.
-    rng : Generator or int
-        Of their noise.
-    """
+    """Probability that noise alone gives as large a 2F anywhere: (1 + how many skies do)/(1 + how many there are)."""
     seen, inverse = _basis(white, modes, nside, copies)
     root = np.linalg.cholesky(inverse)
     rotated = np.einsum("nij,iqn->jnq", root, seen)  # 2F is the sum of squares of these with the noise

@@ -20,10 +20,6 @@ def plot_search(found: Any, *, ax: Any = None) -> Any:
         What to draw.
     ax : two matplotlib axes, optional
         Whose places the maps take; a new figure unless given.
-
-    Returns
-    -------
-    (2,) array of SkyAxes
     """
     said = (
         f"largest 2F = {found.statistic.max():.1f}; p = {printed_p_value(found.p_value)} with all directions looked at"

@@ -69,13 +69,7 @@ class WaveSearch(Result):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check what a file or a caller may have mixed up.
-
-        Raises
-        ------
-        ParameterError
-            If the maps are of different sizes.
-        """
+        """Check what a file or a caller may have mixed up."""
         check_frame(self.frame)
         if self.amplitudes.shape[1:] != self.statistic.shape or self.limits.shape != self.statistic.shape:
             raise ParameterError("the maps of a search are of one size")
@@ -113,10 +107,6 @@ class WaveSearch(Result):
         frequency : float, optional
             Of a wave longer than the observations, whose rate alone is seen. [nHz]
 
-        Returns
-        -------
-        float
-
         Raises
         ------
         ParameterError
@@ -131,10 +121,6 @@ class WaveSearch(Result):
         ----------
         frequency : float, optional
             As for `strain`. [nHz]
-
-        Returns
-        -------
-        array
 
         Raises
         ------
@@ -151,12 +137,7 @@ class WaveSearch(Result):
         return strain_of(values, frequency)
 
     def report(self) -> str:
-        """What was found, as text.
-
-        Returns
-        -------
-        str
-        """
+        """What was found, as text."""
         lon, lat = self.direction
         there = Vector.from_spherical(1.0, lon, lat, frame=self.frame)
         lines = [
@@ -185,12 +166,7 @@ class WaveSearch(Result):
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each direction, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each direction, as an astropy Table."""
         lon, lat = centres(self.nside)
         columns = {
             "lon": np.degrees(lon) % 360,
@@ -208,10 +184,6 @@ class WaveSearch(Result):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from fit.waves._plot import plot_search
 
@@ -242,10 +214,6 @@ def search(
         Simulated skies of noise, for the p-value.
     rng : Generator or int
         The source of their noise.
-
-    Returns
-    -------
-    WaveSearch
 
     Raises
     ------

@@ -16,15 +16,12 @@ if TYPE_CHECKING:
     from sim.agis.results import plot_convergence, plot_correlation, plot_errors_by_magnitude, plot_ratio_map
 
 __all__ = [
-    "FULL",
-    "KINDS",
     "AgisSolution",
     "GlobalMotion",
     "Mixture",
     "Plan",
     "Scans",
     "System",
-    "as_whole",
     "correlation_by_angle",
     "global_motion",
     "in_own_frame",
@@ -38,10 +35,8 @@ __all__ = [
     "plot_ratio_map",
     "ratio_by",
     "rotate_frame",
-    "scaled",
     "scans",
     "solve_mission",
-    "start_errors",
 ]
 
 # matplotlib and healpy are imported when a figure is asked for.

@@ -16,17 +16,7 @@ from vsh.system.files import read_arrays, write_arrays
 
 
 def key_of(things: Iterable[Any]) -> str:
-    """A hash of arrays and plain values.
-
-    Parameters
-    ----------
-    things : iterable
-        Whatever determines a result.
-
-    Returns
-    -------
-    str
-    """
+    """A hash of arrays and plain values."""
     digest = hashlib.sha256()
     for each in things:
         digest.update(np.ascontiguousarray(each).tobytes() if isinstance(each, np.ndarray) else repr(each).encode())
@@ -34,39 +24,12 @@ def key_of(things: Iterable[Any]) -> str:
 
 
 def save(path: PathName, key: str, state: dict[str, Any]) -> None:
-    """Write a state; whole, or not at all.
-
-    Parameters
-    ----------
-    path : path
-        Of a .npz file.
-    key : str
-        Of the problem it belongs to.
-    state : dict of arrays
-        All that the rest depends on.
-    """
+    """Write a state; whole, or not at all."""
     write_arrays(path, {"key": np.array(key)} | state)
 
 
 def load(path: PathName, key: str) -> dict[str, Any] | None:
-    """A state that was saved, or None where there is none.
-
-    Parameters
-    ----------
-    path : path
-        Of the file.
-    key : str
-        Of the problem.
-
-    Returns
-    -------
-    dict or None
-
-    Raises
-    ------
-    CheckpointError
-        If the file is of another problem, or damaged.
-    """
+    """A state that was saved, or None where there is none."""
     if not Path(path).exists():
         return None
     try:

@@ -74,17 +74,7 @@ class Equations(InNotebook):
         self.factor = self._factored(band)
 
     def apply(self, x: FloatArray) -> FloatArray:
-        """(S − C A⁻¹ Cᵀ) x, with what holds global motions.
-
-        Parameters
-        ----------
-        x : (n, 5) or (n, 5, K) array
-            Of the sources.
-
-        Returns
-        -------
-        array of the same shape
-        """
+        """(S − C A⁻¹ Cᵀ) x, with what holds global motions."""
         if x.ndim == 2:
             return self.apply(x[..., None])[..., 0]
         out = self._tighter @ x - self.passes.to_sources(self.attitude_of(self.passes.to_attitude(x)))
@@ -93,49 +83,17 @@ class Equations(InNotebook):
         return out
 
     def attitude_of(self, right: FloatArray) -> FloatArray:
-        """A⁻¹ of a right-hand side (coefficients, 3[, K]).
-
-        Parameters
-        ----------
-        right : array
-            Of the attitude.
-
-        Returns
-        -------
-        array of the same shape
-        """
+        """A⁻¹ of a right-hand side (coefficients, 3[, K])."""
         # A copy, which is overwritten: for one right-hand side the order of its axes is the same.
         flat = np.array(right.reshape(3 * self.coefficients, -1), order="F")
         return cho_solve_banded((self.factor, True), flat, overwrite_b=True, check_finite=False).reshape(right.shape)
 
     def reduce(self, of_sources: FloatArray, of_attitude: FloatArray) -> FloatArray:
-        """g_s − C A⁻¹ g_a, (n, 5).
-
-        Parameters
-        ----------
-        of_sources : (n, 5) array
-            g_s.
-        of_attitude : (coefficients, 3) array
-            g_a.
-
-        Returns
-        -------
-        (n, 5) array
-        """
+        """g_s − C A⁻¹ g_a, (n, 5)."""
         return of_sources - self.passes.to_sources(self.attitude_of(of_attitude)[..., None])[..., 0]
 
     def precondition(self, r: FloatArray) -> FloatArray:
-        """Each source solved for itself, with what holds global motions.
-
-        Parameters
-        ----------
-        r : (n, 5, K) array
-            A residual.
-
-        Returns
-        -------
-        (n, 5, K) array
-        """
+        """Each source solved for itself, with what holds global motions."""
         z = self.start @ r
         if self.motion is not None:
             g = self.motion.design
@@ -148,13 +106,7 @@ class Equations(InNotebook):
         return z
 
     def null_space(self) -> FloatArray:
-        """The six motions that no observation sees, (6, n, 5): ε₀ along x, y, z, then ω.
-
-        Returns
-        -------
-        array
-            For an ε₀ of one µas, and an ω of one µas/yr.
-        """
+        """The six motions that no observation sees, (6, n, 5): ε₀ along x, y, z, then ω."""
         # Of the directions as the observations have them, in single precision.
         sa, ca, sd, cd = self.scans.directions.astype(float)
         p, q = np.stack([-sa, ca, np.zeros_like(sa)]), np.stack([-sd * ca, -sd * sa, cd])
@@ -172,18 +124,7 @@ class Equations(InNotebook):
         return 6 if self.motion is None or self.motion.spins else 3
 
     def without_null_space(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Parameters less the rotation that fits them best, the blocks S as weights; and that rotation.
-
-        Parameters
-        ----------
-        x : (n, 5, K) array
-            Of the sources.
-
-        Returns
-        -------
-        tuple[array, array]
-            The second (defect, K): ε₀, then ω.
-        """
+        """Parameters less the rotation that fits them best, the blocks S as weights; and that rotation."""
         if not self.defect:
             return x, np.zeros((0, x.shape[-1]))
         basis, weighted, normal = self.rotations()
@@ -191,13 +132,7 @@ class Equations(InNotebook):
         return x - np.einsum("kr,kni->nir", rotation, basis), rotation
 
     def rotations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The null space of the sources that are solved; times the blocks S; and the product of the two.
-
-        Returns
-        -------
-        basis, weighted : (defect, n, 5) arrays
-        normal : (defect, defect) array
-        """
+        """The null space of the sources that are solved; times the blocks S; and the product of the two."""
         basis = self.null_space()[: self.defect]
         basis[:, ~self.solved] = 0
         weighted = np.einsum("nij,knj->kni", self.blocks, basis)

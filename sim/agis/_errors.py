@@ -27,27 +27,7 @@ class ExactErrors(Equations):
     def formal_covariance(
         self, modes: Modes | int, lon: ArrayLike | None = None, lat: ArrayLike | None = None
     ) -> FloatArray:
-        """Covariance of a fit of harmonics to the motions as it would be quoted: sources for themselves, the attitude known.
-
-        Parameters
-        ----------
-        modes : Modes, or the degree lmax
-            Of the fit; p of them.
-        lon, lat : (m,) arrays, optional
-            Sources that are fitted, by the positions they were given with; all unless given. [rad]
-
-        Returns
-        -------
-        (p, p) array
-            [(µas/yr)²]
-
-        Raises
-        ------
-        ParameterError
-            If there is no source at a position.
-        DegeneracyError
-            If the sources do not determine the modes.
-        """
+        """Covariance of a fit of harmonics to the motions as it would be quoted: sources for themselves, the attitude known."""
         return MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat)).formal
 
     def true_covariance(
@@ -65,34 +45,6 @@ class ExactErrors(Equations):
         """Covariance that the same fit really has, with all that sources share through the attitude; exact, without noise drawn.
 
         A solve by conjugate gradients for each mode: their running sum is a lower bound of the variance that only grows.
-
-        Parameters
-        ----------
-        modes : Modes, or the degree lmax
-            Of the fit; p of them.
-        lon, lat : (m,) arrays, optional
-            As for `formal_covariance`.
-        variability, variable
-            As for `covariance_of`.
-        tolerance : float
-            Relative growth of a variance in ten iterations at which it is taken for the whole.
-        iterations : int
-            At most.
-        progress : bool
-            Show a bar, after two seconds.
-
-        Returns
-        -------
-        (p, p) array
-            Without what a rotation of the whole frame does, where nothing determines it: the toroidal degree 1 is then what
-            is left of spin when the frame has been rotated onto all sources. [(µas/yr)²]
-
-        Raises
-        ------
-        ConvergenceError
-            If the variances have not come to rest.
-        ParameterError, DegeneracyError
-            As for `formal_covariance`.
         """
         fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
         g = fit.functionals(np.arange(len(fit.modes)))
@@ -102,28 +54,7 @@ class ExactErrors(Equations):
         self, functionals: ArrayLike, *, variability: Variability | None = None, variable: ArrayLike | None = None,
         tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False,
     ) -> FloatArray:  # fmt: skip
-        """Covariance of any linear functionals Σ g x of the sources' parameters.
-
-        Parameters
-        ----------
-        functionals : (n, 5, K) array
-            The g.
-        variability : Variability, optional
-            Of photocentres: what it adds to the errors of a solution that does not know of it.
-        variable : (n,) bool array, optional
-            Which sources vary; all unless given.
-        tolerance, iterations, progress
-            As for `true_covariance`.
-
-        Returns
-        -------
-        (K, K) array
-
-        Raises
-        ------
-        ConvergenceError
-            If the variances have not come to rest.
-        """
+        """Covariance of any linear functionals Σ g x of the sources' parameters."""
         g = arrays.float_array("functionals", functionals)
         if g.ndim != 3 or g.shape[:2] != (self.scans.n_sources, 5):
             raise ParameterError(f"functionals have the shape ({self.scans.n_sources}, 5, K), not {g.shape}")
@@ -132,24 +63,7 @@ class ExactErrors(Equations):
     def global_covariances(
         self, *, tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False
     ) -> tuple[FloatArray, FloatArray]:
-        """Covariances of the global parameters: as sources that know the attitude would give them, and as they are.
-
-        Parameters
-        ----------
-        tolerance, iterations, progress
-            As for `true_covariance`.
-
-        Returns
-        -------
-        formal, true : (k, k) arrays
-
-        Raises
-        ------
-        ParameterError
-            If there is no global motion.
-        ConvergenceError
-            If the variances have not come to rest.
-        """
+        """Covariances of the global parameters: as sources that know the attitude would give them, and as they are."""
         if self.motion is None:
             raise ParameterError("there are no global parameters: give System a motion")
         g = np.stack([self.motion.functional(k) for k in range(len(self.motion.names))], axis=-1)

@@ -71,10 +71,6 @@ class GlobalMotion(Frozen):
         ----------
         x : (n, 5, K) array
             Of the sources.
-
-        Returns
-        -------
-        array
         """
         return np.linalg.solve(self.normal, np.einsum("nik,n,nir->kr", self.design, self.weights, x[:, 3:]))
 
@@ -85,10 +81,6 @@ class GlobalMotion(Frozen):
         ----------
         x : (n, 5, K) array
             Of the sources.
-
-        Returns
-        -------
-        array
         """
         return self.weights[:, None, None] * np.einsum("nik,kr->nir", self.design, self.parameters(x))
 
@@ -99,10 +91,6 @@ class GlobalMotion(Frozen):
         ----------
         k : int
             Which.
-
-        Returns
-        -------
-        array
         """
         out = np.zeros((len(self.design), 5))
         rows = np.linalg.solve(self.normal, np.eye(len(self.names))[k])
@@ -116,10 +104,6 @@ class GlobalMotion(Frozen):
         ----------
         formal : (n, 5, 5) array
             Covariances.
-
-        Returns
-        -------
-        array
         """
         held = self.weights > 0
         spread = formal[held][:, 3:, 3:] + (1 / self.weights[held])[:, None, None] * np.eye(2)
@@ -149,10 +133,6 @@ def global_motion(
         With the rotation, so that the frame stays free; else only a frame in which sources do not rotate is left.
     factors : (n,) array, optional
         Three more parameters: a glide of each source times its factor, as of our velocity with 1/(4.74 d) [µas/yr per km/s].
-
-    Returns
-    -------
-    GlobalMotion
 
     Raises
     ------

@@ -67,13 +67,7 @@ class Iteration:
         return {name: getattr(self, name) for name in ("x", "r", "z", "p", "rz", "first", "gain")}
 
     def restore(self, state: dict[str, FloatArray]) -> None:
-        """Go on from a state.
-
-        Parameters
-        ----------
-        state : dict
-            Of `state()`.
-        """
+        """Go on from a state."""
         for name in self.state():
             setattr(self, name, np.array(state[name]))
 

@@ -70,27 +70,7 @@ def joint_system(
 
 
 def as_whole(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[Any, float, list[str]]:
-    """The law and knots of a mission, scaled if it has fewer sources than the whole one.
-
-    Parameters
-    ----------
-    law : NominalScanningLaw
-        Of the whole mission.
-    n : int
-        Sources that there are.
-    knots : float
-        Of the whole mission. [s]
-    full : int or None
-        Sources that the whole mission would have; None scales nothing.
-
-    Returns
-    -------
-    law : NominalScanningLaw
-    knots : float
-        [s]
-    notes : list of str
-        What was done, or nothing.
-    """
+    """The law and knots of a mission, scaled if it has fewer sources than the whole one."""
     if full is None or n >= full:
         return law, knots, []
     law, knots = scaled(n, law, knots=knots, full=full)

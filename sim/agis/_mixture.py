@@ -49,10 +49,6 @@ class Mixture(Frozen):
         ----------
         kind : {"quasars", "galaxies", "stars"}
             Which.
-
-        Returns
-        -------
-        bool array
         """
         return self.kind == KINDS.index(arguments.choice("kind", kind, KINDS))
 
@@ -74,10 +70,6 @@ def mixture(
         Of galaxies that are no points. [µas]
     star_error : float, optional
         Of a star's transit; by magnitude unless given. What holds the attitude is the weight Σ 1/σ², not the number. [µas]
-
-    Returns
-    -------
-    Mixture
 
     Raises
     ------

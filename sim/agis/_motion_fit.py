@@ -46,32 +46,12 @@ class MotionFit:
         self.rows = np.tensordot(self.formal, weighted, 1)
 
     def of(self, x: FloatArray) -> FloatArray:
-        """Coefficients of given parameters, (p, K).
-
-        Parameters
-        ----------
-        x : (n, 5, K) array
-            Of all sources.
-
-        Returns
-        -------
-        array
-        """
+        """Coefficients of given parameters, (p, K)."""
         motions = x[self.sources, 3:].transpose(1, 0, 2)
         return self.rows.reshape(len(self.modes), -1) @ motions.reshape(-1, x.shape[-1])
 
     def functionals(self, which: ArrayLike) -> FloatArray:
-        """The g of some coefficients, c = Σ g x: (n, 5, K).
-
-        Parameters
-        ----------
-        which : (K,) int array
-            Which.
-
-        Returns
-        -------
-        array
-        """
+        """The g of some coefficients, c = Σ g x: (n, 5, K)."""
         rows = self.rows[np.asarray(which)]
         out = np.zeros((self.equations.scans.n_sources, 5, len(rows)))
         out[self.sources, 3:] = rows.transpose(2, 1, 0)
@@ -79,24 +59,7 @@ class MotionFit:
 
 
 def low_fit(equations: Any, sources: IntArray) -> MotionFit:
-    """The fit whose coefficients must come to rest: to degree three, or as high as the sources determine.
-
-    Parameters
-    ----------
-    equations : Equations
-        Whose sources.
-    sources : (m,) int array
-        Which.
-
-    Returns
-    -------
-    MotionFit
-
-    Raises
-    ------
-    DegeneracyError
-        If they do not determine degree 1.
-    """
+    """The fit whose coefficients must come to rest: to degree three, or as high as the sources determine."""
     for degree in range(LOW_DEGREES, 0, -1):
         if len(Modes(degree)) < 2 * equations.solved[sources].sum():
             try:
@@ -107,24 +70,7 @@ def low_fit(equations: Any, sources: IntArray) -> MotionFit:
 
 
 def sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> IntArray:
-    """Indices of the sources at given positions; all where none are given.
-
-    Parameters
-    ----------
-    scans : Scans
-        Of the sources.
-    lon, lat : (m,) arrays or None
-        The very positions of some of them. [rad]
-
-    Returns
-    -------
-    int array
-
-    Raises
-    ------
-    ParameterError
-        If there is no source at a position.
-    """
+    """Indices of the sources at given positions; all where none are given."""
     if lon is None and lat is None:
         return np.arange(scans.n_sources)
     lon = arrays.dimension(1)("lon", lon)

@@ -59,26 +59,7 @@ def observations(
 def start_errors(
     scans: Scans, rng: Rng, *, random: float = 1e5, systematic: float = 1e4, attitude: float = 10.0
 ) -> tuple[FloatArray, FloatArray]:
-    """With which errors a solution begins; those of Bachchan, Hobbs & Lindegren (2016, section 4) unless given.
-
-    Parameters
-    ----------
-    scans : Scans
-        The transits.
-    rng : Generator or int
-        The source of all randomness.
-    random : float
-        Standard deviation of all five parameters. [µas, µas/yr]
-    systematic : float
-        Rms of a field of degrees 1 to 3 in positions, and another in motions. [µas, µas/yr]
-    attitude : float
-        Standard deviation of the attitude's coefficients. [µas]
-
-    Returns
-    -------
-    sources, attitude : (n, 5) and (coefficients, 3) arrays
-        For `System.solve`'s start and attitude. [µas, µas/yr]
-    """
+    """With which errors a solution begins; those of Bachchan, Hobbs & Lindegren (2016, section 4) unless given."""
     rng = generator(rng)
     start = random * rng.standard_normal((scans.n_sources, 5))
     fields = harmonics(scans.lon, scans.lat, 3)

@@ -40,33 +40,7 @@ def solve_observations(
     checkpoint: PathName | None,
     progress: bool,
 ) -> AgisSolution:
-    """Solve; arguments as of `System.solve`, checked there.
-
-    Parameters
-    ----------
-    equations : Equations
-        The normal equations.
-    along, across : (k,) arrays
-        Observations.
-    start, attitude, known : arrays
-        Where to start, and what is known of the attitude.
-    first : {"sources", "attitude"}
-        What is updated first.
-    conjugate : bool
-        Or simple iteration.
-    iterations : int
-        At most.
-    stop : float or None
-        Formal errors by which low degrees may still move.
-    fit : MotionFit
-        Of the low degrees.
-    watch : function or None
-        Called each time.
-    checkpoint : path or None
-        A file.
-    progress : bool
-        Show a bar.
-    """
+    """Solve; arguments as of `System.solve`, checked there."""
     passes = equations.passes
     x = start
     if first == "sources":

@@ -114,10 +114,6 @@ class System(ExactErrors):
         ----------
         along, across : (k,) arrays
             [µas]
-
-        Returns
-        -------
-        sources, attitude : (n, 5) and (coefficients, 3) arrays
         """
         return self.passes.adjoint(*self._observed(along, across))
 

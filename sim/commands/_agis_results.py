@@ -32,23 +32,7 @@ def report(
     options: Any,
     exact: dict[str, Any],
 ) -> str:
-    """What is printed.
-
-    Parameters
-    ----------
-    system : System
-        The equations.
-    solution : AgisSolution
-        What was found.
-    notes : list of str
-        On scaling and frame.
-    mixture : Mixture
-        The sources.
-    options : argparse.Namespace
-        Of the command.
-    exact : dict
-        Formal and true errors by name; perhaps none.
-    """
+    """What is printed."""
     scans = system.scans
     counts = ", ".join(f"{np.sum(mixture.are(kind))} {kind}" for kind in agis.KINDS if mixture.are(kind).any())
     sigma = np.sqrt(np.einsum("nii->ni", solution.formal))
@@ -88,21 +72,7 @@ def report(
 def write(
     folder: Path, solution: agis.AgisSolution, mixture: agis.Mixture, found: Mapping[str, Table], options: Any
 ) -> None:
-    """Write motions, sources and convergence.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    solution : AgisSolution
-        What was found.
-    mixture : Mixture
-        The sources.
-    found : dict of str to Table
-        Of `tables_of`.
-    options : argparse.Namespace
-        Of the command.
-    """
+    """Write motions, sources and convergence."""
     from vsh import catalogue, tables
 
     truth = sim.spin(options.spin) + sim.acceleration(options.acceleration)
@@ -116,17 +86,7 @@ def write(
 
 
 def tables_of(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Table]:
-    """Errors of every source, and the lowest degrees after every iteration.
-
-    Parameters
-    ----------
-    system : System
-        The equations.
-    solution : AgisSolution
-        What was found.
-    mixture : Mixture
-        The sources.
-    """
+    """Errors of every source, and the lowest degrees after every iteration."""
     from vsh.tables import table_of
 
     names = ("ra", "dec", "parallax", "pmra", "pmdec")
@@ -141,17 +101,7 @@ def tables_of(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mi
 
 
 def draw(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Any]:
-    """Convergence, errors by magnitude, by angle and over the sky: axes by name of file.
-
-    Parameters
-    ----------
-    system : System
-        The equations.
-    solution : AgisSolution
-        What was found.
-    mixture : Mixture
-        The sources.
-    """
+    """Convergence, errors by magnitude, by angle and over the sky: axes by name of file."""
     quasars = mixture.are("quasars") & system.solved
     # Errors in units of their true size, which goes by magnitude.
     sigma = np.sqrt(solution.formal[quasars, 2, 2])

@@ -4,7 +4,6 @@ from sim.gaia._crf3 import CRF3_COUNTS, crf3
 from sim.gaia._epochs import epochs
 
 __all__ = [
-    "CRF3_COUNTS",
     "crf3",
     "epochs",
 ]

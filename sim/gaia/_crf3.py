@@ -31,7 +31,7 @@ ZERO_POINT = -0.017
 _YEARS = 34 / 12
 _OUTLIERS, _TIMES = 0.002, 3.0
 _NSIDE = 32
-_UNITS = {
+_CRF3_UNITS = {
     "ra": "deg", "dec": "deg", "parallax": "mas", "parallax_error": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
     "pmra_error": "mas / yr", "pmdec_error": "mas / yr", "nu_eff_used_in_astrometry": "1 / um", "pseudocolour": "1 / um",
     "phot_g_mean_mag": "mag", "bp_rp": "mag",
@@ -131,4 +131,4 @@ def _identifiers(lon, lat):
 def _table(columns):
     from vsh import tables
 
-    return tables.table_of(columns, {"REFEPOCH": 2016.0, "RELEASE": "simulated Gaia-CRF3"}, _UNITS)
+    return tables.table_of(columns, {"REFEPOCH": 2016.0, "RELEASE": "simulated Gaia-CRF3"}, _CRF3_UNITS)

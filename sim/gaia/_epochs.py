@@ -25,7 +25,7 @@ _YEAR = 365.25 * 86400e9  # [ns]
 _AU = 499.004784e9
 #: Of positions. [Julian year, TCB]
 EPOCH = 2017.5
-_UNITS = {
+_EPOCH_UNITS = {
     "obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
     "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg", "agis_source_excess_noise": "mas",
 }  # fmt: skip
@@ -110,7 +110,7 @@ def epochs(
         "used_by_agis_al": np.ones(shape, bool), "ra0": np.degrees(population.lon[source]),
         "dec0": np.degrees(population.lat[source]), "agis_source_excess_noise": np.zeros(len(source)),
     }  # fmt: skip
-    return tables.table_of(columns, {"REFEPOCH": EPOCH, "RELEASE": "simulated DR4 epoch astrometry"}, _UNITS)
+    return tables.table_of(columns, {"REFEPOCH": EPOCH, "RELEASE": "simulated DR4 epoch astrometry"}, _EPOCH_UNITS)
 
 
 def _roemer(law, time, lon, lat):

@@ -14,9 +14,6 @@ from sim.population._makers import STAR_COUNTS, galaxies, quasars, stars, vlbi_q
 from sim.population._population import Population, from_table
 
 __all__ = [
-    "CRF3_COUNTS",
-    "SIX_PARAMETERS",
-    "STAR_COUNTS",
     "Population",
     "clustered_galaxies",
     "crf3_magnitudes",

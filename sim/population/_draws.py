@@ -80,10 +80,6 @@ def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArr
     max_magnitude : float
         The faintest G, at most 21.
 
-    Returns
-    -------
-    array
-
     Raises
     ------
     ParameterError
@@ -108,10 +104,6 @@ def crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
         How many of each.
     rng : Generator or int
         The source of all randomness.
-
-    Returns
-    -------
-    (n_five + n_six,) array
     """
     rng = generator(rng)
     return np.concatenate([quasar_magnitudes(n_five, rng, 21.0), 21 - rng.gamma(2.0, 0.32, n_six)])
@@ -130,9 +122,5 @@ def quasar_redshifts(n: int, rng: Rng, scale: float = 0.55, shape: float = 2.7) 
         Of the gamma distribution.
     shape : float
         Of the gamma distribution.
-
-    Returns
-    -------
-    array
     """
     return np.maximum(generator(rng).gamma(shape, scale, n), 0.05)

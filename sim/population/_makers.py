@@ -63,10 +63,6 @@ def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
     rng : Generator or int
         The source of all randomness.
 
-    Returns
-    -------
-    Population
-
     Raises
     ------
     ParameterError

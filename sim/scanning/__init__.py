@@ -5,7 +5,6 @@ from sim.scanning._sun import sun_position, sun_rate
 from sim.scanning._transits import Transits
 
 __all__ = [
-    "BLOCK",
     "NominalScanningLaw",
     "Transits",
     "sun_position",

@@ -16,22 +16,7 @@ _MEAN = 0.25 / 365.25
 
 
 def check_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
-    """Gaps in the order of time, (k, 2): starts, and ends that do not fall. [yr]
-
-    Parameters
-    ----------
-    gaps : sequence of (start, end)
-        In any order; they may overlap.
-
-    Returns
-    -------
-    array
-
-    Raises
-    ------
-    ParameterError
-        If they are not pairs that rise.
-    """
+    """Gaps in the order of time, (k, 2): starts, and ends that do not fall. [yr]"""
     found = float_array("gaps", gaps if len(gaps) else np.empty((0, 2)))
     if found.ndim != 2 or found.shape[1] != 2 or (found[:, 0] >= found[:, 1]).any():
         raise ParameterError(f"gaps are pairs of a start and a later end, in years, not {gaps!r}")
@@ -40,26 +25,7 @@ def check_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
 
 
 def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
-    """Lost intervals, exponential in length about six hours, (k, 2). [yr]
-
-    Parameters
-    ----------
-    years : float
-        Length of the mission.
-    dead_time : float
-        The fraction of it that is lost.
-    rng : Generator or int
-        The source of all randomness; it must be given.
-
-    Returns
-    -------
-    array
-
-    Raises
-    ------
-    ParameterError
-        If there is no rng.
-    """
+    """Lost intervals, exponential in length about six hours, (k, 2). [yr]"""
     if rng is None:
         raise ParameterError("a dead time needs rng, which draws its gaps")
     rng = generator(rng)
@@ -73,18 +39,6 @@ def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
 
 
 def alive(time: FloatArray, gaps: FloatArray) -> BoolArray:
-    """Which times lie in no gap, (n,).
-
-    Parameters
-    ----------
-    time : (n,) array
-        Since the start. [yr]
-    gaps : (k, 2) array
-        Of `check_gaps`.
-
-    Returns
-    -------
-    bool array
-    """
+    """Which times lie in no gap, (n,)."""
     before = np.searchsorted(gaps[:, 0], time, side="right") - 1
     return (before < 0) | (time >= np.append(gaps[:, 1], 0.0)[before])

@@ -143,10 +143,6 @@ class NominalScanningLaw(Frozen):
         ----------
         time : (n,) array
             Since the start [yr]
-
-        Returns
-        -------
-        three (3, n) arrays — unit vectors in `frame`
         """
         time = np.asarray(time, float)
         z, u, w = self._axes(time)
@@ -168,10 +164,6 @@ class NominalScanningLaw(Frozen):
             One a core unless given.
         progress : bool
             Show a bar, after two seconds.
-
-        Returns
-        -------
-        Transits
         """
         lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
         parts = list(map_blocks(
@@ -194,10 +186,6 @@ class NominalScanningLaw(Frozen):
             [rad]
         lat : (n,) array
             Latitude. [rad]
-
-        Returns
-        -------
-        Transits
         """
         p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
         z, u, w, times = (self._state[name] for name in ("z", "u", "w", "times"))

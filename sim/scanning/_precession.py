@@ -6,15 +6,7 @@ from scipy.optimize import brentq
 
 
 def precession_speed(precessions: float, xi: float) -> float:
-    """S for a number of precessions a year: one turn of ν takes 1/K of a turn of λ.
-
-    Parameters
-    ----------
-    precessions : float
-        K, a year.
-    xi : float
-        The angle between the spin axis and the Sun. [rad]
-    """
+    """S for a number of precessions a year: one turn of ν takes 1/K of a turn of λ."""
 
     def turn(speed):
         return quad(

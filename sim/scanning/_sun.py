@@ -45,10 +45,6 @@ def sun_rate(start: float, time: FloatArray) -> FloatArray:
         Of the mission. [Julian year]
     time : (k,) array
         Since the start of the mission. [yr]
-
-    Returns
-    -------
-    array
     """
     g, _ = _anomaly(start, time)
     turn = 0.9856003 * DEGREE * YEAR

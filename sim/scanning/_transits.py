@@ -47,9 +47,5 @@ class Transits(Frozen):
         ----------
         n : int
             Sources.
-
-        Returns
-        -------
-        int array
         """
         return np.bincount(self.source, minlength=n)

@@ -13,7 +13,6 @@ __all__ = [
     "Signal",
     "acceleration",
     "anisotropic_expansion",
-    "as_signal",
     "from_coefficients",
     "gravitational_waves",
     "hubble_rate",
@@ -24,5 +23,4 @@ __all__ = [
     "spin",
     "systematics",
     "wave",
-    "wave_fractions",
 ]

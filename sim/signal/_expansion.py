@@ -49,10 +49,6 @@ def anisotropic_expansion(shear: ArrayLike) -> Signal:
         Σ, symmetric: the expansion rate along each axis less the mean; a
         trace makes no difference [µas/yr]; 1 % of H0 = 70 is 0.15 µas/yr.
 
-    Returns
-    -------
-    Signal
-
     Raises
     ------
     ParameterError
@@ -83,10 +79,6 @@ def off_centre_void(direction: ArrayLike, amplitude: float = 0.02, peak: float =
         The largest motion [µas/yr]
     peak : float
         Z_p, the redshift of the largest motion.
-
-    Returns
-    -------
-    Signal
     """
     direction = direction_of(direction, "direction")
     glide = number("amplitude", amplitude) * direction / np.linalg.norm(direction)

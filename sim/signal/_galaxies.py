@@ -44,10 +44,6 @@ def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None,
     hubble : float, optional
         H0 in place of the cosmology's [km/s/Mpc]
 
-    Returns
-    -------
-    Signal
-
     Notes
     -----
     Bachchan, Hobbs & Lindegren (2016), sect. 2.3.

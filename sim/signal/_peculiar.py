@@ -39,20 +39,7 @@ class Velocities:
     hubble: float | None
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tangential, (2, n), and radial, (n,), velocities of sources. [km/s]
-
-        Parameters
-        ----------
-        lon, lat : (n,) arrays
-            Positions. [rad]
-        distance : (n,) array
-            For the signal's H0. [Mpc]
-
-        Raises
-        ------
-        NotImplementedError
-            Each kind of velocity has its own.
-        """
+        """Tangential, (2, n), and radial, (n,), velocities of sources. [km/s]"""
         raise NotImplementedError
 
     def __call__(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
@@ -60,15 +47,7 @@ class Velocities:
         return self.velocity(lon, lat, distance)[0] / (AU_PER_YEAR * distance)
 
     def radial(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
-        """Outward velocities, (n,). [km/s]
-
-        Parameters
-        ----------
-        lon, lat : (n,) arrays
-            Positions. [rad]
-        redshift : (n,) array
-            Of the expansion alone.
-        """
+        """Outward velocities, (n,). [km/s]"""
         return self.velocity(lon, lat, distance_of(redshift, self.cosmology, self.hubble))[1]
 
 
@@ -84,13 +63,7 @@ class Peculiar(Velocities):
     n_waves: int
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tangential and radial velocities, as `Velocities.velocity` says.
-
-        Parameters
-        ----------
-        lon, lat, distance : (n,) arrays
-            As there.
-        """
+        """Tangential and radial velocities, as `Velocities.velocity` says."""
         draw = np.random.default_rng(self.seed)
         if self.length is None:
             return self.sigma * draw.standard_normal((2, len(lon))), self.sigma * draw.standard_normal(len(lon))
@@ -117,18 +90,7 @@ class LinearFlow(Velocities):
     exact: bool
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tangential and radial velocities, as `Velocities.velocity` says.
-
-        Parameters
-        ----------
-        lon, lat, distance : (n,) arrays
-            As there.
-
-        Raises
-        ------
-        ParameterError
-            If there are too many galaxies to be drawn exactly.
-        """
+        """Tangential and radial velocities, as `Velocities.velocity` says."""
         draw = np.random.default_rng(self.seed)
         far = distance * _little_h(self.cosmology, self.hubble)
         if self.exact:
@@ -162,18 +124,7 @@ class GridFlow(Velocities):
     hubble: float | None
 
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tangential and radial velocities, as `Velocities.velocity` says.
-
-        Parameters
-        ----------
-        lon, lat, distance : (n,) arrays
-            As there.
-
-        Raises
-        ------
-        ParameterError
-            If sources lie outside of the grid.
-        """
+        """Tangential and radial velocities, as `Velocities.velocity` says."""
         far = distance * _little_h(self.cosmology, self.hubble)
         found, inside = self.grid.at(lon, lat, far, self.frame)
         if not inside.all():
@@ -223,10 +174,6 @@ def peculiar(
     frame : str
         Of the positions, where velocities come from a grid.
 
-    Returns
-    -------
-    Signal
-
     Raises
     ------
     ParameterError
@@ -262,17 +209,7 @@ def _root(theory, lon, lat, far):
 
 
 def distance_of(redshift: ArrayLike, cosmology: Any, hubble: float | None) -> FloatArray:
-    """Transverse comoving distances [Mpc]; flat, Ω_m = 0.315, H0 = 67.3 unless given.
-
-    Parameters
-    ----------
-    redshift : (n,) array
-        Of the sources.
-    cosmology : astropy cosmology or None
-        The shape.
-    hubble : float or None
-        H0 in place of the cosmology's. [km/s/Mpc]
-    """
+    """Transverse comoving distances [Mpc]; flat, Ω_m = 0.315, H0 = 67.3 unless given."""
     from vsh.cosmology import PLANCK_2013, transverse_distance  # astropy
 
     return transverse_distance(redshift, PLANCK_2013 if cosmology is None else cosmology, hubble=hubble)

@@ -38,10 +38,6 @@ def systematics(
     lmax : int
         The highest degree of the field; 24 resolves 7°.
 
-    Returns
-    -------
-    Signal
-
     Raises
     ------
     ParameterError
@@ -73,10 +69,6 @@ def random_field(power: ArrayLike, rng: Rng) -> Signal:
     rng : Generator or int
         The source of all randomness.
 
-    Returns
-    -------
-    Signal
-
     Raises
     ------
     ParameterError
@@ -101,9 +93,5 @@ def gravitational_waves(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: i
         [km/s/Mpc]
     lmax : int
         The highest degree.
-
-    Returns
-    -------
-    Signal
     """
     return systematics(not_negative("omega", omega) * Spectrum.waves(hubble), rng, lmax=lmax)

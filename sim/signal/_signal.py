@@ -59,10 +59,6 @@ class Signal(InNotebook):
             Seen from the Sun, whose velocity v is that of the signal's secular parallax; at rest in the microwave
             background; or as they are.
 
-        Returns
-        -------
-        array
-
         Raises
         ------
         ParameterError
@@ -88,22 +84,7 @@ class Signal(InNotebook):
 
 
 def as_signal(truth: Any) -> Signal:
-    """Coefficients, Signals, and functions of (lon, lat, redshift) that give (2, n) µas/yr, as a Signal.
-
-    Parameters
-    ----------
-    truth : Signal, Coefficients or function
-        A true field.
-
-    Returns
-    -------
-    Signal
-
-    Raises
-    ------
-    ParameterError
-        If it is neither.
-    """
+    """Coefficients, Signals, and functions of (lon, lat, redshift) that give (2, n) µas/yr, as a Signal."""
     if isinstance(truth, Coefficients):
         return from_coefficients(truth)
     if not callable(truth):
@@ -129,10 +110,6 @@ def from_coefficients(coefficients: Coefficients) -> Signal:
     coefficients : Coefficients
         The field. [µas/yr]
 
-    Returns
-    -------
-    Signal
-
     Raises
     ------
     ParameterError
@@ -150,10 +127,6 @@ def spin(vector: ArrayLike) -> Signal:
     ----------
     vector : (3,) array
         ω. [µas/yr]
-
-    Returns
-    -------
-    Signal
     """
     return from_coefficients(Coefficients.from_vectors(rotation=three_components(vector, "spin", "uas / yr")))
 
@@ -165,31 +138,12 @@ def acceleration(vector: ArrayLike) -> Signal:
     ----------
     vector : (3,) array
         ã. [µas/yr]
-
-    Returns
-    -------
-    Signal
     """
     return from_coefficients(Coefficients.from_vectors(glide=three_components(vector, "acceleration", "uas / yr")))
 
 
 def three_components(value: Any, name: str, unit: str = "") -> FloatArray:
-    """Three finite components, bare or as a Quantity of any fitting unit.
-
-    Parameters
-    ----------
-    value : (3,) array or Quantity
-        As users give it.
-    name : str
-        Of the argument, for the message.
-    unit : str
-        To which a Quantity is converted.
-
-    Raises
-    ------
-    FieldError
-        If they are not three finite numbers.
-    """
+    """Three finite components, bare or as a Quantity of any fitting unit."""
     value = as_floats(name, value, unit)[0]
     if value.shape != (3,) or not np.isfinite(value).all():
         raise FieldError(f"{name} must be a vector of three finite components, not of shape {value.shape}")
@@ -197,22 +151,7 @@ def three_components(value: Any, name: str, unit: str = "") -> FloatArray:
 
 
 def direction_of(value: Any, name: str, unit: str = "") -> FloatArray:
-    """Three finite components that are not all zero, bare or as a Quantity.
-
-    Parameters
-    ----------
-    value : (3,) array or Quantity
-        As users give it.
-    name : str
-        For the message.
-    unit : str
-        To which a Quantity is converted.
-
-    Raises
-    ------
-    FieldError
-        If they have no direction.
-    """
+    """Three finite components that are not all zero, bare or as a Quantity."""
     value = three_components(value, name, unit)
     if not value.any():
         raise FieldError(f"{name} must be a vector whose components are not all zero")

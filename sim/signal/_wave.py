@@ -33,10 +33,6 @@ def wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
         Rates of the strain in two polarisations: south–south less east–east at `direction`, and south–east. A strain h of
         frequency f has 2πf h; 1 µas/yr is h = 2.4e-11 at 1 nHz (`vsh.waves.strain_of`). [µas/yr]
 
-    Returns
-    -------
-    Signal
-
     Raises
     ------
     ParameterError

@@ -56,12 +56,7 @@ class Forecast(InNotebook):
         return self.report()
 
     def report(self) -> str:
-        """The table as text.
-
-        Returns
-        -------
-        str
-        """
+        """The table as text."""
         wide = max(12, *(len(name) + 2 for name in self.surveys))
         lines = [
             f"Errors to come (68 %), quasars on a sky that is {self.sky}, galaxies to z = 0.03 (errors of faint ones as Gaia's)",
@@ -86,12 +81,7 @@ class Forecast(InNotebook):
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
-        """A row for each survey, as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """A row for each survey, as an astropy Table."""
         from vsh import tables
 
         columns: dict[str, Any] = {"survey": list(self.surveys), "quasars": [s.n_quasars for s in self.surveys.values()],
@@ -116,10 +106,6 @@ class Forecast(InNotebook):
         ----------
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
-
-        Returns
-        -------
-        matplotlib axes
         """
         from study.forecast._plot import plot_forecast
 
@@ -142,10 +128,6 @@ def forecast(
         Velocity and H0 with flows as unknowns, too.
     rng : Generator or int
         Of galaxies, and of places on a sky that is not even; errors move with it by a per cent or two.
-
-    Returns
-    -------
-    Forecast
 
     Raises
     ------

@@ -22,10 +22,6 @@ def plot_forecast(found: Any, *, ax: Any = None) -> Any:
         What to draw.
     ax : eight matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    (8,) array of matplotlib axes
     """
     drawn = panels(ax, 4, 2, size=(WIDTH, 6.4), sharex=True)
     names = list(found.surveys)

@@ -47,13 +47,7 @@ class Survey(InNotebook):
     says: str = ""
 
     def __post_init__(self) -> None:
-        """Check that errors can follow from it.
-
-        Raises
-        ------
-        ParameterError
-            If neither a release nor an error is given, or both, or a number is not positive.
-        """
+        """Check that errors can follow from it."""
         arguments.whole("n_quasars", self.n_quasars)
         arguments.whole("n_galaxies", self.n_galaxies, least=0)
         arguments.positive("factor", self.factor)
@@ -70,10 +64,6 @@ class Survey(InNotebook):
         ----------
         n : int
             How many stand for all.
-
-        Returns
-        -------
-        array
         """
         if self.release is None:
             one = np.full(2, self.sigma)
@@ -89,10 +79,6 @@ class Survey(InNotebook):
         ----------
         magnitude : (n,) array
             G.
-
-        Returns
-        -------
-        array
         """
         if self.release is None:
             return np.full((2, len(magnitude)), self.factor) * self.sigma

@@ -6,12 +6,9 @@ from study.gaia._sources import Sources, read_gaia, subsets
 from study.gaia._write import write_gaia
 
 __all__ = [
-    "DegreeOrSubset",
     "GaiaStudy",
     "Sources",
-    "fit_sources",
     "read_gaia",
     "run_gaia",
-    "subsets",
     "write_gaia",
 ]

@@ -24,15 +24,7 @@ CAPTIONS = {
 
 
 def draw(study: GaiaStudy, truth: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """All figures, by name.
-
-    Parameters
-    ----------
-    study : GaiaStudy
-        What was found.
-    truth : dict, optional
-        Of a simulated catalogue: drawn in place of the published values.
-    """
+    """All figures, by name."""
     main: Any = study.main
     five = study.sources.field[~study.sources.six]
     highest: Any = next((row for row in reversed(study.degrees) if row.resampled is not None), main)

@@ -41,26 +41,7 @@ class DegreeOrSubset(InNotebook):
 
 
 def fit_sources(name: str, field: Field, lmax: int, n_replicates: int, rng: Rng) -> DegreeOrSubset:
-    """Clip, fit and draw again.
-
-    Parameters
-    ----------
-    name : str
-        Of the row.
-    field : Field
-        The sources.
-    lmax : int
-        The highest degree.
-    n_replicates : int
-        Of the bootstrap.
-    rng : Generator or int
-        The source of all randomness.
-
-    Returns
-    -------
-    DegreeOrSubset
-        Half a sky may not determine all coefficients, few sources may not settle: `said` tells.
-    """
+    """Clip, fit and draw again."""
     try:
         clipped = clip(field, lmax, KAPPA)
         found = bootstrap(clipped.sources(field), lmax, n_replicates, rng, progress=False).resampled_solution

@@ -60,10 +60,6 @@ def run_gaia(
     progress : bool
         Show a bar, after two seconds.
 
-    Returns
-    -------
-    GaiaStudy
-
     Raises
     ------
     DegeneracyError

@@ -94,18 +94,7 @@ def read_gaia(path: Any) -> Sources:
 
 
 def subsets(sources: Sources) -> dict[str, BoolArray]:
-    """The parts of the sky and of the sources that are fitted, by name, (n,) masks each.
-
-    Parameters
-    ----------
-    sources : Sources
-        All of them.
-
-    Returns
-    -------
-    dict of str to mask
-        Some may hold none.
-    """
+    """The parts of the sky and of the sources that are fitted, by name, (n,) masks each."""
     field, five = sources.field, ~sources.six
     chosen = {"five parameters": five, "six parameters": sources.six, "all": five | sources.six}
     if field.magnitude is not None:

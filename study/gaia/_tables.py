@@ -19,15 +19,7 @@ _FRAME = [f"{v}_{axis}" for v in ("spin", "g") for axis in "xyz"]
 
 
 def row_table(rows: Sequence[DegreeOrSubset], truth: Mapping[str, Any] | None = None) -> Table:
-    """A row a fit: sources, components of g and of the spin with both kinds of errors, amplitude and direction.
-
-    Parameters
-    ----------
-    rows : list of DegreeOrSubset
-        Those without a solution are left out of the table; the report says why.
-    truth : dict, optional
-        Of a simulated catalogue: then the last column is χ² of spin and g against it, of 6 numbers.
-    """
+    """A row a fit: sources, components of g and of the spin with both kinds of errors, amplitude and direction."""
     good: list[Any] = [row for row in rows if row.solution is not None]
     columns: dict[str, Any] = {
         "fit": [row.name for row in good], "lmax": [row.solution.modes.lmax for row in good], "sources": [row.n_sources for row in good],
@@ -61,13 +53,7 @@ def _chi2(vector, true):
 
 
 def power_table(study: GaiaStudy) -> Table:
-    """Powers of the main fit and of the highest degree, with p-values that allow for the bootstrap's own uncertainty.
-
-    Parameters
-    ----------
-    study : GaiaStudy
-        What was found.
-    """
+    """Powers of the main fit and of the highest degree, with p-values that allow for the bootstrap's own uncertainty."""
     rows = []
     for fitted in dict.fromkeys((study.main, study.degrees[-1])):
         if fitted.resampled is not None:
@@ -79,13 +65,7 @@ def power_table(study: GaiaStudy) -> Table:
 
 
 def correlation_table(study: GaiaStudy) -> Table:
-    """Correlations of spin and acceleration in the main fit, by the catalogue's errors.
-
-    Parameters
-    ----------
-    study : GaiaStudy
-        What was found.
-    """
+    """Correlations of spin and acceleration in the main fit, by the catalogue's errors."""
     from fit.correlation import FRAME, named, parameters_of
 
     found: Any = study.main.solution
@@ -94,13 +74,7 @@ def correlation_table(study: GaiaStudy) -> Table:
 
 
 def published_table(study: GaiaStudy) -> Table:
-    """Each published number beside ours.
-
-    Parameters
-    ----------
-    study : GaiaStudy
-        What was found.
-    """
+    """Each published number beside ours."""
     main: Any = study.main
     g: Vector = main.resampled.acceleration
     rows: list[Any] = [("five-parameter sources", float(SOURCES), np.nan, float(main.n_sources), np.nan)]

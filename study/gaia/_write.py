@@ -51,10 +51,6 @@ def write_gaia(
         Plain values.
     figures : dict, optional
         As for `vsh.plot.save_figures`: format and dpi; None for no files of figures.
-
-    Returns
-    -------
-    str
     """
     without_windows()
     made = {

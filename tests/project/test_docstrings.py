@@ -10,11 +10,11 @@ FILES = [path for package in ("vsh", "sim", "fit", "study") for path in sorted((
 
 
 def faces():
-    """What each folder promises: the names in `__all__` of its `__init__`, or of the stub that it follows."""
+    """What a folder promises, in `__all__` of its `__init__` or of the stub that it follows; and what a module does."""
     for path in [*FILES, *(ROOT / package / "__init__.pyi" for package in ("vsh", "sim", "fit"))]:
-        for node in ast.parse(path.read_text(encoding="utf-8")).body if path.stem == "__init__" else ():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
-                yield path.parent, set(ast.literal_eval(node.value))
+                yield path.parent if path.stem == "__init__" else path, set(ast.literal_eval(node.value))
 
 
 PROMISED: dict = {}
@@ -36,8 +36,8 @@ def public(path):
 
 
 def promised(path):
-    """The same of names that the folder of the file, or the one above it, promises."""
-    names = set().union(*(PROMISED.get(folder, set()) for folder in (path.parent, path.parent.parent)))
+    """The same of names that the file, its folder, or the one above promises."""
+    names = set().union(*(PROMISED.get(place, set()) for place in (path, path.parent, path.parent.parent)))
     for name, node in public(path):
         if name.split(".")[0] in names:
             yield name, node

@@ -13,13 +13,11 @@ from vsh.archive._tap import ESA, query
 __all__ = [
     "DR3",
     "DR4",
-    "ESA",
     "GAIA_CRF3",
     "GAIA_DR3_GALAXIES",
     "GAIA_EDR3_QSO",
     "QUERIES",
     "RELEASES",
     "DataRelease",
-    "of_table",
     "query",
 ]

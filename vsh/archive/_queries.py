@@ -58,25 +58,6 @@ QUERIES = {"gaia-crf3": GAIA_CRF3, "gaia-edr3-qso": GAIA_EDR3_QSO, "gaia-dr3-gal
 def of_table(table: str, columns: Iterable[str] = (), *, release: DataRelease = DR3) -> str:
     """The query for sources of one's own, galaxies or stars: a table in the archive that names them by source_id.
 
-    Parameters
-    ----------
-    table : str
-        Its name in the archive: user_me.galaxies, or gaiadr3.vari_agn.
-    columns : iterable of str
-        What is wanted of it besides: redshift, say.
-    release : DataRelease
-        Whose astrometry.
-
-    Returns
-    -------
-    str
-        ADQL.
-
-    Raises
-    ------
-    ArchiveError
-        If a name is not one that ADQL has.
-
     Examples
     --------
     >>> adql = of_table("user_me.galaxies", ["redshift"])

@@ -1,7 +1,7 @@
 """Catalogues: from tables to fields and back, whole or in parts; ICRF's positions, two catalogues matched."""
 
 from vsh.catalogue._columns import GAIA, Columns, as_columns, missing_column
-from vsh.catalogue._icrf import opened, read_icrf
+from vsh.catalogue._icrf import open_icrf, read_icrf
 from vsh.catalogue._match import Counterparts, counterparts, match
 from vsh.catalogue._parts import parts
 from vsh.catalogue._positions import read_positions
@@ -15,19 +15,12 @@ __all__ = [
     "GAIA",
     "Columns",
     "Counterparts",
-    "as_columns",
-    "counterparts",
     "iter_fields",
     "match",
-    "missing_column",
-    "opened",
     "parts",
     "read_field",
     "read_icrf",
     "read_positions",
     "read_scalars",
-    "read_sources",
-    "truth_of",
-    "unit_factor",
     "write_field",
 ]

@@ -47,20 +47,7 @@ class Chosen:
         self.names = tuple(dict.fromkeys(self._roles.get(name, name) for name in self._where.names))
 
     def of(self, block: Mapping[str, Any], first_row: int) -> tuple[dict[str, Any], Any, list[str]]:
-        """The selected rows of a block, their numbers, and a note that counts the others.
-
-        Parameters
-        ----------
-        block : dict of str to (values, mask or None)
-            Some rows.
-        first_row : int
-            Number of the first.
-
-        Raises
-        ------
-        NothingSelectedError
-            If no row is selected.
-        """
+        """The selected rows of a block, their numbers, and a note that counts the others."""
         read = {name: block[self._roles.get(name, name)] for name in self._where.names}
         selected, unknown = self._where.rows(read or block)
         counts = {FALSE: int((~selected & ~unknown).sum()), MISSING: int(unknown.sum())}
@@ -82,17 +69,7 @@ class Chosen:
 
 
 def nothing_selected(notes: Iterable[str]) -> NothingSelectedError:
-    """The error of a table without a selected row.
-
-    Parameters
-    ----------
-    notes : iterable of str
-        That count them.
-
-    Returns
-    -------
-    NothingSelectedError
-    """
+    """The error of a table without a selected row."""
     error = NothingSelectedError("no row is left by --where: " + "; ".join(map(str, notes)))
     error.notes = tuple(notes)
     return error

@@ -78,22 +78,7 @@ _OTHER_FRAMES = {"l": "galactic", "b": "galactic", "glon": "galactic", "glat": "
 
 
 def as_columns(columns: Any) -> Columns:
-    """Columns from None (Gaia's names), "gaia", "vizier" or "icrf", a dict of role to name, or Columns.
-
-    Parameters
-    ----------
-    columns : Columns, str, dict or None
-        As users say it; in a dict "names" is one of the sets, which the other entries change.
-
-    Returns
-    -------
-    Columns
-
-    Raises
-    ------
-    TableError
-        If a role is unknown.
-    """
+    """Columns from None (Gaia's names), "gaia", "vizier" or "icrf", a dict of role to name, or Columns."""
     if columns is None:
         return GAIA
     if isinstance(columns, Columns):
@@ -115,20 +100,7 @@ def as_columns(columns: Any) -> Columns:
 
 
 def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[str]]:
-    """From what a field needs to the names of a table's columns, and notes.
-
-    Parameters
-    ----------
-    columns : Columns
-        Names of columns by role.
-    source : vsh.tables.TableSource
-        The table.
-
-    Raises
-    ------
-    TableError
-        If a column is missing.
-    """
+    """From what a field needs to the names of a table's columns, and notes."""
     where, said, absent = {}, [], []
     for f in fields(Columns):
         name = getattr(columns, f.name)
@@ -159,22 +131,7 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
 
 
 def frame_of(where: Mapping[str, str], frame: str | None, meta: Mapping[str, Any] | None = None) -> str:
-    """The frame of a table's positions: the one that was told, that of a field that was written, or ICRS if the columns' names say nothing else.
-
-    Parameters
-    ----------
-    where : dict of str to str
-        Columns by role.
-    frame : str, optional
-        What the user said.
-    meta : dict, optional
-        The table's; FRAME is what `Field.write` keeps there.
-
-    Raises
-    ------
-    TableError
-        If the columns are called l and b, say, and nobody told the frame.
-    """
+    """The frame of a table's positions: the one that was told, that of a field that was written, or ICRS if the columns' names say nothing else."""
     if frame is not None:
         return check_frame(frame)
     said = next((value for key, value in (meta or {}).items() if str(key).upper() == FRAME_KEY), None)
@@ -192,19 +149,7 @@ def frame_of(where: Mapping[str, str], frame: str | None, meta: Mapping[str, Any
 
 
 def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | None:
-    """The frame of a table's redshifts, where its metadata or the column's description tell it.
-
-    Parameters
-    ----------
-    where : dict of str to str
-        Columns by role.
-    source : TableSource
-        The table.
-
-    Returns
-    -------
-    str or None
-    """
+    """The frame of a table's redshifts, where its metadata or the column's description tell it."""
     if "redshift" not in where:
         return None
     said = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
@@ -214,19 +159,7 @@ def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | No
 
 
 def missing_column(name: str | None, source: TableSource) -> str:
-    """What is said of a column that is not there, with the names nearest to it.
-
-    Parameters
-    ----------
-    name : str or None
-        That was asked for.
-    source : TableSource
-        The table.
-
-    Returns
-    -------
-    str
-    """
+    """What is said of a column that is not there, with the names nearest to it."""
     near = [each for each in source.names if each.lower() == str(name).lower()]
     near = near or get_close_matches(str(name), source.names[:2000], n=3, cutoff=0.6)
     hint = f"; nearest: {', '.join(map(printable, near))}" if near else ""
@@ -236,22 +169,7 @@ def missing_column(name: str | None, source: TableSource) -> str:
 
 
 def doubt_positions(found: Any, assumed: Any, at_least: int = 20) -> None:
-    """Raise FieldError where bare positions look like radians or hours rather than degrees.
-
-    Parameters
-    ----------
-    found : dict with masked arrays "ra" and "dec" [deg]
-        As it was read.
-    assumed : whether their unit is an assumption
-        Whether a unit of positions was assumed.
-    at_least : int
-        So many sources are needed to doubt.
-
-    Raises
-    ------
-    FieldError
-        If they lie as positions in radians would.
-    """
+    """Raise FieldError where bare positions look like radians or hours rather than degrees."""
     ra, dec = (np.ma.compressed(found[role]) for role in ("ra", "dec"))
     if not assumed or ra.size < at_least or dec.size < at_least:
         return

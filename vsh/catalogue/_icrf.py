@@ -45,26 +45,8 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     return Positions(lon, lat, np.stack([east, north]), rho, name=names, defining=np.array(defining))
 
 
-def opened(source: Any, format: str | None = None) -> tables.TableSource:
-    """A table that is open, of any format that a catalogue may come in.
-
-    Parameters
-    ----------
-    source : path or table
-        Whatever `vsh.tables.open_table` takes.
-    format : str, optional
-        Of a file: one of `vsh.tables.INPUT_FORMATS`, or "icrf" for ICRF2 and ICRF3 as the IERS hands them round, whose columns are then called
-        icrf, iers, defining (D or nothing), ra, dec, ra_error, dec_error and ra_dec_corr.
-
-    Returns
-    -------
-    TableSource
-
-    Raises
-    ------
-    TableError
-        If it cannot be read.
-    """
+def open_icrf(source: Any, format: str | None = None) -> tables.TableSource:
+    """A table that is open, of any format that a catalogue may come in."""
     if format != "icrf" or isinstance(source, tables.TableSource):
         return tables.open_table(source, format)
     icrf, iers, defining, *numbers = _columns(source)

@@ -14,7 +14,7 @@ from vsh.sky.positions import Positions
 from vsh.sky.sphere import triad
 from vsh.units import DEGREE, UAS
 
-__all__ = ["Counterparts", "counterparts", "match"]
+__all__ = ["Counterparts", "match"]
 
 
 class Counterparts(NamedTuple):
@@ -34,22 +34,7 @@ class Counterparts(NamedTuple):
 
 
 def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> Counterparts:
-    """Which sources of two catalogues are the same, one to one, in the order of the first.
-
-    Parameters
-    ----------
-    a, b, by, radius
-        As for `match`.
-
-    Returns
-    -------
-    Counterparts
-
-    Raises
-    ------
-    TableError, FrameError, FieldError
-        As `match` does.
-    """
+    """Which sources of two catalogues are the same, one to one, in the order of the first."""
     kinds = {type(each) for each in (a, b)}
     if kinds not in ({Positions}, {Field}):
         raise FieldError(

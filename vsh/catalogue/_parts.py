@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vsh.catalogue._columns import REQUIRED, Columns, as_columns
-from vsh.catalogue._icrf import opened
+from vsh.catalogue._icrf import open_icrf
 from vsh.catalogue._read import iter_fields
 from vsh.catalogue._sources import without_motions
 from vsh.checks.arguments import whole
@@ -92,7 +92,7 @@ def parts(
     if len(set(files)) < len(files):
         raise ParameterError(f"{len(files) - len(set(files))} of the parts are files that stand there twice")
     if len(files) > 1:
-        first = opened(files[0], format)
+        first = open_icrf(files[0], format)
         read = replace(read, like=(first.label, _layout(first, columns)))
     return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
 
@@ -131,21 +131,13 @@ class Reader:
     format: str | None = None
 
     def __call__(self, piece: Any, roles: tuple[str, ...]) -> Iterator[Field]:
-        """The fields of a piece.
-
-        Parameters
-        ----------
-        piece : object
-            Anything that `read_field` takes, or a Field.
-        roles : tuple of str
-            Those of name, magnitude, redshift that are wanted.
-        """
+        """The fields of a piece."""
         if isinstance(piece, Field):
             yield piece
             return
         columns = self.columns
         if isinstance(piece, (str, os.PathLike)):
-            piece = opened(piece, self.format)
+            piece = open_icrf(piece, self.format)
         if self.like is not None and isinstance(piece, TableSource):
             _check_same_columns(piece, columns, *self.like)
         said: tuple[str, ...] = ()

@@ -10,8 +10,7 @@ import numpy as np
 
 from vsh.catalogue._chosen import Chosen
 from vsh.catalogue._columns import missing_column
-from vsh.catalogue._icrf import opened as opened_table
-from vsh.catalogue._icrf import read_icrf
+from vsh.catalogue._icrf import open_icrf, read_icrf
 from vsh.catalogue._units import unit_factor
 from vsh.checks.arguments import positive
 from vsh.checks.types import OnBad
@@ -55,13 +54,9 @@ def read_positions(
     designation : {"iers", "icrf"}
         Which names of ICRF's sources.
     where : str, optional
-        A condition on a table's columns, as for `read_field`; on those of ICRF with `format="icrf"` (`opened` names them).
+        A condition on a table's columns, as for `read_field`; on those of ICRF with `format="icrf"`.
     format : str, optional
         Of a file, as for `read_field`.
-
-    Returns
-    -------
-    Positions
 
     Raises
     ------
@@ -83,7 +78,7 @@ def read_positions(
         raise TableError(
             f"columns: nothing of positions is called {', '.join(wrong)}; there are {', '.join((*_COLUMNS, *_OPTIONAL))}"
         )
-    opened = opened_table(source, "icrf" if listed else format)
+    opened = open_icrf(source, "icrf" if listed else format)
     if listed or known == "icrf":
         columns = {"name": designation} | columns
     roles = {role: columns.get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}

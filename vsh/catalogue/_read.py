@@ -21,7 +21,7 @@ from vsh.catalogue._columns import (
     locate,
     redshift_frame_of,
 )
-from vsh.catalogue._icrf import opened
+from vsh.catalogue._icrf import open_icrf
 from vsh.catalogue._units import differing_units, factors, identifiers, plain
 from vsh.checks import arguments
 from vsh.checks.arguments import whole
@@ -95,7 +95,7 @@ def read_field(
     'no unit in the table, so taken in deg: ra, dec'
     """
     begin = perf_counter()
-    make = _maker(opened(source, format), columns, units, on_bad, frame, roles, where)
+    make = _maker(open_icrf(source, format), columns, units, on_bad, frame, roles, where)
     field = make(make.source.columns(make.names))
     tell(_LOG, f"read {make.source.label}", field, begin)
     return field
@@ -137,7 +137,7 @@ def iter_fields(
         As `read_field` does.
     """
     rows = whole("rows", rows)
-    make = _maker(opened(source, format), columns, units, on_bad, frame, roles, where)
+    make = _maker(open_icrf(source, format), columns, units, on_bad, frame, roles, where)
     return _fields(make, rows)
 
 

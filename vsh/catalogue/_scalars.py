@@ -45,10 +45,6 @@ def read_scalars(
     frame : str, optional
         "icrs", "galactic" or "ecliptic"; that of a field that was written, or ICRS, unless given.
 
-    Returns
-    -------
-    ScalarField
-
     Raises
     ------
     TableError

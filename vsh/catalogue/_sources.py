@@ -10,7 +10,7 @@ import numpy as np
 
 from vsh import tables
 from vsh.catalogue._columns import Columns, as_columns
-from vsh.catalogue._icrf import opened as opened_table
+from vsh.catalogue._icrf import open_icrf
 from vsh.catalogue._read import read_field
 from vsh.checks.arguments import positive
 from vsh.checks.types import OnBad
@@ -31,43 +31,15 @@ def read_sources(
     where: str | None = None,
     format: str | None = None,
 ) -> Field:
-    """Read positions and errors; what the table lacks of motions is zero.
-
-    Parameters
-    ----------
-    source, columns, units, on_bad, frame, where, format
-        As for `vsh.catalogue.read_field`.
-    sigma : float, optional
-        One error for all, in place of the table's. [µas/yr]
-
-    Returns
-    -------
-    Field
-        Its notes say what was put in: a table without errors is given 1 mas/yr for every source.
-
-    Raises
-    ------
-    TableError, FieldError
-        As `vsh.catalogue.read_field` does.
-    """
-    opened, chosen, said = without_motions(opened_table(source, format), as_columns(columns), sigma)
+    """Read positions and errors; what the table lacks of motions is zero."""
+    opened, chosen, said = without_motions(open_icrf(source, format), as_columns(columns), sigma)
     return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*said)
 
 
 def without_motions(
     opened: tables.TableSource, wanted: Columns, sigma: float | None = None
 ) -> tuple[tables.TableSource, Columns, tuple[str, ...]]:
-    """A table with zeros for the motions that it lacks, and errors where it has none: table, its columns, and notes.
-
-    Parameters
-    ----------
-    opened : TableSource
-        The table.
-    wanted : Columns
-        Where it keeps what.
-    sigma : float, optional
-        One error for all, in place of the table's. [µas/yr]
-    """
+    """A table with zeros for the motions that it lacks, and errors where it has none: table, its columns, and notes."""
     absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(wanted, role) not in opened.names}
     replaced = {
         role: 0.0 for role in _MOTIONS if absent >= set(_MOTIONS)

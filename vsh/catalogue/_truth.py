@@ -15,16 +15,6 @@ def truth_of(source: Any) -> dict[str, Any] | None:
 
     Read from its metadata: SPIN_X … ACC_Z, ICRS components in µas/yr, and for galaxies VEL_X … VEL_Z
     (km/s, toward the apex) and HUBBLE (km/s/Mpc).
-
-    Parameters
-    ----------
-    source : path or table
-        Whatever `vsh.tables.open_table` takes.
-
-    Returns
-    -------
-    dict or None
-        "spin" and "acceleration", and perhaps "velocity", each a Vector without error; perhaps "hubble".
     """
     meta = {str(key).upper(): value for key, value in tables.open_table(source).meta.items()}
 

@@ -17,22 +17,7 @@ from vsh.tables import TableSource
 
 
 def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource) -> Any:
-    """By which each column of positions, motions and errors is multiplied, and notes on units that were assumed.
-
-    Parameters
-    ----------
-    where : dict of str to str
-        Columns by role.
-    units : dict, optional
-        Units of columns by name.
-    source : TableSource
-        The table.
-
-    Raises
-    ------
-    TableError
-        If a unit is missing, unknown, not linear, not positive, or of another kind.
-    """
+    """By which each column of positions, motions and errors is multiplied, and notes on units that were assumed."""
     for name in units or {}:
         if name not in source.names:
             raise TableError(f"units: {missing_column(name, source)}")
@@ -63,15 +48,7 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
 
 
 def differing_units(where: Mapping[str, str], found: Mapping[str, Any]) -> list[str]:
-    """A note where motions and their errors are not all in one unit, which is seldom meant.
-
-    Parameters
-    ----------
-    where : dict of str to str
-        Columns by role.
-    found : dict of str to float
-        Factors by role, from `factors`.
-    """
+    """A note where motions and their errors are not all in one unit, which is seldom meant."""
     sizes = {role: found[role] for role in ("pmra", "pmdec", "pmra_error", "pmdec_error") if role in found}
     if len({float(f"{size:.9g}") for size in sizes.values()}) < 2:
         return []
@@ -80,18 +57,7 @@ def differing_units(where: Mapping[str, str], found: Mapping[str, Any]) -> list[
 
 
 def parse_unit(unit: Any) -> Any:
-    """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS.
-
-    Parameters
-    ----------
-    unit : str or unit
-        As a table or a user writes it.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If nobody knows it.
-    """
+    """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS."""
     if not isinstance(unit, str):
         return u.Unit(unit)
     for form in ("generic", "vounit", "cds", "ogip"):
@@ -103,26 +69,7 @@ def parse_unit(unit: Any) -> Any:
 
 
 def unit_factor(name: str, unit: Any, wanted: str) -> float:
-    """By which a column in a unit is multiplied to be in another; 1 where it has none.
-
-    Parameters
-    ----------
-    name : str
-        Of the column.
-    unit : str or unit, or None
-        As the table says it.
-    wanted : str
-        The other.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    TableError
-        If the unit is unknown, or of another kind.
-    """
+    """By which a column in a unit is multiplied to be in another; 1 where it has none."""
     return 1.0 if unit is None or not str(unit).strip() else _factor(name, unit, u.Unit(wanted), False)
 
 
@@ -172,33 +119,13 @@ def _further(role, name, unit, wanted, given):
 
 
 def plain(name: str, values: Any, missing: BoolArray | None) -> Any:
-    """A column of numbers as a masked array of doubles.
-
-    Parameters
-    ----------
-    name : str
-        Of the column.
-    values : array
-        As the table has them.
-    missing : mask or None
-        Where there is no value.
-    """
+    """A column of numbers as a masked array of doubles."""
     floats, mask = as_floats(printable(name), np.ma.MaskedArray(values, False if missing is None else missing))
     return np.ma.MaskedArray(floats, mask)
 
 
 def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
-    """Names as 64-bit integers or text, and notes; masked integers become text, so that no digit is lost.
-
-    Parameters
-    ----------
-    name : str
-        Of the column.
-    values : array
-        As the table has them.
-    missing : mask or None
-        Where there is no value.
-    """
+    """Names as 64-bit integers or text, and notes; masked integers become text, so that no digit is lost."""
     said = []
     mask = np.zeros(len(values), bool) if missing is None else missing
     if values.dtype.kind == "f" and not mask.all():

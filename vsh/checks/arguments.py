@@ -21,22 +21,6 @@ Check: TypeAlias = Callable[[str, Any], Any]
 def number(name: str, value: Any) -> float:
     """A finite number, as a float.
 
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-
     Examples
     --------
     >>> number("extra", 3)
@@ -52,20 +36,7 @@ def number(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """A finite number above zero, as a float.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-    """
+    """A finite number above zero, as a float."""
     found = number(name, value)
     if not found > 0:
         raise ParameterError(f"{name} must be above zero, not {value!r}")
@@ -73,20 +44,7 @@ def positive(name: str, value: Any) -> float:
 
 
 def not_negative(name: str, value: Any) -> float:
-    """A finite number of zero or more, as a float.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-    """
+    """A finite number of zero or more, as a float."""
     found = number(name, value)
     if not found >= 0:
         raise ParameterError(f"{name} must be zero or more, not {value!r}")
@@ -94,24 +52,7 @@ def not_negative(name: str, value: Any) -> float:
 
 
 def between(name: str, value: Any, low: float, high: float) -> float:
-    """A number low < x < high, as a float.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-    low : float
-        The lower bound, excluded.
-    high : float
-        The upper bound, excluded.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-    """
+    """A number low < x < high, as a float."""
     found, low, high = number(name, value), number("low", low), number("high", high)
     if not low < found < high:
         raise ParameterError(f"{name} must lie between {low:g} and {high:g}, not at {value!r}")
@@ -119,22 +60,7 @@ def between(name: str, value: Any, low: float, high: float) -> float:
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:
-    """A whole number of at least `least`, as an int.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-    least : int
-        The smallest that is taken.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-    """
+    """A whole number of at least `least`, as an int."""
     try:
         found = index(value) if np.ndim(value) == 0 else None
     except TypeError:
@@ -146,20 +72,6 @@ def whole(name: str, value: Any, least: int = 1) -> int:
 
 def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
     """One of some words.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-    choices : tuple
-        What may be chosen.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
 
     Examples
     --------
@@ -176,18 +88,7 @@ def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
 
 
 def generator(rng: Any) -> np.random.Generator:
-    """A NumPy Generator from what users give as `rng`: a Generator, or a seed.
-
-    Parameters
-    ----------
-    rng : Generator or int
-        The source of all randomness.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-    """
+    """A NumPy Generator from what users give as `rng`: a Generator, or a seed."""
     try:
         return np.random.default_rng(rng)
     except (TypeError, ValueError):
@@ -199,11 +100,6 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
     What a check returns takes the argument's place, defaults among them. None is not checked where it is the
     default: the argument is not given then.
-
-    Parameters
-    ----------
-    **checks
-        By argument.
 
     Examples
     --------
@@ -239,16 +135,6 @@ def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
 def a(*kinds: type) -> Check:
     """A check that a value is of one of some classes.
 
-    Parameters
-    ----------
-    *kinds
-        One of which a value must be of.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-
     Examples
     --------
     >>> a(int)("n", "three")
@@ -267,20 +153,7 @@ def a(*kinds: type) -> Check:
 
 
 def seed(name: str, value: Any) -> Any:
-    """A NumPy Generator, or a whole number of at least zero.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-    """
+    """A NumPy Generator, or a whole number of at least zero."""
     if isinstance(value, (bool, float, str)) or value is None:
         raise ParameterError(f"{name} is a NumPy Generator or a whole number that seeds one, not {value!r}")
     generator(value)

@@ -15,26 +15,7 @@ from vsh.errors import ParameterError, first_line
 def float_array(
     name: str, value: Any, shape: Sequence[int] | None = None, finite: bool = True, broadcast: bool = False
 ) -> FloatArray:
-    """A float array, perhaps of a given shape, without what is not finite and without a mask that hides something.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-    shape : tuple of int, optional
-        What its shape must be.
-    finite : bool
-        Refuse what is not finite.
-    broadcast : bool
-        Broadcast to the shape first.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-    """
+    """A float array, perhaps of a given shape, without what is not finite and without a mask that hides something."""
     if np.ma.isMaskedArray(value) and np.ma.getmaskarray(value).any():
         raise ParameterError(f"{np.ma.getmaskarray(value).sum()} values of {name} are masked: take them out first")
     try:
@@ -80,20 +61,6 @@ def covariance(name: str, value: Any, size: int) -> FloatArray:
 def indices(name: str, value: Any, n: int) -> IntArray:
     """Indices of some of n things, given by indices, a mask or a slice; all where None is given.
 
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-    n : int
-        How many there are.
-
-    Raises
-    ------
-    ParameterError
-        If there are no such things.
-
     Examples
     --------
     >>> indices("sources", [True, False, True], 3)
@@ -112,31 +79,14 @@ def indices(name: str, value: Any, n: int) -> IntArray:
 
 
 def read_only(array: ArrayLike) -> FloatArray:
-    """The same array through a view that cannot be written to.
-
-    Parameters
-    ----------
-    array : array
-        Any.
-    """
+    """The same array through a view that cannot be written to."""
     view = np.asarray(array).view()
     view.flags.writeable = False
     return view
 
 
 def dimension(size: int) -> Callable[[str, Any], FloatArray]:
-    """A check for a float array of so many dimensions.
-
-    Parameters
-    ----------
-    size : int
-        How many dimensions.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-    """
+    """A check for a float array of so many dimensions."""
 
     def check(name, value):
         found = float_array(name, value, finite=False)

@@ -30,33 +30,7 @@ def usable_columns(
     first_row: int,
     unusable: Mapping[str, BoolArray] | None = None,
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
-    """The arrays of a field, without rows that cannot be used, and notes.
-
-    Parameters
-    ----------
-    given : dict of str to array or None
-        ra, dec [deg]; pmra, pmdec, their errors [mas/yr]; pmra_pmdec_corr, and what of `MEASURED` is known.
-    name : (n,) array or None
-        Names of the sources.
-    on_bad : {"raise", "drop"}
-        What to do about rows that cannot be used.
-    first_row : int
-        Number of the first row in messages.
-    unusable : dict of str to mask, optional
-        Further rows that cannot be used, by reason: the first that is said of them.
-
-    Returns
-    -------
-    columns : dict of str to array
-        lon, lat [rad], motion, sigma [µas/yr], rho, and what of `MEASURED`, and the name, is given.
-    notes : tuple of str
-        What was taken as missing, and which rows were left out.
-
-    Raises
-    ------
-    FieldError
-        If a column is no array of n numbers, or, with "raise", if any row cannot be used.
-    """
+    """The arrays of a field, without rows that cannot be used, and notes."""
     notes: tuple[str, ...] = ()
     if on_bad not in ("raise", "drop"):
         raise FieldError(f"on_bad is 'raise' or 'drop', not {on_bad!r}")
@@ -95,18 +69,7 @@ def usable_columns(
 
 
 def check_measured(noun: Any) -> None:
-    """Raise FieldError where redshifts or distances of a field have no errors that can be used.
-
-    Parameters
-    ----------
-    noun : Field
-        What is checked.
-
-    Raises
-    ------
-    FieldError
-        If an error is negative, a distance not above zero, or without an error.
-    """
+    """Raise FieldError where redshifts or distances of a field have no errors that can be used."""
     for column, least in (
         ("redshift_error", "zero or more"),
         ("distance", "above zero"),
@@ -130,20 +93,7 @@ def check_measured(noun: Any) -> None:
 
 
 def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
-    """The arrays of a field whose motions are zero.
-
-    Parameters
-    ----------
-    sources : object with lon and lat [rad]
-        And perhaps sigma, rho, redshift.
-    sigma : float or (2, n) array, optional
-        In place of its own. [µas/yr]
-
-    Raises
-    ------
-    FieldError
-        If there are no positions, or no errors.
-    """
+    """The arrays of a field whose motions are zero."""
     if not (hasattr(sources, "lon") and hasattr(sources, "lat")):
         raise FieldError(f"sources are a Field, or positions with lon and lat, not {type(sources).__name__}")
     sigma = getattr(sources, "sigma", None) if sigma is None else sigma
@@ -156,20 +106,7 @@ def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
 
 
 def skycoord_columns(coord: Any) -> tuple[dict[str, Any], str]:
-    """Positions and motions of an astropy SkyCoord as `from_columns` takes them, and the frame.
-
-    Parameters
-    ----------
-    coord : SkyCoord
-        Of any shape.
-
-    Raises
-    ------
-    FieldError
-        If it is none, or has no motions.
-    FrameError
-        If it is in a frame that no field is in.
-    """
+    """Positions and motions of an astropy SkyCoord as `from_columns` takes them, and the frame."""
     frame = getattr(coord, "frame", None)
     if frame is None or not hasattr(coord, "spherical"):
         raise FieldError(f"a SkyCoord is wanted, not {type(coord).__name__}")
@@ -184,13 +121,7 @@ def skycoord_columns(coord: Any) -> tuple[dict[str, Any], str]:
 
 
 def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
-    """A field in Gaia's names: columns, their units, and plain facts.
-
-    Parameters
-    ----------
-    field : Field
-        The sources; those without names are numbered from one.
-    """
+    """A field in Gaia's names: columns, their units, and plain facts."""
     columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
     columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
     columns |= {"pmra": field.motion[0] / MAS, "pmdec": field.motion[1] / MAS}
@@ -206,20 +137,7 @@ def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str,
 
 
 def joined(one: Any, other: Any) -> dict[str, Any]:
-    """The attributes of a field with the sources of two, one after the other; what one does not know of its sources is missing.
-
-    Parameters
-    ----------
-    one, other : Field
-        In one frame.
-
-    Raises
-    ------
-    FrameError
-        If they are in two.
-    FieldError
-        If their redshifts are.
-    """
+    """The attributes of a field with the sources of two, one after the other; what one does not know of its sources is missing."""
     if other.frame != one.frame:
         raise FrameError(f"the fields are in {one.frame} and {other.frame}: take both to one frame")
     frames = {each.redshift_frame for each in (one, other) if each.redshift is not None}

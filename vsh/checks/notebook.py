@@ -38,21 +38,7 @@ class InNotebook:
 
 
 def as_html(title: str, rows: dict[str, str | None], *, heading: str = "") -> str:
-    """A table of two columns under a title.
-
-    Parameters
-    ----------
-    title : str
-        In bold.
-    rows : dict of str to str or None
-        In HTML; what is None is left out.
-    heading : str
-        Behind the title.
-
-    Returns
-    -------
-    str
-    """
+    """A table of two columns under a title."""
     cells = "".join(
         f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{value}</td></tr>'
         for name, value in rows.items()
@@ -63,17 +49,7 @@ def as_html(title: str, rows: dict[str, str | None], *, heading: str = "") -> st
 
 
 def shown(value: Any) -> str | None:
-    """A value in a cell, in HTML: arrays by shape and range, what is longer cut; None for what is not there, and for functions.
-
-    Parameters
-    ----------
-    value : object
-        Any.
-
-    Returns
-    -------
-    str or None
-    """
+    """A value in a cell, in HTML: arrays by shape and range, what is longer cut; None for what is not there, and for functions."""
     if value is None or (callable(value) and not hasattr(value, "_repr_html_")):
         return None
     if isinstance(value, np.ndarray):

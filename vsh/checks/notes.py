@@ -53,36 +53,14 @@ class CountedNote(str):
 
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
-        """What the note says.
-
-        Parameters
-        ----------
-        counts : dict of str to int
-            Rows by reason.
-        total : int
-            All rows; 0 if that is not known.
-        names : list of str
-            Of the first.
-        """
+        """What the note says."""
         raise NotImplementedError
 
     @classmethod
     def of_table(
         cls, counts: Mapping[str, int], total: int, *arrays: ArrayLike, names: Sequence[str] = ()
     ) -> CountedNote:
-        """Of one table, known again by a hash of some of its arrays.
-
-        Parameters
-        ----------
-        counts : dict of str to int
-            Rows by reason.
-        total : int
-            All rows.
-        *arrays
-            By which the table is known again.
-        names : sequence of str
-            Of a few.
-        """
+        """Of one table, known again by a hash of some of its arrays."""
         digest = blake2b(digest_size=12)
         for array in arrays:
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -94,13 +72,7 @@ class DroppedRows(CountedNote):
 
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
-        """What the note says.
-
-        Parameters
-        ----------
-        counts, total, names
-            As for `CountedNote.words`.
-        """
+        """What the note says."""
         listed = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
         return f"left out {sum(counts.values())} of {total} rows{': ' if listed else ''}{listed}"
 
@@ -114,13 +86,7 @@ class NotSelected(CountedNote):
 
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
-        """What the note says.
-
-        Parameters
-        ----------
-        counts, total, names
-            As for `CountedNote.words`.
-        """
+        """What the note says."""
         missing = counts.get(MISSING, 0)
         more = f", {missing} of the others with a value missing" if missing else ""
         return f"selected {total - sum(counts.values())} of {total} rows, where {names[0]}{more}"
@@ -133,13 +99,7 @@ class WithoutRedshift(CountedNote):
 
     @staticmethod
     def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
-        """What the note says.
-
-        Parameters
-        ----------
-        counts, total, names
-            As for `CountedNote.words`.
-        """
+        """What the note says."""
         lost = sum(counts.values())
         listed = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
         named = f" ({', '.join(names[:5])}{', …' if lost > 5 else ''})" if names else ""
@@ -167,13 +127,7 @@ class MoreNotes(str):
 
 
 def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
-    """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines.
-
-    Parameters
-    ----------
-    *groups
-        The notes of each table.
-    """
+    """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines."""
     plain: dict[str, None] = {}
     counted: dict[type[CountedNote], dict[str, Any]] = {}
     hidden: set[str] = set()
@@ -195,41 +149,19 @@ def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
 
 
 def spoken(notes: Iterable[str]) -> tuple[str, ...]:
-    """The notes of a result: without those that count nothing, which are there for the sum of several parts.
-
-    Parameters
-    ----------
-    notes : iterable of str
-        Of all its data.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """The notes of a result: without those that count nothing, which are there for the sum of several parts."""
     return tuple(
         note for note in notes if not (isinstance(note, CountedNote) and len(note.parts) > 1 and not note.counts)
     )
 
 
 def dropped(notes: Iterable[str]) -> int:
-    """How many rows the notes say were left out.
-
-    Parameters
-    ----------
-    notes : iterable of str
-        Of a field.
-    """
+    """How many rows the notes say were left out."""
     return _counted(notes, DroppedRows)
 
 
 def unselected(notes: Iterable[str]) -> int:
-    """How many rows the notes say a condition left out.
-
-    Parameters
-    ----------
-    notes : iterable of str
-        Of a field.
-    """
+    """How many rows the notes say a condition left out."""
     return _counted(notes, NotSelected)
 
 
@@ -239,11 +171,6 @@ def _counted(notes, kind):
 
 def printable(text: object) -> str:
     """Text without the control characters that a terminal would obey: \\x1b in place of an escape.
-
-    Parameters
-    ----------
-    text : str
-        Any.
 
     Examples
     --------
@@ -258,15 +185,5 @@ def _hash(line):
 
 
 def note_lines(notes: Iterable[str]) -> list[str]:
-    """Notes as the last lines of a report.
-
-    Parameters
-    ----------
-    notes : iterable of str
-        Of a result.
-
-    Returns
-    -------
-    list[str]
-    """
+    """Notes as the last lines of a report."""
     return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []

@@ -11,32 +11,12 @@ from vsh.scalars import ScalarField
 
 
 def modes(name: str, value: Any) -> Modes:
-    """`Modes`, or a degree in their place.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-    """
+    """`Modes`, or a degree in their place."""
     return as_modes(value)
 
 
 def modes_for(field: Any, value: Any) -> Modes:
     """The modes in which a field is expanded: `ScalarModes` of a ScalarField, `Modes` of anything else.
-
-    Parameters
-    ----------
-    field : Field, ScalarField or Parts
-        The sources.
-    value : Modes, ScalarModes, or a degree
-        What was given.
-
-    Raises
-    ------
-    ModesError
-        If it is none, or those of the other kind of field.
 
     Examples
     --------
@@ -47,20 +27,7 @@ def modes_for(field: Any, value: Any) -> Modes:
 
 
 def fields(name: str, value: Any) -> Any:
-    """A Field, or a list, tuple or stream of Fields.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-
-    Raises
-    ------
-    ParameterError
-        If it is none of these.
-    """
+    """A Field, or a list, tuple or stream of Fields."""
     if isinstance(value, Field):
         return value
     if isinstance(value, (list, tuple)) and value and all(isinstance(each, Field) for each in value):

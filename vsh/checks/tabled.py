@@ -20,28 +20,10 @@ class Tabled(Weighed):
         raise NotImplementedError
 
     def to_table(self) -> Table:
-        """The sources as an astropy Table in the names and units of Gaia's archive.
-
-        Returns
-        -------
-        Table
-        """
+        """The sources as an astropy Table in the names and units of Gaia's archive."""
         columns, units, facts = self._table()
         return tables.table_of(columns, facts, units)
 
     def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
-        """Write the sources as a table, which `vsh.catalogue` reads.
-
-        Parameters
-        ----------
-        path : str or Path
-            Its ending tells the format: .fits, .ecsv, .csv, .vot, .parquet.
-        meta : dict, optional
-            Plain values, kept with the table (not by CSV).
-
-        Raises
-        ------
-        TableError
-            If the ending is not known, or the format needs a library that is not there.
-        """
+        """Write the sources as a table, which `vsh.catalogue` reads."""
         tables.write_table(self.to_table(), path, meta)

@@ -18,22 +18,7 @@ SIGMA_RANGE = 1e-140, 1e140
 
 
 def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, BoolArray]:
-    """A column as doubles in native byte order, and the mask of what is missing.
-
-    Parameters
-    ----------
-    column : str
-        Its name, for messages.
-    value : array, masked array, Quantity or column of a table
-        As a table has it.
-    unit : str
-        To which a Quantity is converted, and a column with a unit, where one is named.
-
-    Raises
-    ------
-    FieldError
-        If it holds anything but real numbers, or its unit does not fit.
-    """
+    """A column as doubles in native byte order, and the mask of what is missing."""
     if callable(value) or isinstance(value, dict) or value is None:
         raise FieldError(f"{column} must be a column of numbers, not {type(value).__name__}")
     if hasattr(value, "to_value"):  # a Quantity, bare or masked, without importing astropy
@@ -68,20 +53,7 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
 
 
 def check_shapes(columns: Mapping[str, FloatArray], expected: Callable[[str], tuple[int, ...]]) -> None:
-    """Raise FieldError for the first column whose shape is not expected(column).
-
-    Parameters
-    ----------
-    columns : dict of arrays
-        By name.
-    expected : function of a name
-        The shape it must have.
-
-    Raises
-    ------
-    FieldError
-        If one has another shape.
-    """
+    """Raise FieldError for the first column whose shape is not expected(column)."""
     for column, array in columns.items():
         if array.shape != expected(column):
             raise FieldError(
@@ -100,30 +72,7 @@ def invalid_rows(
     turns: int = 2,
     what: str = "proper motion",
 ) -> dict[str, BoolArray]:
-    """Why sources cannot be used: each source under its first reason.
-
-    Parameters
-    ----------
-    lon, lat : (n,) arrays
-        Positions. [rad]
-    motion, sigma : (components, n) arrays
-        Motions and their errors. [µas/yr]
-    rho : (n,) array
-        Their correlation.
-    further : dict of str to mask, optional
-        Rows that cannot be used for other reasons, which come first.
-    placeholders : mask, optional
-        Where a number stands for none.
-    turns : int
-        How often longitudes may go round.
-    what : str
-        What the sources have.
-
-    Returns
-    -------
-    dict of str to mask
-        By reason.
-    """
+    """Why sources cannot be used: each source under its first reason."""
     reasons: dict[str, Any] = dict(further or {})
     if placeholders is not None:
         reasons[PLACEHOLDER] = placeholders | reasons.get(PLACEHOLDER, False)
@@ -159,11 +108,6 @@ _LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 
 
 def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
     """Rows whose motions or errors are numbers that stand for none: −9999 anywhere, −99 and −999 in both components.
-
-    Parameters
-    ----------
-    columns : dict of (n,) arrays, as the table has them
-        pmra, pmdec, pmra_error, pmdec_error.
 
     Examples
     --------
@@ -205,20 +149,7 @@ def doubtful(columns: Mapping[str, FloatArray]) -> tuple[str, ...]:
 
 
 def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> dict[str, FloatArray]:
-    """The arrays of a noun with one entry a source (lon, lat, motion, sigma, rho, …), checked: a dict.
-
-    Parameters
-    ----------
-    noun : Field or Positions
-        What is checked.
-    floats, others : tuples of str
-        Names of its columns of numbers, and of others.
-
-    Raises
-    ------
-    FieldError
-        If shapes disagree or a source cannot be used.
-    """
+    """The arrays of a noun with one entry a source (lon, lat, motion, sigma, rho, …), checked: a dict."""
     for column in ("lon", "lat", "sigma", *({"motion"} if hasattr(noun, "magnitude") else ())):
         if getattr(noun, column) is None:
             raise FieldError(f"{column} is missing")
@@ -241,26 +172,7 @@ def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> 
 def select_usable(
     found: Mapping[str, BoolArray], n: int, on_bad: OnBad = "raise", first_row: int = 0, mark: Sequence[FloatArray] = ()
 ) -> tuple[Any, tuple[str, ...]]:
-    """The sources to keep, and a note about the others.
-
-    Parameters
-    ----------
-    found : dict of str to mask, as `invalid_rows` gives it
-        By reason.
-    n : int
-        How many.
-    on_bad : {"raise", "drop"}
-        What to do about rows that cannot be used.
-    first_row : int, or (n,) int array
-        Number of the first row in the table it is a part of, or of every row.
-    mark : tuple of arrays
-        That tell this table from others.
-
-    Raises
-    ------
-    FieldError
-        With `on_bad="raise"` if there are any; always if none is left.
-    """
+    """The sources to keep, and a note about the others."""
     if n == 0:
         raise NothingLeftError("the catalogue is empty: there are no sources to use")
     bad = np.zeros(n, bool)

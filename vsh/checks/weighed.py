@@ -54,33 +54,12 @@ class Weighed(Frozen):
         return self._with(**{name: value[..., keep] for name, value in own if isinstance(value, np.ndarray)})
 
     def check_frame(self, frame: str) -> None:
-        """Raise FrameError unless the sources are in a frame.
-
-        Parameters
-        ----------
-        frame : str
-            The frame that is needed.
-
-        Raises
-        ------
-        FrameError
-            If they are in another.
-        """
+        """Raise FrameError unless the sources are in a frame."""
         if self.frame != frame:
             raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')
 
     def add_note(self, *notes: str) -> Self:
-        """The same with more that its reader should know.
-
-        Parameters
-        ----------
-        *notes
-            Lines to add.
-
-        Returns
-        -------
-        Self
-        """
+        """The same with more that its reader should know."""
         return self._with(notes=merge_notes((*self.notes, *notes)))
 
     def _with(self, **changes: Any) -> Self:
@@ -88,17 +67,7 @@ class Weighed(Frozen):
         raise NotImplementedError
 
     def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """xᵀ C⁻¹ y of each source, (n,), for two sets of values.
-
-        Parameters
-        ----------
-        x, y : (components, n) arrays
-            Values, motions say. [µas/yr]
-
-        Returns
-        -------
-        array
-        """
+        """xᵀ C⁻¹ y of each source, (n,), for two sets of values."""
         return np.sum(x * weighed(self.weights, y), axis=0)
 
     @property
@@ -114,13 +83,6 @@ class Weighed(Frozen):
 
 def weighed(weights: FloatArray, values: FloatArray) -> FloatArray:
     """W x of each source.
-
-    Parameters
-    ----------
-    weights : (3, n) or (1, n) array
-        a, b, c of the symmetric matrices [[a, c], [c, b]]; or numbers, of scalars.
-    values : (…, 2, n) or (…, 1, n) array
-        x.
 
     Examples
     --------

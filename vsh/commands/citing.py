@@ -52,19 +52,7 @@ _VALUES = {
 
 
 def keys(command: str, given: Mapping[str, Any]) -> list[str]:
-    """The keys of what a run uses, ours first.
-
-    Parameters
-    ----------
-    command : str
-        "vsh-fit"
-    given : dict
-        What it was asked, by name of option.
-
-    Returns
-    -------
-    list of str
-    """
+    """The keys of what a run uses, ours first."""
     found = [*_ALWAYS, *_COMMANDS[command]]
     draws = "no-figures" not in given and command not in ("vsh-sim", "vsh-archive")
     for name, value in given.items():
@@ -74,19 +62,7 @@ def keys(command: str, given: Mapping[str, Any]) -> list[str]:
 
 
 def bibtex(command: str, given: Mapping[str, Any]) -> str:
-    """The entries of what a run uses.
-
-    Parameters
-    ----------
-    command : str
-        "vsh-fit"
-    given : dict
-        What it was asked, by name of option.
-
-    Returns
-    -------
-    str
-    """
+    """The entries of what a run uses."""
     from importlib.resources import files
 
     text = (

@@ -40,13 +40,7 @@ class Configuration:
     written: Mapping[str, str] = field(default_factory=dict)
 
     def text(self, name: str = NAME) -> str:
-        """The file, as TOML.
-
-        Parameters
-        ----------
-        name : str
-            That it will have.
-        """
+        """The file, as TOML."""
         lines = [f"# Repeats a run, from the folder that it was made in: {self.command} --config {name} --output NEW"]
         lines += [f"command = {_toml(self.command)}", f"version = {_toml(self.version)}", "", "[options]"]
         lines += [f"{name} = {_toml(value)}" for name, value in self.options.items() if name not in NOT_KEPT]
@@ -60,20 +54,7 @@ class Configuration:
 
 
 def read(path: str, command: str) -> Configuration:
-    """The configuration in a file.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    command : str
-        That it should be for.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it cannot be read, or is for another command.
-    """
+    """The configuration in a file."""
     import tomllib
 
     try:
@@ -94,19 +75,7 @@ def read(path: str, command: str) -> Configuration:
 
 
 def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, Any]:
-    """What words say, as text, by the names of options without their dashes; nothing is asked for or checked.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        A new one of the command: it is changed.
-    words : list of str
-        Of the command line.
-
-    Returns
-    -------
-    dict of str to str, True or a tuple of str
-    """
+    """What words say, as text, by the names of options without their dashes; nothing is asked for or checked."""
     actions = parser._actions
     parser.usage = parser.format_usage().split(": ", 1)[1].strip()  # of the parser as it was
     for action in actions:
@@ -129,23 +98,7 @@ def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, An
 def merged(
     parser: argparse.ArgumentParser, make_parser: Callable[[], argparse.ArgumentParser], words: Sequence[str]
 ) -> tuple[list[str], Configuration]:
-    """The words of the command line, with those that its --config stands for before them; what is on the line prevails.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the command; it ends the program where the file is wrong.
-    make_parser : function
-        Makes another.
-    words : list of str
-        Of the command line.
-
-    Returns
-    -------
-    words : list of str
-    kept : Configuration
-        What the file says.
-    """
+    """The words of the command line, with those that its --config stands for before them; what is on the line prevails."""
     here = given(make_parser(), words)
     try:
         kept = read(here["config"], parser.prog)
@@ -166,13 +119,7 @@ def merged(
 
 
 def name_of(action: argparse.Action) -> str:
-    """What a configuration calls an option: its name without dashes.
-
-    Parameters
-    ----------
-    action : argparse.Action
-        Of a parser.
-    """
+    """What a configuration calls an option: its name without dashes."""
     return (
         action.option_strings[-1 if len(action.option_strings) < 2 else 0].lstrip("-")
         if action.option_strings

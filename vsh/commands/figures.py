@@ -30,19 +30,7 @@ class Figures:
         return dict(self._draw())
 
     def write(self, folder: Path, options: argparse.Namespace) -> list[Path]:
-        """Write them, unless there are to be none; returns their paths.
-
-        Parameters
-        ----------
-        folder : Path
-            Where to write.
-        options : argparse.Namespace
-            With those of `vsh.commands.reading.add_figures`.
-
-        Returns
-        -------
-        list[Path]
-        """
+        """Write them, unless there are to be none; returns their paths."""
         if options.no_figures:
             return []
         from vsh.plot import save_figures
@@ -71,29 +59,7 @@ def write_page(
     captions: Mapping[str, str] | None = None, lead: str = "", provenance: Mapping[str, Any] | None = None,
     command: Sequence[str] | None = None,
 ) -> None:  # fmt: skip
-    """Write a page of a run: its figures, tables that sort, what was printed, and where it comes from.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    title : str
-        Of the page.
-    text : str
-        What the command printed.
-    figures : Figures
-        Its figures.
-    sheets : dict of str to Table, optional
-        Its tables by their headings.
-    captions : dict of str to str, optional
-        Of figures, by name.
-    lead : str
-        Under the title.
-    provenance : dict, optional
-        Plain values.
-    command : sequence of str, optional
-        That repeats the run.
-    """
+    """Write a page of a run: its figures, tables that sort, what was printed, and where it comes from."""
     from vsh import page
 
     panels = [
@@ -107,17 +73,7 @@ def write_page(
 
 
 def of_page(path: PathName) -> str:
-    """What is said of a page with a sky that was written, and if its sky cannot be turned.
-
-    Parameters
-    ----------
-    path : str or Path
-        The page.
-
-    Returns
-    -------
-    str
-    """
+    """What is said of a page with a sky that was written, and if its sky cannot be turned."""
     from vsh.page import STATIC, bundle
 
     return f"written to {path}" if bundle() else f"written to {path}; its sky {STATIC}"

@@ -58,15 +58,7 @@ class Found:
 
 
 def tell(options: argparse.Namespace, found: Found) -> None:
-    """Print the report, or with --json or --latex what other programs read, or nothing.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    found : Found
-        What there is to tell.
-    """
+    """Print the report, or with --json or --latex what other programs read, or nothing."""
     if options.json:
         print(as_json(options, found), flush=True)  # who reads may have seen enough
     elif options.latex:
@@ -76,15 +68,7 @@ def tell(options: argparse.Namespace, found: Found) -> None:
 
 
 def add(options: argparse.Namespace, text: str) -> None:
-    """Print a line besides the report, where nobody asked for something else.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    text : str
-        What to print.
-    """
+    """Print a line besides the report, where nobody asked for something else."""
     if not (options.json or options.latex or options.quiet):
         running.say(text)
 
@@ -101,29 +85,7 @@ def finish(
     page: Callable[[figures.Figures, dict[str, Any]], None] | None = None,
     told: bool = False,
 ) -> None:
-    """Tell what was found, and write what was asked for: a folder, a page.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    found : Found
-        What there is to tell.
-    provenance : function
-        Where it comes from; it reads whole files for their hashes, so it is called only if something is written.
-    draw : function
-        Axes by name of file.
-    write : function of a folder and the provenance
-        Writes the tables; report, figures, configuration and citations are written here.
-    title : str
-        Of the page.
-    captions : dict, or function of a name, optional
-        Of the figures.
-    page : function of the figures and the provenance, optional
-        Writes a page of the command's own in place of the common one.
-    told : bool
-        Whether it was told before.
-    """
+    """Tell what was found, and write what was asked for: a folder, a page."""
     if not told:
         tell(options, found)
     if not (options.output or options.html):
@@ -150,19 +112,7 @@ def finish(
 
 
 def as_json(options: argparse.Namespace, found: Found) -> str:
-    """A result as one JSON object: command, version, what was asked, notes, and tables column by column; what is no number is null.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    found : Found
-        What there is to tell.
-
-    Returns
-    -------
-    str
-    """
+    """A result as one JSON object: command, version, what was asked, notes, and tables column by column; what is no number is null."""
     told = {
         "command": options.program,
         "version": vsh.__version__,
@@ -176,17 +126,7 @@ def as_json(options: argparse.Namespace, found: Found) -> str:
 
 
 def as_latex(table: Table) -> str:
-    """A table in LaTeX, with units and the rules of booktabs.
-
-    Parameters
-    ----------
-    table : Table
-        Any.
-
-    Returns
-    -------
-    str
-    """
+    """A table in LaTeX, with units and the rules of booktabs."""
     from astropy.io import ascii
 
     out, shown = io.StringIO(), table.copy()

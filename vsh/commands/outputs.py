@@ -23,18 +23,7 @@ MARK = "provenance.json"
 
 
 def check(options: argparse.Namespace) -> None:
-    """Raise VshError now if --output or --html could not be written later.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`, with `output`, `html` and `overwrite`.
-
-    Raises
-    ------
-    VshError
-        As `check_folder` and `check_file` do.
-    """
+    """Raise VshError now if --output or --html could not be written later."""
     if options.output:
         check_folder(options.output, options.program, options.overwrite)
     if options.html:
@@ -46,20 +35,6 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
 
     A folder that is not there or empty will do; with `overwrite` also one that the same command made, as
     long as nobody put other files into it.
-
-    Parameters
-    ----------
-    path : path
-        The folder.
-    command : str
-        Its name, "vsh-fit".
-    overwrite : bool
-        Replace what is there.
-
-    Raises
-    ------
-    VshError
-        If it holds what the command did not write, or may not be replaced, or cannot be written.
     """
     path, shown = Path(path), f"--output {printable(path)}"
     if path.exists() and not path.is_dir():
@@ -92,25 +67,7 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
 
 
 def check_file(path: PathName, overwrite: bool = False, option: str = "--output", recorded: bool = False) -> None:
-    """Raise VshError now if a file could not be written later, or is there already and may not be replaced.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    overwrite : bool
-        Replace what is there.
-    option : str
-        The option that named it.
-    recorded : bool
-        Whether a file beside it must have its hash.
-
-    Raises
-    ------
-    VshError
-        If it is there and may not be replaced (never one that this program did not write, or that was changed since), is what
-        the run reads, or cannot be written.
-    """
+    """Raise VshError now if a file could not be written later, or is there already and may not be replaced."""
     path, shown = Path(path), f"{option} {printable(path)}"
     if path.is_dir():
         raise VshError(f"{shown} is a folder, not a file")
@@ -132,13 +89,6 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
     """A folder to write results to, which takes the place of --output when all of them are written.
 
     It holds, besides, the configuration that repeats the run (`run.toml`), whom to cite for it, and where it comes from.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    provenance : dict
-        Plain values, kept in `provenance.json`.
     """
     check_folder(options.output, options.program, options.overwrite)
     Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)
@@ -158,23 +108,7 @@ def repeats(
     name: str = configuration.NAME,
     written: Mapping[str, str] | None = None,
 ) -> str:
-    """The configuration that repeats a run, as TOML.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    provenance : dict, optional
-        With names and hashes of the files that were read.
-    name : str
-        Of the file to be.
-    written : dict, optional
-        SHA-256 of files beside it.
-
-    Returns
-    -------
-    str
-    """
+    """The configuration that repeats a run, as TOML."""
     files, hashes = ((provenance or {}).get(key, []) for key in ("catalogue", "sha256"))
     read = dict(zip(files, hashes, strict=True)) if isinstance(files, list) else {files: hashes}
     return configuration.Configuration(options.program, options.given, vsh.__version__, read, written or {}).text(name)

@@ -29,13 +29,6 @@ def parse(words: Any, arguments: Sequence[str] | None = None) -> argparse.Namesp
     Among them `program`, its name; `given`, what was said by name, as `--config` takes it; `expected`,
     hashes of the files that a configuration was written for; and `command`, the words that repeat the run as a
     page may hold them: names of files, not where they lie.
-
-    Parameters
-    ----------
-    words : Words
-        The module with the options.
-    arguments : list of str, optional
-        In place of those of the command line.
     """
     parser = words.make_parser()
     said = list(sys.argv[1:] if arguments is None else map(str, arguments))
@@ -70,15 +63,6 @@ def without_folder(text: str) -> str:
 
     Results and pages are handed round: an absolute path, or one that is there, is told by its last part.
 
-    Parameters
-    ----------
-    text : str
-        A path, a condition, an address.
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> without_folder("/home/me/catalogue.fits"), without_folder("pmra / pmra_error < 5"), without_folder("mu=uas/yr")
@@ -112,15 +96,7 @@ def _told(word):
 
 
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
-    """What every command can do: repeat a run, tell it to other programs, keep a log, say whom to cite.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        To which options are added.
-    tells : str
-        What is printed unless told otherwise.
-    """
+    """What every command can do: repeat a run, tell it to other programs, keep a log, say whom to cite."""
     group = parser.add_argument_group("every command")
     group.add_argument(
         "--config",
@@ -141,24 +117,12 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
 
 
 def add_threads(parser: argparse.ArgumentParser) -> None:
-    """How many threads, in every command that uses several.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        To which options are added.
-    """
+    """How many threads, in every command that uses several."""
     parser.add_argument(
         "--threads", type=values.count(1), metavar="N", help="one a core unless given; changes no digit of the results"
     )
 
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
-    """The option without which no result of before is replaced.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        To which options are added.
-    """
+    """The option without which no result of before is replaced."""
     parser.add_argument("--overwrite", action="store_true", help="replace results of the same command that are there")

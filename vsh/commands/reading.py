@@ -19,13 +19,7 @@ if TYPE_CHECKING:
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """The options of every command that reads a catalogue.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        To which options are added.
-    """
+    """The options of every command that reads a catalogue."""
     parser.add_argument("--frame", choices=names.FRAMES, default="icrs", help="axes of the result (default: icrs)")
     parser.add_argument(
         "--catalogue-frame", choices=names.FRAMES, help="axes of the catalogue's positions and motions (default: icrs)"
@@ -54,13 +48,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def add_figures(parser: argparse.ArgumentParser) -> None:
-    """Add --format, --dpi, --no-figures and --html.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of a command.
-    """
+    """Add --format, --dpi, --no-figures and --html."""
     parser.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of the figures (default: png)")
     parser.add_argument("--dpi", type=_dpi, default=300, help="dots an inch of the figures, 20 to 2400 (default: 300)")
     parser.add_argument("--no-figures", action="store_true", help="write no figures into the folder of --output")
@@ -68,13 +56,7 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
 
 
 def arguments(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `read_field` that `add_reading` asks for.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of a command.
-    """
+    """The arguments of `read_field` that `add_reading` asks for."""
     return {
         "columns": options.columns,
         "units": options.units,
@@ -86,25 +68,13 @@ def arguments(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def opened(path: str, options: argparse.Namespace) -> TableSource:
-    """A catalogue that is open; of a file that cannot be read that is said at once, before all that reads and fits is imported.
-
-    Parameters
-    ----------
-    path : str
-        The catalogue.
-    options : argparse.Namespace
-        Of a command.
-
-    Returns
-    -------
-    TableSource
-    """
+    """A catalogue that is open; of a file that cannot be read that is said at once, before all that reads and fits is imported."""
     from vsh import tables
 
     if options.input_format == "icrf":
         from vsh import catalogue
 
-        return catalogue.opened(path, "icrf")
+        return catalogue.open_icrf(path, "icrf")
     return tables.open_table(path, options.input_format)
 
 
@@ -113,16 +83,6 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
     """What comes in on standard input, where a catalogue is called -, stands in a file meanwhile: it is read more than once.
 
     A file that is not there is told, too, before anything heavy is imported.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of a command.
-
-    Raises
-    ------
-    TableError
-        If nothing comes in, or a file is not there.
     """
     from vsh.errors import TableError
 
@@ -151,13 +111,7 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Where a catalogue is read and summed in parts, in every command that reads one.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        To which options are added.
-    """
+    """Where a catalogue is read and summed in parts, in every command that reads one."""
     parser.add_argument(
         "--workers", type=values.count(1), metavar="N",
         help="go through the catalogue in parts, of any size, with N processes; without this it is read whole",
@@ -170,39 +124,17 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 
 def in_parts(options: argparse.Namespace) -> bool:
-    """Whether a command was asked to go through its catalogue in parts.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of a command.
-    """
+    """Whether a command was asked to go through its catalogue in parts."""
     return options.workers is not None or options.scheduler is not None
 
 
 def reading_parts(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `vsh.catalogue.parts` that `add_reading` and `add_workers` ask for.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of a command.
-    """
+    """The arguments of `vsh.catalogue.parts` that `add_reading` and `add_workers` ask for."""
     return arguments(options) | {"workers": options.workers, "scheduler": options.scheduler}
 
 
 def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
-    """Our velocity, as `vsh.commands.values.velocity` has it.
-
-    Parameters
-    ----------
-    value : str, three numbers or None
-        Its name; or km/s, Galactic longitude and latitude of the apex.
-
-    Returns
-    -------
-    Vector or None
-    """
+    """Our velocity, as `vsh.commands.values.velocity` has it."""
     from vsh.cosmology import VELOCITIES, velocity_from_apex
 
     if value is None:

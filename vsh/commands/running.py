@@ -51,20 +51,7 @@ class _OneLine(logging.Formatter):
 def entry(
     words: Any, act: Callable[[argparse.Namespace], object]
 ) -> tuple[Callable[..., int], Callable[[argparse.Namespace], int]]:
-    """The two ways into a command: `main(arguments)`, and `run(options)` for options that are parsed already.
-
-    Parameters
-    ----------
-    words : module of `vsh.commands.options`
-        Its options.
-    act : function of the options
-        What it does.
-
-    Returns
-    -------
-    main, run : functions
-        Both return the exit status: 0 or 1 (bad data); `main` exits with 2 on bad usage.
-    """
+    """The two ways into a command: `main(arguments)`, and `run(options)` for options that are parsed already."""
 
     def run(options: argparse.Namespace) -> int:
         return guarded(options, lambda: act(options))
@@ -77,19 +64,7 @@ def entry(
 
 
 def guarded(options: argparse.Namespace, action: Callable[[], object]) -> int:
-    """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Of `vsh.commands.parsing.parse`.
-    action : function without arguments
-        What the command does.
-
-    Returns
-    -------
-    int
-    """
+    """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong."""
     program = options.program
     os.environ["MPLBACKEND"] = "agg"  # a command writes files only, where there may be no screen
     try:
@@ -161,18 +136,7 @@ def _check_log(options):
 
 @contextmanager
 def logged(options: argparse.Namespace) -> Iterator[None]:
-    """What our packages log goes to the file of --log meanwhile, begun by the command and ended by how it ended.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        With `log`, `program` and `command`.
-
-    Raises
-    ------
-    VshError
-        If the file cannot be written.
-    """
+    """What our packages log goes to the file of --log meanwhile, begun by the command and ended by how it ended."""
     if options.log is None:
         yield
         return
@@ -220,41 +184,17 @@ def _failed(program, said):
 
 
 def say(text: object) -> None:
-    """Print text without the control characters that file and column names may bring along.
-
-    Parameters
-    ----------
-    text : object
-        What to print.
-    """
+    """Print text without the control characters that file and column names may bring along."""
     print("\n".join(printable(line) for line in str(text).split("\n")))
 
 
 def written(path: object, files: Iterable[str]) -> str:
-    """What the last line of a command says of its folder.
-
-    Parameters
-    ----------
-    path : str or Path
-        The folder.
-    files : iterable of str
-        In it.
-    """
+    """What the last line of a command says of its folder."""
     return f"written to {path}: {', '.join(sorted(files))}"
 
 
 def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[str, Any]:
-    """Where a result comes from: files and their hashes, counts of rows, options, versions.
-
-    Parameters
-    ----------
-    paths : path or list of paths
-        The files.
-    options : argparse.Namespace
-        The other arguments.
-    **counts
-        Rows by what became of them.
-    """
+    """Where a result comes from: files and their hashes, counts of rows, options, versions."""
     import astropy
     import scipy
 

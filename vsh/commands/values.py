@@ -10,18 +10,7 @@ from vsh.commands.names import COLUMNS, VELOCITIES
 
 
 def count(least: int, most: int = 10**12) -> Callable[[str], int]:
-    """The type of a whole number of at least `least`.
-
-    Parameters
-    ----------
-    least, most : int
-        The smallest and the largest that is taken.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        The type, if a text is no such number.
-    """
+    """The type of a whole number of at least `least`."""
 
     def whole(text):
         if not text.isdecimal() or int(text) < least:
@@ -34,52 +23,19 @@ def count(least: int, most: int = 10**12) -> Callable[[str], int]:
 
 
 def nside(text: str) -> int:
-    """The type of a power of two from 1 to 8192.
-
-    Parameters
-    ----------
-    text : str
-        As it was typed.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is not.
-    """
+    """The type of a power of two from 1 to 8192."""
     if not text.isdecimal() or int(text) not in (2**k for k in range(14)):
         raise argparse.ArgumentTypeError(f"a power of two from 1 to 8192 is wanted, not {text!r}")
     return int(text)
 
 
 def not_negative(text: str) -> float:
-    """The type of a number of zero or more.
-
-    Parameters
-    ----------
-    text : str
-        As it was typed.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is not.
-    """
+    """The type of a number of zero or more."""
     return _number(text, lambda x: 0 <= x < math.inf, "a number that is not negative")
 
 
 def positive(text: str) -> float:
-    """The type of a number above zero.
-
-    Parameters
-    ----------
-    text : str
-        As it was typed.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is not.
-    """
+    """The type of a number above zero."""
     return _number(text, lambda x: 0 < x < math.inf, "a positive number")
 
 
@@ -94,18 +50,7 @@ def _number(text, fits, wanted):
 
 
 def numbers(text: str) -> tuple[float, ...]:
-    """Numbers separated by commas.
-
-    Parameters
-    ----------
-    text : str
-        As it was typed.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If they are none.
-    """
+    """Numbers separated by commas."""
     try:
         found = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -116,18 +61,7 @@ def numbers(text: str) -> tuple[float, ...]:
 
 
 def vector(text: str) -> tuple[float, ...]:
-    """The type of three numbers separated by commas.
-
-    Parameters
-    ----------
-    text : str
-        As it was typed.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is not.
-    """
+    """The type of three numbers separated by commas."""
     try:
         found = numbers(text)
     except argparse.ArgumentTypeError:
@@ -138,18 +72,7 @@ def vector(text: str) -> tuple[float, ...]:
 
 
 def velocity(text: str) -> str | tuple[float, ...]:
-    """Our velocity as every command takes it: a name, or SPEED,L,B (`vsh.commands.reading.velocity_of` has the Vector).
-
-    Parameters
-    ----------
-    text : str
-        As it was typed.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is neither.
-    """
+    """Our velocity as every command takes it: a name, or SPEED,L,B (`vsh.commands.reading.velocity_of` has the Vector)."""
     if text in VELOCITIES:
         return text
     try:
@@ -165,18 +88,7 @@ def velocity(text: str) -> str | tuple[float, ...]:
 
 
 def pairs(text: str) -> dict[str, str]:
-    """NAME=VALUE,… as a dict.
-
-    Parameters
-    ----------
-    text : str
-        As it was typed.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If the text is not of that form.
-    """
+    """NAME=VALUE,… as a dict."""
     split = [part.partition("=") for part in text.split(",")]
     found = {name.strip(): value.strip() for name, _, value in split}
     if not all(found) or not all(found.values()):
@@ -185,18 +97,7 @@ def pairs(text: str) -> dict[str, str]:
 
 
 def columns(text: str) -> dict[str, str | None]:
-    """NAME=VALUE,… with one of the sets of names before it, or not.
-
-    Parameters
-    ----------
-    text : str
-        As it was typed.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If the text is not of that form.
-    """
+    """NAME=VALUE,… with one of the sets of names before it, or not."""
     first, _, rest = text.partition(",")
     if "=" in first:
         return _with_none(text)

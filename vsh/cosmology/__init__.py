@@ -24,22 +24,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BACHCHAN_2016",
-    "FLOW_LIMIT",
     "LOCAL_GROUP",
     "PLANCK_2013",
     "PLANCK_2018",
-    "REDSHIFT_FRAMES",
-    "VELOCITIES",
-    "count_unusable",
     "distance_modulus",
     "flat",
-    "hubble_value",
-    "parallax_factor",
-    "redshift_of",
     "to_cmb",
     "transverse_distance",
-    "usable",
-    "velocity_along",
     "velocity_from_apex",
     "with_redshift",
 ]

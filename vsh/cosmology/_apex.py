@@ -21,25 +21,7 @@ VELOCITIES = {"planck": PLANCK_2018, "paper": BACHCHAN_2016}
 
 
 def velocity_along(value: Any, frame: str) -> Vector:
-    """A velocity along the axes of `frame`.
-
-    Parameters
-    ----------
-    value : "planck" or "paper", a Vector, or three components in km/s along those axes
-        What was given.
-    frame : str
-        "icrs", "galactic" or "ecliptic".
-
-    Returns
-    -------
-    Vector
-        [km/s]
-
-    Raises
-    ------
-    ParameterError
-        If it is none of these, or has no direction.
-    """
+    """A velocity along the axes of `frame`."""
     check_frame(frame)
     if isinstance(value, str):
         if value not in VELOCITIES:
@@ -77,10 +59,6 @@ def velocity_from_apex(speed: float, l: float, b: float) -> Vector:
         Galactic longitude. [deg]
     b : float
         Galactic latitude. [deg]
-
-    Returns
-    -------
-    Vector
 
     Raises
     ------

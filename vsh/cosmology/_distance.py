@@ -33,10 +33,6 @@ def transverse_distance(
     hubble : float, optional
         H0, to which distances are inversely proportional [km/s/Mpc]
 
-    Returns
-    -------
-    array
-
     Raises
     ------
     FieldError
@@ -83,10 +79,6 @@ def distance_modulus(distance: ArrayLike, redshift: ArrayLike) -> FloatArray:
         Transverse comoving distance. [Mpc]
     redshift : (n,) array
         One for each source.
-
-    Returns
-    -------
-    array
     """
     return 5 * np.log10(np.asarray(distance) * (1 + np.asarray(redshift))) + 25
 
@@ -95,17 +87,6 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
     """The redshift at each transverse comoving distance [Mpc], (n,); nan where the distance is.
 
     To the antipode of a closed cosmology, and to z = 1000.
-
-    Parameters
-    ----------
-    distance : (n,) array
-        Transverse comoving distance. [Mpc]
-    cosmology : astropy cosmology, optional
-        The shape of the distance: flat, Ω_m = 0.315 unless given.
-
-    Returns
-    -------
-    array
 
     Examples
     --------
@@ -129,26 +110,12 @@ def flat(omega_m: float) -> Cosmology:
     ----------
     omega_m : float
         Ω_m.
-
-    Returns
-    -------
-    Cosmology
     """
     return FlatLambdaCDM(H0=hubble_value(PLANCK_2013), Om0=omega_m)
 
 
 def hubble_value(cosmology: Cosmology) -> float:
-    """The Hubble constant of an astropy cosmology. [km/s/Mpc]
-
-    Parameters
-    ----------
-    cosmology : astropy cosmology
-        With an H0.
-
-    Returns
-    -------
-    float
-    """
+    """The Hubble constant of an astropy cosmology. [km/s/Mpc]"""
     return float(_checked(cosmology).H0.to_value("km / (s Mpc)"))
 
 
@@ -157,17 +124,6 @@ def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> 
 
     Our velocity moves a source by v/d_P with d_P = d_M/√(1 + Ω_k (d_M H0/c)²), its own by v/d_M (Weinberg 1972, Gravitation and
     Cosmology, sect. 14.4).
-
-    Parameters
-    ----------
-    distance : (n,) array
-        Transverse comoving distance, for the cosmology's own H0. [Mpc]
-    cosmology : astropy cosmology, optional
-        One where it is flat.
-
-    Returns
-    -------
-    array
 
     Examples
     --------

@@ -43,10 +43,6 @@ def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, r
     redshift_frame : str
         Of `REDSHIFT_FRAMES`; "true" ones stay as they are.
 
-    Returns
-    -------
-    array
-
     Examples
     --------
     >>> apex = PLANCK_2018.to_frame("icrs").direction

@@ -16,36 +16,13 @@ FLOW_LIMIT = 1e-4
 
 
 def usable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
-    """Which redshifts are finite, positive and at least `min_redshift`: a mask.
-
-    Parameters
-    ----------
-    redshift : (n,) array
-        One for each source.
-    min_redshift : float
-        The smallest redshift of use.
-
-    Returns
-    -------
-    mask
-    """
+    """Which redshifts are finite, positive and at least `min_redshift`: a mask."""
     redshift = np.asarray(redshift, float)
     return np.isfinite(redshift) & (redshift > 0) & (redshift >= min_redshift)
 
 
 def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str:
     """How many redshifts cannot be used, and why, in words.
-
-    Parameters
-    ----------
-    redshift : (n,) array
-        One for each source.
-    min_redshift : float
-        The smallest redshift of use.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -57,15 +34,7 @@ def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str
 
 
 def reasons_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> dict[str, int]:
-    """How many redshifts cannot be used, by reason.
-
-    Parameters
-    ----------
-    redshift : (n,) array
-        One for each source.
-    min_redshift : float
-        The smallest redshift of use.
-    """
+    """How many redshifts cannot be used, by reason."""
     redshift = np.asarray(redshift, float)
     return {
         "missing": int((~np.isfinite(redshift)).sum()),
@@ -87,10 +56,6 @@ def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame
         The smallest redshift of use.
     redshift_frame : str, optional
         The field's own unless given.
-
-    Returns
-    -------
-    Field
 
     Raises
     ------

@@ -12,18 +12,14 @@ from vsh.covariance._spectrum import Spectrum
 
 __all__ = [
     "LINDEGREN_2021",
-    "MAX_SOURCES",
     "VASILIEV_BAUMGARDT_2021",
     "Covariance",
     "Spectrum",
-    "as_covariance",
-    "check_size",
     "d_minus",
     "d_plus",
     "from_blocks",
     "from_function",
     "from_spectrum",
-    "of_errors",
     "read",
     "wave_fractions",
 ]

@@ -30,10 +30,6 @@ def d_plus(lmax: int, theta: ArrayLike) -> FloatArray:
     theta : (n,) array
         Angles. [rad]
 
-    Returns
-    -------
-    (lmax, n) array
-
     Examples
     --------
     >>> d_plus(2, [0.0, np.pi]).round(12)
@@ -61,25 +57,13 @@ def d_minus(lmax: int, theta: ArrayLike) -> FloatArray:
         The highest degree.
     theta : (n,) array
         Angles. [rad]
-
-    Returns
-    -------
-    (lmax, n) array
     """
     signs = (-1.0) ** np.arange(lmax)
     return signs[:, None] * d_plus(lmax, np.pi - np.atleast_1d(np.asarray(theta, float)))
 
 
 def power_of(function: Callable[[FloatArray], FloatArray], lmax: int) -> FloatArray:
-    """P_l = 2π (2l + 1) ∫ V d⁺_l sin θ dθ, the power of one kind, for l = 1 … lmax. [(µas/yr)²]
-
-    Parameters
-    ----------
-    function : function of θ [rad]
-        V. [(µas/yr)²]
-    lmax : int
-        The highest degree.
-    """
+    """P_l = 2π (2l + 1) ∫ V d⁺_l sin θ dθ, the power of one kind, for l = 1 … lmax. [(µas/yr)²]"""
     node, weight = np.polynomial.legendre.leggauss(16)
     panels = max(_PANELS, lmax)
     u = ((np.arange(panels)[:, None] + (node + 1) / 2) / panels).ravel()
@@ -91,20 +75,7 @@ def power_of(function: Callable[[FloatArray], FloatArray], lmax: int) -> FloatAr
 
 
 def values_of(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -> FloatArray:
-    """V at some angles, of their shape and finite. [(µas/yr)²]
-
-    Parameters
-    ----------
-    function : function of θ [rad]
-        V.
-    theta : array
-        Angles. [rad]
-
-    Raises
-    ------
-    ParameterError
-        If it is no function of an array of angles.
-    """
+    """V at some angles, of their shape and finite. [(µas/yr)²]"""
     if not callable(function):
         raise ParameterError(f"a covariance function V(θ) takes angles in rad, not {type(function).__name__}")
     return float_array("V(θ)", function(theta), theta.shape, broadcast=True)
@@ -117,10 +88,6 @@ def VASILIEV_BAUMGARDT_2021(theta: ArrayLike) -> FloatArray:
     ----------
     theta : array
         Angles. [rad]
-
-    Returns
-    -------
-    array
 
     Notes
     -----
@@ -138,10 +105,6 @@ def LINDEGREN_2021(theta: ArrayLike) -> FloatArray:
     ----------
     theta : array
         Angles. [rad]
-
-    Returns
-    -------
-    array
 
     Notes
     -----

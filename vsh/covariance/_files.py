@@ -14,24 +14,7 @@ from vsh.errors import TableError, first_line
 
 
 def read_matrix(path: PathName, check_shape: Callable[[tuple[int, ...]], Any]) -> FloatArray:
-    """A matrix from a file: NumPy's .npy, the first image of two axes of a FITS file, or numbers as text.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    check_shape : function
-        Called with the shape before the numbers are read; it raises where it does not want them. Of text, afterwards.
-
-    Returns
-    -------
-    (n, m) array
-
-    Raises
-    ------
-    TableError
-        If it cannot be read.
-    """
+    """A matrix from a file: NumPy's .npy, the first image of two axes of a FITS file, or numbers as text."""
     path = Path(path)
     ending = path.suffix.lower()
     if ending == ".npy":

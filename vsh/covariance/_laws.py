@@ -19,10 +19,6 @@ def wave_fractions(lmax: int) -> FloatArray:
     lmax : int
         The highest degree.
 
-    Returns
-    -------
-    array
-
     Examples
     --------
     >>> wave_fractions(4).round(6)
@@ -33,56 +29,23 @@ def wave_fractions(lmax: int) -> FloatArray:
 
 
 def both(power: FloatArray) -> FloatArray:
-    """One power for T and S.
-
-    Parameters
-    ----------
-    power : (lmax,) array
-        Of either.
-    """
+    """One power for T and S."""
     return np.stack([power, power])
 
 
 def is_odd(lmax: int) -> IntArray:
-    """Whether the fields of T and S of each degree are those of a spin's parity, (2, lmax).
-
-    Parameters
-    ----------
-    lmax : int
-        The highest degree.
-    """
+    """Whether the fields of T and S of each degree are those of a spin's parity, (2, lmax)."""
     odd = np.arange(1, lmax + 1) % 2 == 1
     return np.stack([odd, ~odd])
 
 
 def cut(power: FloatArray, lmax: int, name: str) -> FloatArray:
-    """The first degrees of a given spectrum, (2, lmax).
-
-    Parameters
-    ----------
-    power : (2, n) array
-        As it was given.
-    lmax : int
-        The highest degree.
-    name : str
-        For the message.
-
-    Raises
-    ------
-    ModesError
-        If it was given to a lower degree.
-    """
+    """The first degrees of a given spectrum, (2, lmax)."""
     if lmax > power.shape[1]:
         raise ModesError(f"the spectrum {name} is given to degree {power.shape[1]}, and degree {lmax} is wanted")
     return power[:, :lmax]
 
 
 def without_rounding(power: FloatArray) -> FloatArray:
-    """What is negative by the rounding of an integral alone is zero.
-
-    Parameters
-    ----------
-    power : (lmax,) array
-        Of one kind.
-    """
+    """What is negative by the rounding of an integral alone is zero."""
     return np.where(np.abs(power) < 1e-10 * np.abs(power).max(), 0.0, power)

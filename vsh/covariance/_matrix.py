@@ -101,10 +101,6 @@ class Covariance(Frozen):
         rows : (…, 2n) array
             East components first, as the matrix has them.
 
-        Returns
-        -------
-        array
-
         Raises
         ------
         CovarianceError
@@ -122,10 +118,6 @@ class Covariance(Frozen):
         field : Field
             Of the same sources.
 
-        Returns
-        -------
-        Field
-
         Raises
         ------
         ParameterError
@@ -138,24 +130,7 @@ class Covariance(Frozen):
 
 
 def as_covariance(value: Any, field: Any) -> Covariance:
-    """What a user gives for the covariance of a field: a matrix or a Covariance, of as many sources.
-
-    Parameters
-    ----------
-    value : Covariance or (2n, 2n) array
-        All east components first.
-    field : Field
-        Of n sources.
-
-    Returns
-    -------
-    Covariance
-
-    Raises
-    ------
-    ParameterError
-        If it is of another number of sources, or the sources are no Field.
-    """
+    """What a user gives for the covariance of a field: a matrix or a Covariance, of as many sources."""
     if not isinstance(field, Field):
         raise ParameterError(f"a dense covariance is of the sources of one Field, not of {type(field).__name__}")
     found = value if isinstance(value, Covariance) else Covariance(value)
@@ -165,18 +140,7 @@ def as_covariance(value: Any, field: Any) -> Covariance:
 
 
 def check_size(n_sources: int) -> None:
-    """Raise ParameterError where a dense matrix would be too large, before it is made.
-
-    Parameters
-    ----------
-    n_sources : int
-        How many sources.
-
-    Raises
-    ------
-    ParameterError
-        If there are more than `MAX_SOURCES`.
-    """
+    """Raise ParameterError where a dense matrix would be too large, before it is made."""
     if n_sources > MAX_SOURCES:
         raise ParameterError(
             f"the dense covariance of {n_sources} sources takes {32 * n_sources**2 / 2**30:.0f} GiB; the most are "

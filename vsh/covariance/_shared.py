@@ -24,17 +24,7 @@ from vsh.system.parallel import map_blocks
 
 @arguments.accepts(field=arguments.a(Field))
 def of_errors(field: Field) -> Covariance:
-    """The sources' own errors, which no two of them share.
-
-    Parameters
-    ----------
-    field : Field
-        The sources.
-
-    Returns
-    -------
-    Covariance
-    """
+    """The sources' own errors, which no two of them share."""
     check_size(len(field))
     (s1, s2), n = field.sigma, len(field)
     matrix = np.diag(np.concatenate([s1, s2]) ** 2)
@@ -109,10 +99,6 @@ def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
     lmax : int
         The highest degree.
 
-    Returns
-    -------
-    Covariance
-
     Raises
     ------
     ParameterError
@@ -137,10 +123,6 @@ def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Cova
         [(µas/yr)²]
     n_sources : int
         How many there are in all.
-
-    Returns
-    -------
-    Covariance
 
     Raises
     ------
@@ -188,10 +170,6 @@ def read(path: PathName) -> Covariance:
     ----------
     path : str or Path
         The file, whose (2n, 2n) matrix has all east components first. [(µas/yr)²]
-
-    Returns
-    -------
-    Covariance
 
     Raises
     ------

@@ -60,10 +60,6 @@ class Spectrum(InNotebook):
         hubble : float
             H0. [km/s/Mpc]
 
-        Returns
-        -------
-        Spectrum
-
         Notes
         -----
         Book & Flanagan (2011, PhRvD 83, 024024): 4π H0² α_l, half of it toroidal.
@@ -75,32 +71,17 @@ class Spectrum(InNotebook):
 
     @classmethod
     def flat(cls) -> Spectrum:
-        """One power for each mode, of whatever degree: P_l = 2l + 1 in each kind.
-
-        Returns
-        -------
-        Spectrum
-        """
+        """One power for each mode, of whatever degree: P_l = 2l + 1 in each kind."""
         return cls("flat", lambda lmax: both(2.0 * np.arange(1, lmax + 1) + 1))
 
     @classmethod
     def odd(cls) -> Spectrum:
-        """One power for each mode of the fields that a spin belongs to: T of odd degrees, S of even ones.
-
-        Returns
-        -------
-        Spectrum
-        """
+        """One power for each mode of the fields that a spin belongs to: T of odd degrees, S of even ones."""
         return replace(cls.flat().only("odd"), name="odd parity")
 
     @classmethod
     def even(cls) -> Spectrum:
-        """One power for each mode of the fields that a glide belongs to: S of odd degrees, T of even ones.
-
-        Returns
-        -------
-        Spectrum
-        """
+        """One power for each mode of the fields that a glide belongs to: S of odd degrees, T of even ones."""
         return replace(cls.flat().only("even"), name="even parity")
 
     @classmethod
@@ -111,10 +92,6 @@ class Spectrum(InNotebook):
         ----------
         index : float
             The exponent.
-
-        Returns
-        -------
-        Spectrum
         """
         index = arguments.number("index", index)
         return cls(f"power law l^{index:g}", lambda lmax: both(np.arange(1.0, lmax + 1) ** index))
@@ -131,10 +108,6 @@ class Spectrum(InNotebook):
             P_S; the same as P_T unless given. [(µas/yr)²]
         name : str
             For reports.
-
-        Returns
-        -------
-        Spectrum
 
         Raises
         ------
@@ -159,10 +132,6 @@ class Spectrum(InNotebook):
             V = ½ ξ+. [(µas/yr)²]
         name : str, optional
             For reports.
-
-        Returns
-        -------
-        Spectrum
 
         Raises
         ------
@@ -191,10 +160,6 @@ class Spectrum(InNotebook):
         ----------
         parity : {"odd", "even"}
             Odd: T of odd degrees and S of even ones.
-
-        Returns
-        -------
-        Spectrum
         """
         arguments.choice("parity", parity, PARITIES)
         return Spectrum(
@@ -208,10 +173,6 @@ class Spectrum(InNotebook):
         ----------
         lmax : int
             The highest degree.
-
-        Returns
-        -------
-        array
 
         Raises
         ------
@@ -235,10 +196,6 @@ class Spectrum(InNotebook):
         ----------
         modes : Modes, or the degree lmax
             Of the coefficients.
-
-        Returns
-        -------
-        array
         """
         modes = as_modes(modes)
         l = modes.degrees
@@ -254,10 +211,6 @@ class Spectrum(InNotebook):
             Angles. [rad]
         lmax : int
             The highest degree of the sum.
-
-        Returns
-        -------
-        array
         """
         found = self.power(lmax).mean(0) @ d_plus(lmax, np.ravel(theta)) / (4 * np.pi)
         return found.reshape(np.shape(theta))

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 __all__ = [
     "FiveParameters",
     "Observations",
-    "design_row",
-    "downweight",
     "read_epochs",
     "read_observations",
     "solve_epochs",
@@ -22,7 +20,7 @@ __all__ = [
 
 # Imported when first asked for: astropy comes with it.
 __getattr__, _, _ = lazy_loader.attach(
-    __name__, submod_attrs={"_observations": ["Observations", "read_observations"], "_read": ["read_epochs"]}
+    __name__, submod_attrs={"_observations": ["Observations", "read_epochs", "read_observations"]}
 )
 
 

@@ -70,10 +70,6 @@ def read_observations(
     source, epoch, columns
         As for `read_epochs`.
 
-    Returns
-    -------
-    Observations
-
     Raises
     ------
     TableError

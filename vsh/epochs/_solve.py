@@ -57,36 +57,13 @@ class FiveParameters(Frozen):
 
 
 def design_row(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray) -> FloatArray:
-    """∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ, (5, k).
-
-    Parameters
-    ----------
-    angle : (k,) array
-        Position angle of the scan, ψ. [rad]
-    parallax_factor : (k,) array
-        f_ϖ, along scan.
-    time : (k,) array
-        Since the reference epoch. [yr]
-
-    Returns
-    -------
-    array
-    """
+    """∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ, (5, k)."""
     sin, cos = np.sin(angle), np.cos(angle)
     return np.stack([sin, cos, parallax_factor, time * sin, time * cos])
 
 
 def downweight(z: FloatArray) -> FloatArray:
     """The weight of an observation at z standard deviations: 1 up to 2, a cubic to 3, e^{−z/3} beyond.
-
-    Parameters
-    ----------
-    z : array
-        Residuals over their errors.
-
-    Returns
-    -------
-    array
 
     Examples
     --------
@@ -113,10 +90,6 @@ def solve_epochs(
         Along scan, and its standard error.
     robust : bool
         Weights and excess noise as AGIS has them; plain least squares otherwise.
-
-    Returns
-    -------
-    FiveParameters
     """
     n = int(source[-1]) + 1 if len(source) else 0
     sums = _Sums(source, n, design, position, error)

@@ -9,8 +9,6 @@ from vsh.flows._modes import FARTHEST, FlowModes, flow_modes
 from vsh.flows._theory import HUBBLE, PLANCK_2018, LinearTheory
 
 __all__ = [
-    "FARTHEST",
-    "HUBBLE",
     "PLANCK_2018",
     "FlowModes",
     "LinearTheory",

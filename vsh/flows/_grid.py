@@ -110,10 +110,6 @@ def read_velocity_grid(path: PathName, half_width: float | None = None, frame: s
     frame : str, optional
         Of the axes: the file's own, or Galactic of an .npy file.
 
-    Returns
-    -------
-    VelocityGrid
-
     Raises
     ------
     TableError

@@ -84,12 +84,7 @@ class FlowModes(Frozen):
         return self._combined(np.asarray(lon, float), np.asarray(lat, float), across, along)
 
     def at_origin(self) -> FloatArray:
-        """What every mode adds to the velocity where we are, (3, p), along the axes of the positions. [km/s]
-
-        Returns
-        -------
-        array
-        """
+        """What every mode adds to the velocity where we are, (3, p), along the axes of the positions. [km/s]"""
         lon, lat = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2])  # along x, y and z
         here = np.broadcast_to(self.origin, (3, self.origin.size))
         return self._combined(lon, lat, np.zeros_like(here), here)[1]
@@ -114,12 +109,7 @@ class FlowModes(Frozen):
         return np.maximum(total - across**2 @ share / 2, 0.0), np.maximum(total - along**2 @ share, 0.0)
 
     def left_at_origin(self) -> float:
-        """The same where we are. [(km/s)²]
-
-        Returns
-        -------
-        float
-        """
+        """The same where we are. [(km/s)²]"""
         return float(max(self.theory.sigma**2 - 3 / (4 * np.pi) * np.sum(self.origin**2), 0.0))
 
     @cached_property
@@ -173,10 +163,6 @@ def flow_modes(
         Planck's unless given.
     max_degree : int
         The highest degree that is tried.
-
-    Returns
-    -------
-    FlowModes
 
     Raises
     ------

@@ -78,10 +78,6 @@ class LinearTheory(Frozen):
         ----------
         k : array
             [h/Mpc]
-
-        Returns
-        -------
-        array
         """
         k = np.asarray(k, float)
         inside = (k >= self.k[0]) & (k <= self.k[-1])
@@ -117,10 +113,6 @@ class LinearTheory(Frozen):
         ----------
         positions : (3, n) array
             [Mpc/h]
-
-        Returns
-        -------
-        array
         """
         n = positions.shape[1]
         apart = positions[:, :, None] - positions[:, None, :]
@@ -140,10 +132,6 @@ class LinearTheory(Frozen):
         ----------
         radius : float
             Of the sphere, whose edge is sharp. [Mpc/h]
-
-        Returns
-        -------
-        float
 
         Examples
         --------

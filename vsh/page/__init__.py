@@ -18,24 +18,10 @@ from vsh.page._panels import (
 from vsh.page._sky import MAX_SOURCES, Shown, sky
 
 __all__ = [
-    "MAX_SOURCES",
-    "STATIC",
     "Panel",
-    "Shown",
-    "bundle",
-    "cards",
     "figure",
-    "figures",
-    "heading",
-    "is_page",
-    "notes",
     "page",
-    "pictures",
-    "preformatted",
-    "provenance",
-    "sheet",
     "sky",
     "table",
-    "words",
     "write_page",
 ]

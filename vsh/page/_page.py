@@ -97,17 +97,7 @@ def write_page(path: PathName, text: str) -> None:
 
 
 def is_page(path: PathName) -> bool:
-    """Whether a file is a page that `write_page` wrote, and as it was written.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    bool
-    """
+    """Whether a file is a page that `write_page` wrote, and as it was written."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):

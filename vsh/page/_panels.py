@@ -30,53 +30,19 @@ class Panel(NamedTuple):
 
 
 def heading(text: str, *panels: Panel) -> Panel:
-    """Panels under a heading; nothing if they are empty.
-
-    Parameters
-    ----------
-    text : str
-        The heading.
-    *panels : Panel
-        Under it.
-
-    Returns
-    -------
-    Panel
-    """
+    """Panels under a heading; nothing if they are empty."""
     html = "\n".join(panel.html for panel in panels if panel.html)
     scripts = tuple(script for panel in panels for script in panel.scripts)
     return Panel(f"<h2>{escape(text)}</h2>\n{html}" if html else "", scripts)
 
 
 def words(text: str, kind: str = "") -> Panel:
-    """A paragraph.
-
-    Parameters
-    ----------
-    text : str
-        Plain.
-    kind : {"", "faint", "warning"}
-        How it looks.
-
-    Returns
-    -------
-    Panel
-    """
+    """A paragraph."""
     return Panel(f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>" if text else "")
 
 
 def cards(items: Iterable[tuple[str, str, str]]) -> Panel:
-    """The main results, large.
-
-    Parameters
-    ----------
-    items : iterable of (name, value, what else)
-        Plain text.
-
-    Returns
-    -------
-    Panel
-    """
+    """The main results, large."""
     inner = "".join(
         f'<div class="card">{escape(name)}<b>{escape(value)}</b><span class="faint">{escape(more)}</span></div>'
         for name, value, more in items
@@ -97,10 +63,6 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool
         By a click on a heading, or Enter.
     summary : str
         Under which it is folded away, if any.
-
-    Returns
-    -------
-    Panel
     """
     cell = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>" if sortable else "<th scope='col'>{}</th>"  # fmt: skip
     head = "".join(cell.format(escape(each)) if each else "<td></td>" for each in heads)
@@ -120,21 +82,7 @@ def _row(row):
 
 
 def sheet(title: str, columns: Table, *, most: int = 200) -> Panel:
-    """An astropy Table under a heading, sortable.
-
-    Parameters
-    ----------
-    title : str
-        The heading.
-    columns : Table
-        Its names are the heads.
-    most : int
-        How many rows; of the others the page says how many there are.
-
-    Returns
-    -------
-    Panel
-    """
+    """An astropy Table under a heading, sortable."""
     rows = zip(*(columns[name][:most].tolist() for name in columns.colnames), strict=True)
     heads = [name.replace("_", " ") for name in columns.colnames]
     more = f"The first {most} of {len(columns)} rows; the files have all." if len(columns) > most else ""
@@ -144,17 +92,7 @@ def sheet(title: str, columns: Table, *, most: int = 200) -> Panel:
 
 
 def cell(value: Any) -> str:
-    """A value of a table as text: numbers to five digits.
-
-    Parameters
-    ----------
-    value : object
-        Any.
-
-    Returns
-    -------
-    str
-    """
+    """A value of a table as text: numbers to five digits."""
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
     if isinstance(value, (float, np.floating)):
@@ -171,10 +109,6 @@ def figure(picture: bytes, caption: str) -> Panel:
         PNG, of `vsh.plot.picture_of`.
     caption : str
         Said to those who cannot see it, too.
-
-    Returns
-    -------
-    Panel
     """
     data = base64.b64encode(picture).decode()
     said = escape(caption)
@@ -182,87 +116,31 @@ def figure(picture: bytes, caption: str) -> Panel:
 
 
 def pictures(figures: Sequence[Panel]) -> Panel:
-    """Figures beside each other where the page is wide enough.
-
-    Parameters
-    ----------
-    figures : sequence of Panel
-        Of `figure`.
-
-    Returns
-    -------
-    Panel
-    """
+    """Figures beside each other where the page is wide enough."""
     inner = "".join(panel.html for panel in figures)
     return Panel(f'<div class="pictures">{inner}</div>' if inner else "")
 
 
 def figures(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
-    """Figures as pictures beside each other, each under its caption, or its name.
-
-    Parameters
-    ----------
-    drawn : dict of str to matplotlib axes
-        By name.
-    captions : dict of str to str
-        By name.
-
-    Returns
-    -------
-    Panel
-    """
+    """Figures as pictures beside each other, each under its caption, or its name."""
     return pictures(
         [figure(picture_of(each), captions.get(name, name.replace("_", " "))) for name, each in drawn.items()]
     )
 
 
 def notes(lines: Iterable[object]) -> Panel:
-    """A list of notes.
-
-    Parameters
-    ----------
-    lines : iterable
-        What to say.
-
-    Returns
-    -------
-    Panel
-    """
+    """A list of notes."""
     inner = "".join(f"<li>{escape(str(line))}</li>" for line in lines)
     return heading("Notes", Panel(f"<ul>{inner}</ul>" if inner else ""))
 
 
 def preformatted(text: str, label: str = "report") -> Panel:
-    """Text as a terminal shows it.
-
-    Parameters
-    ----------
-    text : str
-        With its line breaks.
-    label : str
-        What it is.
-
-    Returns
-    -------
-    Panel
-    """
+    """Text as a terminal shows it."""
     return Panel(f'<pre tabindex="0" role="group" aria-label="{escape(label)}">{escape(text)}</pre>' if text else "")
 
 
 def provenance(facts: Mapping[str, Any], command: Sequence[str] | None = None) -> Panel:
-    """Where a result comes from, and the command that repeats it.
-
-    Parameters
-    ----------
-    facts : dict
-        Plain values, or dicts of them.
-    command : sequence of str, optional
-        Words of the command.
-
-    Returns
-    -------
-    Panel
-    """
+    """Where a result comes from, and the command that repeats it."""
     if not facts:
         return Panel("")
     rows = []

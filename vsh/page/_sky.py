@@ -65,10 +65,6 @@ def sky(*shown: Shown) -> Panel:
     *shown : Shown
         In one frame and unit; two are turned together.
 
-    Returns
-    -------
-    Panel
-
     Raises
     ------
     ParameterError

@@ -9,19 +9,9 @@ from vsh.parts._quantiles import median, weighted_quantiles
 from vsh.parts._sample import sample_of
 
 __all__ = [
-    "DISTANCES",
-    "OPTIONAL",
     "Dask",
     "Engine",
-    "Here",
     "Parts",
     "Processes",
-    "Tree",
-    "added",
     "as_parts",
-    "fields_or_parts",
-    "is_delayed",
-    "median",
-    "sample_of",
-    "weighted_quantiles",
 ]

@@ -12,15 +12,6 @@ BRANCHES = 8
 def added(first: Any, second: Any) -> Any:
     """Two sums as one: None is nothing, dicts add key by key, tuples item by item, all else by `+`.
 
-    Parameters
-    ----------
-    first, second : objects that add
-        Of the same kind, or None.
-
-    Returns
-    -------
-    object
-
     Examples
     --------
     >>> added({"a": 1}, {"a": 2, "b": 3}), added((1, None), (2, 3))
@@ -37,13 +28,7 @@ def added(first: Any, second: Any) -> Any:
 
 
 def total_of(some: Iterable[Any]) -> Any:
-    """The sum of a few, from the first to the last; None if there is none.
-
-    Parameters
-    ----------
-    some : iterable of objects that add
-        Or None among them.
-    """
+    """The sum of a few, from the first to the last; None if there is none."""
     total = None
     for each in some:
         total = added(total, each)
@@ -66,13 +51,7 @@ class Tree:
         self.levels: list[list[Any]] = [[]]
 
     def add(self, leaf: Any) -> None:
-        """The next leaf, in the order of the parts.
-
-        Parameters
-        ----------
-        leaf : object that adds, or None
-            Of one part.
-        """
+        """The next leaf, in the order of the parts."""
         level = 0
         while True:
             if level == len(self.levels):
@@ -84,12 +63,7 @@ class Tree:
             level += 1
 
     def total(self) -> Any:
-        """The sum of all leaves; None if nothing was added.
-
-        Returns
-        -------
-        object
-        """
+        """The sum of all leaves; None if nothing was added."""
         carried: list[Any] = []
         for level in self.levels:
             nodes = level + carried
@@ -98,13 +72,7 @@ class Tree:
 
 
 def label_of(piece: Any) -> str:
-    """What a message calls a part.
-
-    Parameters
-    ----------
-    piece : object
-        What it is read from.
-    """
+    """What a message calls a part."""
     if hasattr(piece, "__fspath__") or isinstance(piece, str):
         return str(piece)
     key = getattr(piece, "key", None)

@@ -9,22 +9,5 @@ from vsh.parts._parts import Parts
 
 
 def fields_or_parts(name: str, value: Any) -> Any:
-    """A Field, Parts, or a list, tuple or stream of Fields.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-
-    Returns
-    -------
-    object
-
-    Raises
-    ------
-    ParameterError
-        If it is none of these.
-    """
+    """A Field, Parts, or a list, tuple or stream of Fields."""
     return value if isinstance(value, Parts) else fields(name, value)

@@ -22,17 +22,7 @@ _KEY = "vsh-part-"
 
 
 def is_delayed(thing: Any) -> bool:
-    """Whether an object is one value of Dask's that is computed when it is asked for, not a collection of them.
-
-    Parameters
-    ----------
-    thing : object
-        Any.
-
-    Returns
-    -------
-    bool
-    """
+    """Whether an object is one value of Dask's that is computed when it is asked for, not a collection of them."""
     kind = type(thing)  # a delayed object itself has any attribute that is asked for
     return hasattr(kind, "__dask_graph__") and not hasattr(kind, "to_delayed")
 
@@ -63,10 +53,6 @@ class Dask(Engine):
         work, pieces, done
             As for `Engine.total`.
 
-        Returns
-        -------
-        object
-
         Raises
         ------
         TableError
@@ -90,10 +76,6 @@ class Dask(Engine):
         ----------
         piece : object
             What a part is read from.
-
-        Returns
-        -------
-        object
         """
         if not is_delayed(piece):
             return piece

@@ -45,10 +45,6 @@ class Engine(InNotebook):
         ----------
         piece : object
             What a part is read from.
-
-        Returns
-        -------
-        object
         """
         return piece
 
@@ -63,17 +59,7 @@ class Here(Engine):
         return "here"
 
     def total(self, work: Callable[[Any], Any], pieces: Sequence[Any], done: Callable[[], object]) -> Any:
-        """The sum of `work` over the pieces.
-
-        Parameters
-        ----------
-        work, pieces, done
-            As for `Engine.total`.
-
-        Returns
-        -------
-        object
-        """
+        """The sum of `work` over the pieces."""
         tree = Tree()
         for piece in pieces:
             tree.add(work(piece))
@@ -105,10 +91,6 @@ class Processes(Engine):
         ----------
         work, pieces, done
             As for `Engine.total`.
-
-        Returns
-        -------
-        object
 
         Raises
         ------

@@ -67,10 +67,6 @@ class Parts(InNotebook):
             Field → Field, source by source: it sees a block of sources at a time. For other processes it must be
             a function that they can import, unless Dask sends it.
 
-        Returns
-        -------
-        Parts
-
         Raises
         ------
         ParameterError
@@ -87,10 +83,6 @@ class Parts(InNotebook):
         ----------
         name : {"icrs", "galactic", "ecliptic"}
             The frame to turn to.
-
-        Returns
-        -------
-        Parts
         """
         return self.map(_InFrame(check_frame(name)))
 
@@ -101,10 +93,6 @@ class Parts(InNotebook):
         ----------
         *notes
             Lines to add.
-
-        Returns
-        -------
-        Parts
         """
         return self.map(_WithNotes(notes))
 
@@ -176,10 +164,6 @@ class Parts(InNotebook):
         ----------
         role : str
             Which of them.
-
-        Returns
-        -------
-        bool
         """
         return getattr(next(iter(self)), role) is not None
 
@@ -190,12 +174,7 @@ class Parts(InNotebook):
         return first if isinstance(first, Weighed) and not others and not self.steps else None
 
     def counted(self) -> int:
-        """How many sources there are; reads all of them.
-
-        Returns
-        -------
-        int
-        """
+        """How many sources there are; reads all of them."""
         return self.sum(len, roles=(), words="counting")
 
 
@@ -208,10 +187,6 @@ def as_parts(field: Any, kind: type = Field) -> Parts:
         The sources.
     kind : type
         Of the fields; Weighed where a ScalarField will do as well.
-
-    Returns
-    -------
-    Parts
 
     Raises
     ------
@@ -227,15 +202,7 @@ def as_parts(field: Any, kind: type = Field) -> Parts:
 
 
 def itself(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
-    """The reader of a part that is a Field.
-
-    Parameters
-    ----------
-    field : Field
-        The part.
-    roles : tuple of str
-        Not looked at.
-    """
+    """The reader of a part that is a Field."""
     yield field
 
 

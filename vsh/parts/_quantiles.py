@@ -17,21 +17,7 @@ _FINE, _LOWEST = 9, 1023 - 64
 
 
 def median(sky: Parts, numbers: Callable[[Field], FloatArray], words: str = "median") -> float:
-    """The median over all sources, as np.median gives it for all at once.
-
-    Parameters
-    ----------
-    sky : Parts
-        The sources.
-    numbers : function
-        From a Field to a number a source, (n,).
-    words : str
-        Beside the progress bar.
-
-    Returns
-    -------
-    float
-    """
+    """The median over all sources, as np.median gives it for all at once."""
     if sky.in_memory is not None:
         return float(np.median(numbers(sky.in_memory)))
     counts = sky.sum(partial(_histogram, numbers=numbers, weights=None), roles=(), words=words)
@@ -49,27 +35,7 @@ def weighted_quantiles(
     roles: Iterable[str] = (),
     words: str = "quantiles",
 ) -> FloatArray:
-    """For each share, the least number up to which sources hold that share of the weight.
-
-    Parameters
-    ----------
-    sky : Parts
-        The sources.
-    numbers : function
-        From a Field to a number a source, (n,).
-    weights : function
-        From a Field to a weight a source, (n,), none below zero.
-    shares : (k,) array
-        Between 0 and 1.
-    roles : iterable of str
-        Those of name, magnitude, redshift that the functions look at.
-    words : str
-        Beside the progress bar.
-
-    Returns
-    -------
-    (k,) array
-    """
+    """For each share, the least number up to which sources hold that share of the weight."""
     counts = sky.sum(partial(_histogram, numbers=numbers, weights=weights), roles=roles, words=words)
     return _found(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
 
@@ -91,13 +57,7 @@ def _found(sky, numbers, weights, counts, targets, roles, words):
 
 
 def bin_of(numbers: FloatArray) -> IntArray:
-    """The bin of each number: a larger one is never in a lower bin, whatever the rounding of logarithms.
-
-    Parameters
-    ----------
-    numbers : (n,) array
-        What is below zero is in the first bin.
-    """
+    """The bin of each number: a larger one is never in a lower bin, whatever the rounding of logarithms."""
     bits = np.ascontiguousarray(numbers, float).view(np.int64) >> (52 - _FINE)
     return np.clip(bits - (_LOWEST << _FINE), 0, BINS - 1)
 

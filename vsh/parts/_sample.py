@@ -12,20 +12,7 @@ from vsh.parts._parts import Parts
 
 
 def sample_of(sky: Parts, n_sources: int = 20_000) -> Field:
-    """Some of the sources as a Field, every k-th of each part, for figures.
-
-    Parameters
-    ----------
-    sky : Parts
-        The sources.
-    n_sources : int
-        How many, about.
-
-    Returns
-    -------
-    Field
-        Without their notes, names, magnitudes and redshifts.
-    """
+    """Some of the sources as a Field, every k-th of each part, for figures."""
     step = max(1, sky.counted() // n_sources)
     columns: dict[str, Any] = sky.sum(partial(_every, step=step), roles=(), words="a sample")
     frame = columns.pop("frame")[0]

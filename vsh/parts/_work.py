@@ -21,15 +21,7 @@ def _through(steps, field):
 
 
 def left_by(steps: tuple[Callable[[Field], Field], ...], block: Field) -> tuple[Field | None, LostNotes]:
-    """What the steps leave of a block, None for nothing; and notes on what had no sources.
-
-    Parameters
-    ----------
-    steps : tuple of functions
-        Field → Field.
-    block : Field
-        Some of the sources.
-    """
+    """What the steps leave of a block, None for nothing; and notes on what had no sources."""
     try:
         field = _through(steps, block)
     except NothingLeftError as error:  # there may be more in other blocks
@@ -68,13 +60,7 @@ class Work:
     threads: int | None
 
     def __call__(self, piece: Any) -> Any:
-        """The sum.
-
-        Parameters
-        ----------
-        piece : object
-            What the part is read from.
-        """
+        """The sum."""
         total, notes, sources = None, LostNotes(), 0
         with limited(self.threads):
             try:

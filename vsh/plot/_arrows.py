@@ -79,26 +79,7 @@ def draw_vectors(
 def arrow_lines(
     axes: SkyAxes, lon: FloatArray, lat: FloatArray, motion: FloatArray, length: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Each arrow's points on the map, tail to tip.
-
-    Parameters
-    ----------
-    axes : SkyAxes
-        The map.
-    lon, lat : (n,) arrays
-        [rad]
-    motion : (2, n) array
-        Directions, none zero.
-    length : (n,) array
-        Of the arrows. [rad]
-
-    Returns
-    -------
-    lines : (m, 13, 2) array
-        In the map's pixels.
-    fits : (n,) bool array
-        Which of the arrows these are: not those on the far side of a globe.
-    """
+    """Each arrow's points on the map, tail to tip."""
     p, q, r = triad(lon, lat)
     east, north = motion / np.hypot(*motion)
     along = east * p + north * q

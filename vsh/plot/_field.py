@@ -27,21 +27,7 @@ SURE, TOP = 2.0, 6.0
 
 
 def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Amplitude over its error, along the motion, and that error.
-
-    Parameters
-    ----------
-    motion : (2, n) array
-        What is fitted at each place.
-    basis : (p, 2, n) array
-        Of `vsh.basis.harmonics`.
-    covariance : (p, p) array
-        Of the coefficients.
-
-    Returns
-    -------
-    significance, error : (n,) arrays
-    """
+    """Amplitude over its error, along the motion, and that error."""
     amplitude = np.hypot(*motion)
     with np.errstate(invalid="ignore", divide="ignore"):
         along = np.einsum("pin,in->pn", basis, motion / amplitude)
@@ -75,10 +61,6 @@ def plot_field(
         Whose place the map takes; a new figure unless given.
     projection, centre
         As for `vsh.plot.sky_axes`.
-
-    Returns
-    -------
-    SkyAxes
 
     Raises
     ------

@@ -25,19 +25,7 @@ _METADATA = {
 
 
 def picture_of(drawn: Any, dpi: float = 200) -> bytes:
-    """A figure as a PNG of 256 colours, for a page.
-
-    Parameters
-    ----------
-    drawn : matplotlib axes or figure
-        What `plot_…` returned.
-    dpi : float
-        Dots an inch.
-
-    Returns
-    -------
-    bytes
-    """
+    """A figure as a PNG of 256 colours, for a page."""
     buffer = io.BytesIO()
     with plt.rc_context(STYLE):
         figure_of(drawn).savefig(buffer, format="png", dpi=dpi, metadata=_METADATA["png"])
@@ -51,13 +39,7 @@ def picture_of(drawn: Any, dpi: float = 200) -> bytes:
 
 
 def close_figures(figures: Iterable[Any]) -> None:
-    """Close figures that are not wanted any more.
-
-    Parameters
-    ----------
-    figures : iterable of axes or figures
-        What `plot_…` returned.
-    """
+    """Close figures that are not wanted any more."""
     for drawn in figures:
         plt.close(figure_of(drawn))
 

@@ -9,17 +9,7 @@ from vsh.plot._sky_axes import SkyAxes
 
 
 def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
-    """Positions about `step` degrees apart all over the sky: lon, lat. [rad]
-
-    Parameters
-    ----------
-    step : float
-        Between points. [deg]
-
-    Returns
-    -------
-    tuple[array, array]
-    """
+    """Positions about `step` degrees apart all over the sky: lon, lat. [rad]"""
     lon, lat = [], []
     for degrees in np.arange(-90 + step / 2, 90, step):
         around = max(1, round(360 * np.cos(np.radians(degrees)) / step))
@@ -29,20 +19,7 @@ def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:
 
 
 def arrow_grid(axes: SkyAxes, step: float = 12.0) -> tuple[FloatArray, FloatArray]:
-    """Positions evenly placed on a map, half a step off its rim: as many wherever its centre is.
-
-    Parameters
-    ----------
-    axes : SkyAxes
-        The map.
-    step : float
-        Between points. [deg]
-
-    Returns
-    -------
-    lon, lat : (n,) arrays
-        [rad]
-    """
+    """Positions evenly placed on a map, half a step off its rim: as many wherever its centre is."""
     return axes.of_native(*(_whole(step) if axes.is_whole else _half(step)))
 
 

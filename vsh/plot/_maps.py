@@ -27,10 +27,6 @@ def draw_map(axes: SkyAxes, values: ArrayLike, cmap: str = SEQUENTIAL, **style: 
         The colours.
     **style
         Of the image.
-
-    Returns
-    -------
-    matplotlib AxesImage
     """
     values = np.asarray(values, float)
     high, wide = axes.wcs.array_shape
@@ -68,10 +64,6 @@ def plot_map(
         Where values lie beyond the colours.
     **style
         Of the image: `vmin`, `vmax`.
-
-    Returns
-    -------
-    SkyAxes
     """
     axes = sky_axes(frame, ax, below=0.45 + 0.14 * (title or "").count("\n"))
     if np.isnan(np.asarray(values, float)).any():
@@ -84,21 +76,7 @@ def plot_map(
 
 
 def draw_empty(axes: SkyAxes, lon: FloatArray, lat: FloatArray, radius: float | None = None) -> Any:
-    """Hatch where no source stands within a radius.
-
-    Parameters
-    ----------
-    axes : SkyAxes
-        Where to draw.
-    lon, lat : (n,) arrays
-        The sources. [rad]
-    radius : float, optional
-        So wide that of as many sources all over the sky one place in 500 would be hatched, and at least 2, unless given. [deg]
-
-    Returns
-    -------
-    matplotlib artist, or None where no place is empty
-    """
+    """Hatch where no source stands within a radius."""
     if not len(lon):
         return None
     # e^−x² of all places are farther than x times the radius of a source's share of the sky.

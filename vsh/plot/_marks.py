@@ -30,10 +30,6 @@ def draw_sources(axes: SkyAxes, lon: FloatArray, lat: FloatArray, *, max_sources
         Beyond which only every k-th is drawn.
     **style
         Of the dots, as for `matplotlib.axes.Axes.scatter`.
-
-    Returns
-    -------
-    matplotlib artist
     """
     step = -(-len(lon) // max_sources) or 1
     n = max(1, len(lon) // step)
@@ -54,30 +50,12 @@ def draw_points(axes: SkyAxes, lon: ArrayLike, lat: ArrayLike, **style: Any) -> 
         Positions. [rad]
     **style
         Of the marks, as for `matplotlib.axes.Axes.scatter`.
-
-    Returns
-    -------
-    matplotlib artist
     """
     return axes.scatter(*axes.project(np.atleast_1d(lon), np.atleast_1d(lat))[0].T, **({"zorder": 6} | style))
 
 
 def draw_line(axes: SkyAxes, lon: FloatArray, lat: FloatArray, **style: Any) -> Any:
-    """A curve on the sky, cut at the seam.
-
-    Parameters
-    ----------
-    axes : SkyAxes
-        Where to draw.
-    lon, lat : (n,) arrays
-        Positions close to each other. [rad]
-    **style
-        Of the line.
-
-    Returns
-    -------
-    matplotlib Line2D
-    """
+    """A curve on the sky, cut at the seam."""
     return axes.plot(*lines_on(axes, lon, lat).T, **({"zorder": 5} | style))[0]
 
 
@@ -98,10 +76,6 @@ def draw_direction(
         Of star and cone.
     probability : float
         Of the cone.
-
-    Returns
-    -------
-    matplotlib artist
     """
     lon, lat = np.radians(vector.direction)
     known = bool(np.any(vector.covariance))

@@ -17,17 +17,7 @@ _LETTERS = {"epsilon_": r"\epsilon", "omega_": r"\omega", "a_": r"\tilde a"}
 
 
 def symbol(name: str) -> str:
-    """A parameter's name as it is written: ω_x, ã_x, t(2,0).
-
-    Parameters
-    ----------
-    name : str
-        Of a parameter.
-
-    Returns
-    -------
-    str
-    """
+    """A parameter's name as it is written: ω_x, ã_x, t(2,0)."""
     for plain, letter in _LETTERS.items():
         if name.startswith(plain):
             return f"${letter}_{name[len(plain) :]}$"
@@ -35,23 +25,7 @@ def symbol(name: str) -> str:
 
 
 def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Sequence[str] | None = None) -> Any:
-    """Correlations as colours about zero, with their values where there is room; the diagonal left out.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        Where to draw.
-    matrix : (k, k) array
-        Correlations.
-    names : sequence of str
-        Of the rows.
-    groups : sequence of str, optional
-        What each row belongs to: its degree, which stands for many names, with lines between.
-
-    Returns
-    -------
-    matplotlib AxesImage
-    """
+    """Correlations as colours about zero, with their values where there is room; the diagonal left out."""
     k = len(names)
     off = np.where(np.eye(k) > 0, np.nan, matrix)
     reach = max(float(np.nanmax(np.abs(off))) if k > 1 else 0.0, 1e-3)

@@ -30,10 +30,6 @@ def plot_scalar_field(
         Above the map.
     ax : matplotlib Axes, optional
         Whose place the map takes; a new figure unless given.
-
-    Returns
-    -------
-    SkyAxes
     """
     values = coefficients.at(*centres(32))
     middle = float(np.median(values))

@@ -139,10 +139,6 @@ def sky_axes(
     below : float
         Room for a colour bar or a legend under the map of a new figure. [inch]
 
-    Returns
-    -------
-    SkyAxes
-
     Raises
     ------
     FrameError
@@ -217,19 +213,7 @@ def _wcs(frame, projection, centre):
 
 
 def lines_on(axes: SkyAxes, lon: FloatArray, lat: FloatArray) -> FloatArray:
-    """A curve on the sky as points on the map, with gaps of NaN where it goes over the seam.
-
-    Parameters
-    ----------
-    axes : SkyAxes
-        The map.
-    lon, lat : (n,) arrays
-        Positions close to each other. [rad]
-
-    Returns
-    -------
-    (m, 2) array
-    """
+    """A curve on the sky as points on the map, with gaps of NaN where it goes over the seam."""
     xy, native = axes.project(lon, lat)
     if not axes.is_whole:
         return xy

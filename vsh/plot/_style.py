@@ -69,10 +69,6 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     ----------
     draw : callable
         The function.
-
-    Returns
-    -------
-    callable
     """
 
     @wraps(draw)
@@ -86,28 +82,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 def panels(
     ax: Any = None, rows: int = 1, columns: int = 1, *, size: tuple[float, float] | None = None, **how: Any
 ) -> Any:
-    """The axes to draw on: those given, or those of a new figure.
-
-    Parameters
-    ----------
-    ax : matplotlib Axes, or as many of them as there are panels, optional
-        Where to draw; a new figure unless given.
-    rows, columns : int
-        Of panels.
-    size : (float, float), optional
-        Of a new figure, a column wide unless given. [inch]
-    **how
-        As for `matplotlib.pyplot.subplots`.
-
-    Returns
-    -------
-    (rows × columns,) object array of matplotlib Axes
-
-    Raises
-    ------
-    ParameterError
-        If another number of axes is given.
-    """
+    """The axes to draw on: those given, or those of a new figure."""
     if ax is None:
         return plt.subplots(rows, columns, figsize=size or (WIDTH, 2.4), squeeze=False, **how)[1].ravel()
     given = np.ravel(np.asarray(ax, dtype=object))
@@ -117,39 +92,13 @@ def panels(
 
 
 def figure_of(drawn: Any) -> Figure:
-    """The figure that axes are in.
-
-    Parameters
-    ----------
-    drawn : matplotlib Axes, several of them, or Figure
-        What a `plot_…` returned.
-
-    Returns
-    -------
-    matplotlib Figure
-    """
+    """The figure that axes are in."""
     first = np.ravel(np.asarray(drawn, dtype=object))[0]
     return first if hasattr(first, "savefig") else first.figure
 
 
 def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
-    """A colour bar under axes, with its label.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        What it belongs to.
-    image : matplotlib artist
-        With the colours.
-    label : str
-        Under the bar.
-    **how
-        As for `matplotlib.figure.Figure.colorbar`.
-
-    Returns
-    -------
-    matplotlib Colorbar
-    """
+    """A colour bar under axes, with its label."""
     own: dict[str, Any] = {"orientation": "horizontal", "shrink": 0.7, "pad": 0.04, "aspect": 30} | how
     bar = axes.figure.colorbar(image, ax=axes, **own)
     bar.set_label(label)
@@ -158,15 +107,7 @@ def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
 
 
 def log_ticks(axis: Any, low: float, high: float) -> None:
-    """Ticks of a logarithmic axis as plain numbers where it is short: 1, 2, 5, 10, 20.
-
-    Parameters
-    ----------
-    axis : matplotlib Axis
-        Of logarithmic scale.
-    low, high : float
-        What it shows.
-    """
+    """Ticks of a logarithmic axis as plain numbers where it is short: 1, 2, 5, 10, 20."""
     decades = np.log10(high / low)
     if not (0 < decades < 2.2 and low > 1e-4 and high < 1e5):
         return
@@ -176,20 +117,6 @@ def log_ticks(axis: Any, low: float, high: float) -> None:
 
 
 def legend_above(axes: Axes, columns: int = 4, **how: Any) -> Any:
-    """A legend over axes, where it hides no point.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        With labels.
-    columns : int
-        Of the legend.
-    **how
-        As for `matplotlib.axes.Axes.legend`.
-
-    Returns
-    -------
-    matplotlib Legend
-    """
+    """A legend over axes, where it hides no point."""
     how = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1, "ncols": columns} | how
     return axes.legend(**how)

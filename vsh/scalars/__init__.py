@@ -4,7 +4,6 @@ from vsh.scalars._coefficients import DIPOLE, ScalarCoefficients
 from vsh.scalars._field import ScalarField
 
 __all__ = [
-    "DIPOLE",
     "ScalarCoefficients",
     "ScalarField",
 ]

@@ -81,9 +81,5 @@ class ScalarCoefficients(Coefficients):
         ----------
         lon, lat : (n,) arrays
             Positions [rad]
-
-        Returns
-        -------
-        array
         """
         return super().at(lon, lat)[0]

@@ -184,10 +184,6 @@ class ScalarField(Tabled):
         ----------
         model : (n,) array
             In `unit`.
-
-        Returns
-        -------
-        ScalarField
         """
         return self._with(values=self.values - float_array("model", model, self.values.shape, broadcast=True))
 
@@ -198,10 +194,6 @@ class ScalarField(Tabled):
         ----------
         sigma : (n,) array
             Standard errors. [`unit`]
-
-        Returns
-        -------
-        ScalarField
         """
         return replace(self, sigma=float_array("sigma", sigma, finite=False))
 
@@ -212,10 +204,6 @@ class ScalarField(Tabled):
         ----------
         name : {"icrs", "galactic", "ecliptic"}
             The frame to turn to.
-
-        Returns
-        -------
-        ScalarField
         """
         if check_frame(name) == self.frame:
             return self

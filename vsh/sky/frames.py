@@ -12,7 +12,6 @@ from vsh.sky.sphere import angles, triad
 
 __all__ = [
     "FRAMES",
-    "check_frame",
     "rotation_matrix",
 ]
 
@@ -25,22 +24,7 @@ ANGLES = {"icrs": ("α", "δ"), "galactic": ("l", "b"), "ecliptic": ("λ", "β")
 
 
 def check_frame(name: str) -> str:
-    """Return `name` if it is a known frame; raise FrameError otherwise.
-
-    Parameters
-    ----------
-    name : str
-        A frame.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    FrameError
-        If nobody knows it.
-    """
+    """Return `name` if it is a known frame; raise FrameError otherwise."""
     if not isinstance(name, str) or name not in FRAMES:
         raise FrameError(f"unknown frame {name!r}: choose one of {', '.join(FRAMES)}")
     return name
@@ -55,10 +39,6 @@ def rotation_matrix(frame: str, to: str) -> FloatArray:
         From which.
     to : str
         To which.
-
-    Returns
-    -------
-    (3, 3) array, read-only
 
     Raises
     ------
@@ -89,26 +69,7 @@ def _rotation(frame, to):
 def turned(
     matrix: FloatArray, lon: FloatArray, lat: FloatArray, motion: FloatArray, sigma: FloatArray, rho: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Positions, motions and their errors along other axes.
-
-    Parameters
-    ----------
-    matrix : (3, 3) array
-        The rotation of vectors, from `rotation_matrix`.
-    lon, lat : (n,) arrays
-        Positions. [rad]
-    motion, sigma : (2, n) arrays
-        Motions and their errors.
-    rho : (n,) array
-        Their correlation.
-
-    Returns
-    -------
-    lon, lat : (n,) arrays
-    motion, sigma : (2, n) arrays
-    rho : (n,) array
-        The same along the new axes.
-    """
+    """Positions, motions and their errors along other axes."""
     p, q, r = triad(lon, lat)
     new_lon, new_lat = angles(matrix @ r)
     # The old east and north along the new east: cosine and sine of the turn.

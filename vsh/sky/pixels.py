@@ -15,7 +15,6 @@ from vsh.errors import FieldError, TableError, first_line
 
 __all__ = [
     "centres",
-    "check_nside",
     "mean_map",
     "missing_pixels",
     "pixels_of",
@@ -38,10 +37,6 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = Fals
     nested : bool
         Pixels in nested order.
 
-    Returns
-    -------
-    int array
-
     Raises
     ------
     FieldError
@@ -57,22 +52,7 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = Fals
 
 
 def check_nside(nside: int) -> int:
-    """Return nside; raise FieldError unless it is a power of two from 1 to 8192.
-
-    Parameters
-    ----------
-    nside : int
-        Of the HEALPix pixels.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    FieldError
-        If it is no power of two.
-    """
+    """Return nside; raise FieldError unless it is a power of two from 1 to 8192."""
     if not (isinstance(nside, (int, np.integer)) and 1 <= nside <= 8192 and nside & (nside - 1) == 0):
         raise FieldError(f"nside must be a power of two from 1 to 8192, not {nside!r}")
     return nside
@@ -144,10 +124,6 @@ def missing_pixels(values: ArrayLike) -> int:
     ----------
     values : (12 nside²,) array
         A map.
-
-    Returns
-    -------
-    int
     """
     return int(_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
 
@@ -200,10 +176,6 @@ def smoothed(values: ArrayLike, width: float) -> FloatArray:
         In ring order, none missing.
     width : float
         Full width at half maximum. [deg]
-
-    Returns
-    -------
-    (12 nside²,) array
     """
     return np.asarray(healpy.smoothing(np.asarray(values, float), fwhm=np.radians(width)))
 
@@ -219,10 +191,6 @@ def mean_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike, nside: int) -> F
         Of each source.
     nside : int
         Of the HEALPix pixels.
-
-    Returns
-    -------
-    (12 nside²,) or (k, 12 nside²) array
     """
     pixel = pixels_of(lon, lat, nside)
     count = np.bincount(pixel, minlength=12 * nside**2)

@@ -85,10 +85,6 @@ class Positions(Frozen):
         epoch : float or None
             To which. [Julian year]
 
-        Returns
-        -------
-        Positions
-
         Raises
         ------
         FieldError

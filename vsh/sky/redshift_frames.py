@@ -22,22 +22,7 @@ _WORDS = (
 
 
 def check_redshift_frame(value: Any) -> str:
-    """A frame of redshifts by name.
-
-    Parameters
-    ----------
-    value : str
-        As users say it: "heliocentric" (or "barycentric"), "cmb", "local-group", "true".
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ParameterError
-        If it is none.
-    """
+    """A frame of redshifts by name."""
     name = str(value).lower().replace("_", "-") if isinstance(value, str) else ""
     name = {"barycentric": "heliocentric", "helio": "heliocentric"}.get(name, name)
     if name not in REDSHIFT_FRAME_NAMES:
@@ -47,15 +32,6 @@ def check_redshift_frame(value: Any) -> str:
 
 def redshift_frame_in(description: str | None) -> str | None:
     """The frame of redshifts that a column's description tells, if it does.
-
-    Parameters
-    ----------
-    description : str or None
-        What the table says of the column.
-
-    Returns
-    -------
-    str or None
 
     Examples
     --------

@@ -7,10 +7,7 @@ import numpy as np
 from vsh.checks.types import ArrayLike, FloatArray
 
 __all__ = [
-    "across_and_along",
     "angles",
-    "multiples",
-    "sin_cos",
     "triad",
 ]
 
@@ -43,19 +40,7 @@ def triad(lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray, Float
 
 
 def across_and_along(vector: FloatArray, lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Vectors at positions as components east and north, (2, n), and outwards, (n,).
-
-    Parameters
-    ----------
-    vector : (3, n) array
-        One at each position.
-    lon, lat : (n,) arrays
-        Positions. [rad]
-
-    Returns
-    -------
-    tuple[array, array]
-    """
+    """Vectors at positions as components east and north, (2, n), and outwards, (n,)."""
     p, q, r = triad(lon, lat)
     return np.stack([np.sum(vector * p, 0), np.sum(vector * q, 0)]), np.sum(vector * r, 0)
 
@@ -65,15 +50,6 @@ def sin_cos(x: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     On processors with AVX-512 NumPy's tangent is fourteen times as fast as its sine, and on
     others no slower; with what follows, both cost 3 ns in place of 28.
-
-    Parameters
-    ----------
-    x : array
-        Angles. [rad]
-
-    Returns
-    -------
-    tuple[array, array]
     """
     t = np.tan(x / 2)
     square = t * t
@@ -86,19 +62,7 @@ def sin_cos(x: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def multiples(x: FloatArray, max_k: int) -> tuple[FloatArray, FloatArray]:
-    """cos kx and sin kx for k = 1 … max_k: two (max_k, n) arrays, by doubling.
-
-    Parameters
-    ----------
-    x : array
-        Angles. [rad]
-    max_k : int
-        The highest multiple.
-
-    Returns
-    -------
-    tuple[array, array]
-    """
+    """cos kx and sin kx for k = 1 … max_k: two (max_k, n) arrays, by doubling."""
     cos, sin = np.empty((max_k, *np.shape(x))), np.empty((max_k, *np.shape(x)))
     sin[0], cos[0] = sin_cos(x)
     k = 1

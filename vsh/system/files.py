@@ -55,18 +55,6 @@ def atomic_write(path: PathName) -> Iterator[Path]:
     A process killed at any moment leaves the old file or the new one, never a part of either; any
     number of writers may write to one path at once, and one of them wins. A link stays a link: the
     file it names is replaced.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file to be.
-
-    Raises
-    ------
-    WriteError
-        If the run reads that file, or there is one that is not ours.
-    OSError
-        If the folder is not there or cannot be written to.
     """
     path = Path(os.path.realpath(path))
     check_not_read(path)
@@ -151,13 +139,7 @@ def check_not_read(path: PathName, shown: str | None = None) -> None:
 
 @contextmanager
 def exclusive(path: PathName) -> Iterator[None]:
-    """Meanwhile no other process that asks may write to this path.
-
-    Raises
-    ------
-    WriteError
-        If another does.
-    """
+    """Meanwhile no other process that asks may write to this path."""
     path = Path(os.path.realpath(path))
     if fcntl is None:
         yield
@@ -194,13 +176,7 @@ def read_arrays(path: PathName) -> dict[str, Any]:
 
 
 def remove_unfinished(folder: PathName) -> None:
-    """Remove what killed writers left in a folder and below: files by the names that only `atomic_write` gives.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Where to look.
-    """
+    """Remove what killed writers left in a folder and below: files by the names that only `atomic_write` gives."""
     for file in Path(folder).rglob(f"{UNFINISHED}*"):
         if file.is_file() and not file.is_symlink() and not file.name.startswith(_LOCK):
             file.unlink(missing_ok=True)
@@ -211,11 +187,6 @@ def atomic_folder(path: PathName) -> Iterator[Path]:
     """A new, empty folder that takes the place of `path` once it is complete.
 
     Killed at any moment, there is the old folder or the new one under the name, never a part of either.
-
-    Parameters
-    ----------
-    path : str or Path
-        The folder to be.
     """
     path = Path(os.path.realpath(path))
     check_not_read(path)

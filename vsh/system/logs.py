@@ -23,11 +23,6 @@ for _name in PACKAGES:
 def told(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
     """A decorator: at level INFO the logger of a function's module says what came out of it, and how long it took.
 
-    Parameters
-    ----------
-    words : str
-        What the step is called.
-
     Examples
     --------
     >>> import logging, sys
@@ -60,19 +55,7 @@ def told(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
 
 
 def tell(logger: logging.Logger, words: str, found: object, begin: float) -> None:
-    """The same where a decorator would stand between a warning and whom it is for.
-
-    Parameters
-    ----------
-    logger : Logger
-        Of the module.
-    words : str
-        What the step is called.
-    found : object
-        What came out of it.
-    begin : float
-        When it began, by `time.perf_counter`.
-    """
+    """The same where a decorator would stand between a warning and whom it is for."""
     if not _INSIDE.get():
         logger.info("%s: %s, %.3g s", words, _short(found), time.perf_counter() - begin)
 

@@ -18,11 +18,6 @@ GIB = 2**30
 def free_memory() -> float:
     """Bytes that this process may still use: what the machine has left, and what a limit on the process leaves.
 
-    Returns
-    -------
-    float
-        Infinite where the system does not tell.
-
     Examples
     --------
     >>> free_memory() > 0

@@ -28,13 +28,7 @@ _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 @contextmanager
 def limited(threads: int | None = None) -> Iterator[None]:
-    """Within it, that many threads at most unless a function is told otherwise.
-
-    Parameters
-    ----------
-    threads : int, optional
-        No limit unless given.
-    """
+    """Within it, that many threads at most unless a function is told otherwise."""
     token = _LIMIT.set(threads)
     try:
         yield
@@ -43,13 +37,7 @@ def limited(threads: int | None = None) -> Iterator[None]:
 
 
 def cores(threads: int | None = None) -> int:
-    """How many threads to use: `threads`, the limit that is set, or one for each core this process may run on.
-
-    Parameters
-    ----------
-    threads : int, optional
-        The limit or the machine's cores unless given.
-    """
+    """How many threads to use: `threads`, the limit that is set, or one for each core this process may run on."""
     wanted = threads or _LIMIT.get()
     if wanted:
         return wanted
@@ -109,13 +97,7 @@ def ended_if_interrupted() -> Iterator[None]:
 
 
 def ahead(things: Iterator[T]) -> Iterator[T]:
-    """The same things, each made in a thread while the one before it is used.
-
-    Parameters
-    ----------
-    things : iterator
-        Of what takes time to make.
-    """
+    """The same things, each made in a thread while the one before it is used."""
     with ThreadPoolExecutor(1) as pool:
         following = pool.submit(next, things, _NOTHING)
         while (thing := following.result()) is not _NOTHING:
@@ -130,13 +112,7 @@ def _libraries():
 
 @contextmanager
 def blas_for(size: int) -> Iterator[None]:
-    """Within it BLAS works on small matrices in one thread: several would wait for each other longer than they work.
-
-    Parameters
-    ----------
-    size : int
-        Rows of the matrices.
-    """
+    """Within it BLAS works on small matrices in one thread: several would wait for each other longer than they work."""
     if size > _SMALL:
         yield
         return
@@ -153,19 +129,6 @@ def map_blocks(
     the cores, so BLAS is held to one thread meanwhile: left alone, the two fight for the
     cores and a sum takes ten times as long. At most two results a thread are waiting at any
     time, however many blocks there are.
-
-    Parameters
-    ----------
-    progress : str, optional
-        Words beside a progress bar, which shows itself after two seconds.
-    function : function of a slice
-        What to do with each.
-    n : int
-        Of how many.
-    size : int
-        Of a block.
-    threads : int, optional
-        How many; one a core unless given.
 
     Examples
     --------

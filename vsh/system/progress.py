@@ -14,13 +14,7 @@ _HIDDEN: ContextVar[bool] = ContextVar("hidden", default=False)
 
 @contextmanager
 def without_bars(hidden: bool = True) -> Iterator[None]:
-    """No progress bar is shown meanwhile.
-
-    Parameters
-    ----------
-    hidden : bool
-        With False it changes nothing.
-    """
+    """No progress bar is shown meanwhile."""
     token = _HIDDEN.set(hidden or _HIDDEN.get())
     try:
         yield
@@ -36,23 +30,7 @@ def progress_bar(
     unit: str = "it",
     **options: Any,
 ) -> Any:
-    """A tqdm bar on stderr; none in a log file or a pipe.
-
-    Parameters
-    ----------
-    things : iterable, optional
-        Through which to go.
-    total : int, optional
-        How many.
-    words : str
-        Beside the bar.
-    shown : bool
-        Whether there is one.
-    unit : str
-        Of what is counted.
-    **options
-        Others.
-    """
+    """A tqdm bar on stderr; none in a log file or a pipe."""
     # With None tqdm looks whether stderr is a terminal.
     return tqdm(
         things,

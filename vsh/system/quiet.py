@@ -14,13 +14,6 @@ def import_quietly(name: str, tries: int = 5) -> Any:
     arviz, which corner imports too, warns of its own next version once a day by a stamp in the
     user's cache: a test run that passed yesterday would fail today, and a report begin with it.
     Two processes that write the stamp at once are in each other's way; the second try finds it there.
-
-    Parameters
-    ----------
-    name : str
-        Of the module.
-    tries : int
-        How often, where two processes write one stamp.
     """
     for attempt in range(tries):
         try:

@@ -14,20 +14,7 @@ from vsh.tables._source import TableSource
 
 
 def open_parquet(paths: Sequence[PathName], label: str) -> TableSource:
-    """Parquet files with the same columns as one table.
-
-    Parameters
-    ----------
-    paths : list of str or Path
-        The files.
-    label : str
-        What messages call the table.
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """Parquet files with the same columns as one table."""
     arrow, dataset_module = _arrow(label)
     try:
         options = dataset_module.ParquetFragmentScanOptions(page_checksum_verification=True)
@@ -47,15 +34,7 @@ def open_parquet(paths: Sequence[PathName], label: str) -> TableSource:
 
 
 def open_stream(thing: Any, label: str) -> TableSource:
-    """An object with `__arrow_c_stream__` or `__arrow_c_array__`: of pyarrow, polars, DuckDB, …
-
-    Parameters
-    ----------
-    thing : object
-        With Arrow's stream interface.
-    label : str
-        What messages call the table.
-    """
+    """An object with `__arrow_c_stream__` or `__arrow_c_array__`: of pyarrow, polars, DuckDB, …"""
     arrow, _ = _arrow(label)
     reader = _again(arrow, thing, label)
     _check_names(reader.schema.names, label)

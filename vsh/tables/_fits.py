@@ -27,20 +27,7 @@ _DAMAGE = re.compile(r"truncat|checksum|datasum|corrupt|invalid|illegal|extra by
 
 
 def open_fits(path: PathName, label: str) -> TableSource:
-    """The first table of a FITS file, packed with gzip or not.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    label : str
-        What messages call the table.
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """The first table of a FITS file, packed with gzip or not."""
     plain = plain_file(path, label)
     units = check_layout(plain.name, label)
     tables = [number for number, header in enumerate(units) if header.get("XTENSION") in ("BINTABLE", "TABLE")]
@@ -93,20 +80,7 @@ def open_fits(path: PathName, label: str) -> TableSource:
 
 
 def plain_file(path: PathName, label: str) -> Any:
-    """The file itself, or an unpacked copy that is deleted when nobody holds it any more: something with a name.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    label : str
-        What messages call the table.
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """The file itself, or an unpacked copy that is deleted when nobody holds it any more: something with a name."""
     with open(path, "rb") as file:
         if file.read(2) != b"\x1f\x8b":
             return file
@@ -174,24 +148,7 @@ def _meta(header):
 
 @contextmanager
 def fits_checked(path: PathName, label: str) -> Iterator[str]:
-    """The name of a FITS file, unpacked where it was packed, whose layout has been checked.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    label : str
-        What messages call the table.
-
-    Returns
-    -------
-    Iterator[str]
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """The name of a FITS file, unpacked where it was packed, whose layout has been checked."""
     try:
         plain = plain_file(path, label)
         check_layout(plain.name, label)

@@ -16,21 +16,7 @@ _CODE = re.compile(r"\s*(\d*)([LXBIJKAEDCMPQ])")
 
 
 def check_layout(path: PathName, label: str) -> Any:
-    """Walk through the headers of a FITS file; a list of dicts of keywords, one a unit.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    label : str
-        What messages call the table.
-
-    Raises
-    ------
-    TableError
-        If a header does not end, declares more than the file holds, or something lies between
-        the units and behind the last.
-    """
+    """Walk through the headers of a FITS file; a list of dicts of keywords, one a unit."""
     found = []
     with open(path, "rb") as file:
         size = file.seek(0, 2)
@@ -118,24 +104,7 @@ def _check_row(header, lengths, label):
 
 
 def fits_rows(path: PathName, label: str) -> int:
-    """How many rows the first table of a FITS file has, once the file is known to be whole.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file, not packed.
-    label : str
-        What messages call it.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    TableError
-        If it is damaged, or holds no table.
-    """
+    """How many rows the first table of a FITS file has, once the file is known to be whole."""
     for header in check_layout(path, label):
         if header.get("XTENSION") in ("BINTABLE", "TABLE"):
             return int(header["NAXIS2"])

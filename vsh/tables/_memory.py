@@ -11,13 +11,7 @@ from vsh.tables._source import TableSource
 
 
 def open_astropy(table: Any) -> TableSource:
-    """An astropy Table or QTable.
-
-    Parameters
-    ----------
-    table : astropy Table
-        The table.
-    """
+    """An astropy Table or QTable."""
     names = tuple(table.colnames)
     units = {name: table[name].unit for name in names if getattr(table[name], "unit", None) is not None}
 
@@ -30,18 +24,7 @@ def open_astropy(table: Any) -> TableSource:
 
 
 def open_frame(frame: Any) -> TableSource:
-    """A pandas DataFrame, or an object of a class made from it (geopandas, LSDB's NestedFrame).
-
-    Parameters
-    ----------
-    frame : DataFrame
-        The table.
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """A pandas DataFrame, or an object of a class made from it (geopandas, LSDB's NestedFrame)."""
     names = tuple(map(str, frame.columns))
     if len(set(names)) < len(names):
         raise TableError(f"the table has several columns of one name: {', '.join(names)}")
@@ -56,18 +39,7 @@ def open_frame(frame: Any) -> TableSource:
 
 
 def open_other(thing: Any) -> TableSource:
-    """A dict of columns or a structured array.
-
-    Parameters
-    ----------
-    thing : object
-        What astropy makes a table of.
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """A dict of columns or a structured array."""
     from astropy.table import Table
 
     if isinstance(thing, (int, float, complex, bytes)) or thing is None:
@@ -79,13 +51,7 @@ def open_other(thing: Any) -> TableSource:
 
 
 def is_frame(thing: Any) -> bool:
-    """Whether an object is pandas' DataFrame or made from it; pandas need not be installed.
-
-    Parameters
-    ----------
-    thing : object
-        The table.
-    """
+    """Whether an object is pandas' DataFrame or made from it; pandas need not be installed."""
     return any(c.__name__ == "DataFrame" and c.__module__.split(".")[0] == "pandas" for c in type(thing).__mro__)
 
 

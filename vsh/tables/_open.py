@@ -66,10 +66,6 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     format : str, optional
         Of a file: one of `vsh.tables.INPUT_FORMATS`. Unless given its ending tells it, or how the file begins.
 
-    Returns
-    -------
-    TableSource
-
     Raises
     ------
     TableError
@@ -94,24 +90,7 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
 
 
 def format_of(path: PathName, further: Mapping[str, str] | None = None) -> str:
-    """astropy's name of the format that the ending of a name tells; TableError where it tells none.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    further : dict of str to str, optional
-        Formats by ending besides FORMATS.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """astropy's name of the format that the ending of a name tells; TableError where it tells none."""
     known = FORMATS | dict(further or {})
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
@@ -180,24 +159,7 @@ def _open_folder(path, label, format):
 
 
 def files_of(path: PathName, format: str | None = None) -> list[Path]:
-    """The files that `open_table` would read from a path: those of a folder in the order of their names, or the file.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file, a folder of files, or a catalogue in HATS format.
-    format : str, optional
-        Of the files, where their endings do not tell it.
-
-    Returns
-    -------
-    list[Path]
-
-    Raises
-    ------
-    TableError
-        If it is neither, or a folder without tables or with tables of several formats.
-    """
+    """The files that `open_table` would read from a path: those of a folder in the order of their names, or the file."""
     path, label = Path(path), printable(path)
     if path.is_dir():
         return _tables_in(path, label, format)[1]

@@ -50,15 +50,7 @@ class TableSource(InNotebook):
     descriptions: dict = field(default_factory=dict)
 
     def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
-        """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None).
-
-        Parameters
-        ----------
-        names : sequence of str
-            Which of them.
-        rows : int
-            How many at a time.
-        """
+        """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""
         wanted = tuple(self.names if names is None else names)
         # astropy keeps a mask that a format cannot hold as a column of its own beside the values.
         masks = tuple(f"{name}.mask" for name in wanted if f"{name}.mask" in self.names)
@@ -66,29 +58,14 @@ class TableSource(InNotebook):
             yield {name: _with_mask(block, name) for name in wanted}
 
     def columns(self, names: Sequence[str] | None = None) -> dict[str, Any]:
-        """Some columns whole, a dict of (values, mask or None); all of them unless named.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Which of them.
-
-        Returns
-        -------
-        dict[str, object]
-        """
+        """Some columns whole, a dict of (values, mask or None); all of them unless named."""
         parts = list(self.blocks(names, self.whole))
         if len(parts) == 1:
             return parts[0]
         return {name: _joined([part[name] for part in parts]) for name in parts[0]}
 
     def to_table(self) -> Table:
-        """The whole as an astropy Table.
-
-        Returns
-        -------
-        Table
-        """
+        """The whole as an astropy Table."""
         from astropy.table import Column, MaskedColumn, Table
 
         names = [name for name in self.names if not (name.endswith(".mask") and name[:-5] in self.names)]
@@ -101,20 +78,7 @@ class TableSource(InNotebook):
 
 
 def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
-    """Several tables with the same columns, one after the other, as one.
-
-    Parameters
-    ----------
-    label : str
-        What messages call the table.
-    sources : list of TableSource
-        The parts.
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """Several tables with the same columns, one after the other, as one."""
     first = sources[0]
 
     def read(names, rows):
@@ -127,22 +91,7 @@ def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
 
 
 def check_alike(source: TableSource, label: str, units: Mapping[str, str]) -> None:
-    """Raise TableError unless a table has the columns of another, in its units.
-
-    Parameters
-    ----------
-    source : TableSource
-        The table.
-    label : str
-        Of the other.
-    units : dict of str to str
-        Columns of the other that matter, and their units.
-
-    Raises
-    ------
-    TableError
-        If it lacks one, or has it in another unit.
-    """
+    """Raise TableError unless a table has the columns of another, in its units."""
     missing = [name for name in units if name not in source.names]
     if missing:
         raise TableError(f"{source.label} has no column {', '.join(missing)}, which {label} has")

@@ -26,20 +26,7 @@ _INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64
 
 
 def open_text(path: PathName, label: str) -> TableSource:
-    """A table of text: ECSV where its first line says so, whatever its name; CSV otherwise.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    label : str
-        What messages call the table.
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """A table of text: ECSV where its first line says so, whatever its name; CSV otherwise."""
     with _lines(path, label) as lines:
         first = next(lines, "")
         # A mark of the byte order, which spreadsheets write, is no part of the first name.

@@ -19,20 +19,7 @@ _LOSSES = re.compile(r"\b(E\d\d|W46|W51|W53)\b")
 
 
 def open_votable(path: PathName, label: str) -> TableSource:
-    """The first table of a VOTable.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    label : str
-        What messages call the table.
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """The first table of a VOTable."""
     from astropy.io import votable
 
     plain = plain_file(path, label)

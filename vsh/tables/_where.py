@@ -72,20 +72,7 @@ class Where(InNotebook):
         return printable(self.text)
 
     def check(self, names: tuple[str, ...], label: str) -> None:
-        """Raise TableError unless a table has all columns; the message names the nearest.
-
-        Parameters
-        ----------
-        names : tuple of str
-            Of the table's columns.
-        label : str
-            What the table is called.
-
-        Raises
-        ------
-        TableError
-            If it has not.
-        """
+        """Raise TableError unless a table has all columns; the message names the nearest."""
         for name in self.names:
             if name not in names:
                 near = [each for each in names if each.lower() == name.lower()] or get_close_matches(
@@ -101,22 +88,7 @@ class Where(InNotebook):
                 )
 
     def rows(self, block: Mapping[str, Any]) -> tuple[BoolArray, BoolArray]:
-        """Which rows are selected, and of which that is not known for a missing value: those are not.
-
-        Parameters
-        ----------
-        block : dict of str to (values, mask or None)
-            Of the columns it looks at, by name.
-
-        Returns
-        -------
-        selected, unknown : (n,) bool arrays
-
-        Raises
-        ------
-        TableError
-            If it compares text with numbers, or is no condition.
-        """
+        """Which rows are selected, and of which that is not known for a missing value: those are not."""
         n = len(next(iter(block.values()))[0])
         with np.errstate(all="ignore"):
             value, unknown = self._of(self._tree, block)

@@ -23,22 +23,7 @@ _LARGEST = 2**34
 
 
 def open_whole(path: PathName, label: str, kind: str) -> TableSource:
-    """A table that is read as a whole; masked values stay masked, units and descriptions are kept.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file. A table of the CDS without a description in it has one in the file ReadMe beside it.
-    label : str
-        What messages call the table.
-    kind : {"hdf5", "ascii.mrt", "ascii.cds", "ascii"}
-        astropy's name of the format; "ascii" is whatever it guesses.
-
-    Raises
-    ------
-    TableError
-        If it cannot be read; the message says why.
-    """
+    """A table that is read as a whole; masked values stay masked, units and descriptions are kept."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # units that a format spells in its own way

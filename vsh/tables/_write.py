@@ -28,10 +28,6 @@ def read(path: PathName) -> Table:
     path : str or Path
         FITS, VOTable, ECSV, CSV (with Gaia's null) or Parquet, or a folder of them.
 
-    Returns
-    -------
-    astropy.table.Table
-
     Raises
     ------
     TableError
@@ -46,17 +42,7 @@ def read(path: PathName) -> Table:
 
 
 def as_table(source: Any) -> Table:
-    """A path or any table in memory as an astropy Table.
-
-    Parameters
-    ----------
-    source : path or table
-        Whatever `vsh.tables.open_table` takes.
-
-    Returns
-    -------
-    Table
-    """
+    """A path or any table in memory as an astropy Table."""
     from astropy.table import Table
 
     return source if isinstance(source, Table) else read(source)
@@ -65,21 +51,7 @@ def as_table(source: Any) -> Table:
 def table_of(
     columns: Mapping[str, Any], meta: dict[str, Any] | None = None, units: Mapping[str, str] | None = None
 ) -> Table:
-    """An astropy Table from columns, metadata of plain values and units, all by name.
-
-    Parameters
-    ----------
-    columns : dict of str to array
-        By name.
-    meta : dict, optional
-        Provenance, plain values.
-    units : dict, optional
-        Units of columns by name.
-
-    Returns
-    -------
-    Table
-    """
+    """An astropy Table from columns, metadata of plain values and units, all by name."""
     from astropy.table import Table
 
     table = Table({name: np.asarray(values) for name, values in columns.items()}, meta=meta or {})
@@ -94,24 +66,7 @@ def write(
     meta: dict[str, Any] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> None:
-    """Write columns as a table to a new file, which takes the name `path` when it is complete.
-
-    Parameters
-    ----------
-    path : str or Path
-        Its ending tells the format, as in `read`.
-    columns : dict of name to (n,) array
-        By name.
-    meta : dict, optional
-        Plain values, kept with the table.
-    units : dict of name to str, optional
-        Units of columns by name.
-
-    Raises
-    ------
-    TableError
-        If the ending is not known, or the format needs a library that is not there.
-    """
+    """Write columns as a table to a new file, which takes the name `path` when it is complete."""
     write_table(table_of(columns, meta, units), path)
 
 
@@ -166,18 +121,7 @@ def _write_votable(table, path):
 
 
 def check_writable(path: PathName) -> None:
-    """Raise TableError now if a table could not be written to `path` later.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Raises
-    ------
-    TableError
-        If its ending tells no format, there is no such folder, or a library is missing.
-    """
+    """Raise TableError now if a table could not be written to `path` later."""
     path = Path(path)
     kind = format_of(path)
     if not path.absolute().parent.is_dir():

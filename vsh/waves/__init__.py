@@ -5,7 +5,6 @@ from vsh.waves._wave import degree_amplitudes, strain_of, unit, wave_coefficient
 __all__ = [
     "degree_amplitudes",
     "strain_of",
-    "unit",
     "wave_coefficients",
     "wave_motions",
     "wave_templates",

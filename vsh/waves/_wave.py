@@ -39,10 +39,6 @@ def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: flo
     plus, cross : float
         Rates of strain of the two polarisations. [µas/yr]
 
-    Returns
-    -------
-    array
-
     Raises
     ------
     ParameterError
@@ -71,22 +67,7 @@ def _tensor(k, plus, cross):
 
 
 def unit(direction: ArrayLike) -> FloatArray:
-    """A direction as a unit vector, (3,).
-
-    Parameters
-    ----------
-    direction : (3,) array
-        Of any length.
-
-    Returns
-    -------
-    array
-
-    Raises
-    ------
-    ParameterError
-        If it is no vector, or has no length.
-    """
+    """A direction as a unit vector, (3,)."""
     found = float_array("direction", direction, (3,))
     if not np.linalg.norm(found) > 0:
         raise ParameterError("direction is where the wave travels to: a vector of some length")
@@ -100,10 +81,6 @@ def degree_amplitudes(lmax: int) -> FloatArray:
     ----------
     lmax : int
         The highest degree.
-
-    Returns
-    -------
-    array
 
     Examples
     --------
@@ -123,10 +100,6 @@ def wave_coefficients(direction: ArrayLike, plus: float, cross: float = 0.0, *, 
         As for `wave_motions`.
     lmax : int
         The highest degree.
-
-    Returns
-    -------
-    Coefficients
 
     Examples
     --------
@@ -150,10 +123,6 @@ def wave_templates(directions: FloatArray, lmax: int) -> FloatArray:
         Unit vectors k.
     lmax : int
         The highest degree.
-
-    Returns
-    -------
-    array
     """
     modes, amplitude = Modes(lmax), degree_amplitudes(lmax)
     lon, lat = angles(directions)
@@ -191,10 +160,6 @@ def strain_of(rate: ArrayLike, frequency: float) -> FloatArray:
         ḣ. [µas/yr]
     frequency : float
         f. [nHz]
-
-    Returns
-    -------
-    array
 
     Examples
     --------

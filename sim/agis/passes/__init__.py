@@ -6,16 +6,4 @@ from sim.agis.passes._scaled import FULL, scaled
 from sim.agis.passes._scans import Scans, scans
 from sim.agis.passes._spline import smooth
 
-__all__ = [
-    "FULL",
-    "Passes",
-    "Plan",
-    "Scans",
-    "check_memory",
-    "make_passes",
-    "plan",
-    "scaled",
-    "scans",
-    "smooth",
-    "system_memory",
-]
+__all__: list[str] = []

@@ -62,13 +62,7 @@ class CompiledPasses:
         return out
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
-        """Cᵀ x.
-
-        Parameters
-        ----------
-        x : (n, 5, K) array
-            Of the sources.
-        """
+        """Cᵀ x."""
         x, lengths = x[self.order], (0,) * x.shape[-1]
 
         def work(start, stop, first, last):
@@ -79,13 +73,7 @@ class CompiledPasses:
         return self._joined(self._map(work), (self.coefficients, 3, len(lengths)))
 
     def to_sources(self, h: FloatArray) -> FloatArray:
-        """C h.
-
-        Parameters
-        ----------
-        h : (coefficients, 3, K) array
-            Of the attitude.
-        """
+        """C h."""
         h, lengths = np.ascontiguousarray(h), (0,) * h.shape[-1]
 
         def work(start, stop, first, last):
@@ -96,26 +84,14 @@ class CompiledPasses:
         return _sum(self._map(work))[self.rank]
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What the parameters make of the observations.
-
-        Parameters
-        ----------
-        x, h : (n, 5) and (coefficients, 3) arrays
-            Of sources and attitude.
-        """
+        """What the parameters make of the observations."""
         along, across = np.empty((2, len(self.transits[0])))
         x, h = x[self.order][..., None], np.ascontiguousarray(h)[..., None]
         self._map(lambda start, stop, first, last: _kernels.predict(start, stop, x, h, along, across, self.transits))
         return along, across
 
     def adjoint(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Its weighted transpose.
-
-        Parameters
-        ----------
-        along, across : (k,) arrays
-            Of the observations.
-        """
+        """Its weighted transpose."""
         along, across = np.ascontiguousarray(along), np.ascontiguousarray(across)
 
         def work(start, stop, first, last):

@@ -101,58 +101,19 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
 
 
 def expected_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:
-    """About how many transits some sources will have: those of a sample, times their number.
-
-    Parameters
-    ----------
-    law : NominalScanningLaw
-        The scanning law.
-    lon, lat : (n,) arrays
-        Positions. [rad]
-
-    Returns
-    -------
-    float
-    """
+    """About how many transits some sources will have: those of a sample, times their number."""
     lon, lat = np.asarray(lon), np.asarray(lat)
     some = np.linspace(0, len(lon) - 1, min(_SAMPLE, len(lon))).astype(int)
     return 1.02 * len(law.transits(lon[some], lat[some])) * len(lon) / len(some)
 
 
 def system_memory(n_sources: int, coefficients: float, columns: int) -> float:
-    """Bytes of the normal equations, without the transits.
-
-    Parameters
-    ----------
-    n_sources : int
-        Sources.
-    coefficients : float
-        Of each of three components of the attitude.
-    columns : int
-        Right-hand sides at once.
-
-    Returns
-    -------
-    float
-    """
+    """Bytes of the normal equations, without the transits."""
     return n_sources * (_SOURCE + _COLUMN * columns) + coefficients * (_COEFFICIENT + 72 * (columns - 1))
 
 
 def check_memory(needed: float, what: str, remedy: str) -> None:
-    """Raise ParameterError if there is not as much memory.
-
-    Parameters
-    ----------
-    needed : float
-        [bytes]
-    what, remedy : str
-        For the message.
-
-    Raises
-    ------
-    ParameterError
-        If it would not do.
-    """
+    """Raise ParameterError if there is not as much memory."""
     free = free_memory()
     if needed > free:
         raise ParameterError(f"{what} would need {needed / GIB:.1f} GiB, and {free / GIB:.1f} GiB are free: {remedy}")

@@ -68,23 +68,7 @@ def _at(h, k, axis, r, b):
 def to_attitude(
     start: int, stop: int, first: int, lengths: tuple, x: FloatArray, out: FloatArray, transits: tuple
 ) -> None:
-    """Add Cᵀ x: what sources say of the attitude.
-
-    Parameters
-    ----------
-    start, stop : int
-        Which transits.
-    first : int
-        The knot that the output begins with.
-    lengths : tuple of K nothings
-        How many vectors.
-    x : (n, 5, K) array
-        Of the sources.
-    out : (knots + 3, 3, K) array
-        Of the attitude.
-    transits : tuple
-        As above.
-    """
+    """Add Cᵀ x: what sources say of the attitude."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
@@ -103,21 +87,7 @@ def to_attitude(
 
 @_compile
 def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatArray, transits: tuple) -> None:
-    """Add C h: what the attitude says of sources.
-
-    Parameters
-    ----------
-    start, stop : int
-        Which transits.
-    lengths : tuple of K nothings
-        How many vectors.
-    h : (coefficients, 3, K) array
-        Of the attitude.
-    out : (n, 5, K) array
-        Of the sources.
-    transits : tuple
-        As above.
-    """
+    """Add C h: what the attitude says of sources."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i])
@@ -141,19 +111,7 @@ def to_sources(start: int, stop: int, lengths: tuple, h: FloatArray, out: FloatA
 def predict(
     start: int, stop: int, x: FloatArray, h: FloatArray, along: FloatArray, across: FloatArray, transits: tuple
 ) -> None:
-    """Set what parameters make of the observations.
-
-    Parameters
-    ----------
-    start, stop : int
-        Which transits.
-    x, h : (n, 5, 1) and (coefficients, 3, 1) arrays
-        Of sources and attitude.
-    along, across : (k,) arrays
-        Set from start to stop.
-    transits : tuple
-        As above.
-    """
+    """Set what parameters make of the observations."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i])
@@ -178,21 +136,7 @@ def adjoint(
     attitude: FloatArray,
     transits: tuple,
 ) -> None:
-    """Add the weighted transpose of `predict`.
-
-    Parameters
-    ----------
-    start, stop : int
-        Which transits.
-    first : int
-        The knot that the output begins with.
-    along, across : (k,) arrays
-        Of the observations.
-    out, attitude : (n, 5) and (knots + 3, 3, 1) arrays
-        Of sources and attitude.
-    transits : tuple
-        As above.
-    """
+    """Add the weighted transpose of `predict`."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     for i in range(np.uintp(start), np.uintp(stop)):
         q, k = np.uintp(source[i]), np.uintp(knot[i] - first)
@@ -214,21 +158,7 @@ def adjoint(
 
 @_compile
 def blocks(start: int, stop: int, first: int, squares: FloatArray, band: FloatArray, transits: tuple) -> None:
-    """Add lower triangles of the sources' blocks, and the lower band of the attitude's matrix by columns.
-
-    Parameters
-    ----------
-    start, stop : int
-        Which transits.
-    first : int
-        The knot that the output begins with.
-    squares : (n, 5, 5) array
-        Of the sources.
-    band : (3 (knots + 3), 12) array
-        Of the attitude.
-    transits : tuple
-        As above.
-    """
+    """Add lower triangles of the sources' blocks, and the lower band of the attitude's matrix by columns."""
     source, knot, frac, sin, cos, fal, fac, table, spacing, middle = transits
     a, d, n, m = np.empty(5), np.empty(5), np.empty(3), np.empty(3)
     for i in range(start, stop):

@@ -16,43 +16,19 @@ class Passes(Protocol):
     """What passes over the observations of some transits do; x are of sources, h of the attitude."""
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
-        """Cᵀ x, (coefficients, 3, K).
-
-        Parameters
-        ----------
-        x : (n, 5, K) array
-            Of the sources.
-        """
+        """Cᵀ x, (coefficients, 3, K)."""
         ...
 
     def to_sources(self, h: FloatArray) -> FloatArray:
-        """C h, (n, 5, K).
-
-        Parameters
-        ----------
-        h : (coefficients, 3, K) array
-            Of the attitude.
-        """
+        """C h, (n, 5, K)."""
         ...
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What parameters make of the observations: along and across, (k,) each.
-
-        Parameters
-        ----------
-        x, h : (n, 5) and (coefficients, 3) arrays
-            Of sources and attitude.
-        """
+        """What parameters make of the observations: along and across, (k,) each."""
         ...
 
     def adjoint(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Its weighted transpose, (n, 5) and (coefficients, 3).
-
-        Parameters
-        ----------
-        along, across : (k,) arrays
-            Of the observations.
-        """
+        """Its weighted transpose, (n, 5) and (coefficients, 3)."""
         ...
 
     def blocks(self) -> tuple[FloatArray, FloatArray]:
@@ -60,28 +36,7 @@ class Passes(Protocol):
 
 
 def make_passes(scans: Scans, solved: BoolArray, threads: int | None = None, compiled: bool | None = None) -> Passes:
-    """Passes over the transits of the sources that are solved; the others weigh nothing.
-
-    Parameters
-    ----------
-    scans : Scans
-        The transits.
-    solved : (n,) bool array
-        Which sources count.
-    threads : int, optional
-        One a core unless given.
-    compiled : bool, optional
-        By numba, or not; if it is there unless given.
-
-    Returns
-    -------
-    Passes
-
-    Raises
-    ------
-    ParameterError
-        If numba is wanted and missing, or there are too many transits to do without.
-    """
+    """Passes over the transits of the sources that are solved; the others weigh nothing."""
     table = np.stack([*scans.directions, *(scans.weights * solved).astype(np.float32)], axis=1)
     if compiled is not False:
         try:

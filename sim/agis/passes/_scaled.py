@@ -22,28 +22,6 @@ def scaled(n: int, law: NominalScanningLaw | None = None, *, knots: float = 30.0
     As many sources in a field, observations in an interval and transits of a source: with s = n/full the fields are
     1/√s as wide and the satellite turns √s as fast, so that knots are 1/s as far apart.
 
-    Parameters
-    ----------
-    n : int
-        Sources there are.
-    law : NominalScanningLaw, optional
-        That of the whole mission; five years unless given.
-    knots : float
-        Of the whole mission. [s]
-    full : int
-        Sources of the whole mission.
-
-    Returns
-    -------
-    law : NominalScanningLaw
-    knots : float
-        [s]
-
-    Raises
-    ------
-    ParameterError
-        If n is not a whole number, or so small that a field would be wider than the sky.
-
     Examples
     --------
     >>> law, knots = scaled(5000)

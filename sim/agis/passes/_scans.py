@@ -109,10 +109,6 @@ class Scans(Frozen):
         ----------
         part : slice
             Of the transits; all unless given.
-
-        Returns
-        -------
-        (k,) array
         """
         return (self.knot[part] + self.frac[part].astype(float)) * self.spacing
 
@@ -155,10 +151,6 @@ def scans(
         One a core unless given; changes nothing.
     progress : bool
         Show a bar, after two seconds.
-
-    Returns
-    -------
-    Scans
 
     Raises
     ------

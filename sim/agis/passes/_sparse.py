@@ -55,46 +55,22 @@ class SparsePasses:
         self.weights = np.concatenate([table[source, 4], table[source, 5]])
 
     def to_attitude(self, x: FloatArray) -> FloatArray:
-        """Cᵀ x.
-
-        Parameters
-        ----------
-        x : (n, 5, K) array
-            Of the sources.
-        """
+        """Cᵀ x."""
         seen = self.weights[:, None] * (self.sources @ x.reshape(-1, x.shape[-1]))
         return (self.attitude.T @ seen).reshape(self.coefficients, 3, -1)
 
     def to_sources(self, h: FloatArray) -> FloatArray:
-        """C h.
-
-        Parameters
-        ----------
-        h : (coefficients, 3, K) array
-            Of the attitude.
-        """
+        """C h."""
         seen = self.weights[:, None] * (self.attitude @ h.reshape(-1, h.shape[-1]))
         return (self.sources.T @ seen).reshape(-1, 5, h.shape[-1])
 
     def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What the parameters make of the observations.
-
-        Parameters
-        ----------
-        x, h : (n, 5) and (coefficients, 3) arrays
-            Of sources and attitude.
-        """
+        """What the parameters make of the observations."""
         along, across = np.split(self.sources @ x.ravel() + self.attitude @ h.ravel(), 2)
         return along, across
 
     def adjoint(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Its weighted transpose.
-
-        Parameters
-        ----------
-        along, across : (k,) arrays
-            Of the observations.
-        """
+        """Its weighted transpose."""
         seen = self.weights * np.concatenate([along, across])
         return (self.sources.T @ seen).reshape(-1, 5), (self.attitude.T @ seen).reshape(-1, 3)
 

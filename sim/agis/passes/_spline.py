@@ -16,15 +16,6 @@ BANDS = 12
 def values(fraction: FloatArray) -> FloatArray:
     """The four B-splines that are not zero at a fraction of an interval, (4, k).
 
-    Parameters
-    ----------
-    fraction : (k,) array
-        Of the interval, from 0 to 1.
-
-    Returns
-    -------
-    array
-
     Examples
     --------
     >>> values(np.array([0.0])).ravel().round(4)
@@ -38,13 +29,6 @@ def smooth(band: FloatArray, weight: float) -> None:
     """Add to the normal equations a penalty on second differences of the coefficients.
 
     It bridges gaps in which nothing is observed, costs no bandwidth and spares ε₀ + ω t, which a ridge would not.
-
-    Parameters
-    ----------
-    band : (BANDS, 3 coefficients) array
-        The lower band; changed in place.
-    weight : float
-        Of a squared difference. [1/µas²]
     """
     n = band.shape[1] // 3
     difference = (1.0, -2.0, 1.0)

@@ -28,10 +28,6 @@ def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Any = No
         The rule, in formal errors.
     ax : matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
     """
     away = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
     (axes,) = panels(ax)
@@ -63,10 +59,6 @@ def plot_errors_by_magnitude(
         Which are looked at; all unless given.
     ax : matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
     """
     kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
     g = np.asarray(magnitude)[kept]
@@ -103,10 +95,6 @@ def plot_correlation(
         Of the noise.
     ax : matplotlib axes, optional
         Where to draw; a new figure unless given.
-
-    Returns
-    -------
-    matplotlib axes
     """
     (axes,) = panels(ax)
     middle = np.degrees((angle[:-1] + angle[1:]) / 2)
@@ -133,10 +121,6 @@ def plot_ratio_map(
         Which are looked at; all unless given.
     ax : matplotlib axes, optional
         Whose place the map takes; a new figure unless given.
-
-    Returns
-    -------
-    SkyAxes
     """
     kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
     pixel = pixels_of(solution.lon[kept], solution.lat[kept], nside)

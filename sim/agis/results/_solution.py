@@ -137,10 +137,6 @@ class AgisSolution(Frozen):
             ε₀ and ω, taken away from positions and motions. [µas, µas/yr]
         note : str
             Why.
-
-        Returns
-        -------
-        AgisSolution
         """
         p, q, _ = triad(self.lon, self.lat)
         sources = self.sources.copy()

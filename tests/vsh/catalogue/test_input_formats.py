@@ -114,7 +114,7 @@ def test_a_table_of_the_cds_with_its_readme(tmp_path):
 
 def test_the_lists_of_the_iers(capsys):
     path = str(real_catalogue("icrf3sx.txt"))
-    opened = catalogue.opened(path, "icrf")
+    opened = catalogue.open_icrf(path, "icrf")
     assert opened.names == ("icrf", "iers", "defining", "ra", "dec", "ra_error", "dec_error", "ra_dec_corr")
     listed = catalogue.read_positions(path)
     chosen = catalogue.read_positions(path, "icrf", where='defining == "D"', format="icrf")

@@ -189,15 +189,7 @@ def _motions(text):
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with what contradicts itself.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of the command.
-    options : Namespace
-        As they were parsed.
-    """
+    """End with what contradicts itself."""
     if not options.plan and not options.output:
         parser.error("say where results go, --output DIR, or --plan, which only tells what they would take")
     if options.vlbi > options.quasars:

@@ -33,14 +33,6 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with what contradicts itself.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of the command.
-    options : Namespace
-        As they were parsed.
-    """
+    """End with what contradicts itself."""
     if not (options.output or options.show):
         parser.error("say where to: --output FILE.fits, or --show")

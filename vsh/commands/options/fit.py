@@ -64,15 +64,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with what contradicts itself.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of the command.
-    options : Namespace
-        As they were parsed.
-    """
+    """End with what contradicts itself."""
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or say --demo")
     if options.years and not options.waves:

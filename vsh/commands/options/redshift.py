@@ -153,15 +153,7 @@ def _amplitude(text):
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with what contradicts itself.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of the command.
-    options : Namespace
-        As they were parsed.
-    """
+    """End with what contradicts itself."""
     if options.checkpoint and not options.posterior:
         parser.error("--checkpoint is for --posterior")
     for name in ("flows", "local_group", "reconstruction", "flow_amplitude"):

@@ -118,15 +118,7 @@ def _redshift_error(text):
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with what contradicts itself; a number that nobody gave is set.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of the command.
-    options : Namespace
-        As they were parsed.
-    """
+    """End with what contradicts itself; a number that nobody gave is set."""
     if options.selection and options.sky:
         parser.error("--sky and --selection exclude each other")
     if options.velocity is not None and options.kind != "galaxies":

@@ -42,14 +42,6 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
-    """End with what contradicts itself.
-
-    Parameters
-    ----------
-    parser : ArgumentParser
-        Of the command.
-    options : Namespace
-        As they were parsed.
-    """
+    """End with what contradicts itself."""
     if bool(options.configuration) + options.paper + bool(options.gaia) != 1:
         parser.error("name a configuration, or say --paper, or --gaia FILE")
