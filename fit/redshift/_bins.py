@@ -16,7 +16,8 @@ from fit.redshift._solution import BinnedSolution
 from fit.secular_parallax import flow_theory
 from fit.solution import Solution
 from fit.solving import solve
-from vsh import Coefficients, Field
+from vsh import Coefficients
+from vsh.field import Field
 from vsh.checks import arguments, arrays
 from vsh.checks.notes import merge_notes, spoken
 from vsh.checks.types import ArrayLike, FloatArray

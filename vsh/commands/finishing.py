@@ -17,7 +17,9 @@ import numpy as np
 
 import vsh
 from vsh.checks.notes import printable
-from vsh.commands import figures, outputs, running
+from vsh.commands import running
+from vsh.commands.figures import Figures, of_page, write_page
+from vsh.commands.outputs import results_folder
 from vsh.commands.configuration import NOT_KEPT, NUMBER
 
 if TYPE_CHECKING:
@@ -82,7 +84,7 @@ def finish(
     write: Callable[[Path, dict[str, Any]], None],
     title: str = "",
     captions: Mapping[str, str] | Callable[[str], str] | None = None,
-    page: Callable[[figures.Figures, dict[str, Any]], None] | None = None,
+    page: Callable[[Figures, dict[str, Any]], None] | None = None,
     told: bool = False,
 ) -> None:
     """Tell what was found, and write what was asked for: a folder, a page."""
@@ -91,9 +93,9 @@ def finish(
     if not (options.output or options.html):
         return
     meta = provenance()
-    drawn = figures.Figures(draw)
+    drawn = Figures(draw)
     if options.output:
-        with outputs.results_folder(options, meta) as folder:
+        with results_folder(options, meta) as folder:
             (folder / "report.txt").write_text(found.text, encoding="utf-8")
             write(folder, meta)
             drawn.write(folder, options)
@@ -102,10 +104,10 @@ def finish(
         if page is not None:
             page(drawn, meta)
             drawn.close()
-            add(options, figures.of_page(options.html))
+            add(options, of_page(options.html))
         else:
             said = {name: captions(name) for name in drawn.drawn} if callable(captions) else captions
-            figures.write_page(
+            write_page(
                 options.html, title, found.text, drawn, sheets=found.tables, captions=said, provenance=meta, command=options.command
             )  # fmt: skip
             add(options, f"written to {options.html}")
