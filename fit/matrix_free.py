@@ -20,7 +20,7 @@ from fit.harmonic import HarmonicSolution
 from fit.storage import coefficient_columns
 from fit.sums import Rings, fourier_sums
 from vsh import Coefficients, Field, Mode, Modes, tables
-from vsh.checks import arguments, nouns
+from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
 from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.errors import CovarianceError, FieldError, ParameterError
@@ -126,7 +126,7 @@ class MatrixFreeSolution(HarmonicSolution):
         return replace(found, errors={Mode(*mode): error for mode, error in found.errors.items()})
 
 
-@arguments.accepts(fields=nouns.fields, tolerance=arguments.positive, max_iterations=arguments.whole)
+@arguments.accepts(fields=field_or_fields, tolerance=arguments.positive, max_iterations=arguments.whole)
 def solve_matrix_free(
     fields: Field | Iterable[Field],
     modes: Modes | int,

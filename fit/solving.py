@@ -15,13 +15,12 @@ from fit.solution import ScalarSolution, Solution
 from vsh import Coefficients, Field
 from vsh.checks import arguments
 from vsh.checks.notes import spoken
-from vsh.checks.nouns import modes_for
 from vsh.checks.types import FloatArray
 from vsh.checks.weighed import Weighed
 from vsh.covariance import Covariance
 from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import Modes, ScalarModes
-from vsh.scalars import ScalarCoefficients, ScalarField
+from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
 from vsh.system.logs import told
 
 _LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"

@@ -39,7 +39,6 @@ def make_files(folder):
     from fit.sampling import _checkpoint
     from fit.secular_parallax import observer_velocity
     from vsh import catalogue
-    from vsh.sky import pixels
 
     field = sim.observe(sim.galaxies(ROWS, 1), sim.spin((1, 2, 3)), rng=2, sigma=50.0)
     files = {}
@@ -67,7 +66,7 @@ def make_files(folder):
     import healpy
 
     healpy.write_map(str(folder / "map.fits"), np.arange(12.0 * 16), dtype=float, overwrite=True)
-    files["read_map"] = folder / "map.fits", pixels.read_map
+    files["read_map"] = folder / "map.fits", maps.read_map
     text = "[study]\nname = 'x'\nn_realisations = 3\n[mission]\nyears = 5.0\n[truth]\nvelocity = [300, 10, 20]\n[[case]]\nname = 'A'\nquasars = { number = 100 }\n"
     (folder / "study.toml").write_text(text)
     files["study.load"] = folder / "study.toml", study.load

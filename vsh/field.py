@@ -286,3 +286,14 @@ class Field(Tabled):
         for f in fields(self):
             new._set(f.name, changes.get(f.name, getattr(self, f.name)))
         return new
+
+
+def field_or_fields(name: str, value: Any) -> Any:
+    """A Field, or a list, tuple or stream of Fields."""
+    if isinstance(value, Field):
+        return value
+    if isinstance(value, (list, tuple)) and value and all(isinstance(each, Field) for each in value):
+        return value
+    if hasattr(value, "__next__"):
+        return value
+    raise ParameterError(f"{name} must be a Field, or a list or stream of Fields, not {type(value).__name__}")

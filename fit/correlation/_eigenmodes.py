@@ -11,10 +11,9 @@ from scipy.linalg import eigh
 from fit.normal import normal_equations
 from fit.storage import Result
 from vsh import Coefficients, tables
-from vsh.modes import Modes
 from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.field import Field
-from vsh.modes import as_modes
+from vsh.modes import Modes, as_modes
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,12 @@ from fit.storage import Result
 from fit.sums import fourier_sums, rings_of
 from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
-from vsh.checks.nouns import modes_for
 from vsh.checks.types import ComplexArray, FloatArray
 from vsh.errors import FrameError, ModesError, NothingLeftError
 from vsh.field import Field
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.parts import Parts
-from vsh.scalars import ScalarField
+from vsh.scalars import ScalarField, modes_for
 from vsh.sky.frames import check_frame
 
 

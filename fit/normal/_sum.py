@@ -14,7 +14,6 @@ from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
 from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
 from vsh.checks.arguments import choice
-from vsh.checks.nouns import modes_for
 from vsh.checks.types import FloatArray
 from vsh.checks.weighed import Weighed
 from vsh.covariance import Covariance
@@ -22,7 +21,7 @@ from vsh.errors import FieldError, ModesError
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts
-from vsh.scalars import ScalarField
+from vsh.scalars import ScalarField, modes_for
 from vsh.system.logs import told
 
 #: A normal matrix beyond this is refused. [bytes]

@@ -17,12 +17,12 @@ from fit.secular_parallax import flow_theory
 from fit.solution import Solution
 from fit.solving import solve
 from vsh import Coefficients
-from vsh.field import Field
 from vsh.checks import arguments, arrays
 from vsh.checks.notes import merge_notes, spoken
 from vsh.checks.types import ArrayLike, FloatArray
 from vsh.cosmology import usable, with_redshift
 from vsh.errors import DegeneracyError, NothingLeftError, ParameterError
+from vsh.field import Field
 from vsh.flows import LinearTheory
 from vsh.modes import Modes, as_modes
 from vsh.parts import Parts, added, as_parts, fields_or_parts, weighted_quantiles

@@ -20,14 +20,13 @@ from fit.resample._resampled import Resampled
 from fit.solving import solve
 from vsh.checks import arguments
 from vsh.checks.arguments import generator
-from vsh.checks.nouns import modes_for
 from vsh.checks.types import FloatArray, Rng
 from vsh.covariance import Covariance
 from vsh.errors import DegeneracyError
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts
-from vsh.scalars import ScalarField
+from vsh.scalars import ScalarField, modes_for
 from vsh.sky.pixels import pixels_of
 from vsh.system.logs import told
 from vsh.system.progress import progress_bar

@@ -21,7 +21,6 @@ from fit.sums import leverage
 from vsh.basis import harmonics
 from vsh.checks import arguments
 from vsh.checks.arguments import choice, generator
-from vsh.checks.nouns import modes_for
 from vsh.checks.types import FloatArray, Rng
 from vsh.checks.weighed import Weighed, weighed
 from vsh.covariance import Covariance
@@ -29,7 +28,7 @@ from vsh.errors import ParameterError
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
-from vsh.scalars import ScalarField
+from vsh.scalars import ScalarField, modes_for
 from vsh.system.logs import told
 from vsh.system.parallel import map_blocks
 from vsh.system.progress import progress_bar

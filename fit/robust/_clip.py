@@ -14,7 +14,6 @@ from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from vsh.checks import arguments
 from vsh.checks.arguments import positive
-from vsh.checks.nouns import modes_for
 from vsh.checks.types import BoolArray, FloatArray
 from vsh.checks.weighed import Weighed
 from vsh.covariance import Covariance, as_covariance
@@ -22,7 +21,7 @@ from vsh.errors import ConvergenceError
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts, median
-from vsh.scalars import ScalarField
+from vsh.scalars import ScalarField, modes_for
 from vsh.system.logs import told
 
 

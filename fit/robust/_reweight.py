@@ -17,14 +17,13 @@ from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import sandwich
 from vsh.checks import arguments
-from vsh.checks.nouns import modes_for
 from vsh.checks.types import FloatArray, IntArray
 from vsh.checks.weighed import Weighed
 from vsh.errors import ConvergenceError, ParameterError
 from vsh.field import Field
 from vsh.modes import Modes
 from vsh.parts import Parts, as_parts
-from vsh.scalars import ScalarField
+from vsh.scalars import ScalarField, modes_for
 from vsh.system.logs import told
 
 #: Rounds after which leverages are held fixed.

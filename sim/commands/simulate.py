@@ -118,7 +118,8 @@ def _truth(vectors, options):
 def _population(options, rng, chosen):
     sky, frame = options.sky or "uniform", "icrs"
     if options.selection:
-        from vsh.sky.pixels import missing_pixels, read_map
+        from vsh.io.maps import read_map
+        from vsh.sky.pixels import missing_pixels
 
         sky, named = read_map(options.selection)
         empty = missing_pixels(sky)

@@ -10,7 +10,7 @@ from fit.commands.redshift import main as redshift
 from fit.redshift import binned, permutation_test
 from vsh import Coefficients, Modes
 from vsh.catalogue import match, read_field, read_icrf
-from vsh.sky.pixels import read_map
+from vsh.io.maps import read_map
 
 ACCELERATION = np.array([0.1, -1.4, -0.8])
 

@@ -9,7 +9,8 @@ from sim.population import from_table
 from sim.skies import draw_positions, sky_map
 from vsh.cosmology import transverse_distance
 from vsh.errors import FieldError, TableError
-from vsh.sky.pixels import centres, pixels_of, read_map
+from vsh.io.maps import read_map
+from vsh.sky.pixels import centres, pixels_of
 from vsh.sky.sphere import triad
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from vsh import tables
 from vsh.checks.types import PathName, Table
 from vsh.checks.weighed import Weighed
+from vsh.system.writing import table_of, write_table
 
 
 class Tabled(Weighed):
@@ -22,8 +22,8 @@ class Tabled(Weighed):
     def to_table(self) -> Table:
         """The sources as an astropy Table in the names and units of Gaia's archive."""
         columns, units, facts = self._table()
-        return tables.table_of(columns, facts, units)
+        return table_of(columns, facts, units)
 
     def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
         """Write the sources as a table, which `vsh.catalogue` reads."""
-        tables.write_table(self.to_table(), path, meta)
+        write_table(self.to_table(), path, meta)

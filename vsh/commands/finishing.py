@@ -18,9 +18,9 @@ import numpy as np
 import vsh
 from vsh.checks.notes import printable
 from vsh.commands import running
+from vsh.commands.configuration import NOT_KEPT, NUMBER
 from vsh.commands.figures import Figures, of_page, write_page
 from vsh.commands.outputs import results_folder
-from vsh.commands.configuration import NOT_KEPT, NUMBER
 
 if TYPE_CHECKING:
     from vsh.checks.types import Table

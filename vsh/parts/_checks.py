@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from vsh.checks.nouns import fields
+from vsh.field import field_or_fields
 from vsh.parts._parts import Parts
 
 
 def fields_or_parts(name: str, value: Any) -> Any:
     """A Field, Parts, or a list, tuple or stream of Fields."""
-    return value if isinstance(value, Parts) else fields(name, value)
+    return value if isinstance(value, Parts) else field_or_fields(name, value)

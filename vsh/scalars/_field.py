@@ -224,3 +224,14 @@ def _invalid(lon, lat, values, sigma, further=None, turns=2):
 def _with_unit(column):
     """A column of a table as a Quantity, where it has a unit."""
     return column.quantity if getattr(column, "unit", None) is not None and hasattr(column, "quantity") else column
+
+
+def modes_for(field: Any, value: Any) -> Modes:
+    """The modes in which a field is expanded: `ScalarModes` of a ScalarField, `Modes` of anything else.
+
+    Examples
+    --------
+    >>> modes_for(None, 2)
+    Modes(lmax=2)
+    """
+    return as_modes(value, ScalarModes if isinstance(field, ScalarField) else Modes)

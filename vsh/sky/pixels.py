@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
-
 import healpy
 import numpy as np
 
 from vsh.checks import arguments, arrays
 from vsh.checks.arguments import generator
-from vsh.checks.notes import printable
-from vsh.checks.types import ArrayLike, FloatArray, IntArray, PathName, Rng
-from vsh.errors import FieldError, TableError, first_line
+from vsh.checks.types import ArrayLike, FloatArray, IntArray, Rng
+from vsh.errors import FieldError
 
 __all__ = [
     "centres",
@@ -19,7 +16,6 @@ __all__ = [
     "missing_pixels",
     "pixels_of",
     "random_positions",
-    "read_map",
     "smoothed",
 ]
 
@@ -130,41 +126,6 @@ def missing_pixels(values: ArrayLike) -> int:
 
 def _valueless(values):
     return np.isnan(values) | (values < -1e30)
-
-
-def read_map(path: PathName) -> tuple[FloatArray, str | None]:
-    """A HEALPix map from a FITS file, in ring order, and the frame its header names (or None).
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    tuple[array, str | None]
-
-    Raises
-    ------
-    TableError
-        If the file cannot be read, is damaged, or holds no map.
-    """
-    from vsh.tables import fits_checked  # astropy
-
-    label = printable(path)
-    with fits_checked(path, label) as plain:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                values, header = healpy.read_map(plain, h=True)
-        except Exception as error:  # whatever a damaged file makes of healpy
-            raise TableError(f"{label} cannot be read as a HEALPix map: {first_line(error)}") from error
-    values = np.asarray(values)
-    if values.ndim != 1 or values.dtype.kind not in "fiu":
-        raise TableError(f"{label} cannot be read as a HEALPix map: it holds {values.ndim} maps of {values.dtype}")
-    frames = {"C": "icrs", "G": "galactic", "E": "ecliptic", "ICRS": "icrs", "GALACTIC": "galactic"}
-    named = str(dict(header).get("COORDSYS", "")).strip().upper()
-    return values, frames.get(named)
 
 
 def smoothed(values: ArrayLike, width: float) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import zlib
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 from vsh.checks.notes import printable
 from vsh.checks.types import PathName
 from vsh.errors import TableError
+from vsh.system.writing import FORMATS, format_of
 from vsh.tables._arrow import open_parquet, open_stream
 from vsh.tables._fits import open_fits
 from vsh.tables._memory import is_frame, open_astropy, open_frame, open_other
@@ -21,18 +21,6 @@ from vsh.tables._text import open_text
 from vsh.tables._votable import open_votable
 from vsh.tables._whole import open_whole
 
-#: File name endings and astropy's formats; a further .gz is understood by all but Parquet.
-FORMATS = {
-    ".fits": "fits",
-    ".fit": "fits",
-    ".vot": "votable",
-    ".votable": "votable",
-    ".xml": "votable",
-    ".ecsv": "ascii.ecsv",
-    ".csv": "ascii.csv",
-    ".parquet": "parquet",
-    ".pq": "parquet",
-}
 #: The name of the file in which a command keeps what came in on standard input; where it lies is nobody's business.
 STANDARD_INPUT = "standard input"
 #: Those that are read and not written.
@@ -87,20 +75,6 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     if hasattr(kind, "__dask_graph__") or hasattr(kind, "to_delayed"):
         raise TableError("a table of Dask is in parts: give it to vsh.catalogue.parts(…), or .compute() it")
     return open_other(source)
-
-
-def format_of(path: PathName, further: Mapping[str, str] | None = None) -> str:
-    """astropy's name of the format that the ending of a name tells; TableError where it tells none."""
-    known = FORMATS | dict(further or {})
-    path = Path(path)
-    suffixes = [suffix.lower() for suffix in path.suffixes]
-    if suffixes and suffixes[-1] == ".gz":
-        suffixes.pop()
-    if not suffixes or suffixes[-1] not in known:
-        raise TableError(
-            f"{printable(path)}: what format is this? Known endings: {', '.join(known)}, each also with .gz"
-        )
-    return known[suffixes[-1]]
 
 
 def _open_path(path, format):
