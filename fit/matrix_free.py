@@ -24,6 +24,7 @@ from vsh.checks import arguments
 from vsh.checks.notes import merge_notes
 from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.errors import CovarianceError, FieldError, ParameterError
+from vsh.field import field_or_fields
 from vsh.modes import as_modes
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.

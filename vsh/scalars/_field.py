@@ -12,6 +12,7 @@ from vsh.checks.arrays import float_array
 from vsh.checks.tabled import Tabled
 from vsh.checks.types import ArrayLike, FloatArray, OnBad
 from vsh.checks.validation import as_floats, check_shapes, invalid_rows, select_usable
+from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.frames import FRAME_KEY, check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.units import DEGREE
