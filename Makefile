@@ -31,7 +31,7 @@ test-slow: $(VENV)/installed-test  ## the tests that take long
 test-oracles: .venv-oracles/bin/python  ## the tests with LSDB and ESA's gaiasupdate, which pin so much that they have a place of their own
 	.venv-oracles/bin/python $(PIP) --editable '.[test]' lsdb
 	.venv-oracles/bin/python $(PIP) --no-deps gaiasupdate
-	.venv-oracles/bin/pytest -n auto tests/vsh/parts tests/vsh/epochs
+	.venv-oracles/bin/pytest -n auto tests/vsh/io/parts tests/vsh/io/epochs
 
 test-oldest: .venv-oldest/installed-test  ## the tests with the lowest versions that setup.cfg allows (Python 3.11)
 	.venv-oldest/bin/pytest -m "not slow" -n auto

@@ -48,7 +48,7 @@ def run(command, arguments=None):
         os._exit(1)
 
     signal.signal(signal.SIGINT, interrupted)
-    from vsh.system.printing import printing
+    from vsh.tools.printing import printing
 
     with printing():
         from vsh.commands.parsing import parse

@@ -135,7 +135,7 @@ def correlation(n=5000, draws=200):
     for seed in range(draws):
         solution = made.solve(*agis.observations(made.scans, [9, seed]), stop=0.02)
         found.append(solution.sources[:, 2])
-    from vsh.plot import save_figures
+    from vsh.figures.plot import save_figures
 
     fine = np.radians(np.r_[0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.5, 2.0, 3.0]) * root
     values = agis.correlation_by_angle(found, made.scans.lon, made.scans.lat, fine)
@@ -183,7 +183,7 @@ def full(sky, n=agis.FULL):
         here = made.solved & (quasars.magnitude >= low) & (quasars.magnitude < high)
         pulls = solution.sources[here] / np.sqrt(np.einsum("nii->ni", solution.formal[here]))
         print(f"G {low:g} to {high:g}: true/formal {np.sqrt(np.mean(pulls**2, axis=0)).round(3)}")
-    from vsh.plot import save_figures
+    from vsh.figures.plot import save_figures
 
     save_figures(
         {
@@ -236,8 +236,8 @@ def paper(n=20_000, draws=100):
 
 def level(n=5000, degree=6):
     """A second level of harmonics in positions, parallaxes and motions: iterations and CPU seconds, for one solution and for thirty."""
-    from sim.agis._iteration import Iteration
     from sim.agis._motion_fit import MotionFit
+    from sim.agis._solve import Iteration
     from vsh.basis import harmonics, scalar_harmonics
 
     made, quasars = system(n, "igql")

@@ -18,7 +18,7 @@ import fit
 import sim
 from fit.background import floor
 from vsh import Modes
-from vsh.covariance import Spectrum
+from vsh.models.covariance import Spectrum
 
 LMAX, PER_MODE = 24, (20.0, 5.0)
 

@@ -20,7 +20,7 @@ import sim
 from fit.commands.fit import main
 from fit.resample import bootstrap
 from vsh import Field
-from vsh.catalogue import read_field
+from vsh.io.catalogue import read_field
 
 NAMES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "pmra_pmdec_corr"]
 

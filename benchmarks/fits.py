@@ -64,7 +64,7 @@ def raw_transforms(field, lmax):
     """Spin 0 and spin 2 adjoints to 2L and a spin 1 adjoint to L, by ducc0."""
     import ducc0
 
-    from vsh.system.parallel import cores
+    from vsh.tools.parallel import cores
 
     a, b, c = field.weights
     loc = np.stack([np.pi / 2 - field.lat, field.lon], axis=1)

@@ -13,7 +13,7 @@ import numpy as np
 
 import sim
 from fit.secular_parallax import observer_velocity
-from vsh.cosmology import BACHCHAN_2016, to_cmb
+from vsh.models.cosmology import BACHCHAN_2016, to_cmb
 
 OURS = BACHCHAN_2016.to_frame("icrs").value
 ACCELERATION = np.array([-0.236, -3.756, -2.080])
@@ -29,10 +29,7 @@ def universe(rng, population, clustered):
 
 def main(places: int = 10, skies: int = 20, n_modes: int = 250, clustered: int = 0) -> None:
     """Print χ², coverage and errors of both estimators."""
-    ways = {
-        "independent": {"peculiar_dispersion": 306.0},
-        "flows": {"flows": "linear", "n_modes": n_modes},
-    }
+    ways = {"independent": {"peculiar_dispersion": 306.0}, "flows": {"flows": "linear", "n_modes": n_modes}}
     found: dict[str, list] = {name: [] for name in ways}
     galaxies = []
     for place in range(places):

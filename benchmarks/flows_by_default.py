@@ -17,7 +17,7 @@ import sim
 from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from sim.expected import errors_by_place
-from vsh.cosmology import PLANCK_2018
+from vsh.models.cosmology import PLANCK_2018
 
 H0, GLIDE = 67.3, np.array([-0.235965, -3.755779, -2.080491])
 

@@ -13,7 +13,7 @@ import fit
 import sim
 from fit import pairs
 from vsh import Field
-from vsh.units import hubble_rate
+from vsh.tools.units import hubble_rate
 
 EDGES = np.radians(np.arange(0, 181, 12.0))
 

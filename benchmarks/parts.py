@@ -15,9 +15,9 @@ import pyarrow.dataset
 
 from fit import Moments
 from vsh import Field
-from vsh.catalogue import parts
-from vsh.system.parallel import limited
-from vsh.tables import files_of
+from vsh.io.catalogue import parts
+from vsh.io.tables import files_of
+from vsh.tools.parallel import limited
 
 NAMES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "pmra_pmdec_corr"]
 

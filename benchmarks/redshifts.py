@@ -15,7 +15,7 @@ import numpy as np
 
 import sim
 from fit.secular_parallax import observer_velocity
-from vsh.cosmology import BACHCHAN_2016, to_cmb
+from vsh.models.cosmology import BACHCHAN_2016, to_cmb
 
 OURS = BACHCHAN_2016.to_frame("icrs").value
 ACCELERATION = np.array([-0.236, -3.756, -2.080])

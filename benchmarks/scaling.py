@@ -14,7 +14,8 @@ import numpy as np
 from catalogue import synthetic
 
 import fit
-from vsh import Modes, tables
+from vsh import Modes
+from vsh.io import tables
 
 
 def per_source(lmax=10, runs=5):
@@ -44,7 +45,7 @@ def write_folder(folder, files=20, rows=500_000):
 
 def stream(folder, lmax=10, workers=None):
     """Fit the folder in one pass; say how long, how much memory, and what 10⁹ sources would take of each."""
-    from vsh.catalogue import parts
+    from vsh.io.catalogue import parts
 
     start, before = time.perf_counter(), time.process_time()
     sky = parts(folder, workers=workers)

@@ -12,7 +12,7 @@ import numpy as np
 import sim
 from fit.posterior import Flat, grid, sample
 from fit.secular_parallax import hubble_constant, observer_velocity
-from vsh.cosmology import BACHCHAN_2016, PLANCK_2018
+from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2018
 
 SKIES = int(sys.argv[1]) if len(sys.argv) > 1 else 100
 ACCELERATION = np.array([-0.236, -3.756, -2.080])

@@ -12,8 +12,8 @@ ROOT = HERE.parent
 sys.path[:0] = [str(ROOT), str(HERE)]
 
 import vsh  # noqa: E402 (found by the path above)
-from vsh.system.logs import PACKAGES  # noqa: E402
-from vsh.system.progress import without_bars  # noqa: E402
+from vsh.tools.logs import PACKAGES  # noqa: E402
+from vsh.tools.parallel import without_bars  # noqa: E402
 
 project = "vsh-astrometry"
 author = "the vsh-astrometry developers"

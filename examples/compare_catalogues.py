@@ -15,11 +15,11 @@ import numpy as np
 
 import sim
 from fit.compare import compare
-from vsh.catalogue import read_icrf
 from vsh.conventions import from_icrf3
-from vsh.plot import plot_field
+from vsh.figures.plot import plot_field
+from vsh.io.catalogue import read_icrf
 from vsh.sky.positions import Positions
-from vsh.units import UAS
+from vsh.tools.units import UAS
 
 TRUTH = {"R1": 12.0, "R2": 15.0, "R3": -2.0, "D1": -20.0, "D2": -65.0, "D3": -95.0, "E20": 45.0}
 

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import fit
 import sim
 from vsh import Modes, Vector
-from vsh.plot import plot_field
+from vsh.figures.plot import plot_field
 
 # %%
 # The truth: a spin of 3 µas/yr about the pole, and the Solar System drawn to the Galactic

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from vsh import Coefficients, Modes
-from vsh.plot import KIND_COLOURS, WIDTH, arrow_grid, draw_vectors, sky_axes
+from vsh.figures.plot import KIND_COLOURS, WIDTH, arrow_grid, draw_vectors, sky_axes
 
 # %%
 # The real fields that the coefficients multiply, in ICRS: one panel for each of degree 1 and 2.

@@ -11,7 +11,7 @@ import numpy as np
 
 import sim
 from sim import agis
-from vsh.plot import COLOURS, STYLE
+from vsh.figures.plot import COLOURS, STYLE
 
 # %%
 # Three thousand quasars, with fields and knots as if they were half a million: as many sources in a field, and as many

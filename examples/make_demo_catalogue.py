@@ -11,7 +11,8 @@ import sys
 import numpy as np
 
 import sim
-from vsh import Vector, tables
+from vsh import Vector
+from vsh.io import tables
 
 SPIN = (0.6, -1.0, 0.5)  # µas/yr, ICRS
 ACCELERATION = Vector([5.05, 0, 0], np.zeros((3, 3)), "galactic").to_frame("icrs").value.round(4)

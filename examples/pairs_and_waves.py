@@ -13,8 +13,8 @@ import numpy as np
 import fit
 import sim
 from vsh import Field
-from vsh.plot import figure_of
-from vsh.units import hubble_rate
+from vsh.figures.plot import figure_of
+from vsh.tools.units import hubble_rate
 
 # %%
 # 20 000 sources whose errors are quoted 30 per cent too small, in a background of waves of Ω = 0.05, far more than there is.

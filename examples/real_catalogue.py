@@ -37,8 +37,8 @@ import matplotlib.pyplot as plt
 
 import fit
 from vsh import Modes
-from vsh.catalogue import Columns, read_field
-from vsh.plot import plot_field
+from vsh.figures.plot import plot_field
+from vsh.io.catalogue import Columns, read_field
 
 if len(sys.argv) != 2:
     sys.exit("usage: python examples/real_catalogue.py PATH")

@@ -13,7 +13,7 @@ import numpy as np
 import sim
 from fit.redshift import binned
 from vsh import Field
-from vsh.cosmology import PLANCK_2018
+from vsh.models.cosmology import PLANCK_2018
 
 # %%
 # The truth: 5 µas/yr towards the Galactic centre, a spin, and Planck's velocity; errors are those

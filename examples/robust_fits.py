@@ -24,8 +24,8 @@ import numpy as np
 
 import fit
 from vsh import Modes
-from vsh.catalogue import read_field
-from vsh.plot import STYLE
+from vsh.figures.plot import STYLE
+from vsh.io.catalogue import read_field
 
 if len(sys.argv) != 2:
     sys.exit("usage: python examples/robust_fits.py PATH")

@@ -16,7 +16,7 @@ import fit
 import sim
 from fit.background import Spectrum, floor
 from vsh import Modes
-from vsh.plot import COLOURS, STYLE
+from vsh.figures.plot import COLOURS, STYLE
 
 # %%
 # One sky: the normal equations of 20 000 quasars; with more of them only their information grows.

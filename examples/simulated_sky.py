@@ -12,7 +12,7 @@ import numpy as np
 import fit
 import sim
 from sim.plot import plot_density, plot_distance_and_parallax, plot_histograms, plot_tracks, plot_transits
-from vsh.plot import figure_of
+from vsh.figures.plot import figure_of
 
 law = sim.NominalScanningLaw(dead_time=0.06, rng=1)
 truth = sim.acceleration((-0.235965, -3.755779, -2.080491))

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 
 import sim
 from fit.secular_parallax import forecast, observer_velocity
-from vsh.cosmology import PLANCK_2018
+from vsh.models.cosmology import PLANCK_2018
 
 # %%
 # Galaxies with the errors of three releases. Motions do not matter for a forecast.

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import sim
 from fit.posterior import Flat, Normal, grid, sample
 from fit.secular_parallax import hubble_constant, observer_velocity
-from vsh.cosmology import PLANCK_2018
+from vsh.models.cosmology import PLANCK_2018
 
 # %%
 # The truth: Planck's velocity, H0 = 70, galaxies that share flows of linear theory and move by 150 km/s beside them.

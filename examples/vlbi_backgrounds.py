@@ -21,7 +21,7 @@ import matplotlib.pyplot as plt
 
 import fit
 from fit.background import Spectrum, compare, floor, wave_limit
-from vsh.catalogue import read_field
+from vsh.io.catalogue import read_field
 
 if len(sys.argv) != 2:
     sys.exit("usage: python examples/vlbi_backgrounds.py PATH")

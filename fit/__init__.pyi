@@ -18,34 +18,14 @@ from . import (
     storage,
     waves,
 )
-from .check import (
-    CrossCheck,
-    cross_check,
-)
-from .frame import (
-    FrameSolution,
-    solve_frame,
-)
-from .matrix_free import (
-    MatrixFreeSolution,
-    solve_matrix_free,
-)
-from .normal import (
-    Moments,
-    NormalEquations,
-    gaussian_prior,
-    normal_equations,
-)
+from .check import CrossCheck, cross_check
+from .frame import FrameSolution, solve_frame
+from .matrix_free import MatrixFreeSolution, solve_matrix_free
+from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
 from .output import report
-from .robust import (
-    Clipped,
-    clip,
-)
+from .robust import Clipped, clip
 from .solution import Solution
-from .solving import (
-    fit_field,
-    solve,
-)
+from .solving import fit_field, solve
 
 __all__ = [
     "Clipped",

@@ -12,14 +12,14 @@ from fit.normal import normal_equations
 from fit.solution import Solution
 from fit.solving import solve
 from fit.storage import Result
-from vsh import tables
-from vsh.checks import arguments
-from vsh.checks.types import FloatArray, Table
-from vsh.covariance import Covariance
 from vsh.field import Field
+from vsh.io import tables
+from vsh.io.parts import Parts
+from vsh.models.covariance import Covariance
 from vsh.modes import Modes
-from vsh.parts import Parts
-from vsh.system.logs import told
+from vsh.tools import arguments
+from vsh.tools.logs import told
+from vsh.tools.types import FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,22 +20,19 @@ import numpy as np
 from scipy.linalg import solve_triangular, svdvals
 from scipy.linalg.lapack import dgeqrf
 
-from fit.named import NamedSolution
-from vsh.checks.notes import merge_notes
-from vsh.checks.types import FloatArray
-from vsh.covariance import Covariance, as_covariance
-from vsh.errors import DegeneracyError, FieldError, FrameError
+from fit.solution import NamedSolution
 from vsh.field import Field
-from vsh.parts import Parts, added, as_parts
+from vsh.io.parts import Parts, added, as_parts
+from vsh.models.covariance import Covariance, as_covariance
 from vsh.sky.sphere import sin_cos, triad
-from vsh.system.logs import told
-from vsh.system.parallel import map_blocks
+from vsh.tools.errors import DegeneracyError, FieldError, FrameError
+from vsh.tools.logs import told
+from vsh.tools.notes import merge_notes
+from vsh.tools.parallel import map_blocks
+from vsh.tools.types import FloatArray
 from vsh.vector import Vector
 
-__all__ = [
-    "FrameSolution",
-    "solve_frame",
-]
+__all__ = ["FrameSolution", "solve_frame"]
 
 _AXES = "xyz"
 #: Sources in a block: what fits into a processor's own memory.

@@ -13,19 +13,66 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, eigvalsh_tridiagonal
 
-from fit._conjugate_gradients import conjugate_gradients
-from fit.harmonic import HarmonicSolution
+from fit.solution import HarmonicSolution
 from fit.storage import coefficient_columns
 from fit.sums import Rings, fourier_sums
-from vsh import Coefficients, Field, Mode, Modes, tables
-from vsh.checks import arguments
-from vsh.checks.notes import merge_notes
-from vsh.checks.types import ArrayLike, FloatArray, Table
-from vsh.errors import CovarianceError, FieldError, ParameterError
+from vsh import Coefficients, Field, Mode, Modes
 from vsh.field import field_or_fields
+from vsh.io import tables
 from vsh.modes import as_modes
+from vsh.tools import arguments
+from vsh.tools.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
+from vsh.tools.notes import merge_notes
+from vsh.tools.parallel import progress_bar
+from vsh.tools.types import ArrayLike, FloatArray, Table
+
+
+def conjugate_gradients(
+    system: Any, rhs: FloatArray, tolerance: float, max_iterations: int, words: str | None
+) -> tuple[FloatArray, int, float, float]:
+    """Solve system c = rhs."""
+    x, r = np.zeros_like(rhs), rhs.copy()
+    z = system.precondition(r)
+    p, rz = z.copy(), r @ z
+    start, alphas, betas = rz, [], []
+    bar = progress_bar(None, max_iterations, words, bool(words), " steps")
+    with bar:
+        for iteration in range(1, max_iterations + 1):
+            if rz <= tolerance**2 * start:
+                return x, iteration - 1, float(np.sqrt(rz / start)) if start else 0.0, _condition(alphas, betas)
+            q = system.apply(p)
+            alpha = rz / (p @ q)
+            x += alpha * p
+            r -= alpha * q
+            z = system.precondition(r)
+            rz, old = r @ z, rz
+            alphas.append(alpha)
+            betas.append(rz / old)
+            p = z + betas[-1] * p
+            bar.update()
+            bar.set_postfix_str(f"residual {np.sqrt(rz / start):.1e} → {tolerance:.0e}", refresh=False)
+    moving = np.bincount(system.modes.degrees, weights=p**2 * system.diagonal)
+    worst = ", ".join(str(l) for l in sorted(np.argsort(-moving)[:5]))
+    raise ConvergenceError(
+        f"no convergence to {tolerance:.0e} in {max_iterations} iterations (residual {np.sqrt(rz / start):.1e}, condition "
+        f"at least {_condition(alphas, betas):.1e}). Not determined: combinations of degrees {worst}, among others; "
+        f"{100 * system.empty_sky():.0f} % of the sky is empty at this resolution. Give a prior_power, lower lmax "
+        f"from {system.modes.lmax}, or allow more iterations"
+    )
+
+
+def _condition(alphas, betas):
+    """From the coefficients of the iteration, by the Lanczos matrix they make up."""
+    if not alphas:
+        return 1.0
+    alphas, betas = np.array(alphas), np.array(betas)
+    diagonal = 1 / alphas
+    diagonal[1:] += betas[:-1] / alphas[:-1]
+    values = eigvalsh_tridiagonal(diagonal, np.sqrt(betas[:-1]) / alphas[:-1])
+    return float(values[-1] / max(values[0], 1e-300))
+
 
 #: Degrees whose block of N is inverted exactly to precondition the rest.
 LOW = 12

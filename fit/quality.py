@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtr, chdtrc, chndtr, fdtrc, gammaln, ndtri_exp
 
-from vsh.checks.types import FloatArray
+from vsh.tools.types import FloatArray
 
-__all__ = [
-    "Quality",
-]
+__all__ = ["Quality"]
 
 #: From so many standard deviations on, a χ² contradicts the errors.
 SIGNIFICANT = 3.0

@@ -2,20 +2,304 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from abc import abstractmethod
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtrc, fdtrc
 
-from fit.harmonic import HarmonicSolution
+from fit.quality import Quality
 from fit.storage import Result, coefficient_columns, count, decoded, encoded, exact, number, words
-from vsh import tables
-from vsh.checks.arrays import covariance, float_array
-from vsh.checks.types import FloatArray, Kind, Table
-from vsh.coefficients import Coefficients
+from vsh.coefficients import FIRST_DEGREE, Coefficients, vector_of
+from vsh.field import Field
+from vsh.io import tables
+from vsh.modes import Modes
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
-from vsh.vector import Vector
+from vsh.tools.arrays import covariance, float_array
+from vsh.tools.errors import TableError
+from vsh.tools.types import FloatArray, Kind, Table
+from vsh.vector import Vector, correlation_of
+
+
+class LinearSolution(Result):
+    """A least-squares solution: parameters with a covariance, and how well they fit.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the parameters.
+    values : (p,) array
+        The parameters.
+    covariance : (p, p) array
+        Of the parameters, in the order of `names`.
+    chi2 : float
+        Of the residuals.
+    n_data : int
+        Data points: two a source.
+    frame : str
+        Of the axes.
+    notes : tuple of str
+        What the reader should know of the data.
+    """
+
+    names: Any
+    values: Any
+    covariance: Any
+    chi2: float
+    n_data: int
+    frame: str
+    notes: tuple[str, ...]
+
+    @abstractmethod
+    def model(self, field: Field) -> FloatArray:
+        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
+
+        Parameters
+        ----------
+        field : Field
+            In the frame of the solution.
+        """
+
+    @property
+    def n_sources(self) -> int:
+        """How many sources were fitted."""
+        return self.n_data // 2
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard error of each parameter, (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix of the parameters, (p, p)."""
+        return correlation_of(self.covariance)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: data points less parameters."""
+        return self.n_data - len(self.names)
+
+    @property
+    def quality(self) -> Quality:
+        """What χ² says of the errors, a `fit.quality.Quality`."""
+        return Quality(self.chi2, self.dof)
+
+    @property
+    def reduced_chi2(self) -> float:
+        """χ² per degree of freedom; nan where there is none."""
+        return self.quality.reduced
+
+    def residuals(self, field: Field) -> Field:
+        """The field less the model: a Field, whose `chi2` is that of each source.
+
+        Its `.whitened` are the residuals decorrelated and in units of their errors.
+
+        Parameters
+        ----------
+        field : Field
+            In the frame of the solution.
+
+        Raises
+        ------
+        FrameError
+            If the field is in another frame.
+        """
+        field.check_frame(self.frame)
+        return field.minus(self.model(field))
+
+
+class HarmonicSolution(LinearSolution):
+    """What a solution for coefficients says, with or without their full covariance.
+
+    Attributes
+    ----------
+    coefficients : Coefficients
+        The best fit. [µas/yr]
+    """
+
+    coefficients: Coefficients
+    #: Where the covariance is from; of a solution that has one.
+    errors_from: str
+    #: Of a covariance that was not estimated from replicates.
+    covariance_dof: float = float("inf")
+    #: Of the coefficients.
+    unit: str = "µas/yr"
+
+    @property
+    def modes(self) -> Modes:
+        """The Modes that were fitted."""
+        return self.coefficients.modes
+
+    @property
+    def n_sources(self) -> int:
+        """How many sources were fitted."""
+        return self.n_data // self.modes.components
+
+    @property
+    def scaled(self) -> HarmonicSolution:
+        """The same solution; one with a covariance may scale its errors."""
+        return self
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coefficients, (p,)."""
+        return tuple(map(str, self.modes))
+
+    @property
+    def values(self) -> FloatArray:
+        """The coefficients as an array, (p,). [µas/yr]"""
+        return self.coefficients.values
+
+    def model(self, field: Any) -> FloatArray:
+        """What the solution predicts at the sources of a field, (2, n), or (n,) of a scalar field. [µas/yr]
+
+        Parameters
+        ----------
+        field : Field or ScalarField
+            The sources.
+        """
+        return at_sources(self.coefficients, field)
+
+    @property
+    def spin(self) -> Vector:
+        """The spin ω of the frame, a Vector. [µas/yr]"""
+        return self._first_degree("T", FIRST_DEGREE, self.unit)
+
+    @property
+    def acceleration(self) -> Vector:
+        """The acceleration ã of the Solar System, in apparent motion, a Vector. [µas/yr]"""
+        return self._first_degree("S", FIRST_DEGREE, self.unit)
+
+    def power(self, kind: Kind, l: int, *, debiased: bool = True) -> float:
+        """Power of one kind and degree, ∫ |V_l|² dΩ. [(µas/yr)²]
+
+        Noise adds Σ σ² (with the weights of the power) on average; it is taken away
+        unless `debiased` is false, so that a small power may come out negative.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+        debiased : bool
+            Take away what noise gives on average.
+        """
+        values, _ = self.of_degree(kind, l)
+        power = float(self._power_weights(l) @ values**2)
+        return power - self.noise_power(kind, l) if debiased else power
+
+    def of_degree(self, kind: Kind, l: int) -> tuple[FloatArray, FloatArray]:
+        """Coefficients of one kind and degree, (2l + 1,), with their covariance: what its power and p-value are of.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+
+        Returns
+        -------
+        tuple[array, array]
+            [µas/yr], [(µas/yr)²]
+        """
+        degree = self.modes.slice_of(kind, l)
+        return self.coefficients.values[degree], self.covariance[degree, degree]
+
+    def noise_power(self, kind: Kind, l: int) -> float:
+        """The power that noise alone gives on average. [(µas/yr)²]
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+        """
+        return float(np.trace(self._weighted_covariance(kind, l)))
+
+    def power_error(self, kind: Kind, l: int) -> float:
+        """Standard error of the power. [(µas/yr)²]
+
+        For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
+        2 of the power; µᵀ W C W µ is estimated without bias, and taken for zero where the degree is not
+        significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+        """
+        values, covariance = self.of_degree(kind, l)
+        wc = self._weighted_covariance(kind, l)
+        wcwc = np.trace(wc @ wc)
+        wc_c = self._power_weights(l) * values
+        signal = max(0.0, wc_c @ covariance @ wc_c - wcwc)
+        if not self.p_value(kind, l) <= 0.05:
+            signal = 0.0
+        return float(np.sqrt(4 * signal + 2 * wcwc))
+
+    def p_value(self, kind: Kind, l: int) -> float:
+        """Probability that noise alone gives this degree as much signal or more.
+
+        W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
+        when the true ones are zero, whatever the sky coverage. Where C was estimated from replicates, it is
+        Hotelling's T²; nan where they are too few to determine it.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+        """
+        chi2, n, dof = self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof
+        if np.isinf(dof):
+            return float(chdtrc(n, chi2))
+        free = dof - n + 1
+        return float(fdtrc(n, free, chi2 * free / (n * dof))) if free > 0 else float("nan")
+
+    def chi2_of_degree(self, kind: Kind, l: int) -> float:
+        """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree; nan where too few replicates determine C.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Toroidal or spheroidal.
+        l : int
+            The degree.
+        """
+        if self.covariance_dof < 2 * l + 1:
+            return float("nan")
+        values, covariance = self.of_degree(kind, l)
+        return float(values @ np.linalg.solve(covariance, values))
+
+    def _first_degree(self, kind, rows, unit):
+        degree = self.modes.slice_of(kind, 1)
+        return vector_of(rows, self.coefficients.values[degree], self.covariance[degree, degree], self.frame, unit)
+
+    def _weighted_covariance(self, kind, l):
+        return self._power_weights(l)[:, None] * self.of_degree(kind, l)[1]
+
+    @staticmethod
+    def _power_weights(l):
+        return np.array([1.0] + 2 * l * [2.0])
+
+
+def at_sources(coefficients: Coefficients, field: Field) -> FloatArray:
+    """The motions of coefficients at the sources of a field, (2, n); by the transform for many of them."""
+    if len(field) < 10_000:
+        return coefficients.at(field.lon, field.lat)
+    from vsh.transform import synthesis
+
+    return synthesis(coefficients, field.lon, field.lat)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -242,3 +526,91 @@ class AboutSolution(Result):
     def plot(self, *, ax: Any = None) -> Any:
         """Power by degree on matplotlib axes."""
         return self.solution.plot(ax=ax)
+
+
+@dataclass(frozen=True, eq=False)
+class NamedSolution(LinearSolution):
+    """A least-squares solution for named parameters.
+
+    Attributes
+    ----------
+    names : tuple of str
+    values : (p,) array
+        In the order of `names`.
+    covariance : (p, p) array
+    chi2 : float
+    n_data : int
+        Two a source.
+    frame : str
+        Of the axes.
+    notes : tuple of str
+        What the reader should know of the data.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    chi2: float
+    n_data: int
+    frame: str
+    notes: tuple = ()
+
+    def __post_init__(self) -> None:
+        """Check what a file or a caller may have mixed up."""
+        size = len(self.names)
+        object.__setattr__(self, "values", float_array("the values", self.values, (size,), finite=False))
+        object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, size))
+        super().__post_init__()
+
+    def _pack(self):
+        columns = {
+            "parameter": list(self.names),
+            "value": self.values,
+            "sigma": self.sigma,
+            "covariance": self.covariance,
+        }
+        rest = {each.name: encoded(getattr(self, each.name)) for each in fields(self)
+                if each.name not in ("names", "values", "covariance")}  # fmt: skip
+        return columns, {"fields": rest}, {}
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        options = {name: decoded(value) for name, value in rest["fields"].items()}
+        options["n_data"], options["frame"] = count(options["n_data"]), check_frame(options["frame"])
+        names = tuple(columns["parameter"].tolist())
+        if len(set(names)) < len(names):
+            raise TableError("names of parameters repeat")
+        return cls(names=names, values=columns["value"], covariance=columns["covariance"], **options)
+
+    @property
+    def spin(self) -> Vector | None:
+        """ω, a Vector in µas/yr, or None where it is not among the parameters."""
+        return self._vector("omega") if "omega_x" in self.names else None
+
+    @property
+    def acceleration(self) -> Vector:
+        """ã, a Vector in µas/yr."""
+        return self._vector("a")
+
+    def to_table(self) -> Table:
+        """Parameters with their errors and correlations as an astropy Table, a row each."""
+        columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
+        columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
+        return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """The correlation matrix of the parameters on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
+        """
+        from fit.output import plot_correlation
+
+        return plot_correlation(self, ax=ax)
+
+    def _vector(self, name, unit="µas/yr"):
+        start = self.names.index(f"{name}_x")
+        part = slice(start, start + 3)
+        return Vector(self.values[part], self.covariance[part, part], self.frame, unit)

@@ -13,15 +13,15 @@ from scipy.linalg.lapack import dpocon
 from fit.normal import NormalEquations, normal_equations
 from fit.solution import ScalarSolution, Solution
 from vsh import Coefficients, Field
-from vsh.checks import arguments
-from vsh.checks.notes import spoken
-from vsh.checks.types import FloatArray
-from vsh.checks.weighed import Weighed
-from vsh.covariance import Covariance
-from vsh.errors import DegeneracyError, ParameterError
+from vsh.field import Weighed
+from vsh.models.covariance import Covariance
 from vsh.modes import Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
-from vsh.system.logs import told
+from vsh.tools import arguments
+from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.logs import told
+from vsh.tools.notes import spoken
+from vsh.tools.types import FloatArray
 
 _LOST = "warning: values are a million times their errors, so χ² is lost to rounding: take a model away first"
 #: Beyond this condition number of the scaled matrix, fewer than six digits are left.

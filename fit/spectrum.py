@@ -7,13 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from fit.harmonic import HarmonicSolution
 from fit.quality import norm_limit, normal_deviate
+from fit.solution import HarmonicSolution
 
-__all__ = [
-    "Degree",
-    "spectrum",
-]
+__all__ = ["Degree", "spectrum"]
 
 
 class Degree(NamedTuple):

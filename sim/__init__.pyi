@@ -1,28 +1,11 @@
 """What `sim` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
 
-from . import (
-    agis,
-    astrometry,
-    effects,
-    gaia,
-    plot,
-    population,
-    scanning,
-    signal,
-    skies,
-    variability,
-)
+from . import agis, astrometry, effects, gaia, plot, population, scanning, signal, skies, variability
 from .expected import expected_covariances
-from .gaia import (
-    crf3,
-    epochs,
-)
+from .gaia import crf3, epochs
 from .mission import Mission
 from .noise import gaia_errors
-from .observing import (
-    observe,
-    observe_offsets,
-)
+from .observing import observe, observe_offsets
 from .population import (
     Population,
     clustered_galaxies,

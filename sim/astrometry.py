@@ -18,16 +18,13 @@ from sim.noise import parallax_error
 from sim.population import uniform_sky
 from sim.scanning import NominalScanningLaw, Transits
 from sim.variability import Variability, markov_chain
-from vsh.checks.arguments import generator
-from vsh.checks.frozen import Frozen
-from vsh.checks.types import ArrayLike, BoolArray, FloatArray, Release, Rng
-from vsh.epochs import design_row
-from vsh.errors import ParameterError
+from vsh.io.epochs import design_row
+from vsh.tools.arguments import generator
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Release, Rng
 
-__all__ = [
-    "Astrometry",
-    "solve",
-]
+__all__ = ["Astrometry", "solve"]
 
 #: Knots of the attitude, whose error all sources seen in between share. [yr]
 KNOT = 30.0 / (365.25 * 86400)

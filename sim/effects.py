@@ -12,8 +12,8 @@ import numpy as np
 from astropy import constants
 from astropy import units as u
 
-from vsh.checks.types import Quantity
-from vsh.units import AU_PER_YEAR
+from vsh.tools.types import Quantity
+from vsh.tools.units import AU_PER_YEAR
 
 __all__ = [
     "ATTRACTORS",
@@ -196,7 +196,7 @@ def effects(redshift: float = 0.01) -> dict[str, Any]:
         That of the void is the paper's own, from a model that is not solved here.
     """
     from sim.signal import hubble_rate
-    from vsh.cosmology import PLANCK_2013, transverse_distance
+    from vsh.models.cosmology import PLANCK_2013, transverse_distance
 
     distance = float(transverse_distance([redshift], PLANCK_2013)[0])
     galactic = float(circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc).value)

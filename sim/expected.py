@@ -11,15 +11,12 @@ from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
 from sim.variability import Variability
-from vsh.checks import arguments
-from vsh.checks.types import ArrayLike, FloatArray, Release
-from vsh.errors import ParameterError
-from vsh.system.parallel import map_blocks
+from vsh.tools import arguments
+from vsh.tools.errors import ParameterError
+from vsh.tools.parallel import map_blocks
+from vsh.tools.types import ArrayLike, FloatArray, Release
 
-__all__ = [
-    "errors_by_place",
-    "expected_covariances",
-]
+__all__ = ["errors_by_place", "expected_covariances"]
 
 _COLUMNS = {"motion": [3, 4], "position": [0, 1]}
 

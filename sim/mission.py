@@ -10,10 +10,10 @@ import numpy as np
 from sim.astrometry import attitude_noise, errors_of_unit_transits, transit_error
 from sim.noise import RELEASES
 from sim.scanning import NominalScanningLaw
-from vsh.checks import arguments
-from vsh.checks.notebook import InNotebook
-from vsh.checks.types import ArrayLike, FloatArray, Release, Rng
-from vsh.errors import FrameError, ParameterError
+from vsh.tools import arguments
+from vsh.tools.errors import FrameError, ParameterError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import ArrayLike, FloatArray, Release, Rng
 
 
 @dataclass(frozen=True)

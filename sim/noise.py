@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.checks import arguments, arrays
-from vsh.checks.types import ArrayLike, FloatArray, Release
-from vsh.errors import ParameterError
+from vsh.tools import arguments, arrays
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import ArrayLike, FloatArray, Release
 
 #: For each release: the factor t on the parallax error, and σ_µα* and σ_µδ in parallax errors a year.
 #: "paper" is Bachchan et al.'s five-year mission: the t of DR4 (five and a half years) times 0.886, which

@@ -16,13 +16,13 @@ from sim.scanning import BLOCK, NominalScanningLaw
 from sim.signal import Signal, as_signal
 from sim.variability import Variability
 from vsh import Field
-from vsh.checks import arguments, arrays
-from vsh.checks.arguments import generator
-from vsh.checks.types import ArrayLike, Release, Rng
 from vsh.coefficients import Coefficients
-from vsh.errors import ParameterError
-from vsh.system.logs import told
-from vsh.system.parallel import map_blocks
+from vsh.tools import arguments, arrays
+from vsh.tools.arguments import generator
+from vsh.tools.errors import ParameterError
+from vsh.tools.logs import told
+from vsh.tools.parallel import map_blocks
+from vsh.tools.types import ArrayLike, Release, Rng
 
 #: Errors of redshifts by name: at z = 0, and for each unit of z.
 REDSHIFT_ERRORS = {"spectroscopic": (1e-4, 0.0), "photometric": (0.015, 0.015)}

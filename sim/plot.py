@@ -8,22 +8,16 @@ import numpy as np
 
 from sim.population import Population
 from sim.variability import Variability, markov_chain
-from vsh.checks.arguments import generator
-from vsh.checks.types import Axes, Cosmology, FloatArray, Rng
-from vsh.cosmology import PLANCK_2013, transverse_distance
-from vsh.plot import COLOURS, WIDTH, SkyAxes, draw_line, panels, plot_map, styled
+from vsh.figures.plot import COLOURS, WIDTH, SkyAxes, draw_line, panels, plot_map, styled
+from vsh.models.cosmology import PLANCK_2013, transverse_distance
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import mean_map, pixels_of
 from vsh.sky.sphere import angles, triad
-from vsh.units import AU_PER_YEAR
+from vsh.tools.arguments import generator
+from vsh.tools.types import Axes, Cosmology, FloatArray, Rng
+from vsh.tools.units import AU_PER_YEAR
 
-__all__ = [
-    "plot_density",
-    "plot_distance_and_parallax",
-    "plot_histograms",
-    "plot_tracks",
-    "plot_transits",
-]
+__all__ = ["plot_density", "plot_distance_and_parallax", "plot_histograms", "plot_tracks", "plot_transits"]
 
 
 @styled

@@ -10,16 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.checks.types import FloatArray, Rng
-from vsh.errors import ParameterError
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import centres, random_positions
 from vsh.sky.sphere import angles, triad
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import FloatArray, Rng
 
-__all__ = [
-    "draw_positions",
-    "sky_map",
-]
+__all__ = ["draw_positions", "sky_map"]
 
 NSIDE = 64
 

@@ -11,14 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from vsh.checks.arguments import generator, not_negative, positive
-from vsh.checks.notebook import InNotebook
-from vsh.checks.types import FloatArray, IntArray, Rng
-from vsh.errors import ParameterError
+from vsh.tools.arguments import generator, not_negative, positive
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import FloatArray, IntArray, Rng
 
-__all__ = [
-    "Variability",
-]
+__all__ = ["Variability"]
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,12 @@ import sys
 from importlib.resources import files
 from pathlib import Path
 
-from vsh import tables
-from vsh.checks.notes import dropped
-from vsh.commands import configuration, figures, finishing, outputs, running
+from vsh.commands import configuration, finishing, outputs, running
+from vsh.commands import finishing as figures
 from vsh.commands.options import study as words
-from vsh.system.files import atomic_write
+from vsh.io import tables
+from vsh.tools.files import atomic_write
+from vsh.tools.notes import dropped
 
 _CAPTIONS = {
     "calibration": "Mean less truth, scatter over formal errors, and how often intervals of 68 and 95 % hold the truth, each with "
@@ -26,7 +27,7 @@ def _act(options):
 def _gaia(options):
     outputs.check(options)
     from study.gaia import read_gaia, run_gaia, write_gaia
-    from vsh.catalogue import truth_of
+    from vsh.io.catalogue import truth_of
 
     sources, truth = read_gaia(options.gaia), truth_of(options.gaia)
     study = run_gaia(sources, max_lmax=options.lmax, n_replicates=options.n_bootstrap, rng=options.seed)
@@ -79,7 +80,7 @@ def _run(options):
 
 
 def _draw(rows):
-    from study.calibration import plot_calibration
+    from study.results import plot_calibration
 
     return {"calibration": plot_calibration(rows)}
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from vsh.checks.notebook import InNotebook
-from vsh.checks.notes import printable
-from vsh.checks.types import PathName
-from vsh.cosmology import VELOCITIES, velocity_from_apex
-from vsh.errors import ParameterError, VshError
+from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 from vsh.sky.frames import FRAMES
+from vsh.tools.errors import ParameterError, VshError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.notes import printable
+from vsh.tools.types import PathName
 
 
 class StudyError(VshError, ValueError):

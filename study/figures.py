@@ -11,10 +11,10 @@ from sim.astrometry import transit_error
 from sim.plot import plot_density, plot_distance_and_parallax
 from sim.variability import markov_chain
 from study.config import Study
-from vsh.commands.figures import without_windows
-from vsh.cosmology import transverse_distance
-from vsh.plot import COLOURS, WIDTH, panels, save_figures, styled
-from vsh.units import AU_PER_YEAR
+from vsh.commands.finishing import without_windows
+from vsh.figures.plot import COLOURS, WIDTH, panels, save_figures, styled
+from vsh.models.cosmology import transverse_distance
+from vsh.tools.units import AU_PER_YEAR
 
 
 def write_figures(study: Study, folder: Path) -> list[Path]:

@@ -11,8 +11,9 @@ from sim.effects import attractions, effects
 from study.config import Study
 from study.published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEEDS, published
 from study.results import read_realisations, summary
-from vsh import Field, Vector, tables
-from vsh.system.files import atomic_write
+from vsh import Field, Vector
+from vsh.io import tables
+from vsh.tools.files import atomic_write
 
 #: What was set to the paper's own numbers, and so agrees by construction: marked † in the tables.
 _SET = {

@@ -13,7 +13,7 @@ import numpy as np
 import sim
 from study.config import Study, StudyError
 from vsh import Field
-from vsh.system.files import write_arrays
+from vsh.tools.files import write_arrays
 
 
 def prepared(

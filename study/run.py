@@ -9,15 +9,13 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from study.config import Study, StudyError
-from study.joint import prepared_sources
 from study.prepare import prepared
-from study.realise import realise
+from study.realise import prepared_sources, realise
 from study.results import write_results
-from vsh.checks.notes import printable
-from vsh.checks.types import PathName
-from vsh.system.files import atomic_write, exclusive, remove_unfinished
-from vsh.system.parallel import cores, ended_if_interrupted, process_pool, uninterrupted
-from vsh.system.progress import progress_bar
+from vsh.tools.files import atomic_write, exclusive, remove_unfinished
+from vsh.tools.notes import printable
+from vsh.tools.parallel import cores, ended_if_interrupted, process_pool, progress_bar, uninterrupted
+from vsh.tools.types import PathName
 
 
 def run(

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vsh.errors import VshError
+from vsh.tools.errors import VshError
 
 #: A reader that takes longer hangs. [s]
 SECONDS = 20
@@ -33,12 +33,12 @@ def make_files(folder):
     import fit
     import sim
     import study
+    from fit import sampling as _checkpoint
     from fit import storage
     from fit.correlation import correlation_matrices, leakage, predict
     from fit.redshift import binned
-    from fit.sampling import _checkpoint
     from fit.secular_parallax import observer_velocity
-    from vsh import catalogue
+    from vsh.io import catalogue
 
     field = sim.observe(sim.galaxies(ROWS, 1), sim.spin((1, 2, 3)), rng=2, sigma=50.0)
     files = {}
@@ -122,26 +122,26 @@ def _further(folder, field):
 
 
 def _epochs(path):
-    from vsh.epochs import read_epochs
+    from vsh.io.epochs import read_epochs
 
     return read_epochs(path)
 
 
 def _matrix(path):
-    from vsh.covariance import read
+    from vsh.models.covariance import read
 
     return np.asarray(read(path).matrix)
 
 
 def _told(path, units, ending):
-    from vsh.catalogue import read_field
+    from vsh.io.catalogue import read_field
 
     form = "ascii" if ending == "dat" else None
     return read_field(path, units=dict(pair.split("=") for pair in units.split(",")), format=form)
 
 
 def _hats(path, partition=None):
-    from vsh.catalogue import parts
+    from vsh.io.catalogue import parts
 
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "dataset", "Norder=0", "Dir=0")
@@ -153,31 +153,31 @@ def _hats(path, partition=None):
 
 
 def _field(path):
-    from vsh.catalogue import read_field
+    from vsh.io.catalogue import read_field
 
     return read_field(path)
 
 
 def _stream(path):
-    from vsh.catalogue import iter_fields
+    from vsh.io.catalogue import iter_fields
 
     return list(iter_fields(path, rows=16))
 
 
 def _table(path):
-    from vsh import tables
+    from vsh.io import tables
 
     return tables.read(path)
 
 
 def _icrf(path):
-    from vsh.catalogue import read_icrf
+    from vsh.io.catalogue import read_icrf
 
     return read_icrf(path)
 
 
 def _chain(path):
-    from fit.sampling import _checkpoint
+    from fit import sampling as _checkpoint
 
     return _checkpoint.load(path, {"data": "x"})
 

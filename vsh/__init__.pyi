@@ -1,20 +1,11 @@
 """What `vsh` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
 
-from . import (
-    archive,
-    catalogue,
-    conventions,
-    cosmology,
-    covariance,
-    epochs,
-    rotate,
-    sky,
-    tables,
-    transform,
-    waves,
-)
+from . import conventions, figures, io, models, rotate, sky, transform
 from .coefficients import Coefficients
-from .errors import (
+from .field import Field
+from .modes import Mode, Modes, ScalarModes
+from .scalars import ScalarCoefficients, ScalarField
+from .tools.errors import (
     ArchiveError,
     CheckpointError,
     ConvergenceError,
@@ -30,16 +21,6 @@ from .errors import (
     VshError,
     VshWarning,
     WriteError,
-)
-from .field import Field
-from .modes import (
-    Mode,
-    Modes,
-    ScalarModes,
-)
-from .scalars import (
-    ScalarCoefficients,
-    ScalarField,
 )
 from .vector import Vector
 
@@ -69,15 +50,11 @@ __all__ = [
     "VshError",
     "VshWarning",
     "WriteError",
-    "archive",
-    "catalogue",
     "conventions",
-    "cosmology",
-    "covariance",
-    "epochs",
+    "figures",
+    "io",
+    "models",
     "rotate",
     "sky",
-    "tables",
     "transform",
-    "waves",
 ]

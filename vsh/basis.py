@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.checks import arguments, arrays
-from vsh.checks.types import FloatArray
-from vsh.errors import ParameterError
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.sphere import multiples, sin_cos
+from vsh.tools import arguments, arrays
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import FloatArray
 
 
 @arguments.accepts(lon=arrays.dimension(1), lat=arrays.dimension(1))

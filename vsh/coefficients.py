@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsh.basis import harmonics
-from vsh.checks.arrays import float_array
-from vsh.checks.frozen import Frozen
-from vsh.checks.types import ArrayLike, FloatArray, Kind
-from vsh.errors import ModesError
 from vsh.modes import Modes, as_modes
-from vsh.system.parallel import map_blocks
+from vsh.tools.arrays import float_array
+from vsh.tools.errors import ModesError
+from vsh.tools.notebook import Frozen
+from vsh.tools.parallel import map_blocks
+from vsh.tools.types import ArrayLike, FloatArray, Kind
 from vsh.vector import Vector
 
 #: Degree 1 is a rigid rotation (T) or a glide (S): rows (1,0), (1,1,re), (1,1,im) of its

@@ -10,20 +10,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from vsh.checks.types import ArrayLike, ComplexArray
 from vsh.coefficients import Coefficients
-from vsh.errors import ModesError
 from vsh.modes import Mode, Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients
+from vsh.tools.errors import ModesError
+from vsh.tools.types import ArrayLike, ComplexArray
 
-__all__ = [
-    "from_healpy",
-    "from_icrf3",
-    "scalar_from_healpy",
-    "scalar_to_healpy",
-    "to_healpy",
-    "to_icrf3",
-]
+__all__ = ["from_healpy", "from_icrf3", "scalar_from_healpy", "scalar_to_healpy", "to_healpy", "to_icrf3"]
 
 _1, _20, _21, _22 = (np.sqrt(x * np.pi / 15) for x in (20, 32, 12, 48))
 

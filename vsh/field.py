@@ -4,26 +4,281 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
-from vsh.checks.arrays import float_array, read_only
-from vsh.checks.columns import (
-    MEASURED,
-    check_measured,
-    joined,
-    skycoord_columns,
-    still_columns,
-    table_columns,
-    usable_columns,
+from vsh.sky.frames import FRAME_KEY, FRAMES, check_frame, rotation_matrix, turned
+from vsh.sky.redshift_frames import REDSHIFT_FRAME_KEY, check_redshift_frame
+from vsh.tools.arrays import float_array, read_only
+from vsh.tools.bad_rows import (
+    as_floats,
+    check_shapes,
+    checked_columns,
+    doubtful,
+    invalid_rows,
+    placeholders,
+    select_usable,
 )
-from vsh.checks.tabled import Tabled
-from vsh.checks.types import ArrayLike, BoolArray, FloatArray, OnBad
-from vsh.checks.validation import check_shapes, checked_columns, invalid_rows, select_usable
-from vsh.errors import FieldError
-from vsh.sky.frames import check_frame, rotation_matrix, turned
-from vsh.sky.redshift_frames import check_redshift_frame
+from vsh.tools.errors import FieldError, FrameError, ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.notes import merge_notes
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, OnBad, PathName, Table
+from vsh.tools.units import DEGREE, MAS
+from vsh.tools.writing import table_of, write_table
+
+#: Beyond these a number stands for a missing value, or is none.
+_PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
+              "distance": (0.0, 1e6), "distance_error": (0.0, 1e6)}  # fmt: skip
+
+
+#: What of a source may be known besides its motion.
+MEASURED = ("redshift", "magnitude", "redshift_error", "distance", "distance_error")
+
+
+_MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
+
+
+def usable_columns(
+    given: Mapping[str, Any],
+    name: ArrayLike | None,
+    on_bad: OnBad,
+    first_row: int,
+    unusable: Mapping[str, BoolArray] | None = None,
+) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+    """The arrays of a field, without rows that cannot be used, and notes."""
+    notes: tuple[str, ...] = ()
+    if on_bad not in ("raise", "drop"):
+        raise FieldError(f"on_bad is 'raise' or 'drop', not {on_bad!r}")
+    units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr") | {"magnitude": "mag"}
+    units |= dict.fromkeys(("distance", "distance_error"), "Mpc")
+    absent = [c for c in ("ra", "dec", *_MOTIONS) if given[c] is None]
+    if absent:
+        raise FieldError(f"{', '.join(absent)} must be given")
+    pairs = {c: as_floats(c, v, units.get(c, "")) for c, v in given.items() if v is not None}
+    columns, missing = ({c: pair[i] for c, pair in pairs.items()} for i in (0, 1))
+    columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))
+    n = columns["ra"].size
+    if name is not None:
+        columns["name"] = np.asarray(name)
+    check_shapes(columns, lambda column: (n,))
+
+    lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
+    motion = MAS * np.stack([columns["pmra"], columns["pmdec"]])
+    sigma = MAS * np.stack([columns["pmra_error"], columns["pmdec_error"]])
+    rho = columns["pmra_pmdec_corr"]
+    for column, (low, high) in _PLAUSIBLE.items():
+        if column in columns:
+            values = np.where(missing[column], np.nan, columns[column])
+            odd = np.isfinite(values) & ~((values > low) & (values < high))
+            if odd.any():
+                notes = (*notes, f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing")
+            columns[column] = np.where(odd | np.isinf(values), np.nan, values)
+    found = invalid_rows(
+        lon, lat, motion, sigma, rho, dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items()
+        if c not in MEASURED}, placeholders({c: columns[c] for c in _MOTIONS}), turns=1
+    )  # fmt: skip
+    keep, said = select_usable(found, n, on_bad, first_row, (lon, lat))
+    kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
+    kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
+    return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}), *said)
+
+
+def check_measured(noun: Any) -> None:
+    """Raise FieldError where redshifts or distances of a field have no errors that can be used."""
+    for column, least in (
+        ("redshift_error", "zero or more"),
+        ("distance", "above zero"),
+        ("distance_error", "above zero"),
+    ):
+        values = getattr(noun, column)
+        if values is None:
+            continue
+        with np.errstate(invalid="ignore"):
+            bad = (values < 0) | ((values == 0) & (least != "zero or more")) | np.isinf(values)
+        if bad.any():
+            raise FieldError(f"{bad.sum()} values of {column} (first: row {bad.argmax()}) are not {least}, nor missing")
+    if noun.distance is not None:
+        known = np.isfinite(noun.distance)
+        sure = np.zeros(known.shape, bool) if noun.distance_error is None else np.isfinite(noun.distance_error)
+        if (known & ~sure).any():
+            raise FieldError(
+                f"{(known & ~sure).sum()} of {known.sum()} distances have no errors (distance_error=, --columns distance_error=NAME): "
+                "how far they are to be trusted is what they are worth"
+            )
+
+
+def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
+    """The arrays of a field whose motions are zero."""
+    if not (hasattr(sources, "lon") and hasattr(sources, "lat")):
+        raise FieldError(f"sources are a Field, or positions with lon and lat, not {type(sources).__name__}")
+    sigma = getattr(sources, "sigma", None) if sigma is None else sigma
+    if sigma is None:
+        raise FieldError("sources without errors need sigma=, in µas/yr")
+    lon = np.asarray(sources.lon, float)
+    shape = (2, lon.size)
+    still = {"lon": lon, "lat": sources.lat, "motion": np.zeros(shape), "sigma": np.broadcast_to(sigma, shape)}
+    return still | {name: getattr(sources, name, None) for name in ("rho", "redshift")}
+
+
+def skycoord_columns(coord: Any) -> tuple[dict[str, Any], str]:
+    """Positions and motions of an astropy SkyCoord as `from_columns` takes them, and the frame."""
+    frame = getattr(coord, "frame", None)
+    if frame is None or not hasattr(coord, "spherical"):
+        raise FieldError(f"a SkyCoord is wanted, not {type(coord).__name__}")
+    known = {theirs: ours for ours, theirs in FRAMES.items()}
+    if frame.name not in known:
+        raise FrameError(f"coordinates in {frame.name} are no field: take {', '.join(known)}, coord.icrs say")
+    if "s" not in frame.data.differentials:
+        raise FieldError("the SkyCoord has no proper motions: give it pm_ra_cosdec and pm_dec")
+    seen, moves = coord.spherical, coord.sphericalcoslat.differentials["s"]
+    found = {"ra": seen.lon, "dec": seen.lat, "pmra": moves.d_lon_coslat, "pmdec": moves.d_lat}
+    return {name: np.ravel(values) for name, values in found.items()}, known[frame.name]
+
+
+def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
+    """A field in Gaia's names: columns, their units, and plain facts."""
+    columns = {"source_id": np.arange(1, len(field) + 1) if field.name is None else field.name}
+    columns |= {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)}
+    columns |= {"pmra": field.motion[0] / MAS, "pmdec": field.motion[1] / MAS}
+    columns |= {"pmra_error": field.sigma[0] / MAS, "pmdec_error": field.sigma[1] / MAS, "pmra_pmdec_corr": field.rho}
+    optional = {"phot_g_mean_mag" if role == "magnitude" else role: getattr(field, role) for role in MEASURED}
+    columns |= {name: values for name, values in optional.items() if values is not None}
+    facts = {} if field.frame == "icrs" else {FRAME_KEY: field.frame}
+    if field.redshift is not None and field.redshift_frame is not None:
+        facts[REDSHIFT_FRAME_KEY] = field.redshift_frame
+    units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr") | {"phot_g_mean_mag": "mag"}
+    units |= dict.fromkeys(("distance", "distance_error"), "Mpc")
+    return columns, {name: unit for name, unit in units.items() if name in columns}, facts
+
+
+def joined(one: Any, other: Any) -> dict[str, Any]:
+    """The attributes of a field with the sources of two, one after the other; what one does not know of its sources is missing."""
+    if other.frame != one.frame:
+        raise FrameError(f"the fields are in {one.frame} and {other.frame}: take both to one frame")
+    frames = {each.redshift_frame for each in (one, other) if each.redshift is not None}
+    if len(frames) > 1:
+        raise FieldError(f"redshifts stand in {' and '.join(map(str, frames))}: take them to one frame first")
+    names = ("lon", "lat", "motion", "sigma", "rho", *MEASURED, "name")
+    columns = {name: _both(one, other, name) for name in names}
+    return columns | {"redshift_frame": next(iter(frames), None), "notes": merge_notes(one.notes, other.notes)}
+
+
+def _both(one, other, name):
+    """A column of two fields; NaN, or no name, for the sources of which it is not known."""
+    columns = [getattr(each, name) for each in (one, other)]
+    if all(column is None for column in columns):
+        return None
+    if name == "name" and len({None if column is None else column.dtype.kind for column in columns}) > 1:
+        columns = [
+            np.full(len(each), "") if column is None else column.astype(str)
+            for each, column in zip((one, other), columns)
+        ]
+    columns = [np.full(len(each), np.nan) if column is None else column for each, column in zip((one, other), columns)]
+    return np.concatenate(columns, axis=-1)
+
+
+class Weighed(Frozen):
+    """What a noun with values and errors knows of their weights; each source has `components` of them.
+
+    Attributes
+    ----------
+    components : int
+        Two of a motion, one of a scalar.
+    data : (components, n) array
+        The values.
+    weights : (3, n) or (1, n) array
+        The inverse covariance of each source: a, b, c of [[a, c], [c, b]], or a alone.
+    frame : str
+        Of the axes.
+    notes : tuple of str
+        What a reader of any result should know.
+    """
+
+    components: ClassVar[int]
+    frame: str
+    notes: tuple[str, ...]
+
+    @property
+    def data(self) -> FloatArray:
+        """The values of each source, (components, n)."""
+        raise NotImplementedError
+
+    @property
+    def weights(self) -> FloatArray:
+        """The inverse covariance of each source, (3, n) or (1, n)."""
+        raise NotImplementedError
+
+    def __getitem__(self, keep: Any) -> Self:
+        """The sources picked by a mask, a slice or indices."""
+        if isinstance(keep, (int, np.integer)):
+            keep = [keep]
+        if isinstance(keep, str):
+            raise FieldError(f"sources are picked by a mask, a slice or indices; the column is field.{keep}")
+        own = ((each.name, getattr(self, each.name)) for each in fields(cast(Any, self)))
+        return self._with(**{name: value[..., keep] for name, value in own if isinstance(value, np.ndarray)})
+
+    def check_frame(self, frame: str) -> None:
+        """Raise FrameError unless the sources are in a frame."""
+        if self.frame != frame:
+            raise FrameError(f'the fit is in {frame}, the field in {self.frame}: use .to_frame("{frame}")')
+
+    def add_note(self, *notes: str) -> Self:
+        """The same with more that its reader should know."""
+        return self._with(notes=merge_notes((*self.notes, *notes)))
+
+    def _with(self, **changes: Any) -> Self:
+        """The same with other attributes."""
+        raise NotImplementedError
+
+    def inner(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """xᵀ C⁻¹ y of each source, (n,), for two sets of values."""
+        return np.sum(x * weighed(self.weights, y), axis=0)
+
+    @property
+    def chi2(self) -> FloatArray:
+        """µᵀ C⁻¹ µ of each source: the χ² of its value against none, (n,)."""
+        return self.inner(self.data, self.data)
+
+    @property
+    def information(self) -> FloatArray:
+        """The trace of each source's inverse covariance, (n,): its weight in sums over all components. [(yr/µas)²]"""
+        return self.weights[: self.components].sum(0)
+
+
+def weighed(weights: FloatArray, values: FloatArray) -> FloatArray:
+    """W x of each source.
+
+    Examples
+    --------
+    >>> weighed(np.array([[2.0], [3.0], [0.5]]), np.array([[1.0], [2.0]])).ravel()
+    array([3. , 6.5])
+    """
+    if len(weights) == 1:
+        return weights * values
+    a, b, c = weights
+    x, y = values[..., 0, :], values[..., 1, :]
+    return np.stack([a * x + c * y, c * x + b * y], axis=-2)
+
+
+class Tabled(Weighed):
+    """What a noun of sources knows of tables; `_table` gives its columns, their units, and plain facts, all by name."""
+
+    units_shown: ClassVar[dict[str, str]] = {
+        "lon": "rad", "lat": "rad", "motion": "µas/yr", "sigma": "µas/yr", "distance": "Mpc", "distance_error": "Mpc",
+    }  # fmt: skip
+
+    def _table(self) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
+        raise NotImplementedError
+
+    def to_table(self) -> Table:
+        """The sources as an astropy Table in the names and units of Gaia's archive."""
+        columns, units, facts = self._table()
+        return table_of(columns, facts, units)
+
+    def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
+        """Write the sources as a table, which `vsh.io.catalogue` reads."""
+        write_table(self.to_table(), path, meta)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -23,9 +23,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from vsh.checks.notebook import InNotebook
-from vsh.checks.types import FloatArray, IntArray, Kind
-from vsh.errors import ModesError
+from vsh.tools.errors import ModesError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import FloatArray, IntArray, Kind
 
 
 class Mode(NamedTuple):

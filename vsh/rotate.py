@@ -13,16 +13,13 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from vsh.checks import arguments
-from vsh.checks.types import ArrayLike, FloatArray
 from vsh.coefficients import Coefficients
-from vsh.errors import FrameError, ModesError
 from vsh.sky.frames import rotation_matrix
+from vsh.tools import arguments
+from vsh.tools.errors import FrameError, ModesError
+from vsh.tools.types import ArrayLike, FloatArray
 
-__all__ = [
-    "degree_matrix",
-    "rotate",
-]
+__all__ = ["degree_matrix", "rotate"]
 
 
 @arguments.accepts(coefficients=arguments.a(Coefficients))

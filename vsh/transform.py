@@ -11,19 +11,16 @@ from typing import cast
 import ducc0
 import numpy as np
 
-from vsh.checks import arguments, arrays
-from vsh.checks.types import ArrayLike, FloatArray
 from vsh.coefficients import Coefficients
 from vsh.conventions import from_healpy, scalar_from_healpy, scalar_to_healpy, to_healpy
-from vsh.errors import FieldError
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.scalars import ScalarCoefficients
-from vsh.system.parallel import cores
+from vsh.tools import arguments, arrays
+from vsh.tools.errors import FieldError
+from vsh.tools.parallel import cores
+from vsh.tools.types import ArrayLike, FloatArray
 
-__all__ = [
-    "adjoint",
-    "synthesis",
-]
+__all__ = ["adjoint", "synthesis"]
 
 #: Relative accuracy asked of ducc0; it reaches 2e-13 at best in double precision.
 EPSILON = 5e-13

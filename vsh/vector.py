@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtr, chdtrc, chndtr, log_ndtr
 
-from vsh.checks.arguments import between, number
-from vsh.checks.arrays import covariance, float_array, read_only
-from vsh.checks.frozen import Frozen
-from vsh.checks.types import FloatArray, Quantity
-from vsh.errors import ParameterError
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
+from vsh.tools.arguments import between, number
+from vsh.tools.arrays import covariance, float_array, read_only
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import FloatArray, Quantity
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ import numpy as np
 import fit
 import sim
 from fit.output import plot_spectrum
-from vsh.catalogue import read_field
-from vsh.plot import plot_field
+from vsh.figures.plot import plot_field
+from vsh.io.catalogue import read_field
 
 TRUE_ACCELERATION = np.array((-0.277, -4.411, -2.443))  # 5.05 µas/yr towards the Galactic centre, ICRS axes
 TRUE_SPIN = np.array((0.5, -1.0, 0.3))

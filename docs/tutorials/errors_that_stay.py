@@ -12,7 +12,7 @@ import numpy as np
 import fit
 import sim
 from fit.background import Spectrum
-from vsh.plot import COLOURS, STYLE
+from vsh.figures.plot import COLOURS, STYLE
 
 # %%
 # A pattern on the sky

@@ -13,7 +13,7 @@ import numpy as np
 import sim
 from fit.posterior import Flat, Normal, sample
 from fit.secular_parallax import hubble_constant
-from vsh.cosmology import PLANCK_2018
+from vsh.models.cosmology import PLANCK_2018
 
 TRUE_H0 = 70.0
 galaxies = sim.galaxies(20_000, rng=1, min_redshift=0.003)

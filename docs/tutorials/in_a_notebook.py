@@ -29,9 +29,10 @@ from fit import (
 from sim import agis
 from study.forecast import SURVEYS
 from study.forecast import forecast as survey_forecast
-from vsh import archive, catalogue, covariance, flows, tables
-from vsh.cosmology import PLANCK_2018
-from vsh.parts import Here
+from vsh.io import archive, catalogue, tables
+from vsh.io.parts import Here
+from vsh.models import covariance, flows
+from vsh.models.cosmology import PLANCK_2018
 from vsh.sky.positions import Positions
 
 OBJECTS = []

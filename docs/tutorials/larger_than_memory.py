@@ -17,7 +17,7 @@ import numpy as np
 
 import fit
 import sim
-from vsh.catalogue import iter_fields, parts, read_field
+from vsh.io.catalogue import iter_fields, parts, read_field
 
 folder = Path(mkdtemp())
 truth = sim.spin((1.0, -2.0, 0.5)) + sim.acceleration((-0.277, -4.411, -2.443))

@@ -4,13 +4,12 @@ What sources share is a Gaussian field of a known spectrum. Its amplitude is est
 equations, with whatever else is fitted marginalised.
 """
 
-from fit.background._amplitude import Amplitude
-from fit.background._equations import equations_of
+from fit.background._amplitude import Amplitude, equations_of
 from fit.background._evidence import Comparison, compare, evidence
 from fit.background._fit import Background, fit
 from fit.background._floor import Floor, floor
 from fit.background._waves import WaveLimit, wave_limit
-from vsh.covariance import Spectrum
+from vsh.models.covariance import Spectrum
 
 __all__ = [
     "Amplitude",

@@ -18,16 +18,16 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
-from fit.background._equations import equations_of, fitted_degrees, places
-from fit.background._kernel import parts_of
-from fit.harmonic import HarmonicSolution
+from fit.background._amplitude import equations_of, fitted_degrees, places
+from fit.background._likelihood import parts_of
 from fit.normal import NormalEquations
+from fit.solution import HarmonicSolution
 from fit.storage import Result
-from vsh import tables
-from vsh.checks.arguments import a, number, positive
-from vsh.checks.types import FloatArray, Table
-from vsh.covariance import Spectrum
-from vsh.errors import ParameterError
+from vsh.io import tables
+from vsh.models.covariance import Spectrum
+from vsh.tools.arguments import a, number, positive
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import FloatArray, Table
 
 #: Amplitudes of a grid that is uniform in its logarithm, a decade.
 _A_DECADE = 20

@@ -1,24 +1,177 @@
-"""Amplitudes of backgrounds, by their marginal likelihood."""
+"""Amplitudes of backgrounds, by their marginal likelihood.
+
+What the data say of one amplitude, with the other amplitudes and the scale of the errors marginalised.
+
+Everything is a function of √A, in which the likelihood is smooth down to zero. ln|K| and Q are computed at Chebyshev nodes of
+the amplitudes (for one spectrum they are known everywhere) and summed over the others and over κ.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.integrate import trapezoid
+from scipy.special import gammaln, logsumexp
 
-from fit.background._equations import equations_of, fitted_degrees, is_scaled, words_of
-from fit.background._likelihood import Likelihood
-from fit.background._posterior import posteriors
-from fit.harmonic import HarmonicSolution
+from fit.background._amplitude import Amplitude, equations_of, fitted_degrees, is_scaled, words_of
+from fit.background._likelihood import Likelihood, Maximum
 from fit.normal import NormalEquations
+from fit.solution import HarmonicSolution
 from fit.storage import Result
-from vsh import tables
-from vsh.checks.notes import note_lines
-from vsh.checks.types import FloatArray, Table
-from vsh.covariance import Spectrum
-from vsh.errors import ModesError
+from vsh.io import tables
+from vsh.models.covariance import Spectrum
+from vsh.tools.errors import ModesError
+from vsh.tools.notes import note_lines
+from vsh.tools.parallel import blas_for
+from vsh.tools.types import FloatArray, Table
+
+#: How far below its maximum the likelihood is followed: e^−18.
+_DROP = 18.0
+
+
+_POINTS = 401
+
+
+def posteriors(
+    likelihood: Likelihood, best: Maximum, which: Sequence[int] | None = None
+) -> tuple[list[Amplitude], float]:
+    """What the data say of amplitudes, each with all others marginalised, and ln of the evidence relative to no background.
+
+    Notes
+    -----
+    The prior of the others is the uniform-shrinkage one, A/(A + u) uniform with u the amplitude seen at one standard error
+    (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ. The evidence is the mean likelihood under the same.
+    """
+    with blas_for(len(likelihood.rhs)):
+        grid = _Grid(likelihood, best)
+    found = [grid.of(k) for k in (range(len(likelihood)) if which is None else which)]
+    return [each for each, _ in found], found[0][1]
+
+
+class _Grid:
+    """ln|K| and Q over all amplitudes of interest, and the sums over them."""
+
+    def __init__(self, likelihood: Likelihood, best: Maximum) -> None:
+        self.likelihood, self.best = likelihood, best
+        self.taus, self.weights = _scales(likelihood, best)
+        self.spans = [_span(likelihood, best, k) for k in range(len(likelihood))]
+        self.parts = _parts(likelihood, self.spans, self.taus)
+
+    def of(self, k: int) -> tuple[Amplitude, float]:
+        """Amplitude k with all others marginalised, and the evidence."""
+        nodes = {k: self._unit(k) * np.sinh(np.linspace(self._ends(k)[0], self._ends(k)[1], _POINTS))}
+        order = [k, *(j for j in range(len(self.spans)) if j != k)]
+        weights = []
+        for j in order[1:]:
+            y, weight = _gauss(24, *self._ends(j))
+            nodes[j] = self._unit(j) * np.sinh(y)
+            weights.append(weight * self._unit(j) * np.cosh(y) * self._prior(j, nodes[j]))
+        logs = []
+        for tau, weight in zip(self.taus, self.weights, strict=True):
+            logdet, gain = self.parts([nodes[j] / np.sqrt(tau) for j in sorted(nodes)])
+            logs.append(self.likelihood.of_parts(logdet, gain, tau) + np.log(weight))
+        total = np.transpose(logsumexp(logs, axis=0), order)
+        highest = total.max()
+        # Contracting the last axis first, the target stays.
+        sums = reduce(np.matmul, reversed(weights), np.exp(total - highest))
+        target = nodes[k]
+        evidence = float(np.log(trapezoid(sums * self._prior(k, target), target)) + highest) - self._nothing()
+        logarithm = np.log(sums + 1e-300)
+        return Amplitude(target, logarithm - logarithm.max()), evidence
+
+    def _unit(self, k):
+        """√A of the amplitude that is seen at one standard error."""
+        return np.sqrt(self.likelihood.unit[k]) * self.best.noise_scale
+
+    def _ends(self, k):
+        """The span by y = arsinh √(A/u), which resolves what is next to zero and what is far from it."""
+        return np.arcsinh(np.array(self.spans[k]) / self._unit(k))
+
+    def _prior(self, k, root):
+        u = self._unit(k) ** 2
+        return 2 * root * u / (u + root**2) ** 2
+
+    def _nothing(self):
+        """ln of the likelihood of no background, summed over κ alike."""
+        half, chi2 = self.likelihood.n_data / 2, self.likelihood.chi2 / 2
+        return float(gammaln(half) - half * np.log(chi2)) if self.likelihood.noise_scale else -chi2
+
+
+def _scales(likelihood, best):
+    """κ² and the weights of a sum over ln κ²."""
+    if not likelihood.noise_scale:
+        return np.ones(1), np.ones(1)
+    reach = 4.5 * np.sqrt(2 / likelihood.n_data)
+    logs, weight = _gauss(9, -reach, reach)
+    return best.noise_scale**2 * np.exp(logs), weight
+
+
+def _gauss(number, low, high):
+    """Nodes and weights of an integral from low to high."""
+    node, weight = np.polynomial.legendre.leggauss(number)
+    return low + (high - low) * (node + 1) / 2, weight * (high - low) / 2
+
+
+def _span(likelihood, best, k):
+    """From where to where √A_k is followed, the others where they are likeliest."""
+    tau = best.noise_scale**2
+    highest = likelihood.profile(best.amplitudes / tau)
+
+    def fallen(x):
+        amplitudes = np.array(best.amplitudes)
+        amplitudes[k] = x * x
+        return highest - likelihood.profile(amplitudes / tau) > _DROP
+
+    top = np.sqrt(best.amplitudes[k])
+    step = np.sqrt(likelihood.unit[k] * tau)
+    high = top + step
+    while not fallen(high) and high < 1e6 * (top + step):
+        high = top + 1.5 * (high - top)
+    return (0.0 if not fallen(0.0) else _edge(fallen, 0.0, top)), high
+
+
+def _edge(fallen, out, inside):
+    for _ in range(6):
+        middle = (out + inside) / 2
+        out, inside = (middle, inside) if fallen(middle) else (out, middle)
+    return out
+
+
+def _parts(likelihood: Likelihood, spans, taus) -> Callable[[list[FloatArray]], tuple[FloatArray, FloatArray]]:
+    """ln|K| and Q on the tensor of any √a within the spans: by polynomials, or exactly for one spectrum."""
+    if len(spans) == 1:
+        return lambda roots: tuple(np.array([likelihood.parts(np.array([x * x])) for x in roots[0]]).T)
+    units = np.sqrt(likelihood.unit)
+    ends = [
+        (np.arcsinh(low / np.sqrt(taus[-1]) / u), np.arcsinh(high / np.sqrt(taus[0]) / u))
+        for (low, high), u in zip(spans, units, strict=True)
+    ]
+    number = {2: 20, 3: 12}.get(len(spans), 8)
+    if len(likelihood.rhs) > 300:  # where the degree is high, amplitudes are known well, and the spans short
+        number = min(number, 12)
+    node = chebyshev.chebpts1(number)
+    axes = [low + (high - low) * (node + 1) / 2 for low, high in ends]
+    values = np.empty((2, *[number] * len(spans)))
+    for index in np.ndindex(*[number] * len(spans)):
+        roots = np.array([axis[i] for axis, i in zip(axes, index, strict=True)])
+        values[(slice(None), *index)] = likelihood.parts((units * np.sinh(roots)) ** 2)
+    inverse = np.linalg.inv(chebyshev.chebvander(node, number - 1))
+    # Contracting the first axis behind the two quantities once for each amplitude comes back to the order of the axes.
+    series = reduce(lambda array, _: np.moveaxis(np.tensordot(inverse, array, (1, 1)), 0, -1), spans, values)
+
+    def at(roots):
+        array = series
+        for x, u, (low, high) in zip(roots, units, ends, strict=True):
+            vander = chebyshev.chebvander(2 * (np.arcsinh(x / u) - low) / (high - low) - 1, number - 1)
+            array = np.moveaxis(np.tensordot(vander, array, (1, 1)), 0, -1)
+        return array[0], array[1]
+
+    return at
 
 
 @dataclass(frozen=True, eq=False, repr=False)

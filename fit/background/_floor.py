@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from fit.background._equations import equations_of, errors_of, fitted_degrees, is_scaled, places, words_of
+from fit.background._amplitude import equations_of, errors_of, fitted_degrees, is_scaled, places, words_of
+from fit.background._fit import posteriors
 from fit.background._likelihood import Likelihood, parity_p_value
-from fit.background._posterior import posteriors
-from fit.harmonic import HarmonicSolution
 from fit.normal import NormalEquations, gaussian_prior
+from fit.solution import HarmonicSolution
 from fit.storage import Result
-from vsh import tables
-from vsh.checks.types import Table
-from vsh.covariance import Spectrum
-from vsh.errors import DegeneracyError, ModesError
+from vsh.io import tables
+from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
-from vsh.system.logs import told
+from vsh.tools.errors import DegeneracyError, ModesError
+from vsh.tools.logs import told
+from vsh.tools.types import Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,7 +224,7 @@ def floor(
     -----
     The floor extrapolates from degrees 2, 3, … to degree 1, on the assumption that each mode has the same power: a
     spectrum that rises towards low degrees makes it too small. On skies drawn from Gaia EDR3's published one
-    (`vsh.covariance.LINDEGREN_2021`) spin and acceleration scatter by 1.18, 1.49 and 1.79 of the errors with the floor at degrees
+    (`vsh.models.covariance.LINDEGREN_2021`) spin and acceleration scatter by 1.18, 1.49 and 1.79 of the errors with the floor at degrees
     3, 7 and 10, and three standard deviations hold 98, 95 and 91 %: the lower degree holds better there. Systematics of degrees that are not fitted leak into those
     that are, and make the powers larger than they are, not the coverage. The median of the posterior covers better than
     the largest likelihood where modes are few (degree 3: 12 of each parity). Where there is nothing it enlarges errors by

@@ -16,17 +16,36 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import quad
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
-from scipy.optimize import minimize
+from scipy.linalg.lapack import dposv
+from scipy.optimize import brentq, minimize
 from scipy.special import chdtrc
 
-from fit.background._equations import places, words_of
-from fit.background._kernel import kernel, parts_of
+from fit.background._amplitude import places, words_of
 from fit.normal import NormalEquations
-from vsh.checks.types import FloatArray
-from vsh.covariance import Spectrum
-from vsh.errors import DegeneracyError, ParameterError
-from vsh.system.parallel import blas_for
+from vsh.models.covariance import Spectrum
+from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.parallel import blas_for
+from vsh.tools.types import FloatArray
+
+
+def parts_of(matrix: FloatArray, rhs: FloatArray, variances: FloatArray) -> tuple[float, float]:
+    """ln|K| and Q of coefficients with variances D, for errors of scale one."""
+    root, k = kernel(matrix, variances)
+    side = root * rhs
+    factor, solved, failed = dposv(k, side, lower=1, overwrite_a=1)
+    if failed:  # cannot be: K is the identity and more
+        raise DegeneracyError("the normal matrix is not positive: it is no sum over sources")
+    return 2 * float(np.log(factor.diagonal()).sum()), float(side @ solved)
+
+
+def kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """√D, and K = I + D^½ N D^½ in the order that LAPACK overwrites."""
+    root = np.sqrt(variances)
+    k = np.multiply(matrix, root[:, None] * root, order="F")
+    k.ravel("K")[:: len(k) + 1] += 1
+    return root, k
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,3 +250,66 @@ def _eigen(matrix, rhs, shape):
     root = np.sqrt(shape)
     values, vectors = np.linalg.eigh(matrix * np.outer(root, root))
     return np.maximum(values, 0.0), (vectors.T @ (root * rhs)) ** 2
+
+
+#: Of a probability.
+_ACCURACY = 1e-7
+
+
+def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> float:
+    """P(Σ λ_i (z_i + δ_i)² > x) with z_i ~ N(0, 1), by inversion of the characteristic function.
+
+    Notes
+    -----
+    Imhof (1961, Biometrika 48, 419), eq. 3.2.
+
+    Examples
+    --------
+    >>> round(probability_above(18.30704, np.ones(10), np.zeros(10)), 5)  # χ² with ten degrees of freedom
+    0.05
+    """
+    scale = variances.max()
+    ratio, x = variances / scale, x / scale
+
+    def integrand(u):
+        y = ratio * u
+        inner = 1 + y * y
+        angle = np.sum(np.arctan(y) + shifts**2 * y / inner) / 2 - x * u / 2
+        size = np.sum(np.log(inner) / 4 + shifts**2 * y * y / inner / 2)
+        return np.sin(angle) / u * np.exp(-size)
+
+    # What is left beyond the end: at most 1/(π k U^k √Πr) with k = n/2 (his eq. 3.4).
+    k = len(ratio) / 2
+    end = np.exp(-(np.log(np.pi * k * _ACCURACY) + np.sum(np.log(ratio)) / 2) / k)
+    value, _ = quad(integrand, 0, end, limit=2000, epsabs=_ACCURACY)
+    return float(np.clip(0.5 + value / np.pi, 0, 1))
+
+
+def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
+    """The value below which Σ λ_i (z_i + δ_i)² lies with a probability."""
+    mean = np.sum(variances * (1 + shifts**2))
+    spread = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
+    high = mean + 3 * spread
+    while probability_above(high, variances, shifts) > 1 - probability:
+        high += 3 * spread
+    return float(brentq(lambda x: 1 - probability - probability_above(x, variances, shifts), 0, high, xtol=1e-9 * high))
+
+
+def squares_of(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
+    """P_2, its noise, and the variances and shifts of its terms, (2, 10), in the fit of all degrees to lmax.
+
+    All are nan where the data do not determine them. [(µas/yr)²]
+    """
+    modes = equations.modes
+    where = places(modes, range(1, lmax + 1))
+    matrix, rhs = equations.matrix[np.ix_(where, where)], equations.rhs[where]
+    second = np.flatnonzero(modes.degrees[where] == 2)
+    if equations.n_data <= len(where) or np.linalg.cond(matrix) > 1e12:
+        return float("nan"), float("nan"), np.full((2, len(second)), np.nan)
+    covariance = np.linalg.inv(matrix)
+    values = covariance @ rhs
+    scale = (equations.chi2_null - values @ rhs) / (equations.n_data - len(where)) if scaled else 1.0
+    root = np.sqrt(modes.norm2[where][second])
+    variances, vectors = np.linalg.eigh(scale * covariance[np.ix_(second, second)] * np.outer(root, root))
+    shifts = vectors.T @ (root * values[second]) / np.sqrt(variances)
+    return float(np.sum(variances * shifts**2)), float(variances.sum()), np.array([variances, shifts])

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vsh.checks.types import Axes
-from vsh.plot import COLOURS, WIDTH, legend_above, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled
+from vsh.tools.types import Axes
 
 _LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coefficients flat"}
 

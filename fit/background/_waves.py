@@ -8,22 +8,20 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fit.background._amplitude import Amplitude
-from fit.background._equations import equations_of, fitted_degrees, is_scaled, words_of
-from fit.background._likelihood import Likelihood, parity_p_value
-from fit.background._posterior import posteriors
-from fit.background._quadratic import quantile, squares_of
-from fit.harmonic import HarmonicSolution
+from fit.background._amplitude import Amplitude, equations_of, fitted_degrees, is_scaled, words_of
+from fit.background._fit import posteriors
+from fit.background._likelihood import Likelihood, parity_p_value, quantile, squares_of
 from fit.normal import NormalEquations
 from fit.quality import printed_p_value
+from fit.solution import HarmonicSolution
 from fit.storage import Result
-from vsh import tables
-from vsh.checks.arguments import between, choice, positive
-from vsh.checks.notes import note_lines
-from vsh.checks.types import ArrayLike, FloatArray, Table
-from vsh.covariance import Spectrum
-from vsh.errors import ModesError, ParameterError
-from vsh.units import JULIAN_YEAR, hubble_rate
+from vsh.io import tables
+from vsh.models.covariance import Spectrum
+from vsh.tools.arguments import between, choice, positive
+from vsh.tools.errors import ModesError, ParameterError
+from vsh.tools.notes import note_lines
+from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.units import JULIAN_YEAR, hubble_rate
 
 #: km in a megaparsec.
 _MPC = 3.0856775814913673e19

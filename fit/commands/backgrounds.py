@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import fit
-from vsh.errors import ModesError
+from vsh.tools.errors import ModesError
 
 
 @dataclass(frozen=True)

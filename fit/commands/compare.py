@@ -7,7 +7,7 @@ from pathlib import Path
 
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import compare as words
-from vsh.errors import TableError, VshError
+from vsh.tools.errors import TableError, VshError
 
 
 def _run(options):
@@ -39,7 +39,7 @@ def _run(options):
 
 def _write(folder, found, meta):
     from fit.output import write_correlation
-    from vsh import tables
+    from vsh.io import tables
 
     found.write(folder / "comparison.ecsv", meta)
     found.solution.write(folder / "solution.ecsv", meta)
@@ -69,7 +69,7 @@ def _page(found, kept, options, meta, drawn):
 
 
 def _has_motions(path, options):
-    from vsh import catalogue
+    from vsh.io import catalogue
 
     try:
         wanted = catalogue.as_columns(options.columns)
@@ -79,7 +79,7 @@ def _has_motions(path, options):
 
 
 def _read(path, what, options):
-    from vsh.catalogue import read_field, read_positions
+    from vsh.io.catalogue import read_field, read_positions
 
     if what == "motions":
         return read_field(path, roles=("name",), **reading.arguments(options)).to_frame(options.frame)  # fmt: skip

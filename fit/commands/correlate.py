@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from vsh.commands import finishing, outputs, reading, running
-from vsh.commands.names import FRAME
 from vsh.commands.options import correlate as words
-from vsh.errors import VshError
-from vsh.parts import Parts
+from vsh.commands.values import FRAME
+from vsh.io.parts import Parts
+from vsh.tools.errors import VshError
 
 
 def _run(options):
@@ -67,7 +67,7 @@ def _count(field):
 
 def _sources(path, source, options):
     """Positions and errors, whole or in parts."""
-    from vsh.catalogue import parts, read_sources
+    from vsh.io.catalogue import parts, read_sources
 
     if reading.in_parts(options):
         options_of_parts = reading.reading_parts(options)
@@ -137,7 +137,7 @@ def _three(values):
 
 
 def _write(folder, found, influences, leaks, meta):
-    from vsh import tables
+    from vsh.io import tables
 
     tables.write_table(found.to_table(), folder / "correlation.ecsv", meta)
     for label, pair, field, values in influences:

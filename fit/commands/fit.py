@@ -10,9 +10,9 @@ from pathlib import Path
 import fit
 import vsh
 from fit.commands import backgrounds as shared
-from vsh.checks.notes import dropped, unselected
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import fit as words
+from vsh.tools.notes import dropped, unselected
 
 DEMO = "demo.fits"
 
@@ -21,7 +21,7 @@ def _run(options):
     outputs.check(options)
     path = files("fit") / DEMO if options.demo else options.catalogue
     source = reading.opened(str(path), options)
-    from vsh import catalogue
+    from vsh.io import catalogue
 
     if reading.in_parts(options):
         whole = catalogue.parts(str(path), **reading.reading_parts(options))

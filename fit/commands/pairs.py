@@ -15,7 +15,7 @@ def _run(options):
     outputs.check(options)
     source = reading.opened(options.catalogue, options)
     from fit import pairs
-    from vsh import catalogue
+    from vsh.io import catalogue
 
     if reading.in_parts(options):
         field = catalogue.parts(options.catalogue, **reading.reading_parts(options)).to_frame(options.frame)

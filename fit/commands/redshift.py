@@ -8,12 +8,12 @@ from functools import partial
 import numpy as np
 
 import vsh
-from vsh.checks.notes import dropped, unselected
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import redshift as words
-from vsh.cosmology import PLANCK_2018
-from vsh.errors import ConvergenceError, VshError
-from vsh.parts import Parts
+from vsh.io.parts import Parts
+from vsh.models.cosmology import PLANCK_2018
+from vsh.tools.errors import ConvergenceError, VshError
+from vsh.tools.notes import dropped, unselected
 from vsh.vector import Vector
 
 #: Of a dispersion that is free in the posterior, beside a flow and without. [km/s]
@@ -36,8 +36,8 @@ def _run(options):
     outputs.check(options)
     source = reading.opened(options.catalogue, options)
     from fit.secular_parallax import hubble_constant, observer_velocity
-    from vsh import catalogue
-    from vsh.cosmology import with_redshift
+    from vsh.io import catalogue
+    from vsh.models.cosmology import with_redshift
 
     if reading.in_parts(options):
         whole = catalogue.parts(options.catalogue, **reading.reading_parts(options))
@@ -122,14 +122,14 @@ def _known(acceleration):
 def _cosmology(options):
     if options.omega_m is None:
         return None
-    from vsh.cosmology import flat
+    from vsh.models.cosmology import flat
 
     return flat(options.omega_m)
 
 
 def _distances(options):
     """How distances follow from redshifts, as the estimators take it."""
-    from vsh.flows import read_velocity_grid
+    from vsh.models.flows import read_velocity_grid
 
     grid = None if options.reconstruction is None else read_velocity_grid(options.reconstruction)
     found = {"redshift_frame": options.redshift_frame, "magnitudes": False if options.no_magnitudes else None} | _flows(
@@ -221,7 +221,7 @@ def _posterior(field, options, common):
 
 
 def _write(results, folder, meta):
-    from vsh import tables
+    from vsh.io import tables
 
     if "bins" in results:
         tables.write_table(results["bins"].to_table(), folder / "bins.ecsv", meta)

@@ -5,12 +5,18 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 from fit.correlation._downweight import Downweighted, downweight
-from fit.correlation._eigenmodes import Eigenmodes, eigenmodes
 from fit.correlation._forecast import Prediction, compare_cuts, predict
-from fit.correlation._influence import gain_of_sources, influence_map, most_influential
+from fit.correlation._influence import Eigenmodes, eigenmodes, gain_of_sources, influence_map, most_influential
 from fit.correlation._leakage import Leakage, leakage, lmax_table, recommend_lmax
-from fit.correlation._matrices import CorrelationMatrices, correlation_matrices, dipole
-from fit.correlation._parameters import FRAME, named, parameters_of, without_motions
+from fit.correlation._matrices import (
+    FRAME,
+    CorrelationMatrices,
+    correlation_matrices,
+    dipole,
+    named,
+    parameters_of,
+    without_motions,
+)
 
 if TYPE_CHECKING:
     from fit.correlation._plot import plot_influence, symbol

@@ -9,14 +9,15 @@ import numpy as np
 from scipy.optimize import minimize
 
 from fit.correlation._forecast import Prediction, predict, reweighted
-from fit.harmonic import at_sources
+from fit.solution import at_sources
 from fit.storage import Result
-from vsh import Coefficients, tables
-from vsh.checks import arguments
-from vsh.checks.arguments import generator
-from vsh.checks.types import ArrayLike, BoolArray, FloatArray, Rng, Table
-from vsh.errors import ConvergenceError, ParameterError
+from vsh import Coefficients
 from vsh.field import Field
+from vsh.io import tables
+from vsh.tools import arguments
+from vsh.tools.arguments import generator
+from vsh.tools.errors import ConvergenceError, ParameterError
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Rng, Table
 from vsh.vector import correlation_of
 
 

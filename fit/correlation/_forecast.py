@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._parameters import FRAME_NAMES, named, without_motions
+from fit.correlation._matrices import FRAME_NAMES, named, without_motions
 from fit.normal import normal_equations
 from fit.solution import Solution
 from fit.solving import solve
 from fit.storage import exact, number
 from vsh import Coefficients, Field
-from vsh.checks import arguments
-from vsh.checks.arrays import covariance
-from vsh.checks.types import ArrayLike, FloatArray, Table
 from vsh.coefficients import FIRST_DEGREE
-from vsh.errors import FieldError, ParameterError
+from vsh.io.parts import as_parts
 from vsh.modes import KINDS, Modes, as_modes
-from vsh.parts import as_parts
+from vsh.tools import arguments
+from vsh.tools.arrays import covariance
+from vsh.tools.errors import FieldError, ParameterError
+from vsh.tools.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of
 
 
@@ -136,7 +136,7 @@ def compare_cuts(
         If there are no cases.
     """
     modes = as_modes(modes)
-    from vsh import tables
+    from vsh.io import tables
 
     if not cases:
         raise ParameterError("there are no cases to compare")

@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from fit.correlation._parameters import FRAME_NAMES, check_lower, named, without_motions
+from fit.correlation._matrices import FRAME_NAMES, check_lower, named, without_motions
 from fit.normal import normal_equations
 from fit.solving import solve
 from fit.storage import Result, words
-from vsh import Coefficients, Modes, tables
-from vsh.checks import arguments
-from vsh.checks.arrays import float_array
-from vsh.checks.types import ArrayLike, FloatArray, Table
-from vsh.errors import DegeneracyError, ParameterError, TableError
+from vsh import Coefficients, Modes
+from vsh.io import tables
 from vsh.modes import as_modes
 from vsh.sky.frames import check_frame
+from vsh.tools import arguments
+from vsh.tools.arrays import float_array
+from vsh.tools.errors import DegeneracyError, ParameterError, TableError
+from vsh.tools.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of
 
 

@@ -7,10 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from vsh.checks.types import Axes, FloatArray
 from vsh.field import Field
-from vsh.modes import KINDS
-from vsh.plot import (
+from vsh.figures.plot import (
     COLOURS,
     DIVERGING,
     KIND_COLOURS,
@@ -30,7 +28,9 @@ from vsh.plot import (
     styled,
     symbol,
 )
+from vsh.modes import KINDS
 from vsh.sky.pixels import smoothed
+from vsh.tools.types import Axes, FloatArray
 
 #: A map of influence has so many sources within its smoothing.
 _TOGETHER = 30

@@ -11,22 +11,26 @@ import numpy as np
 
 from fit.distances._calibration import Calibration
 from fit.distances._density import (
+    MODULI,
     GivenDensity,
+    LuminosityFunction,
     SourceDensity,
     completed,
+    errors_by_redshift,
     fit_density,
+    fit_luminosity,
     flow_counts,
     flow_limits,
+    magnitude_counts,
     redshift_counts,
+    variance_sums,
 )
-from fit.distances._errors import errors_by_redshift, variance_sums
-from fit.distances._luminosity import MODULI, LuminosityFunction, fit_luminosity, magnitude_counts
-from vsh.checks.types import Cosmology, FloatArray
-from vsh.cosmology import FLOW_LIMIT, PLANCK_2013, distance_modulus, transverse_distance, with_redshift
-from vsh.errors import FieldError, NothingLeftError, ParameterError
 from vsh.field import Field
-from vsh.parts import DISTANCES, Parts, as_parts
+from vsh.io.parts import DISTANCES, Parts, as_parts
+from vsh.models.cosmology import FLOW_LIMIT, PLANCK_2013, distance_modulus, transverse_distance, with_redshift
 from vsh.sky.redshift_frames import TRUE, check_redshift_frame
+from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
+from vsh.tools.types import Cosmology, FloatArray
 
 #: Dispersion of peculiar velocities in each component, those of flows among them. [km/s]
 WHOLE_DISPERSION = 750.0

@@ -7,11 +7,73 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize
 
-from fit.distances._curve import LogCurve, curve_basis, fit_log_curve
-from vsh.checks.notebook import InNotebook
-from vsh.checks.types import FloatArray
-from vsh.cosmology import transverse_distance
+from vsh.models.cosmology import transverse_distance
+from vsh.tools.errors import DegeneracyError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LogCurve:
+    """A natural cubic spline through a few values, straight beyond the outer ones.
+
+    Attributes
+    ----------
+    knots, values : (k,) arrays
+        Rising knots, and the logarithm of the curve there.
+    """
+
+    knots: FloatArray
+    values: FloatArray
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """The logarithm of the curve."""
+        spline = CubicSpline(self.knots, self.values, bc_type="natural")
+        ends = self.knots[[0, -1]]
+        inside = np.clip(x, *ends)
+        slopes = spline(ends, 1)
+        return spline(inside) + np.where(x < ends[0], slopes[0], slopes[1]) * (x - inside)
+
+
+def curve_basis(knots: FloatArray, x: FloatArray) -> FloatArray:
+    """What each value at a knot adds to the curve, (n, k)."""
+    return np.stack([LogCurve(knots, unit)(x) for unit in np.eye(len(knots))], axis=1)
+
+
+def fit_log_curve(basis: FloatArray, counts: FloatArray, shares: FloatArray, smooth: float = 1e-3) -> FloatArray:
+    """The values at the knots that make counts most probable.
+
+    The chance of a source of group b to be in cell a is shares[b, a] exp(curve) over the sum of those of the group.
+    """
+    second = np.diff(np.eye(basis.shape[1]), 2, axis=0)
+    total = counts.sum()
+
+    def misfit(theta):
+        curve = np.exp(basis @ theta - (basis @ theta).max())
+        if shares.ndim == 2:  # cells are seen as they are
+            norm = shares @ curve
+            inner = counts.sum(1) / np.maximum(norm, 1e-300)
+            value = np.sum(counts.sum(1) * np.log(np.maximum(norm, 1e-300))) - np.sum(counts.sum(0) * np.log(curve))
+            slope = curve * (shares.T @ inner) - counts.sum(0)
+        else:  # cells are seen through a kernel
+            seen = shares @ curve
+            norm = seen.sum(1)
+            inner = counts.sum(1) / norm
+            value = np.sum(counts.sum(1) * np.log(norm)) - np.sum(counts * np.log(np.maximum(seen, 1e-300)))
+            slope = curve * (
+                np.einsum("bam,b->m", shares, inner) - np.einsum("bam,ba->m", shares, counts / np.maximum(seen, 1e-300))
+            )
+        bent = second @ theta
+        return (
+            value / total + smooth * bent @ bent + 1e-6 * theta.mean() ** 2,
+            basis.T @ slope / total + 2 * smooth * second.T @ bent + 2e-6 * theta.mean() / len(theta),
+        )
+
+    return minimize(misfit, np.zeros(basis.shape[1]), jac=True, method="BFGS", options={"gtol": 1e-6}).x
+
 
 #: Cells of ln z in which redshifts are counted.
 EDGES = np.arange(np.log(1e-4), np.log(30.0), 0.02)
@@ -144,3 +206,124 @@ def fit_density(
     shares = kernel * np.exp(log_volume - log_volume.max())
     values = fit_log_curve(curve_basis(knots, log_d), counts[cells][None], shares[None])
     return SourceDensity(LogCurve(knots, values), f"as the catalogue's {counts.sum():.0f} redshifts have it")
+
+
+#: Cells of absolute magnitude and of distance modulus, by their lower ends.
+_STEP = 0.1
+
+
+MAGNITUDES = np.arange(-32.0, 12.0, _STEP)
+
+
+MODULI = np.arange(20.0, 60.0, _STEP)
+
+
+#: Fewer sources than this say nothing of a luminosity function.
+_LEAST = 30
+
+
+@dataclass(frozen=True, eq=False)
+class LuminosityFunction(InNotebook):
+    """The density of galaxies by absolute magnitude, up to a factor.
+
+    Attributes
+    ----------
+    curve : function
+        From absolute magnitudes, for the cosmology's H0, to log φ.
+    words : str
+        For reports.
+    """
+
+    curve: Any
+    words: str
+
+    def log(self, magnitude: FloatArray) -> FloatArray:
+        """log φ(M).
+
+        Parameters
+        ----------
+        magnitude : array
+            Absolute.
+        """
+        return self.curve(magnitude)
+
+
+def magnitude_counts(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
+    """Sources by absolute magnitude and distance modulus, a table that adds over parts."""
+    edges = [np.r_[each, each[-1] + _STEP] for each in (MAGNITUDES, MODULI)]
+    return np.histogram2d(magnitude - modulus, modulus, bins=edges)[0]
+
+
+def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
+    """The luminosity function by which counts of a magnitude-limited catalogue are most probable.
+
+    Of each distance only the shape of the counts matters, so that neither density nor clusters bear on it
+    (Sandage, Tammann & Yahil 1979, ApJ 232, 352; the curve is free as that of Efstathiou, Ellis & Peterson 1988,
+    MNRAS 232, 431).
+    """
+    total = counts.sum()
+    if total < _LEAST:
+        raise DegeneracyError(
+            f"{total:.0f} galaxies with magnitudes say nothing of a luminosity function: give one (luminosity=), or use no "
+            "magnitudes (magnitudes=False)"
+        )
+    by_magnitude = counts.sum(1)
+    share = np.cumsum(by_magnitude) / total
+    low, high = MAGNITUDES[np.searchsorted(share, [0.005, 0.995])]
+    knots = np.linspace(low, max(high, low + 1.0), 8 if total > 1000 else 5)
+    middle = MAGNITUDES + _STEP / 2
+    used = (middle > low - 3) & (middle < high + 3)
+    far = counts.sum(0) > 0
+    open_to = (middle[used] + MODULI[far, None] <= limit).astype(float)
+    seen = counts[used][:, far].T * open_to
+    values = fit_log_curve(curve_basis(knots, middle[used]), seen, open_to)
+    return LuminosityFunction(
+        LogCurve(knots, values), f"luminosity function of {total:.0f} galaxies to magnitude {limit:.2f}"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorsByRedshift(InNotebook):
+    """The mean variance of motions, a smooth function of redshift.
+
+    Weights by a source's own error, which follows its magnitude, tell near sources from far ones of the same
+    redshift. Where magnitudes are not known, only weights that depend on the redshift alone are unbiased. With the
+    mean variance of its neighbours for each source the covariance of a fit is right on average.
+
+    Attributes
+    ----------
+    curve : LogCurve
+        From ln z to the logarithm of the variance [(µas/yr)²]
+    """
+
+    curve: LogCurve
+
+    def at(self, redshift: FloatArray) -> FloatArray:
+        """The mean variance at redshifts. [(µas/yr)²]"""
+        return np.exp(self.curve(np.log(redshift)))
+
+
+def variance_sums(redshift: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Sources and the sum of their mean variances by redshift, (2, k), which adds over parts."""
+    x = np.log(redshift)
+    return np.stack([np.histogram(x, EDGES)[0], np.histogram(x, EDGES, weights=np.mean(sigma**2, 0))[0]])
+
+
+def errors_by_redshift(sums: FloatArray, knots: int = 6) -> ErrorsByRedshift:
+    """The curve whose mean is that of the variances, everywhere: they are taken as exponentially distributed about it."""
+    held = sums[0] > 0
+    counts, totals = sums[:, held]
+    x = (EDGES[1:] + EDGES[:-1])[held] / 2
+    places = np.linspace(x[0], max(x[-1], x[0] + 0.1), knots)
+    basis, n, scale = curve_basis(places, x), counts.sum(), totals.sum() / counts.sum()
+    bends = np.diff(np.eye(knots), 2, axis=0)
+
+    def misfit(theta):
+        log = basis @ theta
+        part = totals / scale * np.exp(-log)
+        bent = bends @ theta
+        value = np.sum(part + counts * log) / n + 1e-4 * bent @ bent
+        return value, basis.T @ (counts - part) / n + 2e-4 * bends.T @ bent
+
+    found = minimize(misfit, np.zeros(knots), jac=True, method="BFGS", options={"gtol": 1e-7}).x
+    return ErrorsByRedshift(LogCurve(places, found + np.log(scale)))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.checks.arguments import not_negative, number, positive
-from vsh.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
+from vsh.tools.arguments import not_negative, number, positive
+from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
 
 #: Distance of the Galactic centre and its error [kpc]: GRAVITY Collaboration (2021, A&A 647, A59), with systematics.
 R0 = (8.275, 0.034)

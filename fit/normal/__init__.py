@@ -1,13 +1,7 @@
 """Normal equations, and the moments of the sources that they are made of: both add."""
 
-from fit.normal._dense import WhiteRows
 from fit.normal._equations import NormalEquations, gaussian_prior
 from fit.normal._moments import Moments
-from fit.normal._sum import normal_equations
+from fit.normal._sum import WhiteRows, normal_equations
 
-__all__ = [
-    "Moments",
-    "NormalEquations",
-    "gaussian_prior",
-    "normal_equations",
-]
+__all__ = ["Moments", "NormalEquations", "gaussian_prior", "normal_equations"]

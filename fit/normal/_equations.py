@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from vsh import Modes
-from vsh.checks.arrays import float_array
-from vsh.checks.frozen import Frozen
-from vsh.checks.notes import merge_notes
-from vsh.checks.types import ArrayLike, FloatArray
-from vsh.errors import FrameError, ModesError
+from vsh.figures.plot import SkyAxes, plot_map
 from vsh.modes import ScalarModes, as_modes
+from vsh.sky.pixels import centres
+from vsh.tools.arrays import float_array
+from vsh.tools.errors import FrameError, ModesError
+from vsh.tools.notebook import Frozen
+from vsh.tools.notes import merge_notes
+from vsh.tools.types import ArrayLike, FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,3 +151,14 @@ def gaussian_prior(
     weight = 1 / sigma**2
     assumed = NormalEquations(modes, np.diag(weight), weight * mean, float(weight @ mean**2), 0, frame, unit=None)
     return replace(assumed, prior=assumed)
+
+
+def plot_moments(moments: Any, *, ax: Any = None) -> SkyAxes:
+    """Where on the sky the weight of the sources is, as smooth as their moments have it."""
+    lat, weight = moments.on_sky()
+    lon_of, lat_of = centres(32)
+    ring = np.abs(lat_of[:, None] - lat).argmin(1)
+    column = np.round(lon_of / (2 * np.pi) * weight.shape[1]).astype(int) % weight.shape[1]
+    values = weight[ring, column]
+    return plot_map(values, "weight of the sources  [(yr/µas)² a steradian]", frame=moments.frame, ax=ax, vmin=0, extend="max",
+                    vmax=np.percentile(values, 99), title=f"{moments.n_sources} sources, to degree {moments.lmax}")  # fmt: skip

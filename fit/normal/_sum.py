@@ -3,26 +3,75 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from typing import Any, Literal, cast
 
 import numpy as np
 
-from fit.normal._dense import WhiteRows
 from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
 from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
-from vsh.checks.arguments import choice
-from vsh.checks.types import FloatArray
-from vsh.checks.weighed import Weighed
-from vsh.covariance import Covariance
-from vsh.errors import FieldError, ModesError
-from vsh.field import Field
+from vsh.basis import harmonics
+from vsh.field import Field, Weighed
+from vsh.io.parts import Parts
+from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes
-from vsh.parts import Parts
 from vsh.scalars import ScalarField, modes_for
-from vsh.system.logs import told
+from vsh.tools.arguments import choice
+from vsh.tools.errors import FieldError, ModesError
+from vsh.tools.logs import told
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import ArrayLike, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteRows(Frozen):
+    """The equations of n sources, whitened by their dense covariance: 2n independent rows of unit weight.
+
+    The rows of a source are what its motion says that those of the sources before it do not: rows can be left out and
+    drawn again like sources with errors of their own.
+
+    Attributes
+    ----------
+    modes : Modes
+    rows : (p, 2, n) array
+        The whitened harmonics.
+    motion : (2, n) array
+        The whitened motions.
+    frame : str
+    notes : tuple of str
+    """
+
+    modes: Modes
+    rows: FloatArray
+    motion: FloatArray
+    frame: str
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, field: Field, modes: Modes, covariance: Any) -> WhiteRows:
+        """Those of a field."""
+        shared = as_covariance(covariance, field)
+        p, n = len(modes), len(field)
+        rows = shared.whiten(harmonics(field.lon, field.lat, modes).reshape(p, 2 * n)).reshape(p, 2, n)
+        return cls(modes, rows, shared.whiten(field.motion.ravel()).reshape(2, n), field.frame, field.notes)
+
+    def __len__(self) -> int:
+        return self.motion.shape[1]
+
+    def __getitem__(self, keep: Any) -> WhiteRows:
+        return WhiteRows(self.modes, self.rows[..., keep], self.motion[:, keep], self.frame, self.notes)
+
+    def normal_equations(self, times: ArrayLike = 1.0) -> NormalEquations:
+        """The sum of their rows, those of each source so many times."""
+        times = np.broadcast_to(np.asarray(times, float), self.motion.shape).ravel()
+        rows, motion = self.rows.reshape(len(self.modes), -1), self.motion.ravel()
+        weighted = rows * times
+        return NormalEquations(self.modes, weighted @ rows.T, weighted @ motion, float(times @ motion**2),
+                               2 * len(self), self.frame, self.notes)  # fmt: skip
+
 
 #: A normal matrix beyond this is refused. [bytes]
 MEMORY = 8 * 2**30
@@ -54,7 +103,7 @@ def normal_equations(
         so the number of threads does not change a bit of it.
     covariance : Covariance or (2n, 2n) array, optional
         Of the motions of a field, all east components first, in place of the errors that the field has; for at most
-        10 000 sources (`vsh.covariance`). [(µas/yr)²]
+        10 000 sources (`vsh.models.covariance`). [(µas/yr)²]
 
     Raises
     ------
@@ -80,7 +129,7 @@ def normal_equations(
     """
     choice("method", method, ("auto", "design-matrix", "compressed"))
     if isinstance(field, (str, PathLike)):
-        raise FieldError(f"{field} is a path: read it first, with vsh.catalogue.read_field or parts")
+        raise FieldError(f"{field} is a path: read it first, with vsh.io.catalogue.read_field or parts")
     if not isinstance(field, Weighed | Parts) and covariance is None:
         return _of_stream(field, partial(normal_equations, modes=modes, method=method, threads=threads))
     sources, modes = cast(Any, field), modes_for(field, modes)

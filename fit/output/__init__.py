@@ -5,21 +5,21 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 from fit.output._files import draw_figures, write_correlation, write_figures, write_html
-from fit.output._notebook import html_of, latex_of
-from fit.output._report import WIDTH, report, report_check, warnings_of
+from fit.output._report import WIDTH, html_of, latex_of, report, report_check, warnings_of
 from fit.output._rows import (
     amplitude,
     cell,
     components,
     direction,
     power_rows,
+    powers_table,
     pulls,
     vector_rows,
     vectors_of,
+    vectors_table,
 )
-from fit.output._tables import powers_table, vectors_table
 from fit.quality import printed_p_value as p_value
-from vsh.checks.notes import note_lines
+from vsh.tools.notes import note_lines
 
 if TYPE_CHECKING:
     from fit.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum

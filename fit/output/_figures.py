@@ -8,16 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib.lines import Line2D
 
-from fit.harmonic import HarmonicSolution
 from fit.output._rows import squared
+from fit.solution import HarmonicSolution
 from fit.spectrum import spectrum, wilson_hilferty
-from vsh.checks.types import Axes
-from vsh.checks.weighed import Weighed
 from vsh.coefficients import FIRST_DEGREE
-from vsh.field import Field
-from vsh.modes import KINDS
-from vsh.parts import Parts, as_parts
-from vsh.plot import (  # fmt: skip
+from vsh.field import Field, Weighed
+from vsh.figures.plot import (
     DIVERGING,
     KIND_COLOURS,
     KIND_NAMES,
@@ -31,8 +27,11 @@ from vsh.plot import (  # fmt: skip
     styled,
     symbol,
 )
+from vsh.io.parts import Parts, as_parts
+from vsh.modes import KINDS
 from vsh.scalars import ScalarField
 from vsh.sky.pixels import pixels_of
+from vsh.tools.types import Axes
 from vsh.vector import correlation_of
 
 #: A degree whose p-value is above this is shown as a limit.

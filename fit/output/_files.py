@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from fit.harmonic import HarmonicSolution
-from vsh import tables
-from vsh.checks.types import PathName
+from fit.solution import HarmonicSolution
 from vsh.field import Field
-from vsh.parts import Parts, sample_of
+from vsh.io import tables
+from vsh.io.parts import Parts, sample_of
 from vsh.scalars import ScalarField
+from vsh.tools.types import PathName
 
 
 def write_correlation(solution: HarmonicSolution, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -35,7 +35,7 @@ def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts)
         The sources.
     """
     from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
-    from vsh.plot import plot_field, plot_scalar_field
+    from vsh.figures.plot import plot_field, plot_scalar_field
 
     title = f"{solution.n_sources} sources and the field fitted to degree {solution.modes.lmax}"
     seen: Any = sample_of(field) if isinstance(field, Parts) else field
@@ -72,7 +72,7 @@ def write_figures(
     -------
     list[Path]
     """
-    from vsh.plot import save_figures
+    from vsh.figures.plot import save_figures
 
     return save_figures(draw_figures(solution, field), folder, format=format, dpi=dpi)
 
@@ -107,8 +107,8 @@ def write_html(
         What else the page says, as for `fit.output.html_report`.
     """
     from fit.output._html import html_report
-    from vsh.page import write_page
-    from vsh.plot import close_figures
+    from vsh.figures.page import write_page
+    from vsh.figures.plot import close_figures
 
     own = draw_figures(solution, field) if figures is None else {}
     page = html_report(
@@ -119,7 +119,7 @@ def write_html(
 
 
 def _skies(solution, field, beside):
-    from vsh.page import Shown
+    from vsh.figures.page import Shown
 
     if isinstance(field, ScalarField):
         return ()

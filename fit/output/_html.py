@@ -1,11 +1,10 @@
-"""A self-contained page about a solution, of the panels of `vsh.page`."""
+"""A self-contained page about a solution, of the panels of `vsh.figures.page`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fit.harmonic import HarmonicSolution
 from fit.output._report import AGREE, floor_words, warnings_of, what_of
 from fit.output._rows import (
     amplitude,
@@ -18,8 +17,9 @@ from fit.output._rows import (
     vector_rows,
     vectors_of,
 )
-from vsh import page
-from vsh.checks.types import Table
+from fit.solution import HarmonicSolution
+from vsh.figures import page
+from vsh.tools.types import Table
 
 _CAPTIONS = {
     "sky": "The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ.",
@@ -67,7 +67,7 @@ def html_report(
         Further tables by their headings.
     captions : dict of str to str, optional
         Of further figures, by name.
-    skies : sequence of vsh.page.Shown
+    skies : sequence of vsh.figures.page.Shown
         One or two solutions on a sky that can be turned, in place of the figure "sky".
 
     Returns

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
+from html import escape
 from typing import Any
 
 import numpy as np
 
-from fit.harmonic import HarmonicSolution
 from fit.output._rows import components, direction, is_scalar, is_scaled, power_rows, squared, vector_rows, vectors_of
-from vsh.checks.notes import printable
-from vsh.errors import ParameterError, VshError
+from fit.solution import HarmonicSolution
+from vsh.tools.errors import ParameterError, VshError
+from vsh.tools.notes import printable
 
 WIDTH = 88
+
+
 #: The floor of a report is estimated up to this degree: higher ones take longer, and say less of degree 1.
 _FLOOR_LMAX = 10
 
@@ -158,7 +162,7 @@ def _floor(solution):
 @lru_cache(maxsize=1)  # text and page ask one after the other
 def floor_words(solution: HarmonicSolution) -> tuple[str, ...]:
     """What the power of the higher degrees says of errors that sources share: a heading, then lines; none below degree 3."""
-    from fit.background import floor  # its integrals and searches are for reports alone
+    from fit.background import floor
 
     if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):
         return ()
@@ -216,3 +220,75 @@ def report_check(check: Any) -> str:
 
 #: Differences of the two solvers below this are rounding. [σ]
 AGREE = 1e-6
+
+
+_SYMBOLS = {
+    "spin": r"$\omega$",
+    "acceleration": r"$\tilde a$",
+    "dipole": "dipole",
+    "rotation": "rotation",
+    "glide": "glide",
+}
+
+
+def html_of(solution: HarmonicSolution) -> str:
+    """Spin, acceleration and powers as HTML tables, for a notebook."""
+    rows = "".join(
+        f"<tr><th>{row.name}</th>{_cells(row.cells)}<td>{escape(row.amplitude)}</td></tr>"
+        for row in vector_rows(vectors_of(solution))
+    )
+    powers = "".join(
+        f"<tr><th>{row.degree}</th>{_cells((row.power, row.debiased, row.error, row.p_value))}</tr>"
+        for row in power_rows(solution)
+        if row.power != "nan"  # errors of a fit that is to come
+    )
+    warned = [f"{label}: {said}" for label, said in warnings_of(solution) if label == "warning"]
+    notes = "".join(f"<li>{escape(str(note))}</li>" for note in (*warned, *solution.notes))
+    toward = "".join(
+        f"<li>{name} {escape(direction(vector))}</li>"
+        for name, vector in vectors_of(solution).items()
+        if not np.isnan(vector.amplitude)
+    )
+    return (
+        f"<p><b>Vector spherical harmonics</b>, degree 1 to {solution.modes.lmax}: {solution.n_sources} sources, "
+        f"{escape(solution.frame)} axes, χ²/dof {solution.reduced_chi2:.3f}, errors from {escape(solution.errors_from)}</p>"
+        f"<table><tr><th>[µas/yr]</th><th>x</th><th>y</th><th>z</th><th>amplitude</th></tr>{rows}</table>"
+        "<table><tr><th>degree</th><th>power [(µas/yr)²]</th><th>noise-debiased</th><th>±</th><th>p-value</th></tr>"
+        f"{powers}</table>" + (f"<ul>{toward}{notes}</ul>" if toward or notes else "")
+    )
+
+
+def _cells(cells):
+    return "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+
+
+def latex_of(solution: Any) -> str:
+    """Spin, acceleration, or mean and dipole of a scalar field, and powers as a LaTeX table (booktabs).
+
+    Parameters
+    ----------
+    solution : Solution
+        What was found.
+    """
+    unit = _tex(solution.unit).replace("µas/yr", r"\textmu as\,yr$^{-1}$").replace("µ", r"\textmu ")
+    lines = [r"\begin{tabular}{lcccc}", r"\toprule"]
+    if is_scalar(solution):
+        value, error = solution.mean
+        lines.append(rf"mean [{unit}] & ${value:.4g} \pm {error:.2g}$ & & & \\")
+    lines += [r" & $x$ & $y$ & $z$ & amplitude \\", r"\midrule"]
+    for row in vector_rows(vectors_of(solution)):
+        cells = [f"${_tex(cell)}$" for cell in (*row.cells, row.amplitude)]
+        lines.append(rf"{_SYMBOLS[row.name]} [{unit}] & " + " & ".join(cells) + r" \\")
+    lines += [r"\midrule", r" & power & noise-debiased & error & $p$-value \\", r"\midrule"]
+    for power in power_rows(solution):
+        shown = (power.power, power.debiased, power.error, power.p_value)
+        lines.append(
+            rf"${power.degree[0]}_{{{power.degree[1:]}}}$ & " + " & ".join(f"${_tex(c)}$" for c in shown) + r" \\"
+        )
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def _tex(cell):
+    """A printed number as LaTeX has it: ±, powers of ten, per cent."""
+    cell = cell.replace("±", r"\pm").replace("…", r"\ldots").replace("%", r"\%").replace("<", "< ")
+    return re.sub(r"(\d)e([+-]?\d+)", lambda m: rf"{m.group(1)} \times 10^{{{int(m.group(2))}}}", cell)

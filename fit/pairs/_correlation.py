@@ -8,18 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from fit.pairs._errors import covariance_of
-from fit.pairs._sums import sums_of
+from fit.pairs._power import checked_edges, windows
+from fit.pairs._sums import covariance_of, sums_of
 from fit.pairs._templates import TemplateFit, fitted, names_of
-from fit.pairs._windows import checked_edges, windows
 from fit.storage import Result
-from vsh import tables
-from vsh.checks import arguments
-from vsh.checks.notes import note_lines
-from vsh.checks.types import ArrayLike, FloatArray, Table
-from vsh.errors import ParameterError
 from vsh.field import Field
-from vsh.parts import Parts
+from vsh.io import tables
+from vsh.io.parts import Parts
+from vsh.tools import arguments
+from vsh.tools.errors import ParameterError
+from vsh.tools.notes import note_lines
+from vsh.tools.types import ArrayLike, FloatArray, Table
 
 #: The narrowest bin, in units of 1/lmax, that is resolved to 1e-3.
 _RESOLVED = 15.0

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vsh.checks.types import Axes
-from vsh.plot import KIND_COLOURS, KIND_NAMES, WIDTH, legend_above, panels, styled
+from vsh.figures.plot import KIND_COLOURS, KIND_NAMES, WIDTH, legend_above, panels, styled
+from vsh.tools.types import Axes
 
 _PLUS, _MINUS = KIND_COLOURS["S"], KIND_COLOURS["T"]
 _ANGLE, _VALUE = "angle between the sources  [°]", "correlation of motions  [(µas/yr)²]"

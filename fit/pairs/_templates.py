@@ -10,15 +10,15 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ncfdtr
 
-from fit.pairs._windows import windows
+from fit.pairs._power import windows
 from fit.storage import Result
-from vsh import tables
-from vsh.checks.arguments import between
-from vsh.checks.arrays import float_array
-from vsh.checks.types import ArrayLike, FloatArray, Table
-from vsh.covariance import d_minus, d_plus
-from vsh.errors import ParameterError
-from vsh.units import hubble_rate
+from vsh.io import tables
+from vsh.models.covariance import d_minus, d_plus
+from vsh.tools.arguments import between
+from vsh.tools.arrays import float_array
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.units import hubble_rate
 
 #: Templates by name, and what their amplitudes are.
 TEMPLATES = {

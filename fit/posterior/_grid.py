@@ -8,17 +8,17 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from fit.posterior._equations import distances_of, posterior_equations
 from fit.posterior._model import parallax_model
 from fit.posterior._priors import NoiseOptions, Priors, as_priors
+from fit.posterior._sample import distances_of, posterior_equations
 from fit.sampling import Prior
 from fit.storage import Result
-from vsh import tables
-from vsh.checks import arguments
-from vsh.checks.types import Cosmology, FloatArray, Table
-from vsh.errors import ParameterError
 from vsh.field import Field
-from vsh.parts import Parts
+from vsh.io import tables
+from vsh.io.parts import Parts
+from vsh.tools import arguments
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import Cosmology, FloatArray, Table
 from vsh.vector import Vector
 
 

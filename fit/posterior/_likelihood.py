@@ -29,8 +29,8 @@ from fit.secular_parallax import (
     with_flow,
     without_flow,
 )
-from vsh.checks.types import FloatArray
-from vsh.errors import ConvergenceError, ParameterError
+from vsh.tools.errors import ConvergenceError, ParameterError
+from vsh.tools.types import FloatArray
 from vsh.vector import Vector
 
 _UPPER = np.triu_indices(3)

@@ -10,9 +10,9 @@ import numpy as np
 
 from fit.posterior._priors import UNITS
 from fit.sampling import Normal
-from vsh.errors import ParameterError
-from vsh.plot import COLOURS, WIDTH, figure_of, panels, styled
-from vsh.system.quiet import import_quietly
+from vsh.figures.plot import COLOURS, WIDTH, figure_of, panels, styled
+from vsh.tools.errors import ParameterError
+from vsh.tools.printing import import_quietly
 
 corner = import_quietly("corner")
 

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from fit.posterior._mixture import MixtureModel
-from fit.posterior._model import ParallaxModel
+from fit.posterior._model import MixtureModel, ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS
 from fit.posterior._summary import SampleResult, Samples, text_of
 from fit.sampling import ENOUGH, Flat, Normal, autocorrelation, inference_data, split_r_hat
-from vsh.checks.types import FloatArray, PathName
-from vsh.errors import ConvergenceError
+from vsh.tools.errors import ConvergenceError
+from vsh.tools.types import FloatArray, PathName
 
 #: Levels of the columns: median, 68 %, and one-sided limits of 95 %.
 _LEVELS = np.array([0.5, 0.15865525, 0.84134475, 0.95, 0.05])

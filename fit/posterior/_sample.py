@@ -4,29 +4,72 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
 from logging import getLogger
 from time import perf_counter
 from typing import Any, Unpack
 
 import numpy as np
 
-from fit.posterior._equations import distances_of, posterior_equations
-from fit.posterior._mixture import MixtureModel
-from fit.posterior._model import parallax_model
+from fit.posterior._model import MixtureModel, parallax_model
 from fit.posterior._posterior import Posterior
-from fit.posterior._priors import NoiseOptions, Priors, as_priors
+from fit.posterior._priors import DISTANCES, ModelPriors, NoiseOptions, Priors, as_priors, checked_priors
 from fit.sampling import Prior, Run, as_prior, check_writable, fingerprint, named_function
-from fit.secular_parallax import ParallaxEquations
-from vsh.checks import arguments
-from vsh.checks.arguments import generator
-from vsh.checks.columns import MEASURED
-from vsh.checks.types import Cosmology, FloatArray, PathName, Rng
-from vsh.errors import ParameterError
-from vsh.field import Field
-from vsh.parts import Parts
-from vsh.system.files import exclusive
-from vsh.system.logs import tell
+from fit.secular_parallax import (
+    OMEGA,
+    DistanceOptions,
+    ParallaxEquations,
+    ParallaxParts,
+    flow_covariance,
+    noted,
+    parallax_equations,
+)
+from vsh.field import MEASURED, Field
+from vsh.io.parts import Parts
+from vsh.tools import arguments
+from vsh.tools.arguments import generator
+from vsh.tools.errors import ParameterError
+from vsh.tools.files import exclusive
+from vsh.tools.logs import tell
+from vsh.tools.types import Cosmology, FloatArray, PathName, Rng
 from vsh.vector import Vector
+
+
+def distances_of(options: dict[str, Any]) -> DistanceOptions:
+    """Those of the keywords that say how distances follow from redshifts."""
+    return DistanceOptions(**{name: value for name, value in options.items() if name in DISTANCES})  # type: ignore[typeddict-item]
+
+
+def posterior_equations(
+    field: Field | Parts, priors: Priors, cosmology: Cosmology | None, distances: DistanceOptions
+) -> tuple[ParallaxEquations | ParallaxParts, ModelPriors]:
+    """The equations of a catalogue, and the priors along its axes."""
+    first = field if isinstance(field, Field) else next(iter(field))
+    given = checked_priors(priors, first.frame, distances)
+    rows = parallax_equations(field, cosmology, peculiar_dispersion=given.typical_dispersion, **distances)
+    if rows.n_own:
+        raise ParameterError(
+            f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes redshifts "
+            "alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
+        )
+    rows = noted(rows, field, distances.get("redshift_frame"))
+    if rows.left_out is not None:
+        rows = replace(rows, notes=(_left_out(rows, given), *rows.notes))
+    if rows.modes is not None:
+        given = replace(given, flows=f"{len(rows.modes)} modes of {rows.modes.theory.name}")
+    return rows, given
+
+
+def _left_out(rows, given):
+    """What flows that were left out would add, as a note."""
+    sums = rows.left_out.sums(given.typical_dispersion, 0.0, rows.n_data // 2)
+    size = np.sqrt(np.diag(flow_covariance(sums, np.eye(9)[:, : OMEGA.start], 1.0)))
+    return (
+        "warning: not in the intervals: flows of linear theory, which galaxies share, add about "
+        f"± {np.sqrt(np.mean(size[:3] ** 2)):.0f} km/s to each component of v H0/H_ref, and ± "
+        f"{np.sqrt(np.mean(size[3:] ** 2)):.2g} µas/yr to the acceleration's"
+    )
+
 
 _LOG = getLogger(__name__)
 

@@ -12,11 +12,11 @@ from fit.output import note_lines
 from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
 from fit.sampling import autocorrelation, inference_data, split_r_hat
 from fit.storage import Result, count, words
-from vsh import tables
-from vsh.checks.arrays import float_array
-from vsh.checks.types import FloatArray, Table
-from vsh.errors import ParameterError
+from vsh.io import tables
 from vsh.sky.frames import check_frame
+from vsh.tools.arrays import float_array
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import FloatArray, Table
 from vsh.vector import Vector
 
 

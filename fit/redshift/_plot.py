@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from vsh.checks.types import Axes
-from vsh.cosmology import FLOW_LIMIT, transverse_distance, velocity_along
-from vsh.errors import ParameterError
-from vsh.plot import COLOURS, WIDTH, figure_of, legend_above, panels, styled
-from vsh.units import AU_PER_YEAR
+from vsh.figures.plot import COLOURS, WIDTH, figure_of, legend_above, panels, styled
+from vsh.models.cosmology import FLOW_LIMIT, transverse_distance, velocity_along
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import Axes
+from vsh.tools.units import AU_PER_YEAR
 from vsh.vector import Vector
 
 

@@ -1,9 +1,7 @@
 """How a result varies when its sources do: bootstrap and jackknife."""
 
-from fit.resample._block_lengths import BlockLength, compare_blocks
-from fit.resample._blocks import block_bootstrap, jackknife
-from fit.resample._bootstrap import bootstrap, parametric_bootstrap
-from fit.resample._resampled import Resampled
+from fit.resample._blocks import BlockLength, block_bootstrap, compare_blocks, jackknife
+from fit.resample._bootstrap import Resampled, bootstrap, parametric_bootstrap
 
 __all__ = [
     "BlockLength",

@@ -6,36 +6,121 @@ and errors common to the whole sky, above all a glide or a rotation of the frame
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
-from scipy.special import gammaincc
+from scipy.special import gammaincc, stdtrit
 
 from fit.normal import WhiteRows, normal_equations
-from fit.resample._resampled import Resampled
-from fit.solution import Solution
+from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import leverage
 from vsh.basis import harmonics
-from vsh.checks import arguments
-from vsh.checks.arguments import choice, generator
-from vsh.checks.types import FloatArray, Rng
-from vsh.checks.weighed import Weighed, weighed
-from vsh.covariance import Covariance
-from vsh.errors import ParameterError
-from vsh.field import Field
+from vsh.field import Field, Weighed, weighed
+from vsh.io.parts import Parts, as_parts
+from vsh.models.covariance import Covariance
 from vsh.modes import Modes
-from vsh.parts import Parts, as_parts
 from vsh.scalars import ScalarField, modes_for
-from vsh.system.logs import told
-from vsh.system.parallel import map_blocks
-from vsh.system.progress import progress_bar
+from vsh.tools import arguments
+from vsh.tools.arguments import between, choice, generator
+from vsh.tools.errors import ParameterError
+from vsh.tools.logs import told
+from vsh.tools.parallel import map_blocks, progress_bar
+from vsh.tools.types import FloatArray, Rng, Table
+from vsh.vector import Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Resampled(AboutSolution):
+    """A solution and its replicates from resampled sources.
+
+    Attributes
+    ----------
+    method : str
+    solution : Solution
+        Of the sources as they are.
+    replicates : (n, p) array
+        Coefficients of each replicate. [µas/yr]
+    covariance : (p, p) array
+        Of the coefficients, estimated from the replicates. [(µas/yr)²]
+    """
+
+    method: str
+    solution: Solution
+    replicates: FloatArray
+    covariance: FloatArray
+
+    def report(self) -> str:
+        """The solution with these errors, as text."""
+        return self.resampled_solution.report()
+
+    def to_table(self) -> Table:
+        """The coefficients with these errors as an astropy Table, a row each."""
+        return self.resampled_solution.to_table()
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """Power by degree with these errors on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
+        """
+        return self.resampled_solution.plot(ax=ax)
+
+    @property
+    def samples(self) -> FloatArray:
+        """Another name of `replicates`."""
+        return self.replicates
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard error of each coefficient, (p,). [µas/yr]"""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def resampled_solution(self) -> Solution:
+        """The solution with this covariance in place of N⁻¹: its `spin` and `acceleration` carry these errors."""
+        source = f"the {self.method}, {len(self.replicates)} replicates"
+        dof = len(self.replicates) - 1.0
+        return replace(self.solution, covariance=self.covariance, errors_from=source, covariance_dof=dof)
+
+    @property
+    def spin(self) -> Vector:
+        """The spin with these errors, a Vector. [µas/yr]"""
+        return self.resampled_solution.spin
+
+    @property
+    def acceleration(self) -> Vector:
+        """The acceleration with these errors, a Vector. [µas/yr]"""
+        return self.resampled_solution.acceleration
+
+    def interval(self, probability: float = 0.68) -> FloatArray:
+        """Lower and upper end of each coefficient's interval, (2, p). [µas/yr]
+
+        Percentiles of the replicates; for the jackknife, whose replicates lie close together, the
+        interval of its standard error with Student's t, which allows for few blocks.
+
+        Parameters
+        ----------
+        probability : float
+            Between 0 and 1.
+        """
+        probability = between("probability", probability, 0, 1)
+        if self.method == "jackknife":
+            reach = stdtrit(len(self.replicates) - 1, 0.5 + probability / 2) * self.sigma
+            return self.solution.coefficients.values + np.array([[-1], [1]]) * reach
+        return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
+
 
 #: Of (1 − leverage), by which residuals are divided: those of sources that make much of their own fit are too small. With ½, ¾ and
 #: 1 pulls are 1.06, 0.92 and 0.80 where 100 sources with 70 coefficients have all the weight, 1.08, 0.98 and 0.89 with 30 and 16.
 _POWER = 0.75
+
+
 #: Poisson numbers with mean 1, less that mean, by 16 random bits; their variance is 0.99997.
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
 

@@ -12,17 +12,16 @@ from scipy.special import chdtr, chdtri
 from fit.normal import normal_equations
 from fit.solution import AboutSolution, Solution
 from fit.solving import solve
-from vsh.checks import arguments
-from vsh.checks.arguments import positive
-from vsh.checks.types import BoolArray, FloatArray
-from vsh.checks.weighed import Weighed
-from vsh.covariance import Covariance, as_covariance
-from vsh.errors import ConvergenceError
-from vsh.field import Field
+from vsh.field import Field, Weighed
+from vsh.io.parts import Parts, as_parts, median
+from vsh.models.covariance import Covariance, as_covariance
 from vsh.modes import Modes
-from vsh.parts import Parts, as_parts, median
 from vsh.scalars import ScalarField, modes_for
-from vsh.system.logs import told
+from vsh.tools import arguments
+from vsh.tools.arguments import positive
+from vsh.tools.errors import ConvergenceError
+from vsh.tools.logs import told
+from vsh.tools.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,10 +194,7 @@ def _corrected(solution, kept, rounds, limit, q, said, n_clipped):
     if variance > 1.001:
         said += f"; errors multiplied by {np.sqrt(variance):.3f} and χ² divided by {share:.3f} for that choice"
     solution = replace(
-        solution,
-        covariance=solution.covariance * variance,
-        chi2=solution.chi2 / share,
-        notes=(*solution.notes, said),
+        solution, covariance=solution.covariance * variance, chi2=solution.chi2 / share, notes=(*solution.notes, said)
     )
     return Clipped(solution, kept, rounds, limit, float(np.sqrt(variance)), n_clipped)
 

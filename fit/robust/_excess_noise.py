@@ -12,12 +12,12 @@ from fit.normal import normal_equations
 from fit.solution import AboutSolution, Solution
 from fit.solving import solve
 from fit.sums import sandwich, weighted_sums
-from vsh.checks import arguments
-from vsh.errors import ConvergenceError
 from vsh.field import Field
+from vsh.io.parts import Parts, as_parts
 from vsh.modes import Modes, as_modes
-from vsh.parts import Parts, as_parts
-from vsh.system.logs import told
+from vsh.tools import arguments
+from vsh.tools.errors import ConvergenceError
+from vsh.tools.logs import told
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,18 +1,9 @@
 """Our velocity from the secular parallax of galaxies for a known H0, and H0 for a known velocity."""
 
-from fit.secular_parallax._equations import (
-    OMEGA,
-    A,
-    ParallaxEquations,
-    ParallaxSums,
-    U,
-)
+from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, ParallaxParts, ParallaxSums, U
 from fit.secular_parallax._estimate import hubble_constant, observer_velocity
 from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._forecast import Forecast, forecast, predict
-from fit.secular_parallax._known import with_acceleration, with_flow, without_flow
-from fit.secular_parallax._left_out import flow_covariance
-from fit.secular_parallax._parts import ParallaxParts
 from fit.secular_parallax._setup import (
     LEFT_DISPERSION,
     DistanceOptions,
@@ -25,7 +16,7 @@ from fit.secular_parallax._setup import (
     undeclared,
 )
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
-from fit.secular_parallax._solve import check_determined
+from fit.secular_parallax._solve import check_determined, flow_covariance, with_acceleration, with_flow, without_flow
 
 __all__ = [
     "Flow",

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from fit.secular_parallax._equations import OMEGA, ParallaxEquations
-from fit.secular_parallax._known import with_acceleration, with_flow, without_flow
-from vsh.checks.types import FloatArray
-from vsh.errors import ParameterError
+from fit.secular_parallax._solve import with_acceleration, with_flow, without_flow
 from vsh.field import Field
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import FloatArray
 from vsh.vector import Vector
 
 #: Dispersions that are tried. [km/s]
@@ -52,11 +52,7 @@ class Preferred:
 
 
 def preferred_dispersion(
-    rows: ParallaxEquations,
-    taken: float,
-    excess_noise: float,
-    acceleration: Vector | None,
-    ratio: float,
+    rows: ParallaxEquations, taken: float, excess_noise: float, acceleration: Vector | None, ratio: float
 ) -> Preferred:
     """The likelihood of the dispersion beside the flow; `taken` is the one that the estimate uses. [km/s]"""
     few = rows.most_sensitive(_SOURCES)

@@ -12,18 +12,16 @@ from typing import Any, Literal, Unpack
 import numpy as np
 
 from fit.secular_parallax._dispersion import freed, preferred_dispersion
-from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, U
-from fit.secular_parallax._known import LocalGroup
-from fit.secular_parallax._parts import ParallaxParts
+from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, ParallaxParts, U
 from fit.secular_parallax._setup import DistanceOptions, dispersion_of, noted, parallax_equations
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
-from fit.secular_parallax._solve import solve_for
-from vsh.checks import arguments
-from vsh.checks.types import ArrayLike, Cosmology
-from vsh.cosmology import LOCAL_GROUP, PLANCK_2013, hubble_value, velocity_along
-from vsh.errors import DegeneracyError, ParameterError
+from fit.secular_parallax._solve import LocalGroup, solve_for
 from vsh.field import Field
-from vsh.parts import Parts
+from vsh.io.parts import Parts
+from vsh.models.cosmology import LOCAL_GROUP, PLANCK_2013, hubble_value, velocity_along
+from vsh.tools import arguments
+from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.types import ArrayLike, Cosmology
 from vsh.vector import Vector
 
 #: By which the Local Group departs from the flow of the modes: with 250 of them they leave 106 km/s of linear flows,
@@ -32,11 +30,7 @@ LOCAL_SCATTER = 150.0
 _PRODUCT = "the proper motions constrain only the product of our velocity and the Hubble constant, v · H0"
 
 
-@arguments.accepts(
-    field=arguments.a(Field, Parts),
-    hubble=arguments.positive,
-    excess_noise=arguments.not_negative,
-)
+@arguments.accepts(field=arguments.a(Field, Parts), hubble=arguments.positive, excess_noise=arguments.not_negative)
 def observer_velocity(
     field: Field | Parts,
     hubble: float | None = None,
@@ -53,7 +47,7 @@ def observer_velocity(
     Parameters
     ----------
     field : Field or Parts
-        With redshifts, none missing or below 1e-4 (`vsh.cosmology.with_redshift`, also as a step of parts).
+        With redshifts, none missing or below 1e-4 (`vsh.models.cosmology.with_redshift`, also as a step of parts).
     hubble : float
         H0. [km/s/Mpc]
     cosmology : astropy cosmology, optional
@@ -147,11 +141,7 @@ def _further(rows, dispersion, excess_noise, acceleration, ratio):
     return left_out, preferred
 
 
-@arguments.accepts(
-    field=arguments.a(Field, Parts),
-    hubble=arguments.positive,
-    excess_noise=arguments.not_negative,
-)
+@arguments.accepts(field=arguments.a(Field, Parts), hubble=arguments.positive, excess_noise=arguments.not_negative)
 def hubble_constant(
     field: Field | Parts,
     velocity: str | Vector | ArrayLike | None = None,

@@ -9,13 +9,13 @@ import numpy as np
 
 from fit.output import WIDTH, amplitude, components, direction
 from fit.storage import Result
-from vsh import tables
-from vsh.checks.arguments import positive
-from vsh.checks.types import FloatArray, Table
 from vsh.field import Field
-from vsh.flows import FlowModes, VelocityGrid
+from vsh.io import tables
+from vsh.models.flows import FlowModes, VelocityGrid
 from vsh.sky.sphere import across_and_along
-from vsh.units import SPEED_OF_LIGHT
+from vsh.tools.arguments import positive
+from vsh.tools.types import FloatArray, Table
+from vsh.tools.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
 
 
@@ -76,7 +76,7 @@ class Flow(Result):
 
     Attributes
     ----------
-    modes : vsh.flows.FlowModes
+    modes : vsh.models.flows.FlowModes
     values : (p,) array
         One on average before the motions were seen.
     covariance : (p, p) array

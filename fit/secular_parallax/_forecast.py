@@ -13,11 +13,11 @@ from fit.secular_parallax._estimate import hubble_constant, velocity_from
 from fit.secular_parallax._setup import dispersion_of, parallax_equations
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from fit.storage import Result
-from vsh import tables
-from vsh.checks.types import ArrayLike, Table
-from vsh.cosmology import PLANCK_2013, hubble_value
-from vsh.errors import ParameterError
 from vsh.field import Field
+from vsh.io import tables
+from vsh.models.cosmology import PLANCK_2013, hubble_value
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import ArrayLike, Table
 from vsh.vector import Vector
 
 

@@ -7,7 +7,18 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import ScalarFormatter
 
-from vsh.plot import COLOURS, DIVERGING, WIDTH, arrow_grid, draw_map, draw_vectors, even_grid, panels, sky_axes, styled
+from vsh.figures.plot import (
+    COLOURS,
+    DIVERGING,
+    WIDTH,
+    arrow_grid,
+    draw_map,
+    draw_vectors,
+    even_grid,
+    panels,
+    sky_axes,
+    styled,
+)
 from vsh.sky.pixels import centres
 
 _NSIDE = 16

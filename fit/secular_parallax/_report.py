@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from fit.output import WIDTH, amplitude, components, direction, note_lines, p_value, pulls
-from vsh.checks.notes import printable
-from vsh.cosmology import PLANCK_2018
+from vsh.models.cosmology import PLANCK_2018
+from vsh.tools.notes import printable
 
 
 def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | None = None) -> str:

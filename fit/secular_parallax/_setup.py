@@ -11,16 +11,15 @@ from warnings import warn
 import numpy as np
 
 from fit.distances import WHOLE_DISPERSION, calibrate
-from fit.secular_parallax._equations import ParallaxEquations
-from fit.secular_parallax._left_out import LeftOut
-from fit.secular_parallax._parts import ParallaxParts, equations
-from vsh.checks.arguments import not_negative
-from vsh.checks.types import Cosmology, FloatArray
-from vsh.cosmology import PLANCK_2013, hubble_value, transverse_distance
-from vsh.errors import ParameterError, VshError, VshWarning
+from fit.secular_parallax._equations import ParallaxEquations, ParallaxParts, equations
+from fit.secular_parallax._solve import LeftOut
 from vsh.field import Field
-from vsh.flows import FARTHEST, PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
-from vsh.parts import Parts
+from vsh.io.parts import Parts
+from vsh.models.cosmology import PLANCK_2013, hubble_value, transverse_distance
+from vsh.models.flows import FARTHEST, PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
+from vsh.tools.arguments import not_negative
+from vsh.tools.errors import ParameterError, VshError, VshWarning
+from vsh.tools.types import Cosmology, FloatArray
 
 #: Dispersion of peculiar velocities in each component beyond the flows of linear theory. [km/s]
 LEFT_DISPERSION = 150.0
@@ -95,7 +94,7 @@ def flow_theory(options: DistanceOptions) -> LinearTheory | None:
     if isinstance(flows, str) and flows == "linear":
         return PLANCK_2018
     if flows is not None and not isinstance(flows, LinearTheory):
-        raise ParameterError(f'flows are "linear", a vsh.flows.LinearTheory or None, not {flows!r}')
+        raise ParameterError(f'flows are "linear", a vsh.models.flows.LinearTheory or None, not {flows!r}')
     if flows is None and options.get("reconstruction") is not None:
         raise ParameterError(
             "a reconstruction leaves a flow to be fitted, what it lacks: it does not go with flows=None"
@@ -168,7 +167,7 @@ def _theory_left(options) -> LinearTheory | None:
     if theory is None or grid is None:
         return theory
     if not isinstance(grid, VelocityGrid):
-        raise ParameterError(f"a reconstruction is a vsh.flows.VelocityGrid, not {type(grid).__name__}")
+        raise ParameterError(f"a reconstruction is a vsh.models.flows.VelocityGrid, not {type(grid).__name__}")
     error = options.get("reconstruction_error", 0.5)
     if not 0 < error <= 1:
         raise ParameterError(f"a reconstruction errs by a fraction of the flow above 0, at most 1, not {error!r}")

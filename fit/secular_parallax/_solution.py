@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.named import NamedSolution
 from fit.secular_parallax._dispersion import Preferred
 from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._report import text_of
+from fit.solution import NamedSolution
 from vsh import Coefficients
-from vsh.checks.types import FloatArray
-from vsh.cosmology import PLANCK_2018, transverse_distance
 from vsh.field import Field
+from vsh.models.cosmology import PLANCK_2018, transverse_distance
 from vsh.sky.sphere import triad
-from vsh.units import AU_PER_YEAR
+from vsh.tools.types import FloatArray
+from vsh.tools.units import AU_PER_YEAR
 from vsh.vector import Vector
 
 

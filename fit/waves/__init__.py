@@ -4,18 +4,12 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from fit.waves._in_time import search_in_time
-from fit.waves._search import WaveSearch, search
+from fit.waves._search import WaveSearch, search, search_in_time
 
 if TYPE_CHECKING:
-    from fit.waves._plot import plot_search
+    from fit.waves._map import plot_search
 
-__all__ = [
-    "WaveSearch",
-    "plot_search",
-    "search",
-    "search_in_time",
-]
+__all__ = ["WaveSearch", "plot_search", "search", "search_in_time"]
 
 # matplotlib is imported when a figure is first asked for.
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_search"]})

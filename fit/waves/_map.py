@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
-from vsh.checks.arguments import generator
-from vsh.checks.frozen import Frozen
-from vsh.checks.types import BoolArray, FloatArray, Rng
-from vsh.errors import DegeneracyError
+from fit.quality import printed_p_value
+from vsh.figures.plot import COLOURS, WIDTH, draw_points, panels, plot_map, styled
+from vsh.models.waves import wave_templates
 from vsh.modes import Modes
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
-from vsh.waves import wave_templates
+from vsh.tools.arguments import generator
+from vsh.tools.errors import DegeneracyError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import BoolArray, FloatArray, Rng
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,3 +93,27 @@ def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: i
         statistic = sum((part @ noise) ** 2 for part in rotated)
         beyond += int(np.sum(statistic.max(axis=0) >= largest))
     return (1 + beyond) / (1 + n_skies)
+
+
+@styled
+def plot_search(found: Any, *, ax: Any = None) -> Any:
+    """2F and the limit of every direction that a wave may travel to.
+
+    Parameters
+    ----------
+    found : WaveSearch
+        What to draw.
+    ax : two matplotlib axes, optional
+        Whose places the maps take; a new figure unless given.
+    """
+    said = (
+        f"largest 2F = {found.statistic.max():.1f}; p = {printed_p_value(found.p_value)} with all directions looked at"
+    )
+    drawn = panels(ax, 2, 1, size=(WIDTH, 5.2))
+    for place, values, label, cmap, title in (
+        (0, found.statistic, "2F of a wave that travels there", "viridis", said),
+        (1, found.limits, f"95 % limit on its amplitude  [{found.unit}]", "cividis", None),
+    ):
+        drawn[place] = plot_map(values, label, frame=found.frame, cmap=cmap, title=title, ax=drawn[place])
+        draw_points(drawn[place], *np.radians(found.direction), marker="+", s=60, color=COLOURS[1])
+    return drawn

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from vsh.basis import harmonics
-from vsh.checks import arrays
-from vsh.checks.frozen import Frozen
-from vsh.checks.types import ArrayLike, BoolArray, FloatArray
-from vsh.errors import ParameterError
 from vsh.modes import Modes, as_modes
+from vsh.tools import arrays
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ import numpy as np
 
 from sim.mission import Mission
 from sim.population import Population
-from vsh.checks import arguments, arrays
-from vsh.checks.frozen import Frozen
-from vsh.checks.types import ArrayLike, BoolArray, FloatArray, IntArray
-from vsh.errors import ParameterError
+from vsh.tools import arguments, arrays
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray
 
 KINDS = ("quasars", "galaxies", "stars")
 

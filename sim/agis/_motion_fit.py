@@ -8,10 +8,10 @@ import numpy as np
 
 from sim.agis.passes import Scans
 from vsh.basis import harmonics
-from vsh.checks import arrays
-from vsh.checks.types import ArrayLike, FloatArray, IntArray
-from vsh.errors import DegeneracyError, ParameterError
 from vsh.modes import Modes
+from vsh.tools import arrays
+from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
 #: Degrees that must come to rest.
 LOW_DEGREES = 3

@@ -1,22 +1,330 @@
-"""The joint solution, as its users meet it."""
+"""The joint solution, as its users meet it.
+
+The normal equations of sources and attitude, the attitude eliminated.
+
+An observation of source i at time t, under the position angle ψ, is
+
+    along = m·δu − n·ε(t),   across = n·δu + m·ε(t),   m = p sin ψ + q cos ψ,   n = −p cos ψ + q sin ψ,
+
+with δu = p (Δα* + µ_α* t) + q (Δδ + µ_δ t) + ϖ f and the attitude's error ε(t) a spline along the axes of the sky
+(Lindegren et al. 2012, A&A 538, A78, linearised). The normal equations [S C; Cᵀ A] have blocks of five rows for each
+source in S, and a band of twelve in A. A is factored once; what is left for the sources is (S − C A⁻¹ Cᵀ) x = g_s − C A⁻¹ g_a.
+"""
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
-from sim.agis._errors import ExactErrors
 from sim.agis._globals import GlobalMotion
-from sim.agis._motion_fit import low_fit
-from sim.agis._solve import solve_observations
-from sim.agis.passes import Scans
+from sim.agis._motion_fit import MotionFit, low_fit, sources_at
+from sim.agis._solve import Iteration, solve_observations
+from sim.agis.passes import Scans, check_memory, make_passes, smooth, system_memory
 from sim.agis.results import AgisSolution
-from vsh.checks import arguments, arrays
-from vsh.checks.types import ArrayLike, FloatArray, PathName
-from vsh.errors import ParameterError, VshWarning
+from sim.variability import Variability, chain_products
+from vsh.modes import Modes, as_modes
+from vsh.tools import arguments, arrays
+from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, VshWarning
+from vsh.tools.notebook import InNotebook
+from vsh.tools.parallel import blas_for, progress_bar
+from vsh.tools.types import ArrayLike, FloatArray, PathName
+from vsh.tools.units import JULIAN_YEAR
+
+#: A source is solved if it has more transits than parameters, and its block is no worse conditioned.
+_LEAST = 1e-6
+
+
+class Equations(InNotebook):
+    """S, A factored, and what both do to vectors; those of sources are (n, 5, K).
+
+    Parameters
+    ----------
+    scans : Scans
+        The transits.
+    prior : float or None
+        To which the attitude's coefficients are known from elsewhere. [µas]
+    smoothing : float
+        To which their second differences are taken to vanish. [µas]
+    motion : GlobalMotion or None
+        A field that the motions of some sources follow.
+    threads : int or None
+        One a core if None.
+    compiled : bool or None
+        By numba, or by the sparse design matrix; whichever there is if None.
+    """
+
+    def __init__(
+        self, scans: Scans, prior: float | None, smoothing: float, motion: GlobalMotion | None,
+        threads: int | None, compiled: bool | None,
+    ) -> None:  # fmt: skip
+        self.scans, self.prior, self.smoothing, self.motion = scans, prior, smoothing, motion
+        self.coefficients = scans.intervals + 3
+        self._check_data()
+        check_memory(system_memory(scans.n_sources, self.coefficients, 1), "the normal equations",
+                     "take fewer sources, or knots farther apart")  # fmt: skip
+        self.passes, blocks, band, self.solved = self._determined(threads, compiled)
+        self._check_numbers()
+        blocks[~self.solved] = np.eye(5)
+        self.formal = _inverse(blocks)
+        self.blocks = blocks
+        if motion is not None:
+            motion.check(scans.n_sources, self.solved)
+            self._tighter = blocks.copy()
+            self._tighter[:, [3, 4], [3, 4]] += motion.weights[:, None]
+            self.start = _inverse(self._tighter)
+            self._low_rank = motion.reduced(self.formal)
+        else:
+            self._tighter, self.start = blocks, self.formal
+        smooth(band, 1 / smoothing**2)
+        if prior is not None:
+            band[0] += 1 / prior**2
+        self.factor = self._factored(band)
+
+    def apply(self, x: FloatArray) -> FloatArray:
+        """(S − C A⁻¹ Cᵀ) x, with what holds global motions."""
+        if x.ndim == 2:
+            return self.apply(x[..., None])[..., 0]
+        out = self._tighter @ x - self.passes.to_sources(self.attitude_of(self.passes.to_attitude(x)))
+        if self.motion is not None:
+            out[:, 3:] -= self.motion.pull(x)
+        return out
+
+    def attitude_of(self, right: FloatArray) -> FloatArray:
+        """A⁻¹ of a right-hand side (coefficients, 3[, K])."""
+        # A copy, which is overwritten: for one right-hand side the order of its axes is the same.
+        flat = np.array(right.reshape(3 * self.coefficients, -1), order="F")
+        return cho_solve_banded((self.factor, True), flat, overwrite_b=True, check_finite=False).reshape(right.shape)
+
+    def reduce(self, of_sources: FloatArray, of_attitude: FloatArray) -> FloatArray:
+        """g_s − C A⁻¹ g_a, (n, 5)."""
+        return of_sources - self.passes.to_sources(self.attitude_of(of_attitude)[..., None])[..., 0]
+
+    def precondition(self, r: FloatArray) -> FloatArray:
+        """Each source solved for itself, with what holds global motions."""
+        z = self.start @ r
+        if self.motion is not None:
+            g = self.motion.design
+            low = np.linalg.solve(
+                self._low_rank, np.einsum("mik,mir->kr", g, self.motion.weights[:, None, None] * z[:, 3:])
+            )
+            pulled = np.zeros_like(z)
+            pulled[:, 3:] = self.motion.weights[:, None, None] * np.einsum("mik,kr->mir", g, low)
+            z += self.start @ pulled
+        return z
+
+    def null_space(self) -> FloatArray:
+        """The six motions that no observation sees, (6, n, 5): ε₀ along x, y, z, then ω."""
+        # Of the directions as the observations have them, in single precision.
+        sa, ca, sd, cd = self.scans.directions.astype(float)
+        p, q = np.stack([-sa, ca, np.zeros_like(sa)]), np.stack([-sd * ca, -sd * sa, cd])
+        out = np.zeros((6, self.scans.n_sources, 5))
+        # ε × r has the components ε·q east and −ε·p north.
+        out[:3, :, 0], out[:3, :, 1] = q, -p
+        out[3:, :, 3], out[3:, :, 4] = q, -p
+        return out
+
+    @property
+    def defect(self) -> int:
+        """Of how many motions of `null_space` the observations know nothing: six, three where motions are held, or none."""
+        if self.prior is not None:
+            return 0
+        return 6 if self.motion is None or self.motion.spins else 3
+
+    def without_null_space(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Parameters less the rotation that fits them best, the blocks S as weights; and that rotation."""
+        if not self.defect:
+            return x, np.zeros((0, x.shape[-1]))
+        basis, weighted, normal = self.rotations()
+        rotation = np.linalg.solve(normal, np.einsum("kni,nir->kr", weighted, x))
+        return x - np.einsum("kr,kni->nir", rotation, basis), rotation
+
+    def rotations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The null space of the sources that are solved; times the blocks S; and the product of the two."""
+        basis = self.null_space()[: self.defect]
+        basis[:, ~self.solved] = 0
+        weighted = np.einsum("nij,knj->kni", self.blocks, basis)
+        return basis, weighted, np.einsum("kni,lni->kl", weighted, basis)
+
+    def _check_data(self):
+        scans = self.scans
+        if self.prior is None and not (scans.weights[1] > 0).any():
+            raise DegeneracyError(
+                "no across-scan data: along the scan alone coefficient 0 of the attitude, and every other, is determined about "
+                "one axis of three. Give sigma_across, or a prior, to which the attitude is known from elsewhere"
+            )
+
+    def _check_numbers(self):
+        """Raise DegeneracyError if the solved sources have fewer observations than there are unknowns."""
+        scans, n = self.scans, int(self.solved.sum())
+        observed = np.sum((scans.counts * (1 + (scans.weights[1] > 0)))[self.solved])
+        left, unknown = observed - 5 * n, 3 * self.coefficients
+        if self.prior is None and left < unknown:
+            longer = f"knots of {3 * scans.years * JULIAN_YEAR / left:.0f} s or more, " if left > 0 else ""
+            raise DegeneracyError(
+                f"too few sources for the knots: {observed:.0f} observations of {n} sources for {5 * n + unknown} unknowns "
+                f"({scans.intervals} intervals). Take {longer}more sources, sim.agis.scaled, or a prior"
+            )
+
+    def _determined(self, threads, compiled):
+        """Passes, blocks and band of the sources that have transits enough."""
+        scans = self.scans
+        solved = scans.counts > 5
+        passes = make_passes(scans, solved, threads, compiled)
+        blocks, band = passes.blocks()
+        scale = np.sqrt(np.maximum(np.einsum("nii->ni", blocks), 1e-300))
+        good = np.linalg.eigvalsh(blocks / (scale[:, :, None] * scale[:, None]))[:, 0] > _LEAST
+        if (solved & ~good).any():
+            solved &= good
+            passes = make_passes(scans, solved, threads, compiled)
+            blocks, band = passes.blocks()
+        if not solved.any():
+            raise DegeneracyError(
+                f"none of {scans.n_sources} sources has transits enough for five parameters in {scans.years:g} years"
+            )
+        return passes, blocks, band, solved
+
+    def _factored(self, band):
+        try:
+            return cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+        except LinAlgError as error:
+            digits = re.search(r"\d+", str(error))
+            coefficient = (int(digits[0]) - 1) // 3 if digits else 0
+            day = coefficient * self.scans.spacing * 365.25
+            raise DegeneracyError(
+                f"the attitude is not determined at its coefficient {coefficient} of {self.coefficients} (day {day:.2f}): "
+                "lower the smoothing, take more sources, or a prior"
+            ) from None
+
+
+def _inverse(blocks):
+    scale = 1 / np.sqrt(np.einsum("nii->ni", blocks))
+    scale = scale[:, :, None] * scale[:, None]
+    return np.linalg.inv(blocks * scale) * scale
+
+
+#: Functionals solved for together.
+TOGETHER = 3
+
+
+#: Iterations over which the sum of the variances must have come to rest.
+_REST = 10
+
+
+class ExactErrors(Equations):
+    """Equations that tell the errors of what is made of their solution."""
+
+    def formal_covariance(
+        self, modes: Modes | int, lon: ArrayLike | None = None, lat: ArrayLike | None = None
+    ) -> FloatArray:
+        """Covariance of a fit of harmonics to the motions as it would be quoted: sources for themselves, the attitude known."""
+        return MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat)).formal
+
+    def true_covariance(
+        self,
+        modes: Modes | int,
+        lon: ArrayLike | None = None,
+        lat: ArrayLike | None = None,
+        *,
+        variability: Variability | None = None,
+        variable: ArrayLike | None = None,
+        tolerance: float = 1e-3,
+        iterations: int = 2000,
+        progress: bool = False,
+    ) -> FloatArray:
+        """Covariance that the same fit really has, with all that sources share through the attitude; exact, without noise drawn.
+
+        A solve by conjugate gradients for each mode: their running sum is a lower bound of the variance that only grows.
+        """
+        fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
+        g = fit.functionals(np.arange(len(fit.modes)))
+        return self._covariance(g, tolerance, iterations, progress, variability, variable)
+
+    def covariance_of(
+        self, functionals: ArrayLike, *, variability: Variability | None = None, variable: ArrayLike | None = None,
+        tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False,
+    ) -> FloatArray:  # fmt: skip
+        """Covariance of any linear functionals Σ g x of the sources' parameters."""
+        g = arrays.float_array("functionals", functionals)
+        if g.ndim != 3 or g.shape[:2] != (self.scans.n_sources, 5):
+            raise ParameterError(f"functionals have the shape ({self.scans.n_sources}, 5, K), not {g.shape}")
+        return self._covariance(g, tolerance, iterations, progress, variability, variable)
+
+    def global_covariances(
+        self, *, tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Covariances of the global parameters: as sources that know the attitude would give them, and as they are."""
+        if self.motion is None:
+            raise ParameterError("there are no global parameters: give System a motion")
+        g = np.stack([self.motion.functional(k) for k in range(len(self.motion.names))], axis=-1)
+        true = self._covariance(g, tolerance, iterations, progress)
+        # What the sources' own motions leave of y: the mean of Gy + own is no y.
+        return np.linalg.inv(self._low_rank), true + np.linalg.inv(self.motion.normal)
+
+    def _covariance(self, functionals, tolerance, iterations, progress, variability=None, variable=None):
+        """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""
+        right = self._seen(functionals)
+        solved = np.empty_like(right)
+        bar = progress_bar(words="exact errors", shown=progress, unit=" iterations")
+        with bar, blas_for(0):
+            for start in range(0, right.shape[-1], TOGETHER):
+                here = slice(start, start + TOGETHER)
+                solved[..., here] = _solved(self, np.ascontiguousarray(right[..., here]), tolerance, iterations, bar)
+        k = right.shape[-1]
+        out = right.reshape(-1, k).T @ solved.reshape(-1, k)
+        if variability is not None and variability.sigma > 0:
+            out += self._varying(solved, variability, variable)
+        return (out + out.T) / 2
+
+    def _seen(self, functionals):
+        """Functionals of parameters from which the null space is taken out, by the blocks as weights."""
+        right = functionals.copy()
+        right[~self.solved] = 0
+        if self.defect:
+            basis, weighted, normal = self.rotations()
+            share = np.linalg.solve(normal, np.einsum("kni,nir->kr", basis, right))
+            right -= np.einsum("kr,kni->nir", share, weighted)
+        return right
+
+    def _varying(self, solved, variability, variable):
+        """What photocentres that vary add: Σ over sources of aᵀ C a, a how much each observation counts in a functional."""
+        scans = self.scans
+        order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
+        if variable is not None:
+            order = order[np.asarray(variable, bool)[scans.source[order]]]
+        owner, time = scans.source[order], scans.time()[order]
+        weights = scans.weights[:, owner] * self.solved[owner]
+        sin, cos = (column[order].astype(float) for column in (scans.sin, scans.cos))
+        shares = []
+        for x in np.moveaxis(solved, -1, 0):
+            attitude = self.attitude_of(-self.passes.to_attitude(np.ascontiguousarray(x)[..., None])[..., 0])
+            along, across = (w * seen[order] for w, seen in zip(weights, self.passes.predict(x, attitude), strict=True))
+            shares += [np.stack([along * sin - across * cos, along * cos + across * sin])]
+        found = chain_products(np.array(shares), owner, time, variability.tau)
+        return variability.sigma**2 * found
+
+
+def _solved(equations, right, tolerance, iterations, bar):
+    work = Iteration(equations, right)
+    total, gains = np.zeros(right.shape[-1]), []
+    for _ in range(iterations):
+        work.step()
+        gains.append(work.gain)
+        total += work.gain
+        bar.update()
+        bar.set_postfix_str(f"σ at least {', '.join(f'{x:.3g}' for x in np.sqrt(total))}", refresh=False)
+        grown = np.sum(gains[-_REST:], axis=0) / np.where(total > 0, total, 1.0)
+        if (len(gains) >= _REST and grown.max() < tolerance) or work.residual < 1e-12:
+            return work.x
+    raise ConvergenceError(
+        f"variances still grew by {100 * grown.max():.2g} % in the last {_REST} of {iterations} iterations; standard errors are at "
+        f"least {', '.join(f'{x:.4g}' for x in np.sqrt(total))}. Allow more iterations, or a larger tolerance"
+    )
+
 
 #: Second differences smaller than this are a statement on the attitude, not a bridge over gaps. [µas]
 ROUGH = 1e4

@@ -4,19 +4,129 @@ from __future__ import annotations
 
 import shutil
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import sim
 import vsh
 from sim import agis
-from sim.commands._agis_results import CAPTIONS, draw, report, tables_of, write
 from vsh.commands import finishing, outputs, running
 from vsh.commands.options import agis as words
-from vsh.system.files import exclusive
-from vsh.units import AU_PER_YEAR
+from vsh.tools.files import exclusive
+from vsh.tools.types import Table
+from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR
+
+#: Edges of bins of angle, in heights of a field: within it, about it, far beyond.
+_ANGLES = np.array([0.0, 0.15, 0.37, 0.73, 1.0, 1.5, 3.0, 7.0])
+
+
+CAPTIONS = {
+    "convergence": "How far the lowest degrees are from where they end, iteration by iteration.",
+    "errors": "True over formal errors of the five parameters by magnitude.",
+    "correlation": "Correlation of the errors of two parallaxes by the angle between the sources.",
+    "map": "True over formal errors of the motions over the sky.",
+}
+
+
+def report(
+    system: agis.System,
+    solution: agis.AgisSolution,
+    notes: list[str],
+    mixture: agis.Mixture,
+    options: Any,
+    exact: dict[str, Any],
+) -> str:
+    """What is printed."""
+    scans = system.scans
+    counts = ", ".join(f"{np.sum(mixture.are(kind))} {kind}" for kind in agis.KINDS if mixture.are(kind).any())
+    sigma = np.sqrt(np.einsum("nii->ni", solution.formal))
+    lines = [
+        "Sources and attitude solved together", "",
+        f"sources      {counts}; {system.solved.sum()} solved",
+        f"transits     {len(scans)}, {options.across:g} times the error across the scan",
+        f"attitude     {scans.intervals} intervals of {scans.spacing * JULIAN_YEAR:.4g} s, "
+        + ("solved" if system.prior is None else f"known to {system.prior:g} µas"),
+        f"iterations   {solution.iterations}, " + ("at rest" if solution.converged else "NOT at rest: large scales are not what they will be"),
+        *(f"note         {note}" for note in notes), "",
+        "True over formal error, this draw of the noise (rms over sources)",
+        f"{'':12}{'α*':>8}{'δ':>8}{'ϖ':>8}{'µα*':>8}{'µδ':>8}",
+    ]  # fmt: skip
+    for kind in agis.KINDS:
+        here = mixture.are(kind) & system.solved
+        if here.any():
+            found = np.sqrt(np.mean((solution.sources[here] / sigma[here]) ** 2, axis=0))
+            lines.append(f"{kind:12}" + "".join(f"{x:8.3f}" for x in found))
+    if solution.global_parameters is not None and system.motion is not None:
+        lines += [
+            "",
+            f"Global parameters [{'km/s for v, else ' if options.motions == 'velocity' else ''}µas/yr], truth 0",
+        ]
+        lines += [
+            f"  {name:12}{value:+10.4f}"
+            for name, value in zip(system.motion.names, solution.global_parameters, strict=True)
+        ]
+    if exact:
+        lines += ["", "Exact errors of a fit of degree 1 to the quasars [µas/yr, coefficients]", f"{'':18}{'formal':>10}{'true':>10}{'ratio':>8}"]  # fmt: skip
+        lines += [f"{name:18}{formal:10.4f}{true:10.4f}{true / formal:8.3f}" for name, (formal, true) in exact.items()]
+        formal, true = np.array([exact[str(mode)] for mode in vsh.Modes(1)][3:]).T
+        lines.append(f"acceleration: true/formal {np.sqrt(np.sum(true**2) / np.sum(formal**2)):.3f}")
+    return "\n".join(lines) + "\n"
+
+
+def write(
+    folder: Path, solution: agis.AgisSolution, mixture: agis.Mixture, found: Mapping[str, Table], options: Any
+) -> None:
+    """Write motions, sources and convergence."""
+    from vsh.io import catalogue, tables
+
+    truth = sim.spin(options.spin) + sim.acceleration(options.acceleration)
+    motions = solution.field(
+        truth, sources=mixture.are("quasars"), redshift=mixture.redshift, magnitude=mixture.magnitude
+    )
+    meta = {f"{name}_{axis}": float(v) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration)) for axis, v in zip("XYZ", vector, strict=True)}  # fmt: skip
+    catalogue.write_field(motions, folder / "motions.fits", meta | {"PROGRAM": f"vsh-agis {vsh.__version__}"})
+    tables.write_table(found["sources"], folder / "sources.fits", {"UNITS": "muas, muas/yr"})
+    tables.write_table(found["convergence"], folder / "convergence.ecsv")
+
+
+def tables_of(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Table]:
+    """Errors of every source, and the lowest degrees after every iteration."""
+    from vsh.io.tables import table_of
+
+    names = ("ra", "dec", "parallax", "pmra", "pmdec")
+    columns = {"ra": np.degrees(mixture.lon), "dec": np.degrees(mixture.lat), "kind": np.array(agis.KINDS)[mixture.kind], "transits": system.scans.counts}  # fmt: skip
+    columns |= {f"error_{name}": solution.sources[:, i] for i, name in enumerate(names)}
+    columns |= {f"sigma_{name}": np.sqrt(np.where(system.solved, solution.formal[:, i, i], np.nan)) for i, name in enumerate(names)}  # fmt: skip
+    history = {str(mode): solution.history[:, i] for i, mode in enumerate(solution.modes)}
+    return {
+        "convergence": table_of({"iteration": np.arange(1, len(solution.history) + 1)} | history),
+        "sources": table_of(columns),
+    }
+
+
+def draw(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Any]:
+    """Convergence, errors by magnitude, by angle and over the sky: axes by name of file."""
+    quasars = mixture.are("quasars") & system.solved
+    # Errors in units of their true size, which goes by magnitude.
+    sigma = np.sqrt(solution.formal[quasars, 2, 2])
+    group = np.floor(2 * mixture.magnitude[quasars]).astype(int)
+    group -= group.min()
+    size = sigma * agis.ratio_by(solution.sources[quasars, 2], sigma, group)[0][group]
+    height = 2 * np.radians(0.342) * np.sqrt(max(1.0, system.scans.spacing * JULIAN_YEAR / 30.0))
+    edges = np.minimum(_ANGLES * height, np.pi)
+    edges = edges[: np.searchsorted(edges, np.pi) + 1]
+    angles = agis.correlation_by_angle(solution.sources[quasars, 2], mixture.lon[quasars], mixture.lat[quasars], edges, sigma=size)  # fmt: skip
+    nside = 2 ** int(np.clip(np.log2(np.sqrt(quasars.sum() / 120)), 0, 4))
+    return {
+        "convergence": agis.plot_convergence(solution),
+        "errors": agis.plot_errors_by_magnitude(solution, mixture.magnitude, quasars),
+        "correlation": agis.plot_correlation(edges, *angles),
+        "map": agis.plot_ratio_map(solution, nside, quasars),
+    }
 
 
 def _run(options):
@@ -90,7 +200,7 @@ def _global(options, mixture):
         return None
     factors, scatter = None, np.where(mixture.are("quasars"), options.scatter, np.inf)
     if options.motions == "velocity":
-        from vsh.cosmology import transverse_distance
+        from vsh.models.cosmology import transverse_distance
 
         galaxies = mixture.are("galaxies")
         factors = np.zeros(len(mixture))
@@ -128,6 +238,7 @@ def _framed(system, solution, options, quasars, chosen, radio):
 
 
 main, run = running.entry(words, _run)
+
 
 if __name__ == "__main__":
     sys.exit(main())

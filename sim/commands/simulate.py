@@ -13,11 +13,11 @@ import vsh
 from sim.expected import errors_by_place
 from vsh.commands import configuration, finishing, outputs, reading, running
 from vsh.commands.options import simulate as words
-from vsh.system.files import atomic_write, digest
+from vsh.tools.files import atomic_write, digest
 
 
 def _run(options):
-    from vsh import catalogue, tables
+    from vsh.io import catalogue, tables
 
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     outputs.check_file(options.output, options.overwrite, recorded=True)
@@ -70,7 +70,7 @@ def _run(options):
 
 def _crf3(options):
     """A catalogue in the archive's own columns."""
-    from vsh import tables
+    from vsh.io import tables
 
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     counts = {} if options.number is None else {"n_five": options.number}
@@ -89,7 +89,7 @@ def _finish(options, notes, meta, what):
     text = "\n".join([*notes, f"written to {options.output}: {what}"])
 
     def truth():
-        from vsh.tables import table_of
+        from vsh.io.tables import table_of
 
         numbers = {name: value for name, value in meta.items() if isinstance(value, (int, float))}
         return {

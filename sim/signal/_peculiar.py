@@ -11,17 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from sim.signal._signal import Signal
-from vsh.checks import arguments
-from vsh.checks.arguments import generator, not_negative, positive, whole
-from vsh.checks.types import ArrayLike, Cosmology, FloatArray, Rng
-from vsh.errors import ParameterError
-from vsh.flows import PLANCK_2018, LinearTheory, VelocityGrid, flow_modes
+from sim.signal._signal import Observer, Signal, direction_of
+from vsh.models.cosmology import parallax_factor
+from vsh.models.flows import PLANCK_2018, LinearTheory, VelocityGrid, flow_modes
 from vsh.sky.sphere import across_and_along, triad
-from vsh.units import AU_PER_YEAR
+from vsh.tools import arguments
+from vsh.tools.arguments import generator, not_negative, positive, whole
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import ArrayLike, Cosmology, FloatArray, Rng
+from vsh.tools.units import AU_PER_YEAR
 
 #: Galaxies whose flows are drawn exactly: 3n × 3n numbers are as many as memory holds.
 _MOST_EXACT = 6000
+
+
 _BLOCK = 2048
 
 
@@ -210,13 +213,50 @@ def _root(theory, lon, lat, far):
 
 def distance_of(redshift: ArrayLike, cosmology: Any, hubble: float | None) -> FloatArray:
     """Transverse comoving distances [Mpc]; flat, Ω_m = 0.315, H0 = 67.3 unless given."""
-    from vsh.cosmology import PLANCK_2013, transverse_distance  # astropy
+    from vsh.models.cosmology import PLANCK_2013, transverse_distance
 
     return transverse_distance(redshift, PLANCK_2013 if cosmology is None else cosmology, hubble=hubble)
 
 
 def _little_h(cosmology, hubble):
     """H0/100 of the distances: in Mpc/h they are the same whatever it is."""
-    from vsh.cosmology import PLANCK_2013, hubble_value
+    from vsh.models.cosmology import PLANCK_2013, hubble_value
 
     return (hubble or hubble_value(PLANCK_2013 if cosmology is None else cosmology)) / 100
+
+
+@dataclass(frozen=True)
+class SecularParallax(Observer):
+    """Parallax by our velocity [km/s, toward the apex]."""
+
+    velocity: FloatArray
+    cosmology: object
+    hubble: float | None
+
+    def __call__(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:
+        p, q, _ = triad(lon, lat)
+        distance = distance_of(redshift, self.cosmology, self.hubble)
+        # The curvature acts on distances for the cosmology's own H0.
+        factor = parallax_factor(distance_of(redshift, self.cosmology, None), self.cosmology)
+        return -np.stack([self.velocity @ p, self.velocity @ q]) * (factor / (AU_PER_YEAR * distance))
+
+
+def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None, hubble: float | None = None) -> Signal:
+    """Parallax by our own motion through the Universe: µ = −v_⊥/d_P, towards the antapex; d_P is d_M where space is flat.
+
+    Parameters
+    ----------
+    velocity : (3,) array
+        Ours with respect to the background, towards the apex, along the
+        axes of the frame [km/s]
+    cosmology : astropy cosmology, optional
+        Flat, Ω_m = 0.315, H0 = 67.3 unless given.
+    hubble : float, optional
+        H0 in place of the cosmology's [km/s/Mpc]
+
+    Notes
+    -----
+    Bachchan, Hobbs & Lindegren (2016), sect. 2.3.
+    """
+    hubble = None if hubble is None else positive("hubble", hubble)
+    return Signal((SecularParallax(direction_of(velocity, "velocity", "km / s"), cosmology, hubble),))

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from vsh import Coefficients
-from vsh.checks.arrays import float_array
-from vsh.checks.notebook import InNotebook
-from vsh.checks.types import ArrayLike, FloatArray
-from vsh.checks.validation import as_floats
-from vsh.errors import FieldError, ParameterError
+from vsh.models.covariance import Spectrum
+from vsh.modes import as_modes
 from vsh.sky.sphere import triad
-from vsh.units import SPEED_OF_LIGHT
+from vsh.tools import arguments
+from vsh.tools.arguments import generator, not_negative, number, positive
+from vsh.tools.arrays import float_array
+from vsh.tools.bad_rows import as_floats
+from vsh.tools.errors import FieldError, ParameterError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import ArrayLike, FloatArray, Rng
+from vsh.tools.units import SPEED_OF_LIGHT
 
 
 class Observer:
@@ -156,3 +161,154 @@ def direction_of(value: Any, name: str, unit: str = "") -> FloatArray:
     if not value.any():
         raise FieldError(f"{name} must be a vector whose components are not all zero")
     return value
+
+
+@dataclass(frozen=True)
+class Shear:
+    """Axes that expand at different rates [µas/yr]."""
+
+    matrix: FloatArray
+
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
+        p, q, r = triad(lon, lat)
+        return np.stack([np.sum(p * (self.matrix @ r), 0), np.sum(q * (self.matrix @ r), 0)])
+
+
+@dataclass(frozen=True)
+class Void:
+    """A dipole that grows with redshift to `peak` and fades again."""
+
+    glide: Coefficients
+    peak: float
+
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike) -> FloatArray:
+        if redshift is None:
+            raise FieldError("the void's dipole depends on redshift, and these sources have none")
+        x = np.asarray(redshift, float) / self.peak
+        return self.glide.at(lon, lat) * x * np.exp(1 - x)
+
+
+def anisotropic_expansion(shear: ArrayLike) -> Signal:
+    """A Bianchi I universe: axes expand at rates that differ, µ = Σ r − (rᵀ Σ r) r.
+
+    Parameters
+    ----------
+    shear : (3, 3) array
+        Σ, symmetric: the expansion rate along each axis less the mean; a
+        trace makes no difference [µas/yr]; 1 % of H0 = 70 is 0.15 µas/yr.
+
+    Raises
+    ------
+    ParameterError
+        If the matrix is not symmetric.
+
+    Notes
+    -----
+    The 0.2 µas/yr of Bachchan et al. (2016) is Quercellini et al.'s (2009) for 1 %.
+    """
+    shear = float_array("shear", shear, (3, 3))
+    if not np.allclose(shear, shear.T):
+        raise ParameterError("the shear must be a symmetric 3 × 3 matrix")
+    return Signal((Shear(shear),))
+
+
+def off_centre_void(direction: ArrayLike, amplitude: float = 0.02, peak: float = 1.0) -> Signal:
+    """We are off the centre of a large void: a dipole that grows with redshift and fades again.
+
+    µ = A f(z) (e − (e·r) r), f = (z/z_p) e^{1 − z/z_p}. The amplitude is that of Bachchan et al.
+    (2016, Table 1); the profile is a description of theirs ("increases at high z, decreases at
+    very high z"), not the solution of a model.
+
+    Parameters
+    ----------
+    direction : (3,) array
+        Towards which sources move; only its direction counts.
+    amplitude : float
+        The largest motion [µas/yr]
+    peak : float
+        Z_p, the redshift of the largest motion.
+    """
+    direction = direction_of(direction, "direction")
+    glide = number("amplitude", amplitude) * direction / np.linalg.norm(direction)
+    return Signal((Void(Coefficients.from_vectors(glide=glide), positive("peak", peak)),))
+
+
+@arguments.accepts(rng=arguments.seed)
+def systematics(
+    spectrum: Spectrum | Callable[[FloatArray], FloatArray],
+    rng: Rng,
+    *,
+    parity: Literal["odd", "even"] | None = None,
+    lmax: int = 24,
+) -> Signal:
+    """Errors that a catalogue shares over the sky: one draw of a Gaussian field of a given spectrum.
+
+    Parameters
+    ----------
+    spectrum : Spectrum or function of θ [rad]
+        The mean power of each kind and degree, or the covariance V(θ) of motions at an angle θ, such as
+        `vsh.models.covariance.LINDEGREN_2021`. [(µas/yr)²]
+    rng : Generator or int
+        The source of all randomness.
+    parity : {"odd", "even"}, optional
+        Only the fields that a spin belongs to, or only those a glide belongs to; both unless given.
+    lmax : int
+        The highest degree of the field; 24 resolves 7°.
+
+    Raises
+    ------
+    ParameterError
+        If the power of a degree is negative.
+
+    Examples
+    --------
+    >>> field = systematics(5 * Spectrum.odd() + 20 * Spectrum.even(), rng=1)
+    >>> field(np.zeros(3), np.zeros(3)).shape
+    (2, 3)
+    """
+    if not isinstance(spectrum, Spectrum):
+        spectrum = Spectrum.from_covariance(spectrum)
+    if parity is not None:
+        spectrum = spectrum.only(parity)
+    modes = as_modes(lmax)
+    sigma = np.sqrt(spectrum.variances(modes))
+    return from_coefficients(Coefficients(modes, sigma * generator(rng).standard_normal(len(modes))))
+
+
+@arguments.accepts(rng=arguments.seed)
+def random_field(power: ArrayLike, rng: Rng) -> Signal:
+    """A Gaussian random field with a given power of each degree, the same for T and S.
+
+    Parameters
+    ----------
+    power : (lmax,) array
+        ∫ |V_l|² dΩ of one kind, on average [(µas/yr)²]
+    rng : Generator or int
+        The source of all randomness.
+
+    Raises
+    ------
+    ParameterError
+        If the power is not one number of at least zero for each degree.
+    """
+    return systematics(Spectrum.given(power), rng, lmax=np.size(power))
+
+
+def gravitational_waves(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: int = 12) -> Signal:
+    """One draw of a stochastic background of gravitational waves longer than the observations.
+
+    Its mean square motion is H0² Ω_GW, so that the quadrupole obeys
+    Ω_GW = (6/5) P_2/(4π H0²), half of P_2 in T and half in S.
+
+    Parameters
+    ----------
+    omega : float
+        Ω_GW.
+    rng : Generator or int
+        The source of all randomness.
+    hubble : float
+        [km/s/Mpc]
+    lmax : int
+        The highest degree.
+    """
+    return systematics(not_negative("omega", omega) * Spectrum.waves(hubble), rng, lmax=lmax)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sim.signal._signal import Signal
-from vsh.checks.arguments import number
-from vsh.checks.types import ArrayLike, FloatArray
-from vsh.waves import unit, wave_motions
+from vsh.models.waves import unit, wave_motions
+from vsh.tools.arguments import number
+from vsh.tools.types import ArrayLike, FloatArray
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ def wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
         Where it travels to, along the axes of the frame; of any length. Its source is on the other side of the sky.
     plus, cross : float
         Rates of the strain in two polarisations: south–south less east–east at `direction`, and south–east. A strain h of
-        frequency f has 2πf h; 1 µas/yr is h = 2.4e-11 at 1 nHz (`vsh.waves.strain_of`). [µas/yr]
+        frequency f has 2πf h; 1 µas/yr is h = 2.4e-11 at 1 nHz (`vsh.models.waves.strain_of`). [µas/yr]
 
     Raises
     ------

@@ -16,13 +16,13 @@ from fit.shear import tensor_of
 from sim.population import galaxies
 from study.forecast._surveys import QUANTITIES, SURVEYS, Survey
 from vsh import Coefficients, Field
-from vsh.checks import arguments
-from vsh.checks.notebook import InNotebook
-from vsh.checks.types import Rng, Table
-from vsh.cosmology import PLANCK_2013, transverse_distance
-from vsh.covariance import LINDEGREN_2021, Spectrum
-from vsh.errors import ParameterError
-from vsh.units import AU_PER_YEAR, hubble_rate
+from vsh.models.cosmology import PLANCK_2013, transverse_distance
+from vsh.models.covariance import LINDEGREN_2021, Spectrum
+from vsh.tools import arguments
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import Rng, Table
+from vsh.tools.units import AU_PER_YEAR, hubble_rate
 
 #: So many stand for all: so many quasars; of galaxies the nearest and every tenth of the rest, fewer where flows are unknowns.
 _QUASARS, _GALAXIES, _NEAREST, _EVERY, _IN_FLOWS = 5000, 100_000, 4000, 20, 2000
@@ -82,7 +82,7 @@ class Forecast(InNotebook):
 
     def to_table(self) -> Table:
         """A row for each survey, as an astropy Table."""
-        from vsh import tables
+        from vsh.io import tables
 
         columns: dict[str, Any] = {"survey": list(self.surveys), "quasars": [s.n_quasars for s in self.surveys.values()],
                                    "galaxies": [s.n_galaxies for s in self.surveys.values()]}  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from study.forecast._surveys import QUANTITIES
-from vsh.plot import COLOURS, WIDTH, log_ticks, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, log_ticks, panels, styled
 
 _SHOWN = ("spin", "acceleration", "direction", "r0", "waves", "shear", "velocity", "hubble")
 

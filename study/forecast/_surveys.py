@@ -10,10 +10,10 @@ import numpy as np
 
 from sim.noise import gaia_errors
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes
-from vsh.checks import arguments
-from vsh.checks.notebook import InNotebook
-from vsh.checks.types import FloatArray
-from vsh.errors import ParameterError
+from vsh.tools import arguments
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import FloatArray
 
 
 @dataclass(frozen=True)

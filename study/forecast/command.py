@@ -6,7 +6,7 @@ import sys
 
 from vsh.commands import finishing, outputs, running
 from vsh.commands.options import forecast as words
-from vsh.errors import VshError
+from vsh.tools.errors import VshError
 
 
 def _run(options):
@@ -28,7 +28,7 @@ def _run(options):
 
 
 def _write(folder, found, meta):
-    from vsh import tables
+    from vsh.io import tables
 
     tables.write_table(found.to_table(), folder / "forecast.ecsv", meta)
 

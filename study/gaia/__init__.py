@@ -1,14 +1,6 @@
 """The paper on Gaia's acceleration of the Solar System, from one file: Gaia Collaboration, Klioner et al. (2021, A&A 649, A9)."""
 
-from study.gaia._fits import DegreeOrSubset, fit_sources
-from study.gaia._run import GaiaStudy, run_gaia
-from study.gaia._sources import Sources, read_gaia, subsets
+from study.gaia._run import DegreeOrSubset, GaiaStudy, Sources, fit_sources, read_gaia, run_gaia, subsets
 from study.gaia._write import write_gaia
 
-__all__ = [
-    "GaiaStudy",
-    "Sources",
-    "read_gaia",
-    "run_gaia",
-    "write_gaia",
-]
+__all__ = ["GaiaStudy", "Sources", "read_gaia", "run_gaia", "write_gaia"]

@@ -2,23 +2,194 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fit.background import floor
-from fit.output import cell, html_report
-from study.gaia._figures import CAPTIONS, draw
-from study.gaia._run import GaiaStudy
-from study.gaia._tables import correlation_table, power_table, published_table, row_table
-from vsh import tables
-from vsh.checks.types import Table
-from vsh.commands.figures import without_windows
-from vsh.errors import VshError
-from vsh.page import Shown, write_page
-from vsh.plot import close_figures, save_figures
+from fit.output import cell, html_report, plot_correlation, plot_residuals, plot_spectrum
+from fit.spectrum import spectrum
+from study.gaia._run import AMPLITUDE, CLIPPED, COMPONENTS, COUNTS, DEC, ERRORS, RA, SOURCES, DegreeOrSubset, GaiaStudy
+from vsh.commands.finishing import without_windows
+from vsh.figures.page import Shown, write_page
+from vsh.figures.plot import (
+    COLOURS,
+    WIDTH,
+    close_figures,
+    legend_above,
+    panels,
+    plot_field,
+    plot_map,
+    save_figures,
+    styled,
+)
+from vsh.io import tables
+from vsh.sky.pixels import pixels_of
+from vsh.tools.errors import VshError
+from vsh.tools.types import Table
+from vsh.vector import Vector, correlation_of
+
+CAPTIONS = {
+    "acceleration_by_degree": "The acceleration by the highest degree of the fit: thick bars from the bootstrap, thin ones the "
+    "catalogue's; bands: the published values.",
+    "acceleration_by_subset": "The acceleration by subsets of the sources: bars from the bootstrap; lines: all five-parameter sources.",
+    "density": "Sources a square degree.",
+    "powers": "Power by degree of the highest fit, errors from the bootstrap.",
+}
+
+
+def draw(study: GaiaStudy, truth: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """All figures, by name."""
+    main: Any = study.main
+    five = study.sources.field[~study.sources.six]
+    highest: Any = next((row for row in reversed(study.degrees) if row.resampled is not None), main)
+    return {
+        "acceleration_by_degree": _by_degree(study.degrees, truth),
+        "acceleration_by_subset": _by_subset(study.subsets),
+        "powers": plot_spectrum(highest.resampled),
+        "density": _density(five),
+        "sky": plot_field(five, main.solution.coefficients, covariance=main.resampled.covariance),
+        "correlation": plot_correlation(main.solution),
+        "residuals": plot_residuals(main.solution, five),
+    }
+
+
+@styled
+def _by_degree(rows, truth):
+    (axes,) = panels(None, size=(WIDTH, 2.7))
+    good = [(i + 1, row) for i, row in enumerate(rows) if row.resampled is not None]
+    known = truth["acceleration"].value if truth else COMPONENTS
+    for k, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
+        x = np.array([lmax for lmax, _ in good]) + (k - 1) * 0.15
+        value = [row.resampled.acceleration.value[k] for _, row in good]
+        thin = [row.solution.acceleration.sigma[k] for _, row in good]
+        axes.errorbar(x, value, thin, fmt="none", color=colour, linewidth=0.6)
+        thick = [row.resampled.acceleration.sigma[k] for _, row in good]
+        axes.errorbar(
+            x, value, thick, fmt="os^"[k], color=colour, linewidth=1.8, capsize=0, alpha=0.7, label=f"$g_{axis}$"
+        )
+        if truth:
+            axes.axhline(known[k], color=colour, linestyle=":")
+        else:
+            axes.axhspan(known[k] - ERRORS[k], known[k] + ERRORS[k], color=colour, alpha=0.12, linewidth=0)
+    axes.set_xticks([lmax for lmax, _ in good])
+    axes.set(xlabel="highest degree of the fit", ylabel="acceleration  [µas/yr]")
+    legend_above(axes, 3)
+    axes.set_title(
+        "dotted: the truth" if truth else "bands: Klioner et al. (2021), degree 3", loc="right", fontsize=6.5
+    )
+    return axes
+
+
+@styled
+def _by_subset(rows: Sequence[DegreeOrSubset]) -> Any:
+    good: list[Any] = [row for row in rows if row.resampled is not None]
+    drawn = panels(None, 1, 3, size=(WIDTH, 0.16 * max(len(good), 3) + 0.7), sharey=True)
+    if not good:  # no subset has sources enough
+        drawn[1].set_title("no subset has sources enough", fontsize=6.5)
+        return drawn
+    y = -np.arange(len(good))
+    for k, (axes, axis, colour) in enumerate(zip(drawn, "xyz", COLOURS, strict=False)):
+        value = np.array([row.resampled.acceleration.value[k] for row in good])
+        error = np.array([row.resampled.acceleration.sigma[k] for row in good])
+        axes.errorbar(value, y, xerr=error, fmt="os^"[k], color=colour, markersize=2.5)
+        axes.axvline(value[0], color="0.6", linewidth=0.6, zorder=0)
+        # Small subsets do not set the scale for all.
+        reach = 6 * np.median(error)
+        axes.set_xlim(value[0] - reach, value[0] + reach)
+        axes.set_xlabel(f"$g_{axis}$  [µas/yr]")
+    drawn[0].set_yticks(y, [f"{row.name} ({row.n_sources})" for row in good], fontsize=5.5)
+    return drawn
+
+
+def _density(field):
+    nside = 2 ** int(np.clip(np.log2(len(field) / 120) / 2, 2, 6))  # ten sources in a pixel
+    counts = np.bincount(pixels_of(field.lon, field.lat, nside), minlength=12 * nside**2) / (41253 / (12 * nside**2))
+    shown = np.where(counts > 0, counts, np.nan)
+    return plot_map(
+        shown, "sources a square degree", frame=field.frame, vmin=0, vmax=np.percentile(counts, 99), extend="max"
+    )
+
+
+_FRAME = [f"{v}_{axis}" for v in ("spin", "g") for axis in "xyz"]
+
+
+def row_table(rows: Sequence[DegreeOrSubset], truth: Mapping[str, Any] | None = None) -> Table:
+    """A row a fit: sources, components of g and of the spin with both kinds of errors, amplitude and direction."""
+    good: list[Any] = [row for row in rows if row.solution is not None]
+    columns: dict[str, Any] = {
+        "fit": [row.name for row in good], "lmax": [row.solution.modes.lmax for row in good], "sources": [row.n_sources for row in good],
+        "clipped": [row.n_clipped for row in good], "chi2_dof": [row.solution.reduced_chi2 for row in good],
+    }  # fmt: skip
+    for name in ("acceleration", "spin"):
+        short = {"acceleration": "g", "spin": "spin"}[name]
+        for k, axis in enumerate("xyz"):
+            columns[f"{short}_{axis}"] = [getattr(row.resampled, name).value[k] for row in good]
+            columns[f"{short}_{axis}_formal"] = [getattr(row.solution, name).sigma[k] for row in good]
+            columns[f"{short}_{axis}_error"] = [getattr(row.resampled, name).sigma[k] for row in good]
+    g = [row.resampled.acceleration for row in good]
+    columns |= {"amplitude": [v.amplitude for v in g], "amplitude_error": [v.amplitude_error for v in g]}
+    for k, name in enumerate(("ra", "dec")):
+        columns |= {name: [v.direction[k] for v in g], f"{name}_error": [v.direction_error[k] for v in g]}
+    if truth:
+        columns["chi2_truth_of_6"] = [_against(row.resampled, truth) for row in good]
+    return tables.table_of(
+        columns, {"frame": "icrs"}, {name: "uas / yr" for name in columns if name[:2] in ("g_", "sp", "am")}
+    )
+
+
+def _against(solution, truth):
+    """χ² of spin and acceleration against the truth, by the bootstrap's covariance of all six."""
+    return float(sum(_chi2(getattr(solution, name), truth[name]) for name in ("spin", "acceleration")))
+
+
+def _chi2(vector, true):
+    away = vector.value - true.value
+    return away @ np.linalg.solve(vector.covariance, away)
+
+
+def power_table(study: GaiaStudy) -> Table:
+    """Powers of the main fit and of the highest degree, with p-values that allow for the bootstrap's own uncertainty."""
+    rows = []
+    for fitted in dict.fromkeys((study.main, study.degrees[-1])):
+        if fitted.resampled is not None:
+            rows += [(fitted.name, f"{row.kind}{row.l}", row.power, row.debiased, row.error, row.p_value, row.z)
+                     for row in spectrum(fitted.resampled)]  # fmt: skip
+    names = ("fit", "of", "power", "noise_debiased", "error", "p_value", "z")
+    return tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)),
+                           units=dict.fromkeys(names[2:5], "uas2 / yr2"))  # fmt: skip
+
+
+def correlation_table(study: GaiaStudy) -> Table:
+    """Correlations of spin and acceleration in the main fit, by the catalogue's errors."""
+    from fit.correlation import FRAME, named, parameters_of
+
+    found: Any = study.main.solution
+    matrix = correlation_of(named(parameters_of(FRAME).names, found.modes).covariance(found.covariance))
+    return tables.table_of({"of": _FRAME} | dict(zip(_FRAME, matrix.T, strict=True)))
+
+
+def published_table(study: GaiaStudy) -> Table:
+    """Each published number beside ours."""
+    main: Any = study.main
+    g: Vector = main.resampled.acceleration
+    rows: list[Any] = [("five-parameter sources", float(SOURCES), np.nan, float(main.n_sources), np.nan)]
+    magnitude = study.sources.field.magnitude
+    if magnitude is not None:
+        five = magnitude[~study.sources.six]
+        rows += [(f"of them G ≤ {limit:g}", float(count), np.nan, float((five <= limit).sum()), np.nan)
+                 for limit, count in COUNTS.items() if limit < 21]  # fmt: skip
+    rows.append(("clipped, about", float(CLIPPED), np.nan, float(main.n_clipped), np.nan))
+    for axis, value, error, ours, sigma in zip("xyz", COMPONENTS, ERRORS, g.value, g.sigma, strict=True):
+        rows.append((f"g_{axis} [µas/yr]", value, error, ours, sigma))
+    rows.append(("|g| [µas/yr]", *AMPLITUDE, g.amplitude, g.amplitude_error))
+    for k, (name, published) in enumerate((("ra", RA), ("dec", DEC))):
+        rows.append((f"{name} [deg]", *published, g.direction[k], g.direction_error[k]))
+    names = ("number", "published", "error", "here", "error_here")
+    return tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)))
+
 
 _HEADINGS = {
     "published": "Beside the paper",
@@ -50,7 +221,7 @@ def write_gaia(
     provenance : dict, optional
         Plain values.
     figures : dict, optional
-        As for `vsh.plot.save_figures`: format and dpi; None for no files of figures.
+        As for `vsh.figures.plot.save_figures`: format and dpi; None for no files of figures.
     """
     without_windows()
     made = {

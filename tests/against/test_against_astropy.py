@@ -7,7 +7,7 @@ from astropy.coordinates import SkyCoord
 from conftest import random_field
 
 from vsh.sky.frames import FRAMES, rotation_matrix
-from vsh.units import UAS
+from vsh.tools.units import UAS
 
 SKIES = ["galactic", "ecliptic"]
 

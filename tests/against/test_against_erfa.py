@@ -6,7 +6,7 @@ import numpy as np
 import fit
 import sim
 from vsh import Coefficients, Field, Modes
-from vsh.units import UAS
+from vsh.tools.units import UAS
 
 
 def fk5_minus_hipparcos(n=500):

@@ -5,7 +5,7 @@ from conftest import real_catalogue
 
 import fit
 from vsh import Modes
-from vsh.catalogue import read_field
+from vsh.io.catalogue import read_field
 
 PUBLISHED = {"amplitude": (1.69, 0.27), "direction": ((275.2, 10.0), (-29.4, 8.8))}
 

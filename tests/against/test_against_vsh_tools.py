@@ -7,7 +7,7 @@ from conftest import random_field
 
 import fit
 from vsh import Modes, ScalarField, ScalarModes
-from vsh.covariance import VASILIEV_BAUMGARDT_2021, from_function, of_errors
+from vsh.models.covariance import VASILIEV_BAUMGARDT_2021, from_function, of_errors
 
 
 @pytest.mark.parametrize("lmax", range(1, 7))

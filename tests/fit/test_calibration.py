@@ -13,9 +13,9 @@ from fit.robust._clip import truncation
 from fit.sums import leverage, sandwich, weighted_matrix
 from vsh import Field, Modes
 from vsh.basis import harmonics
-from vsh.cosmology import PLANCK_2018
-from vsh.errors import ConvergenceError, DegeneracyError, ParameterError
-from vsh.parts import as_parts
+from vsh.io.parts import as_parts
+from vsh.models.cosmology import PLANCK_2018
+from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError
 
 
 def sky(n, seed, wrong=1.0, extra=0.0, half=1.0):
@@ -59,14 +59,7 @@ def test_factors_of_a_clip():
     assert truncation(2.0)[1] == pytest.approx(x[x < 2].mean(), abs=3e-3)
 
 
-@pytest.mark.parametrize(
-    ("estimate", "options"),
-    [
-        (excess_noise, {}),
-        (excess_noise, {"extra": 3.0}),
-        (student_t, {}),
-    ],
-)
+@pytest.mark.parametrize(("estimate", "options"), [(excess_noise, {}), (excess_noise, {"extra": 3.0}), (student_t, {})])
 def test_errors_with_few_sources_a_coefficient(estimate, options):
     """Pulls 1.07 with 96 coefficients from 400 sources."""
     found, _ = pulls(lambda field: estimate(field, 6), 400, 25, **options)

@@ -5,10 +5,10 @@ import pytest
 from conftest import random_field
 
 import fit
-import vsh.covariance as shared
+import vsh.models.covariance as shared
 from vsh import Modes
-from vsh.covariance import LINDEGREN_2021, Spectrum
-from vsh.errors import CovarianceError, ParameterError
+from vsh.models.covariance import LINDEGREN_2021, Spectrum
+from vsh.tools.errors import CovarianceError, ParameterError
 
 FIELD = random_field(200, seed=1)
 OWN = shared.of_errors(FIELD)

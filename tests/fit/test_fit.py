@@ -10,7 +10,7 @@ import fit
 import sim
 from vsh import Coefficients, Field, Modes
 from vsh.basis import harmonics
-from vsh.errors import DegeneracyError, FieldError, FrameError, ModesError, VshError
+from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ModesError, VshError
 
 
 def test_recovers_a_noiseless_truth():

@@ -6,7 +6,7 @@ from conftest import random_field, triad
 
 import fit
 import sim
-from vsh.errors import DegeneracyError, FrameError
+from vsh.tools.errors import DegeneracyError, FrameError
 
 TRUTH = np.array([30.0, -20.0, 10.0, 1.0, -2.0, 3.0, 0.0, 4.0, -2.0])
 

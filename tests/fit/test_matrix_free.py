@@ -7,7 +7,7 @@ from conftest import random_field
 import fit
 import sim
 from vsh import Coefficients, Field, Mode, Modes
-from vsh.errors import ConvergenceError, CovarianceError, FieldError
+from vsh.tools.errors import ConvergenceError, CovarianceError, FieldError
 from vsh.transform import synthesis
 
 

@@ -13,9 +13,9 @@ from fit.resample import block_bootstrap, bootstrap, compare_blocks, jackknife, 
 from fit.robust import clip, excess_noise, permissive, student_t
 from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Field, Modes
-from vsh.cosmology import PLANCK_2018, with_redshift
-from vsh.errors import DegeneracyError, FieldError, FrameError, ModesError, NothingLeftError, ParameterError
-from vsh.parts import as_parts
+from vsh.io.parts import as_parts
+from vsh.models.cosmology import PLANCK_2018, with_redshift
+from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ModesError, NothingLeftError, ParameterError
 
 RNG = np.random.default_rng(20)
 

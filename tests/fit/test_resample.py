@@ -7,8 +7,8 @@ import fit
 import sim
 from fit.resample import _blocks
 from vsh import Coefficients, Field, Modes
-from vsh.errors import DegeneracyError, FieldError
 from vsh.sky.pixels import centres, mean_map, pixels_of
+from vsh.tools.errors import DegeneracyError, FieldError
 
 SKY = sim.Population(*sim.plane_avoiding_sky(2000, rng=1), None)
 TRUTH = Coefficients.from_vectors(rotation=(1, 2, 3), glide=(0, 4, 0))

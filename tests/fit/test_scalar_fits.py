@@ -20,7 +20,7 @@ from vsh import (
     ScalarField,
     ScalarModes,
 )
-from vsh.catalogue import write_field
+from vsh.io.catalogue import write_field
 
 
 def sky(n=2000, seed=1, lmax=2, tails=False, unit="µas"):

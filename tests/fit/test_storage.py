@@ -13,13 +13,12 @@ from fit.correlation import correlation_matrices, downweight, eigenmodes, leakag
 from fit.posterior import grid, sample
 from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
-from fit.storage import read
-from fit.storage._result import _KINDS
+from fit.storage import _KINDS, read
 from vsh import Field, ScalarField, Vector
-from vsh.cosmology import PLANCK_2018
-from vsh.covariance import Spectrum
-from vsh.errors import TableError
-from vsh.plot import figure_of
+from vsh.figures.plot import figure_of
+from vsh.models.cosmology import PLANCK_2018
+from vsh.models.covariance import Spectrum
+from vsh.tools.errors import TableError
 
 
 def two_catalogues(field):

@@ -9,7 +9,7 @@ import sim
 from fit.commands.redshift import main as redshift
 from fit.redshift import binned, permutation_test
 from vsh import Coefficients, Modes
-from vsh.catalogue import match, read_field, read_icrf
+from vsh.io.catalogue import match, read_field, read_icrf
 from vsh.io.maps import read_map
 
 ACCELERATION = np.array([0.1, -1.4, -0.8])
@@ -177,7 +177,7 @@ def test_redshifts_and_places_of_a_survey(tmp_path, capsys):
     field = sim.observe(
         population[good], sim.secular_parallax(velocity) + sim.acceleration((-0.236, -3.756, -2.08)), 1, sigma=3.0
     )
-    from vsh.catalogue import write_field
+    from vsh.io.catalogue import write_field
 
     write_field(field, tmp_path / "simulated.fits")
     arguments = [

@@ -13,8 +13,8 @@ import pytest
 
 import sim
 from _vsh_commands import COMMANDS, run, words_of
-from vsh.catalogue import write_field
-from vsh.system.files import digest
+from vsh.io.catalogue import write_field
+from vsh.tools.files import digest
 
 #: Values that make sense, by option; others are given any of `ODD`.
 VALUES = {

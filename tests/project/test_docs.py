@@ -24,8 +24,7 @@ INTERNAL = {
     "fit.sums",
     "fit.sampling",
     "fit.commands",
-    "vsh.checks",
-    "vsh.system",
+    "vsh.tools",
     "vsh.commands",
     "vsh.commands.options",
 }

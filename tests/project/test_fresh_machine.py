@@ -10,7 +10,12 @@ from conftest import ROOT
 
 
 @pytest.mark.parametrize(
-    "code", ["import fit.posterior._plot", "import fit; fit.posterior", "import vsh.plot, vsh.page, sim.plot, study"]
+    "code",
+    [
+        "import fit.posterior._plot",
+        "import fit; fit.posterior",
+        "import vsh.figures.plot, vsh.figures.page, sim.plot, study",
+    ],
 )
 def test_imports_warn_of_nothing_in_an_empty_home(code, tmp_path):
     """Arviz, which corner imports, warns once a day by a stamp in the user's cache."""

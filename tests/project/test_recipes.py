@@ -11,7 +11,7 @@ from conftest import ROOT
 from tap_server import serving
 
 from vsh import Field
-from vsh.catalogue import write_field
+from vsh.io.catalogue import write_field
 
 PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md")]
 RECIPES = {

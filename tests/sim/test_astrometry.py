@@ -11,7 +11,7 @@ from sim.astrometry import PARAMETERS, errors_of_unit_transits, solve, transit_e
 from sim.expected import errors_by_place
 from sim.noise import parallax_error
 from sim.variability import Variability, markov_chain
-from vsh.cosmology import BACHCHAN_2016
+from vsh.models.cosmology import BACHCHAN_2016
 
 LAW = sim.NominalScanningLaw()
 

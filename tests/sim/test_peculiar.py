@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import sim
-from vsh.cosmology import BACHCHAN_2016, PLANCK_2013, to_cmb, transverse_distance
-from vsh.errors import ParameterError
-from vsh.flows import PLANCK_2018, VelocityGrid
+from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2013, to_cmb, transverse_distance
+from vsh.models.flows import PLANCK_2018, VelocityGrid
 from vsh.sky.sphere import triad
-from vsh.units import AU_PER_YEAR
+from vsh.tools.errors import ParameterError
+from vsh.tools.units import AU_PER_YEAR
 
 OURS = BACHCHAN_2016.to_frame("icrs").value
 C = 299792.458

@@ -9,8 +9,8 @@ import sim
 from sim.signal import hubble_rate, wave_fractions
 from vsh import Coefficients, Modes
 from vsh.basis import harmonics
-from vsh.cosmology import transverse_distance
-from vsh.errors import FieldError
+from vsh.models.cosmology import transverse_distance
+from vsh.tools.errors import FieldError
 
 SKY = sim.galaxies(300, rng=1, sky="gums", min_redshift=0.002)
 PLACES = (SKY.lon, SKY.lat, SKY.redshift)

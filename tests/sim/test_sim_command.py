@@ -15,7 +15,7 @@ from conftest import ROOT, real_catalogue
 import fit.commands.fit
 import sim
 from sim.commands.simulate import main
-from vsh.catalogue import read_field, truth_of
+from vsh.io.catalogue import read_field, truth_of
 
 
 def test_simulate_and_fit(tmp_path, capsys):

@@ -7,11 +7,11 @@ from conftest import real_catalogue
 import sim
 from sim.population import from_table
 from sim.skies import draw_positions, sky_map
-from vsh.cosmology import transverse_distance
-from vsh.errors import FieldError, TableError
 from vsh.io.maps import read_map
+from vsh.models.cosmology import transverse_distance
 from vsh.sky.pixels import centres, pixels_of
 from vsh.sky.sphere import triad
+from vsh.tools.errors import FieldError, TableError
 
 
 def test_positions_have_the_density_of_the_map():

@@ -8,9 +8,9 @@ import sim
 from sim.commands.simulate import main as simulate
 from study.command import main
 from study.gaia import read_gaia, run_gaia, subsets
-from vsh.catalogue import read_field, truth_of
-from vsh.errors import DegeneracyError, TableError
-from vsh.page import bundle
+from vsh.figures.page import bundle
+from vsh.io.catalogue import read_field, truth_of
+from vsh.tools.errors import DegeneracyError, TableError
 
 TRUTH = sim.spin((30.0, -20.0, 10.0)) + sim.acceleration((-10.0, 40.0, 5.0))
 

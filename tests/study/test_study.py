@@ -224,8 +224,7 @@ quasars = { number = 500 }
 
 def test_coverage_is_that_of_the_draws():
     """Errors that are right hold the truth in 68 and 95 %, errors of half the size in 38 and 67."""
-    from study.calibration import plot_calibration
-    from study.results import summary
+    from study.results import plot_calibration, summary
 
     small = study.load(
         {

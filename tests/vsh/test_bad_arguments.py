@@ -25,17 +25,18 @@ from fit.redshift import binned, equal_information, permutation_test
 from fit.secular_parallax import hubble_constant, observer_velocity
 from sim import agis
 from study.forecast import Survey, forecast
-from vsh import Coefficients, Field, Modes, ScalarCoefficients, ScalarField, ScalarModes, Vector, cosmology, covariance
+from vsh import Coefficients, Field, Modes, ScalarCoefficients, ScalarField, ScalarModes, Vector
 from vsh.basis import harmonics
-from vsh.catalogue import match, read_field, read_positions, read_scalars
-from vsh.checks.arguments import between, choice, not_negative, number, positive, whole
-from vsh.cosmology import transverse_distance
-from vsh.covariance import Covariance, Spectrum
-from vsh.errors import VshError
+from vsh.io.catalogue import match, read_field, read_positions, read_scalars
+from vsh.models import cosmology, covariance
+from vsh.models.cosmology import transverse_distance
+from vsh.models.covariance import Covariance, Spectrum
+from vsh.models.waves import strain_of, wave_coefficients
 from vsh.rotate import rotate
 from vsh.sky.pixels import pixels_of, random_positions
+from vsh.tools.arguments import between, choice, not_negative, number, positive, whole
+from vsh.tools.errors import VshError
 from vsh.transform import adjoint, synthesis
-from vsh.waves import strain_of, wave_coefficients
 
 FIELD = sim.observe(sim.galaxies(60, 1), sim.spin((1, 2, 3)), 2, sigma=10.0)
 BINS = binned(FIELD, 1, 2, flows=None)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from vsh import Coefficients, Mode, Modes
 from vsh.basis import harmonics
-from vsh.errors import ModesError
+from vsh.tools.errors import ModesError
 
 angles = {"lon": st.floats(0, 2 * np.pi), "lat": st.floats(-np.pi / 2, np.pi / 2)}
 vectors = st.tuples(*[st.floats(-10, 10)] * 3)

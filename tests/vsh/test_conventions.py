@@ -9,9 +9,10 @@ from hypothesis.extra.numpy import arrays
 
 import fit
 import sim
-from vsh import Coefficients, Mode, Modes, Vector, units
+from vsh import Coefficients, Mode, Modes, Vector
 from vsh.conventions import ICRF3, from_healpy, from_icrf3, to_healpy, to_icrf3
-from vsh.errors import ModesError
+from vsh.tools import units
+from vsh.tools.errors import ModesError
 
 values = arrays(float, len(Modes(2)), elements=st.floats(-1e3, 1e3, allow_subnormal=False))
 

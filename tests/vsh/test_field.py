@@ -8,7 +8,7 @@ from conftest import random_field
 
 import fit
 from vsh import Field
-from vsh.errors import FieldError, FrameError
+from vsh.tools.errors import FieldError, FrameError
 
 GOOD = {"ra": [10.0, 20, 30], "dec": [1.0, 2, 3], "pmra": [1.0, 2, 3], "pmdec": [4.0, 5, 6]}
 GOOD |= {"pmra_error": [0.1, 0.2, 0.3], "pmdec_error": [0.4, 0.5, 0.6]}

@@ -6,8 +6,9 @@ import pytest
 from astropy.coordinates import SkyCoord
 from astropy.table import Table
 
-from vsh import Field, FieldError, FrameError, ScalarField, Vector, catalogue
-from vsh.checks.notebook import shown
+from vsh import Field, FieldError, FrameError, ScalarField, Vector
+from vsh.io import catalogue
+from vsh.tools.notebook import shown
 
 RNG = np.random.default_rng(1)
 N = 20

@@ -14,9 +14,9 @@ from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.storage import same
 from vsh import Coefficients, Field, Modes, Vector
-from vsh.catalogue import iter_fields, match, read_field
-from vsh.checks.notes import DroppedRows, merge_notes
-from vsh.errors import VshError
+from vsh.io.catalogue import iter_fields, match, read_field
+from vsh.tools.errors import VshError
+from vsh.tools.notes import DroppedRows, merge_notes
 
 
 def dropped_field(seed=1, rows=300):
@@ -194,7 +194,7 @@ def test_every_deliberate_error_is_ours():
     """28 plain ValueErrors and TypeErrors."""
     from conftest import ROOT
 
-    from vsh import errors
+    from vsh.tools import errors
 
     for package in ("vsh", "sim", "fit", "study"):
         for path in (ROOT / package).rglob("*.py"):

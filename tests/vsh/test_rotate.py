@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 import fit
 from vsh import Coefficients, Field, Modes
-from vsh.errors import FrameError
 from vsh.rotate import rotate
 from vsh.sky.frames import rotation_matrix
+from vsh.tools.errors import FrameError
 
 LMAX = 12
 C = Coefficients(Modes(LMAX), np.random.default_rng(1).normal(size=len(Modes(LMAX))))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import sim
 from vsh import Coefficients, Modes
 from vsh.basis import harmonics
-from vsh.errors import FieldError, VshError
+from vsh.tools.errors import FieldError, VshError
 from vsh.transform import adjoint, adjoint_on_rings, fourier_moments, synthesis, synthesis_on_rings
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vsh import Vector
-from vsh.errors import FrameError, VshError
+from vsh.tools.errors import FrameError, VshError
 
 COVARIANCE = np.array([[0.04, 0.01, 0], [0.01, 0.09, -0.02], [0, -0.02, 0.16]])
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from vsh.archive import QUERIES, query
-from vsh.checks.notes import printable
 from vsh.commands import configuration, finishing, outputs, running
 from vsh.commands.options import archive as words
-from vsh.errors import ArchiveError
-from vsh.system.files import atomic_write, check_not_read
+from vsh.io.archive import QUERIES, query
+from vsh.tools.errors import ArchiveError
+from vsh.tools.files import atomic_write, check_not_read
+from vsh.tools.notes import printable
 
 
 def _run(options):

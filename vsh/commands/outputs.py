@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import vsh
-from vsh.checks.notes import printable
-from vsh.checks.types import PathName
 from vsh.commands import citing, configuration
-from vsh.errors import VshError
-from vsh.system.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
+from vsh.tools.errors import VshError
+from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
+from vsh.tools.notes import printable
+from vsh.tools.types import PathName
 
 #: The file by which a command knows its own folders; it holds where the results come from, too.
 MARK = "provenance.json"
@@ -127,7 +127,7 @@ def _check_parent(path, shown, made=False):
 
 
 def _is_page(path):
-    from vsh.page import is_page  # which imports matplotlib
+    from vsh.figures.page import is_page  # which imports matplotlib
 
     return is_page(path)
 

@@ -11,10 +11,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsh.commands import names, parsing, values
+from vsh.commands import parsing, values
+from vsh.commands import values as names
 
 if TYPE_CHECKING:
-    from vsh.tables import TableSource
+    from vsh.io.tables import TableSource
     from vsh.vector import Vector
 
 
@@ -69,10 +70,10 @@ def arguments(options: argparse.Namespace) -> dict[str, Any]:
 
 def opened(path: str, options: argparse.Namespace) -> TableSource:
     """A catalogue that is open; of a file that cannot be read that is said at once, before all that reads and fits is imported."""
-    from vsh import tables
+    from vsh.io import tables
 
     if options.input_format == "icrf":
-        from vsh import catalogue
+        from vsh.io import catalogue
 
         return catalogue.open_icrf(path, "icrf")
     return tables.open_table(path, options.input_format)
@@ -84,7 +85,7 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
 
     A file that is not there is told, too, before anything heavy is imported.
     """
-    from vsh.errors import TableError
+    from vsh.tools.errors import TableError
 
     for name in ("catalogue", "catalogue2"):
         path = getattr(options, name, None)
@@ -99,7 +100,7 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
     if sys.stdin is None or sys.stdin.isatty():
         raise TableError("- is standard input, and nothing comes in: pipe a table into it, or name a file")
     with tempfile.TemporaryDirectory(prefix="vsh-") as folder:
-        from vsh.tables import STANDARD_INPUT
+        from vsh.io.tables import STANDARD_INPUT
 
         path = Path(folder, STANDARD_INPUT)
         with path.open("wb") as file:
@@ -129,13 +130,13 @@ def in_parts(options: argparse.Namespace) -> bool:
 
 
 def reading_parts(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `vsh.catalogue.parts` that `add_reading` and `add_workers` ask for."""
+    """The arguments of `vsh.io.catalogue.parts` that `add_reading` and `add_workers` ask for."""
     return arguments(options) | {"workers": options.workers, "scheduler": options.scheduler}
 
 
 def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:
     """Our velocity, as `vsh.commands.values.velocity` has it."""
-    from vsh.cosmology import VELOCITIES, velocity_from_apex
+    from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 
     if value is None:
         return None

@@ -18,16 +18,15 @@ from typing import Any
 import numpy as np
 
 import vsh
-from vsh.checks.notes import printable
 from vsh.commands.configuration import NOT_KEPT
 from vsh.commands.parsing import parse, without_folder
 from vsh.commands.reading import standard_input
-from vsh.errors import VshError, VshWarning
-from vsh.system.files import check_not_read, digest, reading
-from vsh.system.logs import PACKAGES
-from vsh.system.parallel import limited
-from vsh.system.printing import printing, silence, silence_if_broken, system_words
-from vsh.system.progress import without_bars
+from vsh.tools.errors import VshError, VshWarning
+from vsh.tools.files import check_not_read, digest, reading
+from vsh.tools.logs import PACKAGES
+from vsh.tools.notes import printable
+from vsh.tools.parallel import limited, without_bars
+from vsh.tools.printing import printing, silence, silence_if_broken, system_words
 
 #: Options that change no result, and what the parser found besides.
 NOT_TOLD = (*NOT_KEPT, "command", "given", "program", "expected")

@@ -6,7 +6,44 @@ import argparse
 import math
 from collections.abc import Callable
 
-from vsh.commands.names import COLUMNS, VELOCITIES
+#: `vsh.sky.frames.FRAMES`
+FRAMES = ("icrs", "galactic", "ecliptic")
+
+
+#: `vsh.sky.redshift_frames.REDSHIFT_FRAME_NAMES`
+REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
+
+
+#: The sets of names that `vsh.io.catalogue.as_columns` knows
+COLUMNS = ("gaia", "vizier", "icrf")
+
+
+#: `vsh.io.tables.INPUT_FORMATS`, and the IERS's lists
+INPUT_FORMATS = ("fits", "votable", "ecsv", "csv", "parquet", "hdf5", "mrt", "cds", "ascii", "icrf")
+
+
+#: `vsh.models.cosmology.VELOCITIES`
+VELOCITIES = ("planck", "paper")
+
+
+#: `sim.observing.REDSHIFT_ERRORS`
+REDSHIFT_ERRORS = ("spectroscopic", "photometric")
+
+
+#: `fit.pairs.TEMPLATES`
+TEMPLATES = ("spin", "glide", "waves")
+
+
+#: `fit.correlation.FRAME`: the six components of spin and acceleration.
+FRAME = "spin+acceleration"
+
+
+#: `vsh.io.archive.QUERIES`
+QUERIES = ("gaia-crf3", "gaia-edr3-qso", "gaia-dr3-galaxies")
+
+
+#: `vsh.io.archive.ESA`
+ESA = "https://gea.esac.esa.int/tap-server/tap"
 
 
 def count(least: int, most: int = 10**12) -> Callable[[str], int]:

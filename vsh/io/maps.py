@@ -7,10 +7,10 @@ import warnings
 import healpy
 import numpy as np
 
-from vsh.checks.notes import printable
-from vsh.checks.types import FloatArray, PathName
-from vsh.errors import TableError, first_line
-from vsh.tables import fits_checked
+from vsh.io.tables import fits_checked
+from vsh.tools.errors import TableError, first_line
+from vsh.tools.notes import printable
+from vsh.tools.types import FloatArray, PathName
 
 __all__ = ["read_map"]
 

@@ -6,14 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from vsh.checks.types import FloatArray
-from vsh.errors import FrameError
 from vsh.sky.sphere import angles, triad
+from vsh.tools.errors import FrameError
+from vsh.tools.types import FloatArray
 
-__all__ = [
-    "FRAMES",
-    "rotation_matrix",
-]
+__all__ = ["FRAMES", "rotation_matrix"]
 
 #: Our names and astropy's. "ecliptic" is the mean ecliptic and equinox of J2000, barycentric.
 FRAMES = {"icrs": "icrs", "galactic": "galactic", "ecliptic": "barycentricmeanecliptic"}

@@ -5,19 +5,12 @@ from __future__ import annotations
 import healpy
 import numpy as np
 
-from vsh.checks import arguments, arrays
-from vsh.checks.arguments import generator
-from vsh.checks.types import ArrayLike, FloatArray, IntArray, Rng
-from vsh.errors import FieldError
+from vsh.tools import arguments, arrays
+from vsh.tools.arguments import generator
+from vsh.tools.errors import FieldError
+from vsh.tools.types import ArrayLike, FloatArray, IntArray, Rng
 
-__all__ = [
-    "centres",
-    "mean_map",
-    "missing_pixels",
-    "pixels_of",
-    "random_positions",
-    "smoothed",
-]
+__all__ = ["centres", "mean_map", "missing_pixels", "pixels_of", "random_positions", "smoothed"]
 
 
 @arguments.accepts(lon=arrays.dimension(1), lat=arrays.dimension(1), nside=arguments.whole)

@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from vsh.checks.frozen import Frozen
-from vsh.checks.types import BoolArray, FloatArray
-from vsh.checks.validation import checked_columns
-from vsh.errors import FieldError
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import angles, triad
-from vsh.units import UAS
+from vsh.tools.bad_rows import checked_columns
+from vsh.tools.errors import FieldError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import BoolArray, FloatArray
+from vsh.tools.units import UAS
 
-__all__ = [
-    "Positions",
-]
+__all__ = ["Positions"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from vsh.errors import ParameterError
+from vsh.tools.errors import ParameterError
 
 #: Redshifts of the expansion alone, without anybody's velocity: those of simulations.
 TRUE = "true"

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.checks.types import ArrayLike, FloatArray
+from vsh.tools.types import ArrayLike, FloatArray
 
-__all__ = [
-    "angles",
-    "triad",
-]
+__all__ = ["angles", "triad"]
 
 
 def triad(lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:

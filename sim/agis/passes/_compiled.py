@@ -11,9 +11,9 @@ import numpy as np
 
 from sim.agis.passes import _kernels
 from sim.agis.passes._cost import PARTS
-from sim.agis.passes._spline import BANDS
-from vsh.checks.types import FloatArray
-from vsh.system.parallel import cores
+from sim.agis.passes._scans import BANDS
+from vsh.tools.parallel import cores
+from vsh.tools.types import FloatArray
 
 
 class CompiledPasses:

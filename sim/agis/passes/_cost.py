@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.scanning import NominalScanningLaw
-from vsh.checks import arguments, arrays
-from vsh.checks.notebook import InNotebook
-from vsh.checks.types import ArrayLike
-from vsh.errors import ParameterError
-from vsh.system.memory import GIB, free_memory
-from vsh.units import JULIAN_YEAR
+from vsh.tools import arguments, arrays
+from vsh.tools.errors import ParameterError
+from vsh.tools.memory import GIB, free_memory
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import ArrayLike
+from vsh.tools.units import JULIAN_YEAR
 
 #: Parts that the transits are cut into for threads: fixed, so that their number changes no bit of a sum.
 PARTS = 8
+
+
 #: Bytes: of a transit while transits are sorted and afterwards; of a source; of a source and right-hand side; of a coefficient.
 _SORTING, _TRANSIT, _SOURCE, _COLUMN, _COEFFICIENT = 60, 64, 1440, 40 * (PARTS + 8), 3 * (12 + 5) * 8
+
+
 #: Bytes of a transit as it is kept.
 _KEPT = 28
+
+
 #: And of the libraries. [bytes]
 _BASE = 3e8
+
+
 #: CPU seconds (of a 2 GHz server core): of a million transits to follow, and for an iteration; of a million coefficients to solve for.
 _FOLLOW, _ITERATE, _SOLVE = 4.0, 0.085, 0.3
+
+
 #: Sources whose transits are counted for the estimate.
 _SAMPLE = 300
 
@@ -117,3 +127,38 @@ def check_memory(needed: float, what: str, remedy: str) -> None:
     free = free_memory()
     if needed > free:
         raise ParameterError(f"{what} would need {needed / GIB:.1f} GiB, and {free / GIB:.1f} GiB are free: {remedy}")
+
+
+#: Half of the height that a field may have. [rad]
+_WIDEST = 0.5
+
+
+#: Quasars of the paper, at whose number nothing is scaled.
+FULL = 500_000
+
+
+def scaled(n: int, law: NominalScanningLaw | None = None, *, knots: float = 30.0, full: int = FULL) -> tuple[NominalScanningLaw, float]:  # fmt: skip
+    """A scanning law and knots with which n sources are seen as `full` ones are by the whole mission.
+
+    As many sources in a field, observations in an interval and transits of a source: with s = n/full the fields are
+    1/√s as wide and the satellite turns √s as fast, so that knots are 1/s as far apart.
+
+    Examples
+    --------
+    >>> law, knots = scaled(5000)
+    >>> round(law.spin_rate, 9), round(knots, 9)
+    (6.0, 3000.0)
+    """
+    share = arguments.whole("n", n) / arguments.whole("full", full)
+    law = NominalScanningLaw() if law is None else arguments.a(NominalScanningLaw)("law", law)
+    root = share**0.5
+    if law.half_height / root > _WIDEST:
+        least = int(np.ceil(full * (law.half_height / _WIDEST) ** 2))
+        raise ParameterError(
+            f"{n} sources are too few to stand for {full}: a field would be {np.degrees(2 * law.half_height / root):.0f}° high. "
+            f"Take {least} or more, or scale nothing"
+        )
+    # Gaps that were drawn are kept as they are.
+    kept = {"dead_time": 0.0, "rng": None, "gaps": tuple(map(tuple, law.lost))}
+    wide = replace(law, half_height=law.half_height / root, spin_rate=law.spin_rate * root, **kept)
+    return wide, arguments.positive("knots", knots) / share

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from vsh.checks.types import FloatArray
+from vsh.tools.types import FloatArray
 
 _FAST: dict[str, Any] = {"fastmath": {"contract", "reassoc", "nsz"}, "nogil": True}
 

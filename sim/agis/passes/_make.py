@@ -8,8 +8,8 @@ import numpy as np
 
 from sim.agis.passes._scans import Scans
 from sim.agis.passes._sparse import MAX_TRANSITS, SparsePasses
-from vsh.checks.types import BoolArray, FloatArray
-from vsh.errors import ParameterError
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import BoolArray, FloatArray
 
 
 class Passes(Protocol):

@@ -1,4 +1,9 @@
-"""Transits of all sources in the order of time, with the weights of what they measure."""
+"""Transits of all sources in the order of time, with the weights of what they measure.
+
+The attitude's errors: a cubic B-spline in time, of three components along the axes of the sky.
+
+Along the axes of the sky, not of the satellite: so it holds a rotation ε₀ + ω t exactly, whatever its knots.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +19,31 @@ import numpy as np
 
 from sim.agis.passes._cost import check_memory, expected_transits
 from sim.scanning import NominalScanningLaw
-from vsh.checks import arguments, arrays
-from vsh.checks.frozen import Frozen
-from vsh.checks.types import ArrayLike, FloatArray, IntArray, PathName
-from vsh.errors import ParameterError
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
-from vsh.system.files import atomic_folder
-from vsh.system.progress import progress_bar
-from vsh.units import JULIAN_YEAR
+from vsh.tools import arguments, arrays
+from vsh.tools.errors import ParameterError
+from vsh.tools.files import atomic_folder
+from vsh.tools.notebook import Frozen
+from vsh.tools.parallel import progress_bar
+from vsh.tools.types import ArrayLike, FloatArray, IntArray, PathName
+from vsh.tools.units import JULIAN_YEAR
 
 #: The nine CCDs of a row are passed so many seconds apart.
 CCDS, CCD_STEP = 9, 4.85
+
+
 #: Sources followed together, and transits sorted together.
 _SOURCES, _SORTED = 20_000, 4_000_000
+
+
 _RECORD = np.dtype([("time", "f8"), ("source", "i4"), ("sin", "f4"), ("cos", "f4"), ("along_factor", "f4"), ("across_factor", "f4")])  # fmt: skip
+
+
 #: The name of the file that tells which scans a folder holds.
 _KEY = re.compile(r"[0-9a-f]{16}\.json")
+
+
 _COLUMNS = ("source", "knot", "frac", "sin", "cos", "along_factor", "across_factor")
 
 
@@ -271,3 +284,32 @@ def _key(law, fixed, ccds):
     for array in (law.lost, fixed["lon"], fixed["lat"], fixed["weights"]):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:16]
+
+
+#: Coefficients that meet in an interval, times three components: rows of the band, the diagonal among them.
+BANDS = 12
+
+
+def values(fraction: FloatArray) -> FloatArray:
+    """The four B-splines that are not zero at a fraction of an interval, (4, k).
+
+    Examples
+    --------
+    >>> values(np.array([0.0])).ravel().round(4)
+    array([0.1667, 0.6667, 0.1667, 0.    ])
+    """
+    f, g = fraction, 1 - fraction
+    return np.stack([g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]) / 6
+
+
+def smooth(band: FloatArray, weight: float) -> None:
+    """Add to the normal equations a penalty on second differences of the coefficients.
+
+    It bridges gaps in which nothing is observed, costs no bandwidth and spares ε₀ + ω t, which a ridge would not.
+    """
+    n = band.shape[1] // 3
+    difference = (1.0, -2.0, 1.0)
+    for first, u in enumerate(difference):
+        for second in range(first + 1):
+            # Of coefficients k + first and k + second, for k = 0 … n − 3 and three components each.
+            band[3 * (first - second), 3 * second : 3 * (second + n - 2)] += weight * u * difference[second]

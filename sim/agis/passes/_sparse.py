@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from sim.agis.passes._spline import BANDS, values
-from vsh.checks.types import FloatArray
+from sim.agis.passes._scans import BANDS, values
+from vsh.tools.types import FloatArray
 
 #: Transits that a design matrix is made for; each takes 400 bytes.
 MAX_TRANSITS = 3_000_000

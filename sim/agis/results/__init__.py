@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from sim.agis.results._frame import rotate_frame
-from sim.agis.results._solution import AgisSolution
+from sim.agis.results._solution import AgisSolution, rotate_frame
 from sim.agis.results._statistics import correlation_by_angle, ratio_by
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ import numpy as np
 
 from sim.agis.results._solution import AgisSolution
 from sim.agis.results._statistics import ratio_by
-from vsh.checks.types import ArrayLike, Axes, FloatArray
-from vsh.plot import COLOURS, SkyAxes, legend_above, panels, plot_map, styled
+from vsh.figures.plot import COLOURS, SkyAxes, legend_above, panels, plot_map, styled
 from vsh.sky.pixels import pixels_of
+from vsh.tools.types import ArrayLike, Axes, FloatArray
 
 _PARAMETERS = ("α*", "δ", "ϖ", "µα*", "µδ")
 _MARKS = "os^Dv"

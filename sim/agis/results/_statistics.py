@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vsh.checks import arrays
-from vsh.checks.types import ArrayLike, FloatArray, IntArray
-from vsh.errors import ParameterError
 from vsh.sky.sphere import triad
+from vsh.tools import arrays
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
 #: Up to which angle neighbours are looked up; beyond, pairs with some of the sources are enough. [rad]
 _NEAR = 0.03

@@ -11,12 +11,12 @@ import fit
 import sim
 from fit.background import Spectrum
 from fit.background import fit as fit_background
+from fit.background._fit import posteriors
 from fit.background._likelihood import Likelihood
-from fit.background._posterior import posteriors
 from vsh import Field, Modes
 from vsh.basis import harmonics
-from vsh.covariance import of_errors
-from vsh.errors import DegeneracyError, ModesError, ParameterError
+from vsh.models.covariance import of_errors
+from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 
 FIELD, MODES = random_field(150, seed=1), Modes(4)
 SPECTRA = [Spectrum.waves(hubble=70), Spectrum.odd()]

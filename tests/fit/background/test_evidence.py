@@ -10,9 +10,9 @@ import sim
 from fit.background import Spectrum, compare, evidence
 from vsh import Modes
 from vsh.basis import harmonics
-from vsh.catalogue import read_field
-from vsh.covariance import of_errors
-from vsh.errors import ModesError, ParameterError
+from vsh.io.catalogue import read_field
+from vsh.models.covariance import of_errors
+from vsh.tools.errors import ModesError, ParameterError
 
 FIELD = random_field(150, seed=1)
 PER_DEGREE = Spectrum.power_law(0)

@@ -11,8 +11,8 @@ import sim
 from fit.background import Spectrum, floor
 from fit.storage import read
 from vsh import Modes
-from vsh.catalogue import read_field
-from vsh.errors import DegeneracyError, ModesError, ParameterError
+from vsh.io.catalogue import read_field
+from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 
 
 def sky(strength=1.0, seed=1, n=4000, sigma=40.0, lmax=5):
@@ -83,7 +83,7 @@ def test_a_fixed_scale_and_a_dense_truth():
     normal = fit.normal_equations(field, 3)
     found = replace(floor(normal, noise_scale=False), odd=300.0, even=80.0)
     assert found.noise_scale == 1
-    from vsh.covariance import from_spectrum, of_errors
+    from vsh.models.covariance import from_spectrum, of_errors
 
     dense = fit.fit_field(field, 1, covariance=of_errors(field) + from_spectrum(field, found.spectrum, 3))
     solution = fit.solve(normal, floor=found)

@@ -8,9 +8,9 @@ from scipy.stats import chi2, kstest, ncx2
 import fit
 import sim
 from fit.background import Spectrum, wave_limit
-from fit.background._quadratic import probability_above, quantile
-from vsh.catalogue import read_field
-from vsh.errors import ModesError, ParameterError
+from fit.background._likelihood import probability_above, quantile
+from vsh.io.catalogue import read_field
+from vsh.tools.errors import ModesError, ParameterError
 
 # 95 % limits on h70² Ω from the VLBA table: coefficients flat, flat in Ω, flat in √Ω; the first as Jaraba et al. (2023) have
 # it, who find 0.024. Errors scaled, clipped at κ = 3 and 2, plain.

@@ -4,8 +4,8 @@ from astropy.table import Table
 
 import sim
 from fit.commands.correlate import main
-from vsh import catalogue
-from vsh.catalogue import read_sources
+from vsh.io import catalogue
+from vsh.io.catalogue import read_sources
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ import vsh
 from fit.commands.fit import main
 from fit.solution import Solution
 from vsh import Field
-from vsh.catalogue import write_field
+from vsh.io.catalogue import write_field
 
 
 def test_demo_finds_its_truth(tmp_path, capsys):
@@ -46,7 +46,7 @@ def test_solution_can_be_read_and_says_where_it_is_from(tmp_path):
     )
     tmp_path = tmp_path / "out"
     solution = Table.read(tmp_path / "solution.ecsv")
-    field = vsh.catalogue.read_field(path, on_bad="drop").to_frame("galactic")
+    field = vsh.io.catalogue.read_field(path, on_bad="drop").to_frame("galactic")
     np.testing.assert_allclose(solution["value"], fit.fit_field(field, 1).coefficients.values)
     assert list(solution["coefficient"][:3]) == ["t(1,0)", "t(1,1,re)", "t(1,1,im)"]
     assert str(solution["sigma"].unit) == "uas / yr"

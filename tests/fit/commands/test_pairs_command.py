@@ -6,7 +6,7 @@ from conftest import random_field, real_catalogue
 
 import fit
 from fit.commands.pairs import main
-from vsh.catalogue import write_field
+from vsh.io.catalogue import write_field
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,10 @@ from conftest import ROOT, real_catalogue
 
 import sim
 from fit.commands.redshift import main
-from vsh import Field, catalogue
-from vsh.catalogue import write_field
-from vsh.cosmology import BACHCHAN_2016, PLANCK_2018
+from vsh import Field
+from vsh.io import catalogue
+from vsh.io.catalogue import write_field
+from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2018
 
 
 @pytest.fixture(scope="module")
@@ -252,7 +253,7 @@ def test_a_frame_that_nobody_told_is_asked_for(seen, capsys):
 
 
 def test_flows_and_all_that_goes_with_them(seen, tmp_path, capsys):
-    from vsh.flows import VelocityGrid
+    from vsh.models.flows import VelocityGrid
 
     still = VelocityGrid(np.zeros((3, 5, 5, 5)), 300.0, "galactic")
     still.write(tmp_path / "grid.npz")

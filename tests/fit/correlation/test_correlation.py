@@ -16,9 +16,9 @@ from fit.correlation import (
     parameters_of,
 )
 from vsh import Field
-from vsh.errors import DegeneracyError, FieldError, FrameError, ModesError, ParameterError
 from vsh.sky.pixels import smoothed
 from vsh.sky.sphere import triad
+from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ModesError, ParameterError
 
 
 def test_names_and_rows():

@@ -6,7 +6,7 @@ import fit
 import sim
 from fit.correlation import eigenmodes, leakage, lmax_table, predict, recommend_lmax
 from vsh import Field, Modes
-from vsh.errors import DegeneracyError
+from vsh.tools.errors import DegeneracyError
 
 
 def test_leakage_is_the_bias_of_a_noiseless_fit():

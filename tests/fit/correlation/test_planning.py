@@ -11,8 +11,8 @@ from fit.correlation._forecast import reweighted
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.secular_parallax import predict as predict_parallax
 from vsh import Field
-from vsh.errors import FieldError
 from vsh.sky.pixels import pixels_of
+from vsh.tools.errors import FieldError
 
 
 def test_a_prediction_is_the_covariance_of_the_fit_to_come():

@@ -8,13 +8,13 @@ from scipy.optimize import minimize
 
 import sim
 from fit.distances import calibrate, inverse_distances, mean_rates
-from fit.distances._curve import LogCurve
+from fit.distances._density import LogCurve
 from fit.secular_parallax import observer_velocity
-from vsh.cosmology import BACHCHAN_2016, to_cmb, transverse_distance
-from vsh.errors import DegeneracyError, FieldError, ParameterError
-from vsh.parts import as_parts
+from vsh.io.parts import as_parts
+from vsh.models.cosmology import BACHCHAN_2016, to_cmb, transverse_distance
 from vsh.sky.sphere import triad
-from vsh.units import AU_PER_YEAR
+from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
+from vsh.tools.units import AU_PER_YEAR
 
 OURS = BACHCHAN_2016.to_frame("icrs").value
 C = 299792.458

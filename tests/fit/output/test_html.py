@@ -5,7 +5,7 @@ import pytest
 from conftest import ROOT
 
 from fit.commands.fit import main
-from vsh.page import bundle
+from vsh.figures.page import bundle
 
 
 @pytest.fixture(scope="module")

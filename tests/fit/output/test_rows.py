@@ -10,7 +10,7 @@ import fit
 import sim
 from fit.output import amplitude, direction, html_report, pulls, vector_rows, vectors_of
 from vsh import Field, Vector
-from vsh.errors import ParameterError
+from vsh.tools.errors import ParameterError
 
 TRUTH = {"spin": Vector([3, -4, 5], np.zeros((3, 3))), "acceleration": Vector([0, -4, -2], np.zeros((3, 3)))}
 

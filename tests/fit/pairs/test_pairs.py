@@ -10,12 +10,11 @@ from numpy.testing import assert_allclose
 
 import sim
 from fit import pairs
-from fit.pairs._errors import _between, covariance_of
-from fit.pairs._sums import sums_of
+from fit.pairs._sums import _between, covariance_of, sums_of
 from vsh import Coefficients, DegeneracyError, Field, FieldError, ParameterError
-from vsh.covariance import Spectrum, wave_fractions
-from vsh.parts import as_parts
-from vsh.units import hubble_rate
+from vsh.io.parts import as_parts
+from vsh.models.covariance import Spectrum, wave_fractions
+from vsh.tools.units import hubble_rate
 
 EDGES = np.radians(np.arange(0, 181, 12.0))
 #: Few and wide ones, for many skies.
@@ -104,7 +103,7 @@ def _mean(function, edges):
 
 
 def test_the_curve_of_waves():
-    from vsh.covariance import d_plus
+    from vsh.models.covariance import d_plus
 
     theta = np.array([0.2, 0.8, 1.3, 2.0, 2.7])
     assert_allclose(pairs.waves_curve(theta), [0.9330074, 0.2452544, -0.2881578, -0.3992638, -0.0912705], atol=1e-7)

@@ -9,8 +9,8 @@ from conftest import ROOT
 
 import sim
 from fit.posterior import Flat, Normal, sample
-from vsh.errors import CheckpointError
-from vsh.system.files import atomic_write
+from vsh.tools.errors import CheckpointError
+from vsh.tools.files import atomic_write
 
 COMMON = {
     "hubble_prior": Flat(20, 150),

@@ -8,8 +8,8 @@ from fit.posterior._model import parallax_model
 from fit.posterior._priors import Priors, checked_priors
 from fit.secular_parallax import observer_velocity, parallax_equations
 from vsh import Vector
-from vsh.cosmology import BACHCHAN_2016, PLANCK_2018
-from vsh.errors import ConvergenceError, DegeneracyError, ParameterError
+from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2018
+from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError
 
 VELOCITY = BACHCHAN_2016.to_frame("icrs").value
 SETTINGS: dict = {"rng": 5, "progress": False, "flows": None}

@@ -7,10 +7,11 @@ from conftest import random_field, real_catalogue
 import fit
 import sim
 from fit.redshift import binned, equal_information, permutation_test
-from vsh import Modes, Vector, catalogue
-from vsh.cosmology import BACHCHAN_2016, PLANCK_2018, transverse_distance
-from vsh.errors import DegeneracyError, FieldError, ParameterError
-from vsh.units import AU_PER_YEAR
+from vsh import Modes, Vector
+from vsh.io import catalogue
+from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2018, transverse_distance
+from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
+from vsh.tools.units import AU_PER_YEAR
 
 EDGES = [0.001, 0.005, 0.01, 0.03]
 
@@ -113,7 +114,7 @@ def test_a_secular_parallax_is_found_by_the_trend_and_not_by_equality_alone():
     assert found.equality("S", 1).p_value < 1e-6
     assert found.equality("T", 1).p_value > 1e-3
     slope = found.trend(found.mean_inverse_distance).acceleration
-    from vsh.units import AU_PER_YEAR
+    from vsh.tools.units import AU_PER_YEAR
 
     np.testing.assert_allclose(-slope.value * AU_PER_YEAR, velocity.value, atol=6 * AU_PER_YEAR * slope.sigma.max())
     acceleration, test = found.secular_parallax(velocity)
@@ -243,9 +244,9 @@ def test_markers_stand_where_a_bin_measures():
 
 def test_the_flow_of_bins_against_a_design_matrix():
     """C N⁻¹ Σ AᵀWF of every bin, with errors that hold each source's own motion, written out."""
-    from fit.redshift._shared import shared_flow
+    from fit.redshift._contrasts import shared_flow
     from vsh.basis import harmonics
-    from vsh.flows import PLANCK_2018 as THEORY
+    from vsh.models.flows import PLANCK_2018 as THEORY
 
     field = sim.observe(sim.galaxies(300, 2), sim.spin((0, 0, 0)), 3, sigma=5.0, rho=0.4)
     edges = np.array([0.001, 0.02, 0.03])

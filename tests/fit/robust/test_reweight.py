@@ -7,9 +7,9 @@ from conftest import real_catalogue
 import fit
 import sim
 from fit.robust import _reweight
-from fit.robust._likelihoods import Permissive, Share, StudentT
+from fit.robust._reweight import Permissive, Share, StudentT
 from vsh import Field, Modes
-from vsh.catalogue import read_field
+from vsh.io.catalogue import read_field
 
 TRUTH = np.array([1.0, 2, 3, 0, 4, 0])
 SKY = sim.Population(*sim.plane_avoiding_sky(1500, rng=1), None)
@@ -73,10 +73,7 @@ def test_weights_are_those_of_the_likelihood():
 
     expected = -(log_permissive(x2 + step) - log_permissive(x2 - step)) / step
     seen = {}
-    _reweight._reweighted, kept = (
-        lambda field, modes, weight, *_: seen.update(weight=weight),
-        _reweight._reweighted,
-    )
+    _reweight._reweighted, kept = (lambda field, modes, weight, *_: seen.update(weight=weight), _reweight._reweighted)
     try:
         fit.robust.permissive(spoilt(1), 1)
     finally:

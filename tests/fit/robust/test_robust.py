@@ -7,7 +7,7 @@ import fit
 import sim
 from fit.robust import _clip
 from vsh import Field, Modes
-from vsh.errors import ConvergenceError
+from vsh.tools.errors import ConvergenceError
 
 TRUTH = sim.spin((1, 2, 3)) + sim.acceleration((0, 4, 0))
 N = 20_000

@@ -6,9 +6,9 @@ import pytest
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Field
-from vsh.cosmology import BACHCHAN_2016, PLANCK_2018, to_cmb
-from vsh.errors import VshWarning
+from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2018, to_cmb
 from vsh.sky.sphere import triad
+from vsh.tools.errors import VshWarning
 
 OURS = BACHCHAN_2016.to_frame("icrs").value
 ACCELERATION = np.array([-0.236, -3.756, -2.080])

@@ -8,12 +8,12 @@ import pytest
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
 from vsh import Vector
-from vsh.cosmology import BACHCHAN_2016, PLANCK_2013, transverse_distance
-from vsh.errors import ParameterError
-from vsh.flows import VelocityGrid
-from vsh.parts import as_parts
+from vsh.io.parts import as_parts
+from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2013, transverse_distance
+from vsh.models.flows import VelocityGrid
 from vsh.sky.sphere import triad
-from vsh.units import AU_PER_YEAR
+from vsh.tools.errors import ParameterError
+from vsh.tools.units import AU_PER_YEAR
 
 OURS = BACHCHAN_2016.to_frame("icrs").value
 ACCELERATION = np.array([-0.236, -3.756, -2.080])
@@ -53,7 +53,7 @@ def test_the_velocity_errs_as_under_the_whole_covariance():
     found = observer_velocity(field, 67.3, flows="linear")
     rows = parallax_equations(field, flows="linear", n_modes=3)
     n = len(field)
-    from vsh.flows import PLANCK_2018 as THEORY
+    from vsh.models.flows import PLANCK_2018 as THEORY
 
     full = THEORY.covariance(u * r).reshape(n, 3, n, 3)
     flow = rows.flow
@@ -257,7 +257,7 @@ def test_parts_and_frames_change_nothing():
         ({"flows": "quadratic"}, 'flows are "linear"'),
         ({"flows": "linear", "n_modes": 2}, "first three are the bulk flow"),
         ({"reconstruction": 3, "flows": None}, "does not go with flows=None"),
-        ({"flows": "linear", "reconstruction": 3}, "is a vsh.flows.VelocityGrid"),
+        ({"flows": "linear", "reconstruction": 3}, "is a vsh.models.flows.VelocityGrid"),
         ({"acceleration": (1, 2, 3)}, "is a Vector with its covariance"),
         ({"acceleration": Vector([1, 2, 3], np.zeros((3, 3)))}, "needs errors"),
         ({"colour": 1}, "no argument is called colour"),

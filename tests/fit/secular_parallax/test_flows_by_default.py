@@ -7,9 +7,9 @@ import fit
 import sim
 from fit.redshift import binned, permutation_test
 from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
-from vsh.cosmology import PLANCK_2018
-from vsh.errors import ParameterError
-from vsh.parts import as_parts
+from vsh.io.parts import as_parts
+from vsh.models.cosmology import PLANCK_2018
+from vsh.tools.errors import ParameterError
 
 OURS = PLANCK_2018.to_frame("icrs").value
 GLIDE = np.array([-0.236, -3.756, -2.080])

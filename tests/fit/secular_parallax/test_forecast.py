@@ -7,8 +7,8 @@ import pytest
 import sim
 from fit.secular_parallax import forecast, predict
 from fit.storage import read
-from vsh.errors import ParameterError
-from vsh.plot import figure_of
+from vsh.figures.plot import figure_of
+from vsh.tools.errors import ParameterError
 
 
 @pytest.fixture(scope="module")

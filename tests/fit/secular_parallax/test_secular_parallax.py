@@ -6,8 +6,8 @@ import pytest
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
 from vsh import Field, Vector
-from vsh.cosmology import BACHCHAN_2016, flat
-from vsh.errors import DegeneracyError, FieldError, ParameterError
+from vsh.models.cosmology import BACHCHAN_2016, flat
+from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
 
 VELOCITY = BACHCHAN_2016.to_frame("icrs").value
 ACCELERATION = np.array([-0.236, -3.756, -2.080])
@@ -55,9 +55,9 @@ def test_another_cosmology_changes_the_shape_alone():
 
 def design_matrix(field, hubble, peculiar, excess_noise):
     """The same least squares, written out with full 2 × 2 covariances."""
-    from vsh.cosmology import transverse_distance
+    from vsh.models.cosmology import transverse_distance
     from vsh.sky.sphere import triad
-    from vsh.units import AU_PER_YEAR
+    from vsh.tools.units import AU_PER_YEAR
 
     rate = 1 / (AU_PER_YEAR * transverse_distance(field.redshift, hubble=hubble))
     p, q, _ = triad(field.lon, field.lat)

@@ -12,8 +12,8 @@ from fit.quality import norm_limit
 from fit.waves import search, search_in_time
 from fit.waves._map import Whitened, _basis, chance, map_of
 from vsh import DegeneracyError, Field, ModesError, ParameterError
-from vsh.epochs import Observations, read_observations
-from vsh.waves import wave_motions
+from vsh.io.epochs import Observations, read_observations
+from vsh.models.waves import wave_motions
 
 K = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])
 
@@ -112,7 +112,7 @@ def observations(n=150, seed=1, frequency=1.3, amplitude=0.0):
     lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
     source, time = np.repeat(np.arange(n), 50), rng.uniform(-2.5, 2.5, 50 * n)
     angle, factor = rng.uniform(0, 2 * np.pi, 50 * n), rng.uniform(-0.7, 0.7, 50 * n)
-    from vsh.epochs import design_row
+    from vsh.io.epochs import design_row
 
     design, error = design_row(angle, factor, time), np.full(50 * n, 100.0)
     own = rng.normal(0, 500, (n, 5))

@@ -11,7 +11,7 @@ import pytest
 
 import fit
 from sim.commands.agis import main
-from vsh import catalogue, tables
+from vsh.io import catalogue, tables
 
 SMALL = ["--quasars", "800", "--years", "2", "--seed", "3"]
 

@@ -7,7 +7,7 @@ import sim
 from sim import agis
 from sim.agis._motion_fit import MotionFit
 from vsh import Modes
-from vsh.errors import ConvergenceError, ParameterError
+from vsh.tools.errors import ConvergenceError, ParameterError
 
 LAW = sim.NominalScanningLaw()
 

@@ -5,7 +5,7 @@ import pytest
 
 import sim
 from sim import agis
-from vsh.errors import ParameterError
+from vsh.tools.errors import ParameterError
 
 LAW = sim.NominalScanningLaw(years=2.0)
 

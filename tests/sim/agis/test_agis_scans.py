@@ -7,7 +7,7 @@ import pytest
 
 import sim
 from sim.agis import System, observations, plan, scans
-from vsh.errors import DegeneracyError, ParameterError, VshWarning
+from vsh.tools.errors import DegeneracyError, ParameterError, VshWarning
 
 LAW = sim.NominalScanningLaw(years=1.0)
 QUASARS = sim.quasars(300, 1)

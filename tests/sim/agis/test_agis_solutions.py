@@ -12,7 +12,7 @@ import fit
 import sim
 from sim import agis
 from vsh import Modes
-from vsh.errors import CheckpointError, ParameterError, VshWarning
+from vsh.tools.errors import CheckpointError, ParameterError, VshWarning
 
 LAW = sim.NominalScanningLaw(years=2.0)
 

@@ -8,8 +8,8 @@ import pytest
 import sim
 from sim import agis
 from sim.variability import Variability, chain_products
-from vsh.errors import ParameterError
 from vsh.sky.sphere import triad
+from vsh.tools.errors import ParameterError
 
 
 def test_correlations_of_a_known_field():

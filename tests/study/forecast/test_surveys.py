@@ -9,7 +9,7 @@ from study.forecast import SURVEYS, Survey, forecast
 from study.forecast._surveys import QUANTITIES
 from study.forecast.command import main
 from vsh import Field, ParameterError
-from vsh.plot import figure_of
+from vsh.figures.plot import figure_of
 
 
 @pytest.fixture(scope="module")

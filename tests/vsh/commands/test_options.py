@@ -9,12 +9,12 @@ from conftest import ROOT
 import _vsh_commands
 import fit.correlation
 import fit.pairs
-import vsh.archive
+import vsh.io.archive
 from sim.observing import REDSHIFT_ERRORS
-from vsh import tables
-from vsh.catalogue._columns import NAMED
-from vsh.commands import names
-from vsh.cosmology import VELOCITIES
+from vsh.commands import values as names
+from vsh.io import tables
+from vsh.io.catalogue._columns import NAMED
+from vsh.models.cosmology import VELOCITIES
 from vsh.sky.frames import FRAMES
 from vsh.sky.redshift_frames import REDSHIFT_FRAME_NAMES
 
@@ -57,7 +57,7 @@ def test_a_file_that_is_not_there_is_told_before_anything_is_loaded_that_fits(tm
         status, *loaded = run.stdout.split()
         assert status == "1"
         assert "c.fits" in run.stderr
-        assert not {"vsh.catalogue", "fit.solving", "matplotlib", "scipy.special"} & set(loaded)
+        assert not {"vsh.io.catalogue", "fit.solving", "matplotlib", "scipy.special"} & set(loaded)
 
 
 def test_the_names_that_options_choose_from_are_those_of_the_packages():
@@ -69,8 +69,8 @@ def test_the_names_that_options_choose_from_are_those_of_the_packages():
     assert tuple(REDSHIFT_ERRORS) == names.REDSHIFT_ERRORS
     assert tuple(fit.pairs.TEMPLATES) == names.TEMPLATES
     assert names.FRAME == fit.correlation.FRAME
-    assert tuple(vsh.archive.QUERIES) == names.QUERIES
-    assert names.ESA == vsh.archive.ESA
+    assert tuple(vsh.io.archive.QUERIES) == names.QUERIES
+    assert names.ESA == vsh.io.archive.ESA
 
 
 def test_every_command_by_its_short_name():

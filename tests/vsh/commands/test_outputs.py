@@ -15,8 +15,8 @@ from gaia_table import table
 
 from fit.commands.fit import main
 from vsh.commands import outputs, parsing
-from vsh.errors import VshError
-from vsh.system.files import atomic_folder, atomic_write, remove_unfinished
+from vsh.tools.errors import VshError
+from vsh.tools.files import atomic_folder, atomic_write, remove_unfinished
 
 
 @pytest.fixture
@@ -164,7 +164,7 @@ def test_vectors_and_velocities_from_the_shell():
     """Three meanings of --velocity, and negative numbers behind a space."""
     from vsh.commands.options import simulate
     from vsh.commands.reading import velocity_of
-    from vsh.cosmology import PLANCK_2018
+    from vsh.models.cosmology import PLANCK_2018
 
     def parsed(*words):
         return parsing.parse(simulate, ["galaxies", "--output", "x.fits", *words])
@@ -189,7 +189,7 @@ def test_the_page_does_not_show_where_its_author_works(catalogue, tmp_path):
 
 def test_no_bar_in_a_log(capfd):
     """Progress bars filled log files."""
-    from vsh.system.progress import progress_bar
+    from vsh.tools.parallel import progress_bar
 
     for _ in progress_bar(range(3), words="work"):
         time.sleep(0.01)
@@ -221,7 +221,7 @@ def test_what_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch, c
 def test_the_truth_travels_or_its_loss_is_said(ending, tmp_path, capsys):
     """Lost without a word in .csv and .vot."""
     from sim.commands.simulate import main as simulate
-    from vsh.catalogue import truth_of
+    from vsh.io.catalogue import truth_of
 
     path = tmp_path / f"x.{ending}"
     assert simulate(["quasars", "--number", "20", "--no-transits", "--spin", "-1,2,3", "--output", str(path)]) == 0
@@ -265,7 +265,7 @@ def test_interrupts_end_in_one_line(tries, catalogue, tmp_path):
 @pytest.mark.parametrize("name", ["vsh-sim", "vsh-redshift"])
 def test_twenty_kills_of_other_commands(name, tmp_path):
     """Every file whole, old or new; a chain goes on from its checkpoint."""
-    from vsh import tables
+    from vsh.io import tables
 
     galaxies = tmp_path / "galaxies.fits"
     make = [

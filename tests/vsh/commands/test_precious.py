@@ -4,7 +4,7 @@ import pytest
 
 from fit.commands.fit import main as fit_main
 from sim.commands.simulate import main as simulate
-from vsh.system.files import digest
+from vsh.tools.files import digest
 
 
 @pytest.fixture

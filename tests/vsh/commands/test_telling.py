@@ -18,8 +18,8 @@ from fit.commands import compare, correlate, pairs, redshift
 from fit.commands.fit import main
 from sim.commands import simulate
 from study.forecast import command as forecast
-from vsh import catalogue
 from vsh.commands import citing
+from vsh.io import catalogue
 
 
 @pytest.fixture(scope="module")

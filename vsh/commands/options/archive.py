@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from vsh.commands import names, parsing, values
+from vsh.commands import parsing, values
+from vsh.commands import values as names
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import re
 
-from vsh.commands import names, parsing, reading, values
+from vsh.commands import parsing, reading, values
+from vsh.commands import values as names
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -6,7 +6,8 @@ import argparse
 from itertools import pairwise
 from pathlib import Path
 
-from vsh.commands import names, parsing, reading, values
+from vsh.commands import parsing, reading, values
+from vsh.commands import values as names
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from vsh.commands import names, parsing, values
+from vsh.commands import parsing, values
+from vsh.commands import values as names
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
 ACCELERATION = "-0.235965,-3.755779,-2.080491"

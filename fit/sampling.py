@@ -1,0 +1,410 @@
+"""Priors, chains and checkpoints, for any posterior."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Protocol
+
+import emcee
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from vsh.tools.errors import CheckpointError, ParameterError
+from vsh.tools.files import check_not_read, read_arrays, write_arrays
+from vsh.tools.notebook import InNotebook
+from vsh.tools.parallel import progress_bar
+from vsh.tools.printing import import_quietly
+from vsh.tools.types import ArrayLike, FloatArray, PathName
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """Chebyshev nodes in asinh(value/scale); a single one where low = high."""
+
+    low: float
+    high: float
+    scale: float
+    count: int
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Chebyshev nodes between low and high, (k,)."""
+        if self.count == 1:
+            return np.array([self.low])
+        return self._value(np.cos(np.pi * (np.arange(self.count) + 0.5) / self.count))
+
+    def basis(self, value: FloatArray) -> FloatArray:
+        """Chebyshev polynomials at values inside the limits, (n, count)."""
+        if self.count == 1:
+            return np.ones((value.size, 1))
+        a, b = self._ends
+        return chebyshev.chebvander((2 * np.arcsinh(value / self.scale) - a - b) / (b - a), self.count - 1)
+
+    def to_coefficients(self, table: FloatArray, axis: int) -> FloatArray:
+        """From values at the nodes, along one axis of a table, to Chebyshev coefficients."""
+        vander = self.basis(self.nodes)
+        return np.moveaxis(np.tensordot(np.linalg.inv(vander), table, (1, axis)), 0, axis)
+
+    def finer(self) -> Axis:
+        """An axis with more nodes."""
+        return Axis(self.low, self.high, self.scale, 2 * self.count if self.count > 1 else 1)
+
+    def at(self, fraction: FloatArray) -> FloatArray:
+        """Values at fractions of the way from low to high."""
+        return self._value(2 * np.asarray(fraction) - 1) if self.count > 1 else np.full(len(fraction), self.low)
+
+    @property
+    def _ends(self):
+        return np.arcsinh(self.low / self.scale), np.arcsinh(self.high / self.scale)
+
+    def _value(self, t):
+        a, b = self._ends
+        return np.clip(self.scale * np.sinh((t * (b - a) + a + b) / 2), self.low, self.high)
+
+
+class Prior(Protocol):
+    """A prior density of one number.
+
+    Attributes
+    ----------
+    low, high : float
+        Limits, which may be infinite.
+    proper : bool
+        Whether its integral is finite.
+    """
+
+    @property
+    def low(self) -> float:
+        """The lower limit, perhaps −∞."""
+
+    @property
+    def high(self) -> float:
+        """The upper limit, perhaps ∞."""
+
+    @property
+    def proper(self) -> bool:
+        """Whether its integral is finite."""
+
+    def log(self, x: FloatArray) -> FloatArray:
+        """Log-density at x, any shape."""
+        ...
+
+
+def _limit(name, value):
+    """A number, which may be infinite; whole ones stay whole."""
+    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and value == value:
+        return value
+    raise ParameterError(f"{name} of a prior must be a number, not {value!r}")
+
+
+@dataclass(frozen=True)
+class Flat(InNotebook):
+    """Equal density between two limits; improper (and then unnormalised) where one is infinite."""
+
+    low: float
+    high: float = np.inf
+
+    def __post_init__(self) -> None:
+        for name in ("low", "high"):
+            object.__setattr__(self, name, _limit(name, getattr(self, name)))
+        if not self.low < self.high:
+            raise ParameterError(f"a flat prior needs limits that rise, not {self.low} and {self.high}")
+
+    @property
+    def proper(self) -> bool:
+        """Whether its integral is finite."""
+        return bool(np.isfinite(self.high - self.low))
+
+    def log(self, x: FloatArray) -> FloatArray:
+        """Log-density at x, any shape."""
+        inside = (x >= self.low) & (x <= self.high)
+        return np.where(inside, -np.log(self.high - self.low) if self.proper else 0.0, -np.inf)
+
+
+@dataclass(frozen=True)
+class Normal(InNotebook):
+    """A Gaussian, which may be cut off below (at zero, for what is positive)."""
+
+    mean: float
+    sigma: float
+    low: float = -np.inf
+    high: float = np.inf
+
+    proper = True
+
+    def __post_init__(self) -> None:
+        for name in ("mean", "sigma", "low", "high"):
+            object.__setattr__(self, name, _limit(name, getattr(self, name)))
+        if not (self.sigma > 0 and np.isfinite(self.sigma) and np.isfinite(self.mean)):
+            raise ParameterError(f"a Gaussian prior needs a finite mean and σ > 0, not {self.mean} ± {self.sigma}")
+
+    def log(self, x: FloatArray) -> FloatArray:
+        """Log-density at x, any shape, but for the constant that a cut-off adds."""
+        inside = (x >= self.low) & (x <= self.high)
+        return np.where(inside, -(((x - self.mean) / self.sigma) ** 2) / 2 - np.log(self.sigma), -np.inf)
+
+
+@dataclass(frozen=True)
+class Density(InNotebook):
+    """Any density: a function that takes an array and returns log-densities, between two limits."""
+
+    function: Callable[[FloatArray], FloatArray]
+    low: float
+    high: float
+
+    proper = True
+
+    def __repr__(self) -> str:
+        return f"Density({named_function(self.function)}, {self.low}, {self.high})"
+
+    def log(self, x: FloatArray) -> FloatArray:
+        """Log-density at x, any shape."""
+        inside = (x >= self.low) & (x <= self.high)
+        return np.where(inside, self.function(np.where(inside, x, (self.low + self.high) / 2)), -np.inf)
+
+
+def integrable_over_cube(prior: Prior) -> bool:
+    """Whether ∫ p(x)/x³ dx over x > 0 is finite at zero.
+
+    Examples
+    --------
+    >>> integrable_over_cube(Flat(50.0, 80.0)), integrable_over_cube(Normal(67.3, 15.0))
+    (True, False)
+    """
+    if prior.low > 0:
+        return True
+    # The share of each decade must fall: x p(x)/x³ from 1e-2 down to 1e-8 of the prior's own scale.
+    scale = prior.high if np.isfinite(prior.high) else max(getattr(prior, "mean", 1.0), 1.0)
+    x = scale * np.geomspace(1e-2, 1e-8, 7)
+    with np.errstate(all="ignore"):
+        share = prior.log(x) - 2 * np.log(x)
+    return bool((np.diff(share) < -0.1).all() or np.isneginf(share).all())
+
+
+def as_prior(value: Any, name: str, named: Mapping[str, Prior] | tuple[()] = ()) -> Any:
+    """A prior of one positive number: a prior, a pair (mean, σ), or one of the names."""
+    known = dict(named)
+    if isinstance(value, str):
+        if value not in known:
+            raise ParameterError(f"no prior on {name} is called {value!r}; there are {', '.join(known)}")
+        value = known[value]
+    elif isinstance(value, tuple) and len(value) == 2:
+        value = Normal(*value)
+    if not all(hasattr(value, each) for each in ("log", "low", "high")):
+        raise ParameterError(f"the prior on {name} must be Flat(low, high), Normal(mean, sigma), Density(f, low, high)")
+    if not value.high > 0:
+        raise ParameterError(f"the prior on {name} leaves nothing above zero: {value}")
+    return value
+
+
+def named_function(function: Callable[..., Any]) -> str:
+    """The name of a function and a hash of what it does."""
+    code = getattr(function, "__code__", None)
+    mark = sha256(code.co_code + repr(code.co_consts).encode()).hexdigest()[:12] if code else ""
+    return f"{getattr(function, '__qualname__', type(function).__name__)} {mark}".strip()
+
+
+_STATE = ("key", "position", "has_gauss", "gauss")
+
+
+def fingerprint(arrays: Iterable[ArrayLike], about: str, model: dict[str, str]) -> dict[str, str]:
+    """What a chain belongs to: a hash of the data, and the model in words."""
+    digest = sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return {"data": f"{about}, {digest.hexdigest()[:16]}"} | model
+
+
+def save(
+    path: PathName, fingerprint: dict[str, str], chain: FloatArray, log_probability: FloatArray, state: Any
+) -> None:
+    """Write a chain (steps, walkers, d), its log-densities and the state of its random numbers."""
+    arrays = {"chain": chain, "log_probability": log_probability}
+    arrays |= {name: np.asarray(value) for name, value in zip(_STATE, state[1:], strict=True)}
+    identity = {"fingerprint": np.frombuffer(json.dumps(fingerprint).encode(), np.uint8)}
+    write_arrays(path, identity | arrays)
+
+
+def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, FloatArray, Any] | None:
+    """Read a chain back: chain, log-densities, state of the random numbers; None where there is no file."""
+    path = Path(path)
+    if not path.exists():
+        return None
+    try:
+        file = read_arrays(path)
+        stored = json.loads(bytes(file["fingerprint"]).decode())
+        chain, log_probability = file["chain"], file["log_probability"]
+        state = ("MT19937", *(file[name] if name == "key" else file[name].item() for name in _STATE))
+    except Exception as error:  # whatever a damaged file makes of zip and NumPy's headers
+        raise CheckpointError(
+            f"{path} is no chain of this program, or damaged ({type(error).__name__}): name another file, or delete it"
+        ) from error
+    other = [key for key in sorted({*fingerprint, *stored}) if fingerprint.get(key) != stored.get(key)]
+    if other:
+        said = "; ".join(f"{key}: there {stored.get(key)}, here {fingerprint.get(key)}" for key in other)
+        raise CheckpointError(f"{path} holds a chain of another run ({said}): name another file, or delete it")
+    return chain, log_probability, state
+
+
+def check_writable(path: PathName) -> None:
+    """Raise CheckpointError before the work, not after it."""
+    folder = Path(path).absolute().parent
+    if not folder.is_dir():
+        raise CheckpointError(f"{path}: there is no such folder")
+    if not os.access(folder, os.W_OK) or Path(path).is_dir():
+        raise CheckpointError(f"{path} cannot be written")
+    check_not_read(path, f"the checkpoint {path}")
+
+
+def autocorrelation(chain: FloatArray) -> FloatArray:
+    """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]"""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
+
+
+def split_r_hat(chain: FloatArray) -> FloatArray:
+    """Split R̂ of each coordinate of a chain (steps, walkers, d), (d,): what the halves of all walkers differ by.
+
+    Notes
+    -----
+    Gelman et al. (2013, Bayesian Data Analysis, 3rd ed., sect. 11.4). The walkers of an ensemble know of each other, which
+    makes it a little too small.
+    """
+    half = len(chain) // 2
+    halves = np.concatenate([chain[:half], chain[half : 2 * half]], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        within, between = halves.var(axis=0, ddof=1).mean(0), halves.mean(axis=0).var(axis=0, ddof=1)
+        return np.sqrt((half - 1) / half + between / within)
+
+
+#: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
+ENOUGH = 50
+
+
+#: What a chain that is too short aims at: its own estimate of the autocorrelation time is too small.
+_AIM = 75
+
+
+class Run:
+    """One chain: `resume_from` ties it to a checkpoint, `run` runs it.
+
+    Moves are by differential evolution, one in ten of them from mode to mode. A chain that has fewer than 50
+    autocorrelation times after `steps` goes on, to at most `most` steps. The chain does not depend on where it was
+    interrupted, nor on how often it was saved.
+    """
+
+    def __init__(
+        self, model: Any, begin: FloatArray, seed: int, steps: int, progress: bool, save_every: float, most: int = 0
+    ) -> None:
+        self.sampler = emcee.EnsembleSampler(
+            *begin.shape, model.log_probability, vectorize=True,
+            moves=[(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
+        )  # fmt: skip
+        first = model.log_probability(begin)
+        if not np.isfinite(first).all():
+            raise ParameterError(f"{(~np.isfinite(first)).sum()} of {len(begin)} walkers would start at zero density")
+        self.state = emcee.State(begin, log_prob=first, random_state=np.random.RandomState(seed).get_state())
+        self.start = begin, first
+        self.steps, self.most = steps, max(steps, most)
+        self.chain, self.log_probability = np.empty((steps, *begin.shape)), np.empty((steps, len(begin)))
+        self.done = 0
+        self.progress, self.save_every = progress, save_every
+        self.path: PathName | None = None
+        self.fingerprint: dict[str, str] = {}
+
+    def resume_from(self, path: PathName, fingerprint: dict[str, str]) -> None:
+        """Go on from a checkpoint, if it is there, and write to it from now on."""
+        self.path, self.fingerprint = path, fingerprint | {"start": f"{self.start[1].sum():.17g}"}
+        found = load(path, self.fingerprint)
+        if found is None:
+            return
+        chain, log_probability, random_state = found
+        if chain.shape[1:] != self.chain.shape[1:] or log_probability.shape != chain.shape[:2] or not len(chain):
+            raise CheckpointError(f"{path} holds a chain of shape {chain.shape}: name another file, or delete it")
+        self._make_room(len(chain))
+        self.done = len(chain)
+        self.chain[: self.done], self.log_probability[: self.done] = chain, log_probability
+        self.state = emcee.State(chain[-1], log_prob=log_probability[-1], random_state=random_state)
+
+    def run(self) -> tuple[FloatArray, FloatArray]:
+        """Go to the last step; returns the chain and its log-probabilities."""
+        target = self.steps
+        while True:
+            self._make_room(target)
+            if target > self.done:
+                self._go_on(target)
+            if target >= self.most:
+                break
+            slowest = float(np.max(autocorrelation(self.chain[:target])))
+            if target >= ENOUGH * slowest:
+                break
+            aim = _AIM * slowest if np.isfinite(slowest) else 4 * target
+            target = int(min(self.most, max(1.5 * target, aim)))
+        return self.chain[:target], self.log_probability[:target]
+
+    def _make_room(self, steps):
+        more = steps - len(self.chain)
+        if more > 0:
+            self.chain = np.concatenate([self.chain, np.empty((more, *self.chain.shape[1:]))])
+            self.log_probability = np.concatenate([self.log_probability, np.empty((more, self.chain.shape[1]))])
+
+    def _go_on(self, target):
+        """To a step, saving on the way."""
+        last, cost = time.monotonic(), 0.0
+        bar = progress_bar(None, target, "chain", self.progress, " steps", initial=self.done)
+        with bar:
+            for state in self.sampler.sample(
+                self.state, iterations=target - self.done, store=False, skip_initial_state_check=True
+            ):
+                self.chain[self.done], self.log_probability[self.done] = state.coords, state.log_prob
+                self.done += 1
+                self.state = state
+                bar.update()
+                # Long chains take long to write: never more than a twentieth of the time.
+                if self.path and time.monotonic() - last > max(self.save_every, 20 * cost):
+                    begun = time.monotonic()
+                    self._save()
+                    last = time.monotonic()
+                    cost = last - begun
+            if self.path:
+                self._save()
+
+    def _save(self):
+        done = slice(0, self.done)
+        state = self.sampler.random_state
+        save(self.path, self.fingerprint, self.chain[done], self.log_probability[done], state)
+
+
+_AXES = ("x", "y", "z")
+
+
+def inference_data(
+    samples: Mapping[str, FloatArray], log_probability: FloatArray | None, frame: str, units: Mapping[str, str]
+) -> Any:
+    """arviz' InferenceData (its DataTree from version 1 on) of samples, each (chains, draws)."""
+    try:
+        arviz = import_quietly("arviz")
+    except ImportError:
+        raise ImportError("arviz is not installed: pip install 'vsh-astrometry[arviz]'") from None
+    variables = dict(samples)
+    about = {name: {"unit": units.get(name, "")} for name in variables}
+    for vector, letter in (("velocity", "v"), ("acceleration", "a")):
+        parts = [f"{letter}_{axis}" for axis in _AXES]
+        if set(parts) <= set(samples):
+            variables[vector] = np.stack([samples[part] for part in parts], axis=-1)
+            about[vector] = {"unit": units.get(parts[0], ""), "frame": frame}
+    vectors = [name for name, values in variables.items() if np.ndim(values) == 3]
+    where = {"coords": {"axis": list(_AXES)}, "dims": {name: ["axis"] for name in vectors}}
+    groups: dict[str, Any] = {"posterior": variables}
+    groups |= {} if log_probability is None else {"sample_stats": {"lp": log_probability}}
+    new = int(arviz.__version__.split(".")[0]) >= 1
+    found = arviz.from_dict(groups, **where) if new else arviz.from_dict(**groups, **where)
+    for name, facts in about.items():
+        found["posterior"][name].attrs.update(facts)
+    return found

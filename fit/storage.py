@@ -1,0 +1,342 @@
+"""Results as files, and back.
+
+Results as tables, and back: ECSV or FITS, every bit of every number, readable by astropy alone.
+
+What does not fit into columns stands as JSON under RESULT in the metadata: FITS headers keep
+neither all digits of a number nor letters beyond ASCII.
+
+Each kind of result says itself how it is packed; this file knows none of them by name. A file is
+checked as strictly as a field is: what was written is what comes back, or an error that says what is wrong.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import zlib
+from dataclasses import fields, is_dataclass
+from html import escape
+from importlib import import_module
+from typing import Any, cast
+
+import numpy as np
+
+from vsh.io import tables
+from vsh.modes import Modes
+from vsh.tools.errors import TableError, VshError
+from vsh.tools.notebook import Frozen
+from vsh.tools.notes import printable
+from vsh.tools.types import PathName, Table
+
+__all__ = ["Result", "read"]
+
+
+def same(one: Any, two: Any) -> bool:
+    """Whether two values, arrays and sequences of them among them, are equal; nan equals nan."""
+    if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):
+        one, two = np.asarray(one), np.asarray(two)
+        return one.shape == two.shape and np.array_equal(one, two, equal_nan=one.dtype.kind == "f")
+    if isinstance(one, (list, tuple)) and isinstance(two, (list, tuple)):
+        return (
+            getattr(one, "_fields", None) == getattr(two, "_fields", None)
+            and len(one) == len(two)
+            and all(map(same, one, two))
+        )
+    if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
+        return bool(np.isnan(two))
+    if is_dataclass(one) and not isinstance(one, type) and type(one) is type(two):
+        return all(same(getattr(one, each.name), getattr(two, each.name)) for each in fields(one))
+    return bool(one == two)
+
+
+def encoded(value: Any) -> Any:
+    """A value as plain JSON, every bit of it: arrays as compressed bytes, results and nouns by their attributes."""
+    if isinstance(value, np.ndarray):
+        array = np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"))
+        data = base64.b85encode(zlib.compress(array.tobytes(), 6)).decode()
+        return {"array": data, "kind": array.dtype.str, "shape": list(array.shape)}
+    if type(value).__module__.split(".")[0] in ("fit", "vsh") and (is_dataclass(value) or hasattr(value, "_fields")):
+        about = {"type": type(value).__name__, "module": type(value).__module__}
+        return about | {"fields": {name: encoded(getattr(value, name)) for name in _attributes(type(value))}}
+    if isinstance(value, (bool, int, np.integer)) or value is None:
+        return value if value is None or isinstance(value, (bool, int)) else int(value)
+    if isinstance(value, (float, np.floating)):
+        return {"float": exact(float(value))}
+    if isinstance(value, dict):
+        return {"dict": [[encoded(key), encoded(each)] for key, each in value.items()]}
+    if isinstance(value, (list, tuple)):
+        return {"list" if isinstance(value, list) else "tuple": [encoded(each) for each in value]}
+    return str(value)
+
+
+def _attributes(kind):
+    """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
+    if is_dataclass(kind):
+        return [each.name for each in fields(kind)]
+    return (
+        list(kind._fields) if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields") else None
+    )
+
+
+def decoded(plain: Any) -> Any:
+    """What `encoded` wrote."""
+    if not isinstance(plain, dict):
+        return plain
+    if "array" in plain:
+        kind = np.dtype(plain["kind"])
+        shape = tuple(count(size) for size in plain["shape"])
+        if kind.hasobject or kind.itemsize * int(np.prod(shape, dtype=float)) > 2**34:
+            raise TableError("an array")
+        size = kind.itemsize * int(np.prod(shape))
+        try:
+            data = zlib.decompressobj().decompress(base64.b85decode(plain["array"]), size + 1)
+        except zlib.error as error:
+            raise TableError(f"an array ({error})") from None
+        if len(data) != size:
+            raise TableError("the size of an array")
+        array = np.frombuffer(data, kind).reshape(shape)
+        return array.astype(kind.newbyteorder("="))
+    if "float" in plain:
+        return number(plain["float"])
+    if "dict" in plain:
+        return {decoded(key): decoded(each) for key, each in plain["dict"]}
+    if "list" in plain:
+        return [decoded(each) for each in plain["list"]]
+    if "tuple" in plain:
+        return tuple(decoded(each) for each in plain["tuple"])
+    if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
+        raise TableError(f"a {plain['type']}")
+    try:
+        home: Any = getattr(import_module(plain["module"]), plain["type"])
+    except (ImportError, AttributeError):
+        raise TableError(f"a {plain['type']}") from None
+    if _attributes(home) is None:
+        raise TableError(f"a {plain['type']}")
+    return home(**{name: decoded(each) for name, each in plain["fields"].items()})
+
+
+def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
+    """The columns that name each coefficient."""
+    each = list(modes)
+    return {
+        "coefficient": [str(mode) for mode in each], "kind": [mode.kind for mode in each],
+        "l": [mode.l for mode in each], "m": [mode.m for mode in each], "part": [mode.part or "-" for mode in each],
+    }  # fmt: skip
+
+
+def exact(x: Any) -> str:
+    """A number in hexadecimal: every bit, nan and inf among them."""
+    return float(x).hex()
+
+
+def number(text: Any) -> Any:
+    """What `exact` wrote, as a number; anything else as it is."""
+    return float.fromhex(text) if isinstance(text, str) else text
+
+
+def words(values: Any) -> tuple[str, ...]:
+    """A list of strings, checked, as a tuple."""
+    if not isinstance(values, list) or not all(isinstance(each, str) for each in values):
+        raise TableError(f"{values!r} is no list of words")
+    return tuple(values)
+
+
+def count(value: Any) -> int:
+    """A whole number of at least zero, checked."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise TableError(f"{value!r} is no count")
+    return value
+
+
+#: Kinds of results whose modules have been imported, by name.
+_KINDS: dict[str, type[Result]] = {}
+
+
+#: A file names the module of its kind; none but ours is ever imported.
+_OURS = re.compile(r"fit(\.\w+)+")
+
+
+class Result(Frozen):
+    """What every result can do: report, table, figure, file, notebook.
+
+    A class gives `report()`, `plot()` and, where its arrays are not its table, `to_table()`. It is packed
+    attribute by attribute unless it says otherwise: `_pack()` → (columns, the rest as plain values, units of
+    columns) and the class method `_unpack(columns, rest)`, which may raise anything on what is not right.
+    """
+
+    def report(self) -> str:
+        """The result as text."""
+        raise NotImplementedError
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """The result on matplotlib axes.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, or as many as there are panels, optional
+            Where to draw; a new figure unless given.
+        """
+        raise NotImplementedError
+
+    def to_table(self) -> Table:
+        """The result as an astropy Table: the columns that `write` writes."""
+        columns, _, units = self._pack()
+        return tables.table_of(columns, self._plain_facts(), units)
+
+    def _repr_html_(self) -> str:
+        """The report, for a notebook."""
+        return f"<pre>{escape(self.report())}</pre>"
+
+    def _plain_facts(self):
+        """What any reader of the table should see in its header."""
+        facts = {"frame": getattr(self, "frame", None), "n_data": getattr(self, "n_data", None)}
+        return {key: value for key, value in facts.items() if isinstance(value, str | int)}
+
+    def _pack(self):
+        table = type(self).to_table(self)
+        columns = {name: np.asarray(table[name]) for name in table.colnames}
+        units = {name: str(table[name].unit) for name in table.colnames if table[name].unit is not None}
+        return (
+            columns,
+            {"fields": {each.name: encoded(getattr(self, each.name)) for each in fields(cast(Any, self))}},
+            units,
+        )
+
+    @classmethod
+    def _unpack(cls, columns, rest):
+        return cls(**{each.name: decoded(rest["fields"][each.name]) for each in fields(cast(Any, cls))})
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        _KINDS[cls.__name__] = cls
+
+    def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
+        """Write to an ECSV or FITS file, which takes its name when it is complete.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        meta : dict, optional
+            Provenance, plain values.
+
+        Raises
+        ------
+        TableError
+            If the name ends otherwise.
+        """
+        _check_format(path)
+        columns, rest, units = self._pack()
+        mark = json.dumps({"type": type(self).__name__, "module": type(self).__module__} | rest)
+        plain = self._plain_facts()
+        if getattr(self, "notes", None) and tables.format_of(path) == "ascii.ecsv":  # a FITS header has no lists
+            plain["notes"] = list(map(str, getattr(self, "notes", ())))
+        tables.write(path, columns, plain | (meta or {}) | {"RESULT": mark}, units)
+
+    @classmethod
+    def read(cls, path: PathName) -> Any:
+        """Read what `write` wrote, bit for bit.
+
+        Parameters
+        ----------
+        path : str or Path
+            An ECSV or FITS file.
+
+        Raises
+        ------
+        TableError
+            If the file holds no result, one of another kind, or one that is not as it was written.
+        """
+        found = read(path)
+        if not isinstance(found, cls):
+            raise TableError(
+                f"{printable(path)} holds a {type(found).__name__}, not a {cls.__name__}: fit.storage.read takes either"
+            )
+        return found
+
+    def __eq__(self, other: object) -> bool:
+        """Whether two results are of one kind and the same in every number."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(same(getattr(self, each.name), getattr(other, each.name)) for each in fields(cast(Any, self)))
+
+    def __hash__(self) -> int:
+        return hash((type(self).__name__, repr(self)))
+
+
+def read(path: PathName) -> Any:
+    """Read any result that was written to a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        An ECSV or FITS file.
+
+    Raises
+    ------
+    TableError
+        If the file holds none, or one that is not as it was written.
+    """
+    _check_format(path)
+    table, shown = tables.read(path), printable(path)
+    try:
+        rest = json.loads({key.upper(): value for key, value in table.meta.items()}["RESULT"])
+        kind, module = str(rest.pop("type")), str(rest.pop("module"))
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ImportError):
+        raise TableError(f"{shown} holds no result of a fit: it lacks its mark, RESULT, in the metadata") from None
+    try:
+        home = _kind(kind, module)
+    except (KeyError, ImportError):
+        raise TableError(
+            f"{shown} holds a {printable(kind)} of the module {printable(module)}, which is not known here: import it first"
+        ) from None
+    try:
+        columns = {name: _native(name, table[name]) for name in table.colnames}
+        found = home._unpack(columns, rest)
+        _check_same(found, columns, table)
+    except (VshError, KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise TableError(
+            f"{shown} is damaged: its {kind} is not as it was written ({printable(what)[:300]})"
+        ) from error
+    return found
+
+
+def _kind(name, module):
+    if name not in _KINDS and _OURS.fullmatch(module):
+        import_module(module)
+    return _KINDS[name]
+
+
+def _check_same(found, columns, table):
+    """Packed again, the result must give the columns that were read, in their order and units."""
+    again, _, units = found._pack()
+    if set(again) != set(columns):
+        raise TableError(f"columns {', '.join(sorted(set(again) ^ set(columns)))}")
+    for name, values in again.items():
+        if not same(np.asarray(values).astype(columns[name].dtype), columns[name]):
+            raise TableError(f"column {name} does not go with the others")
+        unit = table[name].unit
+        wanted = units.get(name)
+        if (unit is None) != (wanted is None) or (wanted is not None and unit != _unit(wanted)):
+            raise TableError(f"column {name} is in {unit}, not in {wanted}")
+
+
+def _unit(text):
+    from astropy.units import Unit
+
+    return Unit(text)
+
+
+def _check_format(path):
+    name = str(path).lower().removesuffix(".gz")
+    if not name.endswith((".ecsv", ".fits", ".fit")):
+        raise TableError(f"{printable(path)}: results are written as .ecsv or .fits, which keep every bit")
+
+
+def _native(name, column):
+    if np.any(getattr(column, "mask", False)):
+        raise TableError(f"{np.sum(column.mask)} values of column {name} are missing")
+    array = np.asarray(column)
+    return array.astype(array.dtype.newbyteorder("=")) if array.dtype.kind in "fi" else array.astype(str)

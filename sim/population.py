@@ -1,0 +1,526 @@
+"""Sources: where they are, how bright, how far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from vsh.models.flows import HUBBLE, PLANCK_2018, LinearTheory, VelocityGrid
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.sphere import angles, triad
+from vsh.tools import arguments
+from vsh.tools.arguments import generator
+from vsh.tools.bad_rows import as_floats
+from vsh.tools.errors import FieldError, ParameterError, TableError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import FloatArray, Rng
+
+__all__ = [
+    "Population",
+    "clustered_galaxies",
+    "crf3_magnitudes",
+    "from_table",
+    "galaxies",
+    "plane_avoiding_sky",
+    "quasar_magnitudes",
+    "quasar_redshifts",
+    "quasars",
+    "stars",
+    "uniform_sky",
+    "vlbi_quasars",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Population(Frozen):
+    """Sources as they are, before anybody observes them.
+
+    Attributes
+    ----------
+    lon, lat : (n,) arrays
+        Positions [rad]
+    magnitude : (n,) array or None
+        G.
+    redshift : (n,) array or None
+    frame : str
+        Of the positions.
+    """
+
+    lon: FloatArray
+    lat: FloatArray
+    magnitude: FloatArray | None = None
+    redshift: FloatArray | None = None
+    frame: str = "icrs"
+
+    def __post_init__(self) -> None:
+        check_frame(self.frame)
+        for name in ("lon", "lat", "magnitude", "redshift"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, np.array(as_floats(name, getattr(self, name))[0]))
+        super().__post_init__()
+
+    def __len__(self) -> int:
+        return len(self.lon)
+
+    def __getitem__(self, keep: Any):
+        """The sources picked by a mask, a slice or indices."""
+        columns = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Population(**{k: v[keep] if isinstance(v, np.ndarray) else v for k, v in columns.items()})
+
+
+def from_table(
+    source: Any, *, ra: str = "ra", dec: str = "dec", redshift: str | None = None, magnitude: str | None = None
+) -> Population:
+    """The positions, and perhaps redshifts and magnitudes, of a real table.
+
+    Parameters
+    ----------
+    source : path or table
+        Whatever `vsh.io.tables.as_table` takes.
+    ra, dec, redshift, magnitude : str
+        Names of columns; positions in degrees.
+
+    Returns
+    -------
+    Population
+        In ICRS; a redshift or magnitude that is missing is nan.
+
+    Raises
+    ------
+    TableError
+        If a column is missing.
+    FieldError
+        If a position is missing or not on the sky, or a column holds no numbers.
+    """
+    from vsh.io import tables
+
+    table = tables.as_table(source)
+    columns = {}
+    for role, name in {"ra": ra, "dec": dec, "redshift": redshift, "magnitude": magnitude}.items():
+        if name is None:
+            continue
+        if name not in table.colnames:
+            raise TableError(f"no column {name!r} for {role}. The table has {', '.join(table.colnames)}")
+        values, missing = as_floats(name, np.ma.filled(np.ma.asarray(table[name]), np.nan))
+        columns[role] = np.where(missing, np.nan, values)
+    bad = ~(np.isfinite(columns["ra"]) & (np.abs(columns["dec"]) <= 90))
+    if bad.any():
+        raise FieldError(
+            f"{bad.sum()} of {bad.size} positions are missing or not on the sky (first: row {bad.argmax()})"
+        )
+    lon, lat = np.radians(columns["ra"]), np.radians(columns["dec"])
+    return Population(lon, lat, columns.get("magnitude"), columns.get("redshift"))
+
+
+#: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
+_BRIGHTER_THAN = {18.0: 29_200, 19.0: 175_814, 20.0: 665_975, 21.0: 1_215_942}
+
+
+#: Sources with five and with six parameters.
+CRF3_COUNTS = {31: 1_215_942, 95: 398_231}
+
+
+#: By how much errors with six parameters are larger than those with five at one magnitude.
+SIX_PARAMETERS = 1.25
+
+
+@arguments.accepts(n=arguments.whole, rng=arguments.seed)
+def uniform_sky(n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
+    """n positions, uniform over the sphere: longitude and latitude. [rad]
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+
+    Returns
+    -------
+    tuple[array, array]
+
+    Examples
+    --------
+    >>> lon, lat = uniform_sky(1000, rng=1)
+    >>> lon.shape, bool(abs(np.sin(lat).mean()) < 0.1)
+    ((1000,), True)
+    """
+    rng = generator(rng)
+    return rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
+
+
+def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatArray, FloatArray]:
+    """n positions in ICRS, uniform over the sphere but for the Galactic plane, |b| < `latitude` degrees. [rad]
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+    latitude : float
+        Below which there are none. [deg]
+
+    Returns
+    -------
+    tuple[array, array]
+    """
+    rng = generator(rng)
+    l = rng.uniform(0, 2 * np.pi, n)
+    b = np.arcsin(rng.uniform(np.sin(np.radians(latitude)), 1, n)) * rng.choice([-1, 1], n)
+    return angles(rotation_matrix("galactic", "icrs") @ triad(l, b)[2])
+
+
+def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArray:
+    """n magnitudes G with the number counts of Gaia's quasars, log-linear between the published ones.
+
+    Brighter than G = 18 the first slope is continued.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+    max_magnitude : float
+        The faintest G, at most 21.
+
+    Raises
+    ------
+    ParameterError
+        If the faintest magnitude is not above 18 and at most 21.
+    """
+    if not 18 < max_magnitude <= 21:
+        raise ParameterError(f"the counts are known for 18 < G ≤ 21, not to {max_magnitude}")
+    magnitude, log_count = np.array(list(_BRIGHTER_THAN)), np.log10(list(_BRIGHTER_THAN.values()))
+    slope = log_count[1] - log_count[0]
+    magnitude, log_count = np.insert(magnitude, 0, 12.0), np.insert(log_count, 0, log_count[0] - 6 * slope)
+    top = np.interp(max_magnitude, magnitude, log_count)
+    drawn = top + np.log10(1 - generator(rng).uniform(0, 1, n))
+    return np.interp(drawn, log_count, magnitude)
+
+
+def crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
+    """Magnitudes G like those of Gaia-CRF3: of sources with five parameters, then of those with six.
+
+    Parameters
+    ----------
+    n_five, n_six : int
+        How many of each.
+    rng : Generator or int
+        The source of all randomness.
+    """
+    rng = generator(rng)
+    return np.concatenate([quasar_magnitudes(n_five, rng, 21.0), 21 - rng.gamma(2.0, 0.32, n_six)])
+
+
+def quasar_redshifts(n: int, rng: Rng, scale: float = 0.55, shape: float = 2.7) -> FloatArray:
+    """n redshifts from a gamma distribution of mean 1.5, about that of Gaia's and SDSS' quasars; at least 0.05.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+    scale : float
+        Of the gamma distribution.
+    shape : float
+        Of the gamma distribution.
+    """
+    return np.maximum(generator(rng).gamma(shape, scale, n), 0.05)
+
+
+#: Magnitudes, and millions of stars that are brighter, over the whole sky.
+STAR_COUNTS = (10.0, 15.0, 18.0, 20.0), (0.34, 26.0, 250.0, 1000.0)
+
+
+@arguments.accepts(n=arguments.whole, rng=arguments.seed, max_magnitude=arguments.number)
+def quasars(
+    n: int, rng: Rng, sky: str | FloatArray = "uniform", *, max_magnitude: float = 20.0, map_frame: str = "icrs"
+) -> Population:
+    """n quasars with Gaia's distribution of magnitudes.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+    sky : {"uniform", "plane-avoiding", "gums", "igql"} or (12 nside²,) array
+        A name, or a HEALPix map of their density in ring order (a selection function).
+    max_magnitude : float
+        The faintest G, at most 21.
+    map_frame : str
+        Of the axes of a map that is given.
+
+    Returns
+    -------
+    Population
+        In ICRS.
+
+    Raises
+    ------
+    ParameterError
+        If n is not positive, the sky unknown or the map no map.
+    """
+    rng = generator(rng)
+    lon, lat = _positions(n, rng, sky, map_frame)
+    # Redshifts from a stream of their own: they shift nothing that is drawn later.
+    return Population(lon, lat, quasar_magnitudes(n, rng, max_magnitude), quasar_redshifts(n, rng.spawn(1)[0]))
+
+
+@arguments.accepts(quasars=arguments.a(Population), n=arguments.whole, rng=arguments.seed)
+def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
+    """n of the quasars, at random: those whose positions VLBI knows (the paper has 3300 of 500 000).
+
+    Parameters
+    ----------
+    quasars : Population
+        From which to choose.
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than n.
+    """
+    if not 0 < n <= len(quasars):
+        raise ParameterError(f"{n} of {len(quasars)} quasars cannot be chosen")
+    return quasars[np.sort(generator(rng).choice(len(quasars), n, replace=False))]
+
+
+@arguments.accepts(
+    n=arguments.whole,
+    rng=arguments.seed,
+    min_redshift=arguments.positive,
+    max_redshift=arguments.positive,
+    max_magnitude=arguments.number,
+    absolute=arguments.number,
+    spread=arguments.positive,
+)
+def galaxies(
+    n: int,
+    rng: Rng,
+    sky: str | FloatArray = "uniform",
+    *,
+    min_redshift: float = 0.001,
+    max_redshift: float = 0.03,
+    max_magnitude: float = 20.0,
+    absolute: float = -18.0,
+    spread: float = 1.5,
+    map_frame: str = "icrs",
+) -> Population:
+    """n galaxies, evenly in the volume between two redshifts, as far as they are bright enough.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+    sky
+        As for `quasars`.
+    min_redshift, max_redshift : float
+        Redshifts.
+    max_magnitude : float
+        The completeness limit, G.
+    absolute, spread : float
+        Mean and standard deviation of the absolute magnitudes; with these the
+        counts peak at G ≈ 17, as those of the paper's galaxies do.
+    map_frame : str
+        Of the axes of a map that is given.
+
+    Returns
+    -------
+    Population
+        In ICRS.
+
+    Raises
+    ------
+    ParameterError
+        If redshifts do not rise from above zero, or the sky is unknown.
+    """
+    from vsh.models.cosmology import distance_modulus, transverse_distance
+
+    if not 0 < min_redshift < max_redshift:
+        raise ParameterError(f"redshifts must rise from above zero, not from {min_redshift} to {max_redshift}")
+    rng = generator(rng)
+    lon, lat = _positions(n, rng, sky, map_frame)
+    grid = np.linspace(min_redshift, max_redshift, 2000)
+    distance = transverse_distance(grid)
+    redshift, magnitude = np.empty(0), np.empty(0)
+    while len(redshift) < n:
+        cube = rng.uniform(distance[0] ** 3, distance[-1] ** 3, n)
+        z = np.interp(np.cbrt(cube), distance, grid)
+        modulus = distance_modulus(np.cbrt(cube), z)
+        g = modulus + rng.normal(absolute, spread, n)
+        redshift, magnitude = np.r_[redshift, z[g < max_magnitude]], np.r_[magnitude, g[g < max_magnitude]]
+    return Population(lon, lat, magnitude[:n], redshift[:n])
+
+
+@arguments.accepts(
+    n=arguments.whole, rng=arguments.seed, min_magnitude=arguments.number, max_magnitude=arguments.number
+)
+def stars(
+    n: int,
+    rng: Rng,
+    sky: str | FloatArray = "uniform",
+    *,
+    min_magnitude: float = 12.0,
+    max_magnitude: float = 20.0,
+    map_frame: str = "icrs",
+) -> Population:
+    """n stars with the counts by magnitude of the whole sky: what holds the attitude of a real mission.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+    sky
+        As for `quasars`.
+    min_magnitude, max_magnitude : float
+        G, from 10 to 20.
+    map_frame : str
+        Of the axes of a map that is given.
+
+    Returns
+    -------
+    Population
+        In ICRS.
+
+    Raises
+    ------
+    ParameterError
+        If magnitudes do not rise from 10 to 20 at most, or the sky is unknown.
+
+    Notes
+    -----
+    0.34, 26, 250 and 1000 million stars are brighter than 10, 15, 18 and 20 (Perryman et al. 2001, A&A 369, 339, table 1);
+    in between the logarithm of the counts is taken for linear.
+    """
+    if not STAR_COUNTS[0][0] <= min_magnitude < max_magnitude <= STAR_COUNTS[0][-1]:
+        raise ParameterError(
+            f"magnitudes of stars rise between 10 and 20, not from {min_magnitude:g} to {max_magnitude:g}"
+        )
+    rng = generator(rng)
+    lon, lat = _positions(n, rng, sky, map_frame)
+    magnitudes, counts = STAR_COUNTS[0], np.log(STAR_COUNTS[1])
+    low, high = np.exp(np.interp((min_magnitude, max_magnitude), magnitudes, counts))
+    return Population(lon, lat, np.interp(np.log(rng.uniform(low, high, n)), counts, magnitudes))
+
+
+def _positions(n, rng, sky, map_frame):
+    if n < 1:
+        raise ParameterError(f"a population has at least one member, not {n}")
+    exact = {"uniform": uniform_sky, "plane-avoiding": plane_avoiding_sky}
+    if not isinstance(sky, (str, np.ndarray)):
+        raise ParameterError(f"a sky is a name or a HEALPix map, not {type(sky).__name__}")
+    if isinstance(sky, str) and sky in exact:
+        return exact[sky](n, rng)
+    from sim.skies import draw_positions
+
+    return draw_positions(n, rng, sky, map_frame)
+
+
+@arguments.accepts(
+    n=arguments.whole, rng=arguments.seed, min_redshift=arguments.positive, max_redshift=arguments.positive,
+    bias=arguments.not_negative, size=arguments.whole,
+)  # fmt: skip
+def clustered_galaxies(
+    n: int,
+    rng: Rng,
+    *,
+    min_redshift: float = 0.001,
+    max_redshift: float = 0.03,
+    max_magnitude: float = 20.0,
+    absolute: float = -18.0,
+    spread: float = 1.5,
+    bias: float = 1.0,
+    theory: LinearTheory = PLANCK_2018,
+    size: int = 160,
+) -> tuple[Population, VelocityGrid]:
+    """n galaxies whose density is log-normal in the matter of linear theory, and the velocities of that matter.
+
+    The second goes to `sim.peculiar(…, flow=grid)`: galaxies and flow are then of one universe.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    rng : Generator or int
+        The source of all randomness.
+    min_redshift, max_redshift, max_magnitude, absolute, spread
+        As for `galaxies`.
+    bias : float
+        Galaxies are bias times as clustered as matter; zero is evenly.
+    theory : LinearTheory
+        The power of matter.
+    size : int
+        Points of the grid along each axis.
+
+    Returns
+    -------
+    population : Population
+        In ICRS.
+    grid : VelocityGrid
+
+    Raises
+    ------
+    ParameterError
+        If redshifts do not rise.
+    """
+    from vsh.models.cosmology import PLANCK_2013, distance_modulus, hubble_value, redshift_of, transverse_distance
+
+    if not min_redshift < max_redshift:
+        raise ParameterError(f"redshifts must rise, not from {min_redshift} to {max_redshift}")
+    rng = generator(rng)
+    h = hubble_value(PLANCK_2013) / 100
+    near, far = transverse_distance(np.array([min_redshift, max_redshift])) * h
+    half = 1.6 * far
+    density, velocity = _linear(theory, rng, size, half, low=0.0)
+    # Waves longer than the box carry galaxies along without clustering them.
+    _, large = _linear(theory, rng, 48, 8 * half, low=0.0, high=np.pi / half / 2)
+    x = np.linspace(-half, half, size, endpoint=False) + half / size
+    cells = np.stack(np.meshgrid(x, x, x, indexing="ij")).reshape(3, -1)
+    wide = VelocityGrid(large, 8 * half * (1 - 1 / 48), "icrs")
+    lon, lat = angles(cells)
+    velocity = velocity.reshape(3, -1) + wide.at(lon, lat, np.linalg.norm(cells, axis=0), "icrs")[0]
+    grid = VelocityGrid(velocity.reshape(3, size, size, size), half * (1 - 1 / size), "icrs")
+    chance = np.exp(bias * density.ravel() - bias**2 * density.var() / 2)
+    chance = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < far + 2 * half / size, chance, 0.0))
+    found: list[list[np.ndarray]] = [[], [], [], []]
+    while sum(map(len, found[0])) < n:
+        chosen = np.searchsorted(chance, rng.uniform(0, chance[-1], 2 * n))
+        place = cells[:, chosen] + rng.uniform(-half / size, half / size, (3, 2 * n))
+        r = np.linalg.norm(place, axis=0)
+        z = redshift_of(r / h)
+        g = distance_modulus(r / h, z) + rng.normal(absolute, spread, 2 * n)
+        keep = (r > near) & (r < far) & (g < max_magnitude)
+        for each, values in zip(found, (*angles(place), g, z), strict=True):
+            each.append(values[keep])
+    lon, lat, magnitude, redshift = (np.concatenate(each)[:n] for each in found)
+    return Population(lon, lat, magnitude, redshift), grid
+
+
+def _linear(theory, rng, size, half, low, high=np.inf):
+    """Density contrast and velocity on a periodic grid, of the waves between two wave numbers."""
+    step = 2 * half / size
+    waves = 2 * np.pi * np.fft.fftfreq(size, step)
+    k = np.stack(np.meshgrid(waves, waves, waves[: size // 2 + 1], indexing="ij"))
+    k[2] = np.abs(k[2])
+    length = np.sqrt(np.sum(k**2, 0))
+    length[0, 0, 0] = 1.0
+    power = np.where((np.abs(k).max(0) > low) & (np.abs(k).max(0) < high), theory.power_at(length), 0.0)
+    power[0, 0, 0] = 0.0
+    wave = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
+    density = np.fft.irfftn(wave, (size,) * 3)
+    pull = 1j * theory.growth_rate * HUBBLE * wave / length**2
+    return density, np.stack([np.fft.irfftn(pull * each, (size,) * 3) for each in k])

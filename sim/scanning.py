@@ -1,0 +1,426 @@
+"""The nominal scanning law, and the Sun it keeps away from.
+
+The nominal scanning law, and when it takes the fields of view over a source.
+
+The spin axis z keeps ξ = 45° from the Sun and goes round it 5.8 times a year; the satellite
+turns about z in six hours; two fields of view lie 106.5° apart on the great circle at right
+angles to z. With λ the Sun's longitude and ν the phase of z about it,
+
+    dν/dλ = [√(S² − cos²ν) + cos ξ sin ν]/sin ξ,   dΩ/dt = ω_z − ν̇ cos ξ − λ̇ sin ξ sin ν
+
+(Lindegren & Bastian 2011, EAS 45, 109; the Gaia scanning law). S follows from 5.8.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.integrate import quad, solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.tools.arguments import between, generator, number, positive
+from vsh.tools.arrays import float_array
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.parallel import map_blocks
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Rng
+from vsh.tools.units import DEGREE
+
+__all__ = ["NominalScanningLaw", "Transits", "sun_position", "sun_rate"]
+
+
+#: Mean length of the lost intervals that are drawn. [yr]
+_MEAN = 0.25 / 365.25
+
+
+def check_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
+    """Gaps in the order of time, (k, 2): starts, and ends that do not fall. [yr]"""
+    found = float_array("gaps", gaps if len(gaps) else np.empty((0, 2)))
+    if found.ndim != 2 or found.shape[1] != 2 or (found[:, 0] >= found[:, 1]).any():
+        raise ParameterError(f"gaps are pairs of a start and a later end, in years, not {gaps!r}")
+    found = found[np.argsort(found[:, 0], kind="stable")]
+    return np.stack([found[:, 0], np.maximum.accumulate(found[:, 1])], axis=1)
+
+
+def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
+    """Lost intervals, exponential in length about six hours, (k, 2). [yr]"""
+    if rng is None:
+        raise ParameterError("a dead time needs rng, which draws its gaps")
+    rng = generator(rng)
+    number = max(1, round(years * dead_time / _MEAN))
+    lengths = rng.exponential(_MEAN, number)
+    lengths *= years * dead_time / lengths.sum()
+    # Free time is cut at random; gaps go into the cuts, so none overlaps another.
+    cuts = np.sort(rng.uniform(0, years * (1 - dead_time), number))
+    starts = cuts + np.cumsum(lengths) - lengths
+    return np.stack([starts, starts + lengths], axis=1)
+
+
+def alive(time: FloatArray, gaps: FloatArray) -> BoolArray:
+    """Which times lie in no gap, (n,)."""
+    before = np.searchsorted(gaps[:, 0], time, side="right") - 1
+    return (before < 0) | (time >= np.append(gaps[:, 1], 0.0)[before])
+
+
+def precession_speed(precessions: float, xi: float) -> float:
+    """S for a number of precessions a year: one turn of ν takes 1/K of a turn of λ."""
+
+    def turn(speed):
+        return quad(
+            lambda nu: np.sin(xi) / (np.sqrt(speed**2 - np.cos(nu) ** 2) + np.cos(xi) * np.sin(nu)), 0, 2 * np.pi
+        )[0]
+
+    return brentq(lambda speed: turn(speed) * precessions - 2 * np.pi, 1.5, 50.0, xtol=1e-12)
+
+
+YEAR = 365.25  # days
+
+
+#: Of the Sun's mean longitude from the equinox of J2000 (that of date recedes by 50.29″ a year). [deg/day]
+_MEAN_RATE = 0.9856474 - 50.29 / 3600 / YEAR
+
+
+def _anomaly(start, time):
+    days = (start - 2000.0 + time) * YEAR
+    return (357.528 + 0.9856003 * days) * DEGREE, (280.460 + _MEAN_RATE * days) * DEGREE
+
+
+def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5).
+
+    Parameters
+    ----------
+    start : float
+        Of the mission. [Julian year]
+    time : (k,) array
+        Since the start of the mission. [yr]
+
+    Returns
+    -------
+    tuple[array, array]
+    """
+    g, mean = _anomaly(start, time)
+    longitude = mean + (1.915 * np.sin(g) + 0.020 * np.sin(2 * g)) * DEGREE
+    return longitude, 1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2 * g)
+
+
+def sun_rate(start: float, time: FloatArray) -> FloatArray:
+    """dλ/dt [rad/yr].
+
+    Parameters
+    ----------
+    start : float
+        Of the mission. [Julian year]
+    time : (k,) array
+        Since the start of the mission. [yr]
+    """
+    g, _ = _anomaly(start, time)
+    turn = 0.9856003 * DEGREE * YEAR
+    return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * turn
+
+
+@dataclass(frozen=True, eq=False)
+class Transits(Frozen):
+    """Passages of sources over a field of view, ordered by source and, for each, by time.
+
+    Attributes
+    ----------
+    source : (k,) int array
+        Index of the source.
+    time : (k,) array
+        Since the start of the mission [yr]
+    angle : (k,) array
+        Position angle of the scan, from north through east [rad]
+    parallax_factor : (k,) array
+        Along-scan shift for a parallax of one.
+    view : (k,) int array
+        +1 for the preceding, −1 for the following field of view.
+    across : (k,) array
+        Across-scan offset from the middle of the field [rad]
+    """
+
+    source: FloatArray
+    time: FloatArray
+    angle: FloatArray
+    parallax_factor: FloatArray
+    view: FloatArray
+    across: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def counts(self, n: int) -> IntArray:
+        """How many each of n sources has, (n,).
+
+        Parameters
+        ----------
+        n : int
+            Sources.
+        """
+        return np.bincount(self.source, minlength=n)
+
+
+MAX_YEARS = 100  # longer missions are typing errors
+
+
+#: Sources looked at together; each with every spin of the mission.
+BLOCK = 1000
+
+
+#: By how much the axis may leave a straight line within a spin before transits are looked for again. [rad]
+_BEND = 60 / 3600 * DEGREE
+
+
+@dataclass(frozen=True, eq=False)
+class NominalScanningLaw(Frozen):
+    """Where Gaia looks.
+
+    Parameters
+    ----------
+    start : float
+        Julian year of the start; 2014.73 is that of Gaia's science operations.
+    years : float
+        Length of the mission.
+    precession_phase, spin_phase, solar_aspect : float
+        ν and Ω at the start, and ξ. [rad]
+    precessions, spin_rate, basic_angle : float
+        Of the axis about the Sun, a year; [arcsec/s]; and between the fields of view. [rad]
+    half_height : float
+        Of a field, across the scan [rad]; 0.342° gives the published counts with 6 % of dead time.
+    pole_days : float
+        At first the axis stays in the ecliptic, ν = 0 or π, so that both fields pass the poles every spin. [days]
+    dead_time : float
+        Fraction of the time that is lost, in gaps of some six hours.
+    rng : Generator or int
+        Of those gaps; needed with a dead time.
+    frame : str
+        Of the positions whose transits are asked for.
+    gaps : sequence of (start, end)
+        More intervals without observations. [yr]
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> z, first, second = NominalScanningLaw(years=1).attitude(np.array([0.5]))
+    >>> round(float(np.degrees(np.arccos(first[:, 0] @ second[:, 0]))), 6)
+    106.5
+    """
+
+    start: float = 2014.73
+    years: float = 5.0
+    precession_phase: float = 0.0
+    spin_phase: float = 0.0
+    solar_aspect: float = 45 * DEGREE
+    precessions: float = 5.8
+    spin_rate: float = 60.0
+    basic_angle: float = 106.5 * DEGREE
+    half_height: float = 0.342 * DEGREE
+    pole_days: float = 0.0
+    dead_time: float = 0.0
+    rng: Rng | None = None
+    frame: str = "icrs"
+    gaps: tuple[tuple[float, float], ...] = ()
+    remembered: dict = field(default_factory=dict, init=False, repr=False)
+    _state: dict = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if positive("years, the length of a mission,", self.years) > MAX_YEARS:
+            raise ParameterError(f"years, the length of a mission, must be at most {MAX_YEARS}, not {self.years}")
+        for name in ("start", "precession_phase", "spin_phase", "pole_days"):
+            number(name, getattr(self, name))
+        for name in ("precessions", "spin_rate", "half_height"):
+            positive(name, getattr(self, name))
+        between("solar_aspect", self.solar_aspect, 0, np.pi / 2)
+        between("basic_angle", self.basic_angle, 0, np.pi)
+        if not 0 <= number("dead_time", self.dead_time) < 1:
+            raise ParameterError(f"dead_time is a fraction, at least 0 and below 1, not {self.dead_time}")
+        check_frame(self.frame)
+        given = check_gaps(self.gaps)
+        drawn = draw_gaps(self.years, self.dead_time, self.rng) if self.dead_time else given[:0]
+        self._state["gaps"] = check_gaps(np.concatenate([given, drawn]))
+        self._integrate()
+
+    @property
+    def speed(self) -> float:
+        """S, the speed of the axis among the stars in units of the Sun's."""
+        return self._state["speed"]
+
+    @property
+    def lost(self) -> FloatArray:
+        """Starts and ends of all gaps, (k, 2). [yr]"""
+        return self._state["gaps"]
+
+    def sun(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Direction of the Sun in the ecliptic, (3, n), and its distance [AU]; time in years.
+
+        Parameters
+        ----------
+        time : (k,) array
+            Since the start of the mission. [yr]
+
+        Returns
+        -------
+        tuple[array, array]
+        """
+        longitude, distance = sun_position(self.start, np.asarray(time, float))
+        return np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)]), distance
+
+    def attitude(self, time: FloatArray) -> Any:
+        """Spin axis and both fields of view: z, preceding, following.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Since the start [yr]
+        """
+        time = np.asarray(time, float)
+        z, u, w = self._axes(time)
+        phase = self._phase(time)
+        views = [u * np.cos(phase + a) + w * np.sin(phase + a) for a in (self.basic_angle / 2, -self.basic_angle / 2)]
+        back = rotation_matrix("ecliptic", self.frame)
+        return tuple(back @ v for v in (z, *views))
+
+    def transits(
+        self, lon: ArrayLike, lat: ArrayLike, *, threads: int | None = None, progress: bool = False
+    ) -> Transits:
+        """All transits of the given positions over the mission.
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions in `frame` [rad]
+        threads : int, optional
+            One a core unless given.
+        progress : bool
+            Show a bar, after two seconds.
+        """
+        lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
+        parts = list(map_blocks(
+            lambda part: (part.start, self.transits_of_block(lon[part], lat[part])),
+            len(lon), BLOCK, threads, "transits" if progress else None,
+        ))  # fmt: skip
+        names = ("time", "angle", "parallax_factor", "view", "across")
+        source = [block.source + start for start, block in parts] or [np.zeros(0, int)]
+        return Transits(
+            np.concatenate(source),
+            *(np.concatenate([getattr(b, name) for _, b in parts] or [np.zeros(0)]) for name in names),
+        )
+
+    def transits_of_block(self, lon: ArrayLike, lat: ArrayLike) -> Transits:
+        """The same in one thread, for few enough positions that each may meet every spin at once.
+
+        Parameters
+        ----------
+        lon : (n,) array
+            [rad]
+        lat : (n,) array
+            Latitude. [rad]
+        """
+        p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
+        z, u, w, times = (self._state[name] for name in ("z", "u", "w", "times"))
+        # Height above the scan circle at the start of every spin; z moves a degree in one.
+        height = r.T @ z
+        limit = np.sin(self.half_height)
+        # Between spins the height is taken for linear, good to 20 arcsec; hence a margin, and a second look.
+        wide = limit * 1.03 if self._state["bend"] < _BEND else limit + 1.5 * self._state["bend"]
+        low, high = height < wide, height > -wide
+        source, spin = np.nonzero((low[:, :-1] | low[:, 1:]) & (high[:, :-1] | high[:, 1:]))
+        here = r[:, source]
+        azimuth = np.arctan2(np.sum(here * w[:, spin], 0), np.sum(here * u[:, spin], 0))
+        later = np.arctan2(np.sum(here * w[:, spin + 1], 0), np.sum(here * u[:, spin + 1], 0))
+        turn = (later - azimuth + np.pi) % (2 * np.pi) - np.pi
+        h0, h1 = height[source, spin], height[source, spin + 1]
+
+        found = []
+        # Where the azimuth of a source falls, a field may meet it twice in a spin.
+        for view, again in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
+            # Where in the spin Ω(f) = 2π f meets the azimuth of the source less that of the field.
+            share = ((azimuth - view * self.basic_angle / 2) % (2 * np.pi) + again * 2 * np.pi) / (2 * np.pi - turn)
+            sine = h0 + share * (h1 - h0)
+            hit = np.flatnonzero((share < 1) & (np.abs(sine) < wide))
+            time = times[spin[hit]] + share[hit] * np.diff(times)[spin[hit]]
+            found.append((source[hit], time, np.full(len(hit), view)))
+        owner, time, views = (np.concatenate(each) for each in zip(*found, strict=True))
+        owner, time, views = (each[np.lexsort((time, owner))] for each in (owner, time, views))
+        if self._state["bend"] >= _BEND:
+            time = self._refined(r[:, owner], time, views)
+        z, *_ = self._axes(time)
+        across = np.arcsin(np.sum(r[:, owner] * z, 0))
+        keep = alive(time, self._state["gaps"]) & (np.abs(across) < self.half_height)
+        owner, time, views, z, across = owner[keep], time[keep], views[keep], z[:, keep], across[keep]
+        here = r[:, owner]
+        scan = np.cross(z, here, axis=0) / np.cos(across)
+        angle = np.arctan2(np.sum(scan * p[:, owner], 0), np.sum(scan * q[:, owner], 0))
+        sun, distance = self.sun(time)
+        # Gaia is opposite the Sun, 1 % farther out than the Earth; a parallax shifts towards the Sun.
+        factor = 1.01 * distance * np.sum(sun * scan, 0)
+        return Transits(owner, time, angle, factor, views, across)
+
+    def _integrate(self):
+        """ν and Ω as splines of time, and the axes at the start of every spin."""
+        xi = self.solar_aspect
+        speed = precession_speed(self.precessions, xi)
+        rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year
+        quiet = self.pole_days / YEAR
+        start = np.pi * round(self.precession_phase / np.pi) if quiet else self.precession_phase
+
+        def slope(time, state):
+            nu = state[0]
+            sun = sun_rate(self.start, time)
+            nu_rate = (
+                0.0
+                if time < quiet
+                else sun * (np.sqrt(speed**2 - np.cos(nu) ** 2) + np.cos(xi) * np.sin(nu)) / np.sin(xi)
+            )
+            # What Ω lacks of the turn ω_z t, which is large and exactly known.
+            return [nu_rate, -nu_rate * np.cos(xi) - sun * np.sin(xi) * np.sin(nu)]
+
+        grid = np.linspace(0, self.years, max(2, int(self.years * YEAR * 2)) + 1)
+        solved = solve_ivp(slope, (0, self.years), [start, 0.0], t_eval=grid, rtol=1e-10, atol=1e-10, max_step=2 / YEAR)
+        slow = CubicSpline(grid, solved.y[1])
+        nu = CubicSpline(grid, solved.y[0])
+
+        self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
+        spins = int(np.floor(self._phase(self.years) / (2 * np.pi)))
+        first = int(np.ceil(self._phase(0.0) / (2 * np.pi)))
+        turns = 2 * np.pi * np.arange(first, spins + 1)
+        times = (turns - self.spin_phase) / rate
+        for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
+            times -= (self._phase(times) - turns) / (rate + slow(times, 1))
+        z, u, w = self._axes(times)
+        bend = np.abs(np.diff(z, 2)).max() / 8 if z.shape[1] > 2 else 0.0
+        self._state.update(times=times, z=z, u=u, w=w, bend=bend)
+
+    def _refined(self, here, time, views):
+        """Times at which the fields really pass, by Newton steps: where a spin is long its axis does not move straight."""
+        last = np.nextafter(self.years, 0)
+        for _ in range(4):
+            _, u, w = self._axes(time)
+            azimuth = np.arctan2(np.sum(here * w, 0), np.sum(here * u, 0))
+            late = azimuth - self._phase(time) - views * self.basic_angle / 2
+            time = np.clip(time + ((late + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, last)
+        return time
+
+    def _phase(self, time):
+        """Ω, the phase of the spin. [rad]"""
+        return self.spin_phase + self._state["rate"] * time + self._state["slow"](time)
+
+    def _axes(self, time):
+        """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic."""
+        sun, _ = self.sun(time)
+        nu, xi = self._state["nu"](time), self.solar_aspect
+        ahead = np.stack([-sun[1], sun[0], np.zeros_like(nu)])
+        z = np.cos(xi) * sun + np.sin(xi) * np.cos(nu) * ahead
+        z[2] += np.sin(xi) * np.sin(nu)
+        u = np.cross(sun, z, axis=0) / np.sin(xi)
+        return z, u, np.cross(z, u, axis=0)

@@ -1,0 +1,196 @@
+"""Two catalogues of one sky: what was done to one is found, errors hold, the published comparison of ICRF3 with ICRF2."""
+
+import json
+
+import numpy as np
+import pytest
+from astropy.table import Table
+from conftest import real_catalogue
+
+import fit
+import sim
+from fit.commands.compare import main
+from fit.compare import compare
+from vsh import Coefficients, ConvergenceError, Field, FieldError, ParameterError, TableError
+from vsh.conventions import from_icrf3
+from vsh.io.catalogue import read_icrf, read_positions
+from vsh.sky.positions import Positions
+from vsh.tools.units import UAS
+
+TRUTH = {"R1": 12.0, "R2": 15.0, "R3": -2.0, "D1": -20.0, "D2": -65.0, "D3": -95.0, "E20": 45.0}
+
+
+def two(n=1500, seed=1, truth=TRUTH, outliers=0):
+    """A catalogue, and the same sources as an older one had them."""
+    rng = np.random.default_rng(seed)
+    lon, lat = sim.uniform_sky(n, rng)
+    sigma = 10 ** rng.uniform(1.5, 2.5, (2, n))
+    rho = rng.uniform(-0.5, 0.5, n)
+    name = np.array([f"S{i:04d}" for i in range(n)])
+    white = rng.standard_normal((2, n))
+    noise = sigma * np.stack([white[0], rho * white[0] + np.sqrt(1 - rho**2) * white[1]])
+    offset = from_icrf3(truth).at(lon, lat) + noise
+    offset[:, :outliers] += 1e5
+    older = Positions(lon - offset[0] * UAS / np.cos(lat), lat - offset[1] * UAS, sigma, rho, name=name)
+    return Positions(lon, lat, sigma / 100, name=name), older
+
+
+def test_what_was_done_is_found():
+    pulls, p = [], []
+    for seed in range(40):
+        found, kept = compare(*two(seed=seed))
+        pulls.append([(value - TRUTH.get(name, 0.0)) / error for name, (value, error) in found.parameters.items()])
+        assert found.solution.unit == "µas"
+        nothing, _ = compare(*two(300, seed, truth={"R1": 30.0, "D3": 5.0}))
+        p.append(nothing.deformation_p_value)
+    assert np.std(pulls) == pytest.approx(1, abs=0.08)
+    assert np.abs(np.mean(pulls, 0)).max() < 0.7
+    assert np.mean(np.array(p) < 0.3) == pytest.approx(0.3, abs=0.22)
+    assert len(kept) == found.solution.n_sources
+
+
+def test_outliers_are_left_out_and_listed():
+    found, kept = compare(*two(outliers=7), labels=("new", "old"))
+    assert set(found.names) == {f"S{i:04d}" for i in range(7)}
+    assert (np.diff(found.distances) <= 0).all()
+    assert len(kept) == 1493
+    assert found.offsets[0] == pytest.approx([1e5, 1e5], rel=0.02)
+    text = found.report()
+    assert "new − old" in text
+    assert "S0000" in text
+    assert "µas/yr" not in text
+    assert len(found.outliers_table()) == 7
+
+
+def test_motions():
+    rng = np.random.default_rng(1)
+    lon, lat = sim.uniform_sky(2000, rng)
+    sigma = rng.uniform(5, 50, (2, 2000))
+    name = np.arange(2000)
+    b = Field(lon, lat, sigma * rng.normal(size=(2, 2000)), sigma, name=name)
+    turn = Coefficients.from_vectors(rotation=(3, -2, 5)).at(lon, lat)
+    a = Field(lon, lat, b.motion + turn + sigma * rng.normal(size=(2, 2000)), sigma, name=name)[::-1]
+    found, _ = compare(a, b, 1)
+    assert found.solution.unit == "µas/yr"
+    assert np.abs((found.solution.spin.value - [3, -2, 5]) / found.solution.spin.sigma).max() < 3.5
+    assert np.isnan(found.deformation_p_value)
+    # Both covariances: √2 times the errors of one.
+    assert found.solution.sigma == pytest.approx(np.sqrt(2) * fit.fit_field(b, 1).sigma, rel=0.15)
+    assert len(found.correlations.matrices) == 2
+
+
+def test_messages():
+    new, old = two(200)
+    with pytest.raises(ParameterError, match="labels are two names"):
+        compare(new, old, labels=("a",))
+    with pytest.raises(ParameterError, match="threshold must be above zero"):
+        compare(new, old, threshold=0)
+    with pytest.raises(ConvergenceError, match="keeps"):
+        compare(new, old, threshold=0.01)
+    with pytest.raises(FieldError, match="match two Positions or two Fields"):
+        compare(new, Field.without_motions(old))
+    with pytest.raises(TableError, match="no source in common"):
+        compare(new[:100], old[100:])
+
+
+def table(positions, path, **columns):
+    data = {
+        "source_id": positions.name, "ra": np.degrees(positions.lon), "dec": np.degrees(positions.lat),
+        "ra_error": positions.sigma[0] / 1000, "dec_error": positions.sigma[1] / 1000, "ra_dec_corr": positions.rho,
+    }  # fmt: skip
+    Table(data | columns).write(path, overwrite=True)
+    return str(path)
+
+
+def test_tables_of_positions(tmp_path):
+    new, old = two(300)
+    read = read_positions(table(old, tmp_path / "old.fits"))
+    np.testing.assert_allclose(read.sigma, old.sigma)
+    np.testing.assert_allclose(read.rho, old.rho)
+    assert list(read.name) == list(old.name)
+    whole = compare(new, old)[0].parameters
+    again = compare(read_positions(table(new, tmp_path / "new.ecsv")), read)[0].parameters
+    assert again["D3"] == pytest.approx(whole["D3"], abs=0.2)  # positions as doubles in degrees
+    broken = table(old, tmp_path / "broken.fits", ra_error=np.where(np.arange(300) < 3, np.nan, 1.0))
+    with pytest.raises(FieldError, match="3 of 300 rows cannot be used: ra_error"):
+        read_positions(broken)
+    dropped = read_positions(broken, on_bad="drop")
+    assert len(dropped) == 297
+    assert "3 of 300" in str(dropped.notes[-1])
+    assert (read_positions(broken, sigma=100.0).sigma == 100).all()
+    with pytest.raises(TableError, match="no column 'alpha'"):
+        read_positions(broken, {"ra": "alpha"})
+    with pytest.raises(TableError, match="--position-error"):
+        read_positions({"ra": [1.0], "dec": [2.0]})
+
+
+def test_command(tmp_path, capsys):
+    new, old = two(400, outliers=3)
+    paths = [table(new, tmp_path / "new.fits"), table(old, tmp_path / "old.fits")]
+    folder, page = tmp_path / "out", tmp_path / "page.html"
+    assert main([*paths, "--lmax", "2", "--output", str(folder), "--html", str(page)]) == 0
+    files = {x.name for x in folder.iterdir()}
+    assert files == {"report.txt", "comparison.ecsv", "solution.ecsv", "correlation.ecsv", "outliers.ecsv", "parameters.ecsv", "provenance.json", "run.toml", "citation.bib",
+                     "sky.png", "spectrum.png", "correlation.png", "residuals.png", "catalogues.png"}  # fmt: skip
+    found = fit.storage.read(folder / "comparison.ecsv")
+    assert found.names == tuple(fit.storage.read(folder / "comparison.ecsv").names)
+    assert len(found.names) == 3
+    html = page.read_text(encoding="utf-8")
+    assert "Sources that were left out" in html
+    assert "names of the ICRF3 papers" in html
+    assert str(tmp_path) not in html
+    assert json.loads((folder / "provenance.json").read_text())["left_out"] == 3
+    assert "new − old" in capsys.readouterr().out
+    assert main([paths[0], str(tmp_path / "none.fits")]) == 1
+    assert main([*paths, "--frame", "galactic"]) == 1
+    assert "in the axes they are given in" in capsys.readouterr().err
+    assert main([*paths, "--what", "motions"]) == 1
+    assert "pmra" in capsys.readouterr().err
+
+
+def test_icrf3_against_icrf2():
+    """Charlot et al. (2020) found a glide of some −95 µas towards the north and E20 of 45 between the two."""
+    new, old = (read_icrf(real_catalogue(name), "iers") for name in ("icrf3sx.txt", "icrf2-all.txt"))
+    found, _ = compare(new, old)
+    for name, value in TRUTH.items():
+        got, error = found.parameters[name]
+        assert abs(got - value) < 2 * error, name
+    assert found.solution.n_sources > 3300
+
+
+def test_command_on_the_vlba_table(tmp_path, capsys):
+    path = real_catalogue("td2017_vlba_proper_motions.ecsv")
+    vlba = Table.read(path)
+    turned = sim.spin((3, 0, -5))(np.radians(vlba["ra"]), np.radians(vlba["dec"]))
+    vlba["pmra"] += turned[0]
+    vlba["pmdec"] += turned[1]
+    vlba[20:].write(tmp_path / "turned.ecsv")
+    assert main([str(tmp_path / "turned.ecsv"), str(path), "--lmax", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "+3.000 ±" in out
+    assert "-5.000 ±" in out
+    assert main([str(path), str(real_catalogue("icrf3sx.txt"))]) == 1
+    assert "--position-error" in capsys.readouterr().err
+
+
+def test_p_values_of_catalogues_that_share_noise():
+    """Half of the noise shared: by the errors as quoted nothing was ever below 0.05."""
+    quoted, scaled = [], []
+    for seed in range(40):
+        rng = np.random.default_rng([21, seed])
+        lon, lat = sim.uniform_sky(300, rng)
+        sigma = np.full((2, 300), 50.0)
+        shared = 50 * np.sqrt(0.5) * rng.normal(size=(2, 300))
+        a, b = (
+            Field(lon, lat, shared + 50 * np.sqrt(0.5) * rng.normal(size=(2, 300)), sigma, name=np.arange(300))
+            for _ in range(2)
+        )
+        comparison, _ = compare(a, b, 2)
+        quoted.append(comparison.deformation_p_value)
+        scaled.append(comparison.deformation_p_value_scaled)
+    assert min(quoted) > 0.05
+    assert 0.3 < np.mean(scaled) < 0.7  # uniform: 0.5 ± 0.05
+    assert np.mean(quoted) > 0.8
+    text = comparison.report()
+    assert "by the errors quoted;" in text
+    assert "multiply" not in text

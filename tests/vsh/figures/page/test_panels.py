@@ -1,0 +1,91 @@
+"""What a page is made of, and that nothing in it can break it."""
+
+import base64
+import hashlib
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from astropy.table import Table
+
+from vsh.figures import page
+from vsh.figures.page._page import Panel
+
+
+class Reader(HTMLParser):
+    """Tags in order, each closed, and what is in scripts and styles."""
+
+    void = {"meta", "link", "img", "br", "input"}  # noqa: RUF012
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.tags, self.words, self.code = [], [], [], {"script": [], "style": []}
+
+    def handle_starttag(self, tag, attrs):
+        assert not any(name.startswith("on") or name == "style" for name, _ in attrs), attrs  # the policy forbids them
+        self.tags.append(tag)
+        if tag not in self.void:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        kind = self.open[-1] if self.open else ""
+        self.code.get(kind, self.words).append(data)
+
+
+def read(html):
+    reader = Reader()
+    reader.feed(html)
+    assert not reader.open
+    return reader
+
+
+NASTY = "<b>&\"'</script>"
+
+
+def test_a_page_of_everything_is_whole():
+    columns = Table({"a_b": [1.0, np.nan], NASTY: [NASTY, "x"]})
+    panels = [
+        page.cards([("Spin", "1 ± 2", NASTY)]), page.words(NASTY, "warning"), page.words(""), page.sheet(NASTY, columns),
+        page.table(["x", ""], [[NASTY, "1"]], sortable=True, summary=NASTY), page.figure(b"png", NASTY), page.notes([NASTY, 3]),
+        page.pictures([page.figure(b"png", "one"), page.figure(b"png", "two")]), page.preformatted(NASTY),
+        page.provenance({"file": NASTY, "versions": {"numpy": "2"}}, ["vsh-fit", NASTY]), page.heading("empty", Panel("")),
+    ]  # fmt: skip
+    html = page.page(NASTY, panels, lead=NASTY)
+    reader = read(html)
+    assert reader.tags.count("img") == 3
+    assert reader.tags.count("b") == 1  # of the card
+    assert sum(NASTY in word for word in reader.words) >= 10
+    assert "empty" not in html
+    assert "a b" in html
+    assert html.count("<script>") == 1  # of the tables
+
+
+def test_the_policy_allows_what_is_there_and_nothing_else():
+    html = page.page("t", [page.table(["x"], [["1"]], sortable=True)])
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', html).group(1)
+    assert policy.startswith("default-src 'none'; img-src data:;")
+    assert "unsafe" not in policy
+    reader = read(html)
+    for text in ("".join(reader.code["style"]), "".join(reader.code["script"])):
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+    assert "script-src 'none'" in page.page("t", [page.words("x")])
+
+
+def test_long_tables_say_what_is_left_out():
+    html = page.sheet("Rows", Table({"x": np.arange(500)}), most=10).html
+    assert html.count("<tr>") == 11
+    assert "The first 10 of 500 rows" in html
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1 / 3, "0.33333"), (np.True_, "yes"), (None, ""), (12345, "12345"), ("x", "x")]
+)
+def test_cells(value, text):
+    from vsh.figures.page._page import cell
+
+    assert cell(value) == text

@@ -1,0 +1,112 @@
+"""A field on the sky: what is coloured, named and explained."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+mpl.use("agg")
+import matplotlib.pyplot as plt
+from conftest import random_field
+
+import fit
+from vsh import Coefficients, Field, Modes, ParameterError
+from vsh.basis import harmonics
+from vsh.figures.plot import FADED, SkyAxes, arrow_grid, plot_field
+from vsh.figures.plot._field import significance_of
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+@pytest.mark.parametrize("frame", ["icrs", "galactic", "ecliptic"])
+def test_maps_name_their_frame(frame):
+    field = random_field(100, seed=1).to_frame(frame)
+    axes = plot_field(field, fit.fit_field(field, 2).coefficients)
+    words = [text.get_text() for text in axes.texts]
+    assert any(word.startswith("ICRS" if frame == "icrs" else frame) for word in words)
+    still = plot_field(field, Coefficients(Modes(1), np.zeros(6)))  # nothing to draw is no crash
+    still.figure.canvas.draw()
+
+
+def test_arrows_are_as_dark_as_they_are_sure():
+    field = random_field(2000, seed=1)
+    solution = fit.fit_field(field, 3)
+    axes = plot_field(field, solution.coefficients, covariance=solution.covariance)
+    assert isinstance(axes, SkyAxes)
+    grid = arrow_grid(axes)
+    motion, basis = solution.coefficients.at(*grid), harmonics(*grid, solution.modes)
+    sure, error = significance_of(motion, basis, solution.covariance)
+    # By hand, for one arrow.
+    unit = motion[:, 7] / np.hypot(*motion[:, 7])
+    row = unit @ basis[:, :, 7].T
+    assert error[7] == pytest.approx(np.sqrt(row @ solution.covariance @ row))
+    shafts = next(each for each in axes.collections if isinstance(each, mpl.collections.LineCollection))
+    grey = np.all(np.isclose(shafts.get_colors(), mpl.colors.to_rgba(FADED)), axis=1)
+    np.testing.assert_array_equal(grey, sure < 2)
+    light = np.dot(shafts.get_colors()[:, :3], [0.2, 0.7, 0.1])
+    order = np.argsort(np.clip(sure[~grey], 0, 6))
+    assert (np.diff(light[~grey][order]) <= 1e-9).all()
+    with pytest.raises(ParameterError, match="covariance has shape"):
+        plot_field(field, solution.coefficients, covariance=np.eye(3))
+
+
+def test_stars_are_explained():
+    field = random_field(2000, seed=1)
+
+    def words(lmax, coefficients=None):
+        solution = fit.fit_field(field, lmax)
+        axes = plot_field(field, coefficients or solution.coefficients, covariance=solution.covariance)
+        return axes.get_legend()
+
+    assert "need not meet" in words(3).get_title().get_text()
+    alone = words(1, Coefficients.from_vectors(glide=(0, 1, 0)))
+    assert "need not" not in alone.get_title().get_text()
+
+
+def test_spectrum_has_limits_where_there_is_no_signal():
+    solution = fit.fit_field(random_field(3000, seed=1), 4)
+    axes = fit.output.plot_spectrum(solution)
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert any("95 % limit" in name for name in names)
+    assert axes.child_axes[0].get_ylabel() == "√power  [µas/yr]"
+    shown = sum(len(each.lines[2][0].get_segments()) for each in axes.containers)
+    assert shown == 8  # each kind and degree once, as a point or as a limit
+
+
+def test_correlations_have_names_a_reader_knows():
+    for lmax in (1, 2, 5):
+        axes = fit.output.plot_correlation(fit.fit_field(random_field(3000, seed=1), lmax))
+        labels = [label.get_text() for label in axes.get_yticklabels()]
+        assert ("T5" in labels) if lmax == 5 else (r"$\omega_x$" in labels and r"$\tilde a_y$" in labels)
+        numbers = [text.get_text() for text in axes.texts]
+        assert len(numbers) == (30 if lmax == 1 else 0)
+        image = axes.images[0]
+        assert image.norm.vmin == -image.norm.vmax
+
+
+def test_degree_one_of_the_matrix_is_that_of_the_vectors():
+    from fit.output._figures import _known_names
+
+    solution = fit.fit_field(random_field(3000, seed=1), 2)
+    names, matrix, _ = _known_names(solution)
+    i, j = names.index(r"$\omega_x$"), names.index(r"$\omega_z$")
+    spin = solution.spin
+    assert matrix[i, j] == pytest.approx(spin.covariance[0, 2] / (spin.sigma[0] * spin.sigma[2]))
+
+
+def test_residuals_by_significance():
+    """Right errors give a normal deviate; errors that are too small by a fifth stand out."""
+    rng = np.random.default_rng(1)
+    lon, lat = rng.uniform(0, 2 * np.pi, 20_000), np.arcsin(rng.uniform(-1, 1, 20_000))
+    field = Field(lon, lat, rng.normal(0, 3, (2, 20_000)), np.full((2, 20_000), 3.0))
+    deviates = fit.output.plot_residuals(fit.fit_field(field, 1), field, nside=4).images[0].get_array()
+    values = np.unique(deviates.compressed() if np.ma.isMaskedArray(deviates) else deviates[np.isfinite(deviates)])
+    assert len(values) == 192
+    assert abs(values.mean()) < 0.25
+    assert values.std() == pytest.approx(1, abs=0.15)
+    small = field.with_errors(field.sigma / 1.2, field.rho)
+    deviates = fit.output.plot_residuals(fit.fit_field(small, 1), small, nside=4).images[0].get_array()
+    assert np.nanmean(np.asarray(deviates)[np.isfinite(deviates)]) > 3

@@ -1,0 +1,222 @@
+"""The archive, against a server on this machine: nothing here asks anybody else."""
+
+import json
+
+import numpy as np
+import pytest
+from tap_server import VOTABLE, serving
+
+import fit
+from vsh import Field
+from vsh.commands.archive import main
+from vsh.io import archive
+from vsh.io.archive import DR3, DR4, GAIA_CRF3, GAIA_DR3_GALAXIES, GAIA_EDR3_QSO, of_table, query
+from vsh.io.catalogue import read_field, write_field
+from vsh.tools.errors import ArchiveError
+
+ADQL = "SELECT * FROM sky"
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    rng = np.random.default_rng(1)
+    path = tmp_path_factory.mktemp("table") / "sky.fits"
+    lon, lat = rng.uniform(0, 6, 400), rng.uniform(-1, 1, 400)
+    write_field(Field(lon, lat, rng.normal(size=(2, 400)), np.ones((2, 400))), path)
+    return path.read_bytes()
+
+
+@pytest.fixture
+def tap(table):
+    with serving(table) as found:
+        yield found
+
+
+def ask(url, path, adql=ADQL, **options):
+    return query(adql, path, url, **({"interval": 0.01, "progress": False} | options))
+
+
+def test_success_and_the_second_run_offline(tap, table, tmp_path):
+    url, service = tap
+    service.phases = ["PENDING", "QUEUED", "EXECUTING", "COMPLETED"]
+    path = ask(url, tmp_path / "sky.fits")
+    assert path.read_bytes() == table
+    assert fit.fit_field(read_field(path), 1).n_data == 800
+    (form,) = service.submitted()
+    assert form == {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "fits", "QUERY": ADQL, "PHASE": "RUN"}
+    note = json.loads((tmp_path / "sky.fits.json").read_text())
+    assert (note["query"], note["url"], note["rows"]) == (ADQL, url, 400)
+    before = len(service.asked)
+    assert ask(url, path) == path
+    assert len(service.asked) == before
+    assert ask(url, path, overwrite=True) == path
+    assert len(service.submitted()) == 2
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["sky.fits", "sky.fits.json"]
+
+
+def test_a_query_that_is_refused(tap, tmp_path):
+    url, service = tap
+    service.refuse = "table gaiadr4.nosuch not found"
+    with pytest.raises(ArchiveError, match="answered 400: table gaiadr4.nosuch not found"):
+        ask(url, tmp_path / "sky.fits")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("phase", ["ERROR", "ABORTED"])
+def test_a_job_that_fails(tap, tmp_path, phase):
+    url, service = tap
+    service.phases = ["EXECUTING", phase]
+    with pytest.raises(ArchiveError, match=f"the query ended {phase.lower()}: no such column"):
+        ask(url, tmp_path / "sky.fits")
+    service.phases = [phase, "COMPLETED"]  # of the failed job, then of a new one
+    ask(url, tmp_path / "sky.fits")
+    assert len(service.submitted()) == 2
+
+
+def test_an_answer_that_was_cut_off(tap, tmp_path, monkeypatch):
+    url, service = tap
+    with pytest.raises(ArchiveError, match="cut off at 400 rows: ask for more"):
+        ask(url, tmp_path / "sky.fits", max_rows=400)
+    assert service.submitted()[0]["MAXREC"] == "400"
+    assert not (tmp_path / "sky.fits").exists()
+    monkeypatch.setattr("vsh.io.archive._tap._LIMITS", (400,))
+    with pytest.raises(ArchiveError, match="cut off at 400 rows"):
+        ask(url, tmp_path / "sky.fits")
+    service.table = VOTABLE.format(value="OVERFLOW", text="more than 400 rows").encode()
+    with pytest.raises(ArchiveError, match="sent no FITS table: more than 400 rows"):
+        ask(url, tmp_path / "sky.fits")
+    monkeypatch.setattr("vsh.io.archive._tap._LIMITS", ())
+
+
+def test_a_server_that_is_away(tmp_path):
+    with pytest.raises(ArchiveError, match=r"127\.0\.0\.1:9/tap/async cannot be reached: .*refused.*Are you online"):
+        ask("http://127.0.0.1:9/tap", tmp_path / "sky.fits")
+
+
+def test_a_connection_that_is_cut_and_goes_on(tap, table, tmp_path):
+    url, service = tap
+    service.send = None
+    real = Cut(service)
+    with real, pytest.raises(ArchiveError, match="bytes came|connection was cut"):
+        ask(url, tmp_path / "sky.fits")
+    assert not (tmp_path / "sky.fits").exists()
+    assert not (tmp_path / "sky.fits.part").exists()
+    assert ask(url, tmp_path / "sky.fits").read_bytes() == table
+    assert len(service.submitted()) == 1  # the same job was fetched again
+
+
+class Cut:
+    """Within it, results end after 3000 bytes; what is short comes whole."""
+
+    def __init__(self, service):
+        self.service = service
+
+    def __enter__(self):
+        self.service.send = 3000
+
+    def __exit__(self, *_):
+        self.service.send = None
+
+
+def test_half_a_file(tap, table, tmp_path):
+    """Short, though the server says that this is all."""
+    url, service = tap
+    service.table = table[: len(table) // 2]
+    with pytest.raises(ArchiveError, match=r"no whole FITS table .*truncated"):
+        ask(url, tmp_path / "sky.fits")
+    assert [each.name for each in tmp_path.iterdir()] == ["sky.fits.json"]
+    service.table = b"hello"
+    with pytest.raises(ArchiveError, match="no whole FITS table"):
+        ask(url, tmp_path / "sky.fits")
+
+
+def test_patience_ends_and_the_same_job_is_waited_for(tap, tmp_path):
+    url, service = tap
+    service.phases = ["EXECUTING"]
+    with pytest.raises(ArchiveError, match=r"async/1 is executing after 0\.05 s: the same call later waits on"):
+        ask(url, tmp_path / "sky.fits", patience=0.05)
+    service.phases = ["EXECUTING", "COMPLETED"]
+    ask(url, tmp_path / "sky.fits")
+    assert len(service.submitted()) == 1
+
+
+def test_a_job_that_the_server_forgot_is_sent_again(tap, tmp_path):
+    url, service = tap
+    (tmp_path / "sky.fits.json").write_text(
+        json.dumps({"program": "vsh-astrometry", "query": ADQL, "url": url, "max_rows": None, "job": f"{url}/async/77"})
+    )
+    ask(url, tmp_path / "sky.fits")
+    assert len(service.submitted()) == 1
+
+
+def test_what_is_no_query(tap, tmp_path):
+    url, _ = tap
+    path = ask(url, tmp_path / "sky.fits")
+    for wrong, said in [
+        ({"adql": "SELECT 1"}, "the answer to another query"), ({"adql": " "}, "a query is text"),
+        ({"path": tmp_path / "sky.csv"}, r"kept as \.fits"), ({"path": tmp_path / "no" / "sky.fits"}, "no such folder"),
+        ({"url": "ftp://somewhere"}, "no address of a service"),
+    ]:  # fmt: skip
+        with pytest.raises(ArchiveError, match=said):
+            ask(**({"url": url, "path": path} | wrong))
+
+
+def test_queries():
+    for adql in (GAIA_CRF3, GAIA_EDR3_QSO, GAIA_DR3_GALAXIES, of_table("user_me.stars", release=DR4)):
+        for name in ("pmra_pmdec_corr", "pmra_error", "phot_g_mean_mag"):
+            assert f"g.{name}" in adql
+    assert "IN (31, 95)" in GAIA_CRF3
+    assert "gaiadr4.gaia_source" in of_table("user_me.stars", release=DR4)
+    assert "g.astrometric_params," in of_table("user_me.stars", release=DR4)
+    with pytest.raises(ArchiveError, match="no name of a table"):
+        of_table("stars; DROP TABLE x")
+    assert of_table("user_me.x", "redshift") == of_table("user_me.x", ["redshift"])
+    for wrong, said in [(["ra"], "gives already, or that are named twice: ra"), (["z", "z"], "named twice: z")]:
+        with pytest.raises(ArchiveError, match=said):
+            of_table("user_me.x", wrong)
+    with pytest.raises(ArchiveError, match="a release is a value"):
+        of_table("user_me.x", release="DR4")
+
+
+def test_a_file_that_is_there_but_no_answer(tap, tmp_path, capsys):
+    url, service = tap
+    path = tmp_path / "sky.fits"
+    for overwrite in (False, True):  # a file that somebody else put there is neither believed nor replaced
+        path.write_bytes(service.table)
+        with pytest.raises(ArchiveError, match="no note beside it says what it answers"):
+            ask(url, path, overwrite=overwrite)
+    path.unlink()
+    ask(url, path)
+    with pytest.raises(ArchiveError, match="is the answer of http://127"):
+        ask("http://127.0.0.1:9/other", path)
+    with pytest.raises(ArchiveError, match="with another limit of rows"):
+        ask(url, path, max_rows=5000)
+    path.write_bytes(service.table[:-1] + b"x")
+    for overwrite in (False, True):
+        with pytest.raises(ArchiveError, match="is not as it was fetched"):
+            ask(url, path, overwrite=overwrite)
+    path.unlink()
+    assert main(["gaia-crf3", "--output", str(path), "--url", url]) == 0
+    assert (DR3.epoch, DR3.months, DR4.epoch, DR4.months) == (2016.0, 34, 2017.5, 66)
+    assert archive.RELEASES["DR4"].parallax_bias == "tentative_parallax_bias"
+
+
+def test_the_command(tap, tmp_path, capsys):
+    url, service = tap
+    path = tmp_path / "qso.fits"
+    assert main(["gaia-crf3", "--output", str(path), "--url", url]) == 0
+    assert service.submitted()[0]["QUERY"] == GAIA_CRF3
+    assert "written to" in capsys.readouterr().out
+    assert main(["gaia-crf3", "--output", str(path), "--url", url]) == 0
+    assert "nothing was asked" in capsys.readouterr().out
+    assert main(["gaia-edr3-qso", "--output", str(path), "--url", url]) == 1
+    assert "the answer to another query" in capsys.readouterr().err
+    (tmp_path / "own.adql").write_text(ADQL)
+    assert main([str(tmp_path / "own.adql"), "--output", str(tmp_path / "own.fits"), "--url", url]) == 0
+    assert service.submitted()[-1]["QUERY"] == ADQL
+    assert main(["nothing.adql", "--output", str(path)]) == 1
+    assert "neither a query of ours (gaia-crf3" in capsys.readouterr().err
+    assert main(["gaia-crf3", "--show"]) == 0
+    assert "FROM gaiadr3.gaia_source" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["gaia-crf3"])

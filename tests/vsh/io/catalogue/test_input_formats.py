@@ -1,0 +1,176 @@
+"""Every format that --input-format names: told, by its ending, by its first bytes; and damaged."""
+
+import gzip
+import shutil
+
+import numpy as np
+import pytest
+from astropy.table import Table
+from conftest import real_catalogue
+from gaia_table import table
+
+from fit.commands.compare import main as compare
+from fit.commands.fit import main
+from vsh.io import catalogue, tables
+from vsh.tools.errors import TableError, VshError
+
+NAMES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"]
+UNITS = dict.fromkeys(NAMES[:2], "deg") | dict.fromkeys(NAMES[2:], "mas/yr")
+
+
+def made():
+    """A table whose numbers every format keeps."""
+    found = Table({name: np.asarray(table()[name], float) for name in NAMES})
+    for name, unit in UNITS.items():
+        found[name].unit = unit
+    return found
+
+
+def readme(text, name):
+    """The description that stands above the rows of a table in one file."""
+    head, _, rows = text.rpartition("-" * 80 + "\n")
+    return head.replace("table.dat", name) + "-" * 80 + "\n", rows
+
+
+WRITERS = {
+    "fits": lambda t, path: t.write(path, format="fits"),
+    "votable": lambda t, path: t.write(path, format="votable"),
+    "ecsv": lambda t, path: t.write(path, format="ascii.ecsv"),
+    "csv": lambda t, path: t.write(path, format="ascii.csv"),
+    "parquet": lambda t, path: t.write(path, format="parquet"),
+    "hdf5": lambda t, path: t.write(path, format="hdf5", path="sources", serialize_meta=True),
+    "mrt": lambda t, path: t.write(path, format="ascii.mrt"),
+    "cds": lambda t, path: t.write(path, format="ascii.mrt"),
+    "ascii": lambda t, path: t.write(path, format="ascii.basic"),
+}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", WRITERS)
+def test_every_format(kind, tmp_path, capsys):
+    wanted = catalogue.read_field(made())
+    path = tmp_path / "mine.dat"
+    WRITERS[kind](made(), path)
+    units = UNITS if kind in ("ascii", "csv") else None
+    field = catalogue.read_field(path, format=kind, units=units)
+    np.testing.assert_allclose(field.motion, wanted.motion, rtol=1e-13)
+    np.testing.assert_allclose(field.sigma, wanted.sigma, rtol=1e-13)
+    assert not any("no unit" in note for note in field.notes)
+    assert catalogue.parts(path, format=kind, units=units).sum(len) == len(wanted)
+    assert main([str(path), "--lmax", "1", "--input-format", kind]) == 0
+    assert f"sources        {len(wanted)}" in capsys.readouterr().out
+    if kind in ("cds", "ascii"):  # what has no mark of its own must be told
+        return
+    np.testing.assert_array_equal(catalogue.read_field(path, units=units).motion, field.motion)
+
+
+def test_hdf5_by_columns(tmp_path):
+    """A group with a dataset for each column, as other programs write them."""
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "c.h5"
+    with h5py.File(path, "w") as file:
+        for name in NAMES:
+            file[f"data/{name}"] = np.asarray(made()[name])
+        file["data/source_id"] = np.arange(len(made())) + 2**60
+    field = catalogue.read_field(path)
+    assert field.name[3] == 2**60 + 3
+    np.testing.assert_array_equal(field.motion, catalogue.read_field(made()).motion)
+    with h5py.File(path, "a") as file:
+        file["other/a"] = file["other/b"] = np.arange(3)
+    with pytest.raises(TableError, match=r"c.h5 holds 2 tables \(data, other\): keep one in a file"):
+        tables.open_table(path)
+
+
+def test_the_tables_of_journals(tmp_path):
+    """Sexagesimal positions, a gap, units that survive."""
+    from astropy.coordinates import SkyCoord
+    from astropy.table import MaskedColumn
+
+    given = made()[:30]
+    place = SkyCoord(given["ra"], given["dec"])
+    mrt = Table({"place": place} | {name: given[name] for name in NAMES[2:]})  # astropy splits it into RAh … DEs
+    mrt["z"] = MaskedColumn(np.linspace(0.1, 3, 30), mask=np.arange(30) == 4)
+    mrt.write(tmp_path / "t.mrt", format="ascii.mrt")
+    field = catalogue.read_field(tmp_path / "t.mrt")
+    wanted = catalogue.read_field(given)
+    np.testing.assert_allclose(field.lon, wanted.lon, atol=1e-12)
+    np.testing.assert_allclose(field.lat, wanted.lat, atol=1e-12)
+    assert np.isnan(field.redshift[4])
+    # Between 0 and −1 degree the sign stands alone.
+    assert (field.lat < 0).sum() == (wanted.lat < 0).sum()
+
+
+def test_a_table_of_the_cds_with_its_readme(tmp_path):
+    made().write(tmp_path / "whole.mrt", format="ascii.mrt")
+    head, rows = readme((tmp_path / "whole.mrt").read_text(), "table1.dat")
+    (tmp_path / "table1.dat").write_text(rows)
+    with pytest.raises(TableError, match="does not describe its columns, and there is no file ReadMe beside it"):
+        catalogue.read_field(tmp_path / "table1.dat", format="cds")
+    (tmp_path / "ReadMe").write_text(head)
+    for kind in ("cds", "mrt"):
+        field = catalogue.read_field(tmp_path / "table1.dat", format=kind)
+        np.testing.assert_array_equal(field.motion, catalogue.read_field(tmp_path / "whole.mrt").motion)
+
+
+def test_the_lists_of_the_iers(capsys):
+    path = str(real_catalogue("icrf3sx.txt"))
+    opened = catalogue.open_icrf(path, "icrf")
+    assert opened.names == ("icrf", "iers", "defining", "ra", "dec", "ra_error", "dec_error", "ra_dec_corr")
+    listed = catalogue.read_positions(path)
+    chosen = catalogue.read_positions(path, "icrf", where='defining == "D"', format="icrf")
+    assert len(chosen) == 303 == listed.defining.sum()
+    np.testing.assert_array_equal(chosen.name, listed.name[listed.defining])
+    np.testing.assert_allclose(chosen.lon, listed.lon[listed.defining], rtol=1e-15)
+    words = [path, str(real_catalogue("icrf2-all.txt")), "--lmax", "1", "--columns", "icrf", "--input-format", "icrf"]
+    assert compare([*words, "--where", 'defining == "D"']) == 0
+    assert "sources" in capsys.readouterr().out
+    assert main([path, "--input-format", "icrf"]) == 1
+    assert "no column 'pmra'" in capsys.readouterr().err
+
+
+def test_by_its_first_bytes(tmp_path):
+    for kind in ("fits", "votable", "ecsv", "csv"):
+        WRITERS[kind](made(), tmp_path / kind)
+        packed = tmp_path / f"{kind}.packed"
+        packed.write_bytes(gzip.compress((tmp_path / kind).read_bytes()))
+        units = UNITS if kind == "csv" else None
+        for path in (tmp_path / kind, packed):
+            assert len(catalogue.read_field(path, units=units)) == len(made())
+    (tmp_path / "notes.txt").write_text("dear diary,\n")
+    with pytest.raises(
+        TableError, match=r"notes.txt: what format is this\? Known endings: .* Say it: --input-format fits"
+    ):
+        tables.open_table(tmp_path / "notes.txt")
+    with pytest.raises(TableError, match="no format is called 'excel'"):
+        tables.open_table(tmp_path / "notes.txt", "excel")
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", ["hdf5", "mrt", "cds", "ascii"])
+def test_damaged_files(kind, tmp_path):
+    """Cut short, or with bytes changed: an error of ours that names the file, or rows that are counted."""
+    whole = tmp_path / "whole.dat"
+    WRITERS[kind](made(), whole)
+    content = whole.read_bytes()
+    rng = np.random.default_rng(1)
+    seen = 0
+    for k in range(40):
+        broken = bytearray(content[: len(content) if k % 2 else rng.integers(1, len(content))])
+        for at in rng.integers(0, len(broken), 20 * (k % 2)):
+            broken[at] = rng.integers(256)
+        path = tmp_path / "broken.dat"
+        path.write_bytes(broken)
+        try:
+            catalogue.read_field(path, format=kind, units=UNITS, on_bad="drop")
+        except VshError:
+            seen += 1
+    assert seen > 5
+
+
+def test_a_folder_in_a_format_that_is_told(tmp_path):
+    for k in range(2):
+        WRITERS["ascii"](made()[k::2], tmp_path / f"part{k}.dat")
+    assert len(catalogue.read_field(tmp_path, format="ascii", units=UNITS)) == len(made())
+    shutil.rmtree(tmp_path)
+    with pytest.raises(TableError, match="no such file"):
+        tables.open_table(tmp_path, "ascii")

@@ -1,0 +1,168 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import random_field, real_catalogue
+
+import fit
+from vsh import Coefficients, Modes
+from vsh.conventions import to_icrf3
+from vsh.io.catalogue import match, read_icrf
+from vsh.sky.positions import Positions
+from vsh.tools.errors import FieldError, FrameError, TableError
+from vsh.tools.units import UAS
+
+LINES = """Some catalogue of positions
+
+ICRF J000020.3-322101    2357-326       00 00 20.39997606    -32 21 01.2337415     0.00000804     0.0002624 -0.0602   56559.8
+ICRF J000435.6-473619    0002-478  D    00 04 35.65548526    -00 36 19.6040054     0.00000655     0.0001076  0.2307   55601.6
+ICRF J120435.7+201942    1202+200       12 04 35.75828557     20 19 42.3177240     0.00000638     0.0001418 -0.0807   55620.3
+"""
+
+
+def positions(n=500, seed=1, names=True):
+    rng = np.random.default_rng(seed)
+    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
+    sigma = rng.uniform(50, 500, (2, n))
+    return Positions(
+        lon, lat, sigma, rng.uniform(-0.8, 0.8, n), np.array([f"Q{i}" for i in range(n)]) if names else None
+    )
+
+
+def moved(catalogue, offset):
+    """The same sources elsewhere: offsets (2, n) in µas, b = a − offset."""
+    return Positions(
+        catalogue.lon - offset[0] * UAS / np.cos(catalogue.lat), catalogue.lat - offset[1] * UAS, catalogue.sigma,
+        catalogue.rho, catalogue.name,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("by", ["name", "position"])
+def test_offsets_come_out(by):
+    a = positions()
+    offset = Coefficients(Modes(2), np.arange(16.0)).at(a.lon, a.lat)
+    order = np.random.default_rng(2).permutation(len(a))
+    field = match(a, moved(a, offset)[order], by=by)
+    assert len(field) == 500
+    np.testing.assert_allclose(field.motion, offset, atol=2e-3)  # rounding: 1e-16 rad twice, times 2π
+    np.testing.assert_allclose(field.sigma, np.sqrt(2) * a.sigma)
+    np.testing.assert_allclose(field.rho, a.rho)
+    assert (field.name == a.name).all()
+    np.testing.assert_allclose(fit.fit_field(field, 2).coefficients.values, np.arange(16.0), atol=1e-3)
+
+
+def test_what_is_left_over_and_ambiguous_is_counted():
+    a, b = positions(), positions()
+    b = replace(b, name=np.where(np.arange(len(b)) < 3, "Q7", b.name))  # four of that name now
+    field = match(a, b[:400])
+    assert (
+        "matched 396 sources by name; left over 104 of 500 and 4 of 400, 4 of them with several counterparts"
+        in field.notes
+    )
+    twin = Positions(
+        *(np.concatenate([getattr(a, c), getattr(a, c)[..., :2]], axis=-1) for c in ("lon", "lat", "sigma"))
+    )
+    field = match(a, twin, by="position", radius=0.1)
+    assert len(field) == 498
+    assert "6 of them with several counterparts" in field.notes[-1]
+
+
+def test_pairs_too_far_apart_are_remarked():
+    a = positions()
+    offset = np.zeros((2, 500))
+    offset[1, 3] = 5e6
+    assert "1 of the pairs are more than 1 arcsec apart" in match(a, moved(a, offset)).notes[-1]
+    assert len(match(a, moved(a, offset), by="position")) == 499
+
+
+def test_positions_are_carried_to_a_common_epoch():
+    a = positions()
+    motion = np.full((2, 500), 3000.0)
+    a = Positions(a.lon, a.lat, a.sigma, a.rho, a.name, epoch=2016.0)
+    past = moved(a, motion * 10)
+    past = Positions(past.lon, past.lat, past.sigma, past.rho, past.name, motion=motion, epoch=2006.0)
+    inner = np.abs(np.degrees(a.lat)) < 80
+    np.testing.assert_allclose(match(a, past).motion[:, inner], 0, atol=0.05)
+    assert np.abs(match(a, past.at_epoch(2006.0)).motion).max() < 1000
+    with pytest.raises(FieldError, match="no epoch"):
+        match(a, Positions(past.lon, past.lat, past.sigma, motion=motion), by="position")
+
+
+def test_motions_are_compared_too():
+    a, b = random_field(100, 1), random_field(100, 1)
+    b = b._with(motion=b.motion - 5.0, sigma=2 * b.sigma)
+    field = match(a, b, by="position")
+    np.testing.assert_allclose(field.motion, 5.0)
+    np.testing.assert_allclose(field.sigma, np.sqrt(5) * a.sigma)
+    np.testing.assert_allclose(field.rho, a.rho)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "words"),
+    [
+        (lambda a: match(a, random_field(5, 1)), FieldError, "two Positions or two Fields"),
+        (lambda a: match(a, a, by="nearest"), FieldError, 'by "name" or "position"'),
+        (lambda a: match(a, positions(names=False)), FieldError, "without names"),
+        (lambda a: match(a, a, by="position", radius=0), FieldError, "above zero"),
+        (lambda a: match(a, positions(seed=2), by="position"), TableError, "the catalogues have no source in common"),
+        (lambda a: match(random_field(5, 1), random_field(5, 1, frame="galactic")), FrameError, "icrs and galactic"),
+        (lambda a: Positions(a.lon, a.lat, -a.sigma), FieldError, "σ ≤ 0: 500"),
+        (lambda a: Positions(a.lon, a.lat + 5, a.sigma), FieldError, r"\|dec\| > 90°"),
+    ],
+)
+def test_bad_input(call, error, words):
+    with pytest.raises(error, match=words):
+        call(positions())
+
+
+def test_names_of_two_kinds():
+    a = positions()
+    b = Positions(a.lon, a.lat, a.sigma, name=np.arange(500))
+    with pytest.raises(FieldError, match="make both text or numbers"):
+        match(a, b)
+
+
+def test_the_layout_of_the_iers(tmp_path):
+    path = tmp_path / "icrf.txt"
+    path.write_text(LINES)
+    found = read_icrf(path)
+    assert list(found.name) == ["J000020.3-322101", "J000435.6-473619", "J120435.7+201942"]
+    assert list(found.defining) == [False, True, False]
+    np.testing.assert_allclose(np.degrees(found.lon), [20.39997606 / 240, 275.65548526 / 240, 180 + 275.75828557 / 240])
+    np.testing.assert_allclose(np.degrees(found.lat)[1], -(36 / 60 + 19.6040054 / 3600))  # −00°
+    np.testing.assert_allclose(found.sigma[:, 0], [8.04 * 15 * np.cos(found.lat[0]), 262.4])
+    assert list(read_icrf(path, "iers").name) == ["2357-326", "0002-478", "1202+200"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.replace("20.39997606", "x"), "line 3 is damaged: 'ICRF J000020.3-322101"),
+        (lambda t: t.replace("0.0002624 -0.0602   56559.8", ""), "line 3 is damaged"),
+        (lambda t: t.replace("0.0001076", "0.0000000"), "line 4 has no usable errors"),
+        (lambda t: t.replace("ICRF J", "QUASAR "), "no line that begins with 'ICRF J'"),
+    ],
+)
+def test_damaged_catalogues(change, words, tmp_path):
+    path = tmp_path / "icrf.txt"
+    path.write_text(change(LINES))
+    with pytest.raises(TableError, match=words):
+        read_icrf(path)
+    with pytest.raises(TableError, match="cannot be read"):
+        read_icrf(tmp_path / "none.txt")
+    with pytest.raises(TableError, match="icrf or iers"):
+        read_icrf(path, "b1950")
+
+
+def test_icrf3_against_icrf2():
+    """ICRF3 − ICRF2: the axes agree to 20 µas; a glide of 60 to 100 µas southward, as the ICRF3 paper has it."""
+    a, b = (read_icrf(real_catalogue(name), "iers") for name in ("icrf3sx.txt", "icrf2-all.txt"))
+    assert (len(a), len(b), a.defining.sum(), b.defining.sum()) == (4536, 3414, 303, 295)
+    field = match(a, b)
+    assert "matched 3410 sources by name; left over 1126 of 4536 and 4 of 3414" in field.notes[0]
+    clipped = fit.robust.clip(field, Modes(2), threshold=5)
+    found = to_icrf3(clipped.solution.coefficients)
+    assert max(abs(found[name]) for name in ("R1", "R2", "R3")) < 20
+    assert -110 < found["D3"] < -80
+    assert 35 < found["E20"] < 65
+    assert len(match(a, b, by="position")) == 3408

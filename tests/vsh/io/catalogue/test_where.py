@@ -1,0 +1,219 @@
+"""Conditions on a table's columns: what they select, what they never do, and what is said of the rest."""
+
+import time
+
+import numpy as np
+import pytest
+from astropy.table import MaskedColumn, Table
+
+import fit
+from fit.commands.fit import main
+from vsh import NothingSelectedError, TableError, VshError
+from vsh.io.catalogue import iter_fields, parts, read_field, read_positions, read_sources
+from vsh.io.tables import Where
+from vsh.tools.notes import NotSelected, unselected
+
+N = 200
+
+
+def table():
+    rng = np.random.default_rng(1)
+    columns = {
+        "name": [f"J{i:04d}" for i in range(N)], "ra": rng.uniform(0, 360, N), "dec": rng.uniform(-80, 80, N),
+        "pmra": rng.normal(0, 0.1, N), "pmdec": rng.normal(0, 0.1, N), "pmra_error": np.full(N, 0.1),
+        "pmdec_error": np.full(N, 0.1), "g": rng.uniform(15, 21, N), "e_pm-RA": rng.uniform(0, 1, N),
+        "flag": np.arange(N) % 2 == 0, "source_id": 4611686018427387904 + np.arange(N),
+    }  # fmt: skip
+    made = Table(columns)
+    made["z"] = MaskedColumn(rng.uniform(0, 3, N), mask=np.arange(N) % 10 == 0)
+    return made
+
+
+TABLE = table()
+G, Z, GAP = np.array(TABLE["g"]), np.array(TABLE["z"].filled(-1)), np.array(TABLE["z"].mask)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("g < 19", G < 19),
+        ("g < 19 and 0.5 < z < 2", (G < 19) & (Z > 0.5) & (Z < 2) & ~GAP),
+        ("(g < 19) & (z > 2.5)", (G < 19) & (Z > 2.5) & ~GAP),
+        ("not z < 1", (Z >= 1) & ~GAP),
+        ("z != 1", ~GAP),
+        ("g > 20 or z > 1", (G > 20) | ((Z > 1) & ~GAP)),
+        ("~(g < 19 and z < 1)", (G >= 19) | ((Z >= 1) & ~GAP)),
+        ("ismissing(z)", GAP),
+        ("not ismissing(z)", ~GAP),
+        ("flag", np.arange(N) % 2 == 0),
+        ("not flag and g < 18", (np.arange(N) % 2 == 1) & (G < 18)),
+        ("name == 'J0007'", np.arange(N) == 7),
+        ("name in ('J0007', 'J0009') or name == 'J0011'", np.isin(np.arange(N), [7, 9, 11])),
+        ("name not in ['J0007']", np.arange(N) != 7),
+        ("source_id == 4611686018427387905", np.arange(N) == 1),  # beyond what a double holds
+        ("source_id % 2 == 1", np.arange(N) < 0),  # a remainder is a double's
+        ('column("e_pm-RA") < 0.5', np.array(TABLE["e_pm-RA"]) < 0.5),
+        ("abs(dec) > 30", np.abs(TABLE["dec"]) > 30),
+        ("hypot(pmra, pmdec) / pmra_error < 2", np.hypot(TABLE["pmra"], TABLE["pmdec"]) / 0.1 < 2),
+        ("sqrt(g - 18) >= 0", G >= 18),  # the root of what is below zero is missing
+        ("-g > -(2 ** 4)", G < 16),
+        ("log10(z) > 0", (Z > 1) & ~GAP),
+    ],
+)
+def test_what_is_selected(text, expected):
+    where = Where(text)
+    selected, unknown = where.rows(
+        {name: (np.ma.getdata(TABLE[name]), np.ma.getmaskarray(TABLE[name])) for name in where.names}
+    )
+    np.testing.assert_array_equal(selected, expected)
+    assert not (selected & unknown).any()
+
+
+def test_nan_and_none_are_missing():
+    where = Where("not x < 1 or not t == 'a'")
+    block = {"x": (np.array([np.nan, 2.0, np.nan]), None), "t": (np.array(["a", None, None], object), None)}
+    selected, unknown = where.rows(block)
+    assert selected.tolist() == [False, True, False]
+    assert unknown.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("g.__class__ == 1", "not allowed"), ("__import__('os').system('true')", "not allowed"), ("open('/etc/passwd') == 1", "not allowed"),
+        ("(lambda: 1)() == 1", "not allowed"), ("[x for x in ().__class__.__base__.__subclasses__()]", "not allowed"), ("g[0] < 1", "not allowed"),
+        ("f'{g}' == 'a'", "not allowed"), ("exec('1') < 1", "not allowed"), ("g if g < 1 else z", "not allowed"), ("(g := 3) < 4", "not allowed"),
+        ("9 ** 9 ** 9 > 1", "a power is"), ("g ** z < 1", "a power is"), ("2 ** 1e9 > g", "a power is"), ("abs(g, z) < 1", "takes 1 argument"),
+        ("abs(x=g) < 1", "not allowed"), ("g in z", "a list"), ("g is None", "not allowed"), ("column(g) < 1", "not allowed"), ("1j < g", "not allowed"),
+        ("g <", "cannot be understood"), ("", "at most"), ("g < 1" + " and g < 1" * 400, "at most"), ("(" * 900 + "g" + ")" * 900 + " < 1", "cannot be understood"),
+        ("-" * 1900 + "g < 1", "at most 300 parts"), ("import os", "cannot be understood"), ("g < 1; g", "cannot be understood"), ("None == g", "not allowed"),
+        ("g\x00 < 1", "cannot be understood"), ("b'a' == name", "not allowed"), ("... < g", "not allowed"),
+    ],
+)  # fmt: skip
+def test_nothing_but_conditions(text, said):
+    """Attributes, calls, huge powers, deep nesting: refused at once, and in words."""
+    start = time.process_time()
+    with pytest.raises(TableError, match=said):
+        Where(text)
+    assert time.process_time() - start < 2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("gg < 19", "no column 'gg'"), ("pm_ra < 1", "nearest: pmra"), ("G < 19", "nearest: g"), ("name < 3", "compares a text with a number"),
+        ("g", "a number or a text, not a condition"), ("g < 19 & z > 1", "put parentheses"), ("sqrt(name) < 1", "is text, not a number"),
+        ("g and z", "is no condition"), ("name", "not a condition"), ("g == 'bright'", "compares a text with a number"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named(text, said):
+    with pytest.raises(TableError, match=said):
+        read_field(TABLE, where=text)
+
+
+@pytest.mark.parametrize("ending", ["fits", "ecsv", "csv", "vot", "parquet"])
+def test_every_format(ending, tmp_path):
+    path = tmp_path / f"t.{ending}"
+    made = TABLE.copy()
+    if ending == "vot":
+        path = tmp_path / "t.vot"
+        made.write(path, format="votable")
+    elif ending == "parquet":
+        made.write(path, format="parquet")
+    else:
+        made.write(path)
+    field = read_field(path, where="g < 19 and 0.5 < z < 2")
+    expected = (G < 19) & (Z > 0.5) & (Z < 2) & ~GAP
+    np.testing.assert_allclose(np.degrees(field.lon), np.array(TABLE["ra"])[expected])
+    assert unselected(field.notes) == N - expected.sum()
+
+
+def test_the_rest_is_counted():
+    field = read_field(TABLE, where="0.5 < z < 2")
+    note = next(note for note in field.notes if isinstance(note, NotSelected))
+    kept = ((Z > 0.5) & (Z < 2) & ~GAP).sum()
+    assert note == f"selected {kept} of {N} rows, where 0.5 < z < 2, 20 of the others with a value missing"
+    assert len(field) == kept
+    with pytest.raises(NothingSelectedError, match="selected 0 of 200 rows, where g < 3"):
+        read_field(TABLE, where="g < 3")
+
+
+def test_bad_rows_keep_their_numbers_and_count_only_where_selected():
+    broken = TABLE.copy()
+    broken["pmra"][[3, 150]] = np.nan
+    bright = G < 19
+    wrong = [i for i in (3, 150) if bright[i]]
+    if wrong:
+        with pytest.raises(VshError, match=f"row.? {wrong[0]}"):
+            read_field(broken, where="g < 19")
+    broken["pmra"][:] = np.where(bright, broken["pmra"], np.nan)
+    broken["pmra"][[3, 150]] = 0.0
+    assert len(read_field(broken, where="g < 19")) == bright.sum()
+
+
+def test_parts_and_blocks_give_what_the_whole_gives(tmp_path):
+    for i in range(4):
+        TABLE[50 * i : 50 * (i + 1)].write(tmp_path / f"{i}.fits")
+    text = "g < 19 and (z > 1 or flag)"
+    whole = read_field(TABLE, where=text)
+    blocks = list(iter_fields(TABLE, 7, where=text))
+    np.testing.assert_array_equal(np.concatenate([block.lon for block in blocks]), whole.lon)
+    one = fit.normal_equations(whole, 1)
+    for fields in (blocks, parts(tmp_path, where=text), parts(tmp_path, where=text, rows=9)):
+        other = fit.normal_equations(fields, 1)
+        np.testing.assert_allclose(other.matrix, one.matrix, atol=1e-12 * np.abs(one.matrix).max())
+        assert other.n_data == one.n_data
+        assert unselected(other.notes) == unselected(whole.notes)
+    # Most parts are empty, and one is not.
+    few = parts(tmp_path, where="name == 'J0007'")
+    assert few.counted() == 1
+    with pytest.raises(VshError, match="selected 0 of 200"):
+        fit.normal_equations(parts(tmp_path, where="g < 3"), 1)
+    with pytest.raises(TableError, match="not allowed"):
+        parts(tmp_path, where="g.x < 3")
+
+
+def test_positions_and_sources_too():
+    made = TABLE.copy()
+    made["ra_error"], made["dec_error"] = 0.1, 0.1
+    assert len(read_positions(made, where="g < 19")) == (G < 19).sum()
+    with pytest.raises(TableError, match="no set of names of positions is called 'vizier'; there are gaia, icrf"):
+        read_positions(made, {"names": "vizier"})
+    assert len(read_sources(TABLE["ra", "dec", "g"], where="g < 19")) == (G < 19).sum()
+
+
+def test_roles_stand_for_columns():
+    """`redshift` for the column that holds it, where none is called so."""
+    made = TABLE.copy()
+    made.rename_column("z", "redshift_qsoc")
+    wanted = (Z < 1.5) & ~GAP
+    assert len(read_field(made, where="redshift < 1.5")) == wanted.sum()
+    assert len(read_field(made, where="redshift < 1.5 and redshift_qsoc < 1.5")) == wanted.sum()
+    assert len(read_field(made, {"magnitude": "g"}, where="magnitude < 19")) == (G < 19).sum()
+    with pytest.raises(TableError, match=r"no column 'redshif'; nearest: .*Conditions take the table's own names"):
+        read_field(made, where="redshif < 1")
+
+
+def test_on_the_command_line(tmp_path, capsys):
+    import json
+
+    TABLE.write(tmp_path / "t.fits")
+    words = [
+        str(tmp_path / "t.fits"),
+        "--lmax",
+        "1",
+        "--where",
+        "g < 20 and z < 2.9",
+        "--output",
+        str(tmp_path / "out"),
+        "--no-figures",
+    ]
+    assert main(words) == 0
+    kept = ((G < 20) & (Z < 2.9) & ~GAP).sum()
+    assert f"selected {kept} of {N} rows, where g < 20 and z < 2.9" in capsys.readouterr().out
+    told = json.loads((tmp_path / "out" / "provenance.json").read_text())
+    assert told["rows"] == N
+    assert told["rows_used"] == kept
+    assert told["rows_not_selected"] == N - kept
+    assert main([*words[:4], "g < 2", *words[5:], "--overwrite"]) == 1
+    assert "no row is left by --where" in capsys.readouterr().err

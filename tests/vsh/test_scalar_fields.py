@@ -1,0 +1,154 @@
+"""Scalar harmonics: known values, frames, tables."""
+
+import pickle
+
+import healpy
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.table import MaskedColumn, QTable, Table
+from numpy.testing import assert_allclose
+from scipy.special import sph_harm_y
+
+from vsh import Coefficients, Field, Modes, ScalarCoefficients, ScalarField, ScalarModes
+from vsh.basis import harmonics
+from vsh.conventions import scalar_from_healpy, scalar_to_healpy
+from vsh.io.catalogue import read_scalars
+from vsh.rotate import rotate
+from vsh.tools.errors import FieldError, ModesError, TableError
+from vsh.transform import adjoint, synthesis
+
+RNG = np.random.default_rng(1)
+LON, LAT = RNG.uniform(0, 2 * np.pi, 40), np.arcsin(RNG.uniform(-1, 1, 40))
+
+
+def some(lmax, seed=2):
+    modes = ScalarModes(lmax)
+    return ScalarCoefficients(modes, np.random.default_rng(seed).normal(size=len(modes)))
+
+
+def test_order():
+    modes = ScalarModes(3)
+    assert len(modes) == 16
+    assert modes.kinds == ("F",)
+    assert Modes(3).kinds == ("T", "S")
+    assert [modes.index(mode) for mode in modes] == list(range(16))
+    assert_allclose(modes.degrees, [mode.l for mode in modes])
+    assert_allclose(modes.norm2, [1 + (mode.m > 0) for mode in modes])
+    assert len(ScalarModes(0)) == 1
+    assert ScalarModes(2) != Modes(2)
+
+
+@pytest.mark.parametrize("lmax", [0, 1, 5, 60])
+def test_harmonics_are_those_of_scipy(lmax):
+    modes = ScalarModes(lmax)
+    expected = []
+    for mode in modes:
+        y = sph_harm_y(mode.l, mode.m, np.pi / 2 - LAT, LON)
+        expected.append(y.real if mode.m == 0 else 2 * y.real if mode.part == "re" else -2 * y.imag)
+    assert_allclose(harmonics(LON, LAT, modes)[:, 0], expected, atol=1e-11)
+
+
+def test_a_spheroidal_mode_is_the_gradient_of_a_scalar_one():
+    step = 1e-5
+    north = (harmonics(LON, LAT + step, ScalarModes(4)) - harmonics(LON, LAT - step, ScalarModes(4)))[:, 0] / (2 * step)
+    l = ScalarModes(4).degrees[1:]
+    vector = harmonics(LON, LAT, Modes(4))[len(Modes(4)) // 2 :, 1]
+    inside = np.abs(LAT) < 1.4
+    assert_allclose(north[1:, inside] / np.sqrt(l * (l + 1))[:, None], vector[:, inside], atol=1e-8)
+
+
+def test_mean_and_dipole():
+    field = ScalarCoefficients.from_moments(mean=-20.0, dipole=(1, 2, 3), lmax=3)
+    r = np.stack([np.cos(LAT) * np.cos(LON), np.cos(LAT) * np.sin(LON), np.sin(LAT)])
+    assert_allclose(field.at(LON, LAT), -20 + np.array([1, 2, 3]) @ r, atol=1e-12)
+    # f10 = √(4π/3) d_z; f11R = −√(2π/3) d_x, f11I = +√(2π/3) d_y.
+    expected = np.sqrt(2 * np.pi / 3) * np.array([np.sqrt(2) * 3, -1, 2])
+    assert_allclose(field.values[1:4], expected)
+    assert field.mean == pytest.approx(-20)
+    assert field.dipole == pytest.approx([1, 2, 3])
+
+
+def test_transforms():
+    field = some(30)
+    assert_allclose(synthesis(field, LON, LAT), field.at(LON, LAT), atol=1e-10)
+    values = RNG.normal(size=(1, 40))
+    assert_allclose(
+        adjoint(field.modes, LON, LAT, values), harmonics(LON, LAT, field.modes)[:, 0] @ values[0], atol=1e-10
+    )
+
+
+def test_healpy():
+    field, nside = some(8), 16
+    theta, phi = healpy.pix2ang(nside, np.arange(12 * nside**2))
+    theirs = healpy.alm2map(scalar_to_healpy(field), nside, lmax=8)
+    assert_allclose(field.at(phi, np.pi / 2 - theta), theirs, atol=1e-10)
+    assert_allclose(scalar_from_healpy(scalar_to_healpy(field)).values, field.values, atol=1e-15)
+    with pytest.raises(ModesError, match="not those of a scalar field"):
+        scalar_from_healpy(np.zeros(4, complex))
+
+
+def test_rotation():
+    field = some(6)
+    turned = rotate(field, "galactic")
+    for l in range(7):
+        assert turned.power("F", l) == pytest.approx(field.power("F", l), rel=1e-12)
+    places = ScalarField(LON, LAT, field.at(LON, LAT), np.ones(40)).to_frame("galactic")
+    assert_allclose(turned.at(places.lon, places.lat), places.values, atol=1e-11)
+    matrix = np.diag(np.arange(49.0))
+    assert np.trace(rotate(field, "galactic", covariance=matrix)[1]) > 0
+
+
+def test_vector_and_scalar_do_not_mix():
+    with pytest.raises(ModesError, match="scalar field has no spin"):
+        _ = some(2).rotation
+    with pytest.raises(ModesError, match="expanded in ScalarModes"):
+        ScalarCoefficients(Modes(2), np.zeros(16))
+    with pytest.raises(ModesError, match="vector fields.*not in ScalarModes"):
+        Coefficients(ScalarModes(2), np.zeros(9))
+    with pytest.raises(TypeError):
+        some(2) + Coefficients(1, np.zeros(6))
+    assert (some(2) + some(3)).modes == ScalarModes(3)
+
+
+def test_a_table_with_units_and_masks():
+    table = QTable({"ra": [10.0, 20.0, 30.0] * u.deg, "dec": [0.0, 1.0, 2.0] * u.deg})
+    table["parallax"], table["parallax_error"] = [-0.02, 0.01, 0.3] * u.mas, [100.0, 200.0, 300.0] * u.uas
+    field = read_scalars(table, unit="uas")
+    assert_allclose(field.values, [-20, 10, 300])
+    assert_allclose(field.sigma, [100, 200, 300])
+    assert field.unit == "uas"
+    masked = Table({"ra": [10.0, 20.0], "dec": [0.0, 1.0], "parallax_error": [0.1, 0.1]})
+    masked["parallax"] = MaskedColumn([0.1, 0.2], mask=[False, True])
+    with pytest.raises(FieldError, match="1 of 2 rows cannot be used.*values missing: 1 .row 1"):
+        read_scalars(masked)
+    kept = read_scalars(masked, on_bad="drop")
+    assert len(kept) == 1
+    assert any("taken in mas: parallax" in str(note) for note in kept.notes)
+    assert any("1 of 2" in str(note) for note in kept.notes)
+    with pytest.raises(TableError, match="no column 'colour'"):
+        read_scalars(masked, "colour")
+    with pytest.raises(TableError, match="cannot be converted to mag"):
+        read_scalars(masked, unit="mag")
+
+
+def test_messages():
+    ones = np.ones(3)
+    for values, sigma, said in (([1, np.nan, 2], ones, "value not finite: 1"), (ones, [1, 0, 1], "σ ≤ 0: 1"),
+                                (ones, [1, 1], "sigma has shape")):  # fmt: skip
+        with pytest.raises(FieldError, match=said):
+            ScalarField(ones, 0 * ones, values, sigma)
+    with pytest.raises(FieldError, match="the column is field.values"):
+        ScalarField(ones, 0 * ones, ones, ones)["values"]
+    with pytest.raises(FieldError, match="no motions"):
+        Field.without_motions(ScalarField(ones, 0 * ones, ones, ones))
+
+
+def test_a_copy_is_as_frozen():
+    field = ScalarField(LON, LAT, LON, np.ones(40), "mag", name=np.arange(40), notes=("one",))
+    again = pickle.loads(pickle.dumps(field))[:10].minus(1.0).with_errors(np.full(10, 2.0)).add_note("two")
+    assert again.unit == "mag"
+    assert again.notes == ("one", "two")
+    assert list(again.name) == list(range(10))
+    with pytest.raises(ValueError):
+        again.values[0] = 1.0

@@ -1,0 +1,26 @@
+"""Pages that need no network: panels of tables, figures and an interactive sky."""
+
+from vsh.figures.page._page import (
+    MAX_SOURCES,
+    STATIC,
+    Panel,
+    Shown,
+    bundle,
+    cards,
+    figure,
+    figures,
+    heading,
+    is_page,
+    notes,
+    page,
+    pictures,
+    preformatted,
+    provenance,
+    sheet,
+    sky,
+    table,
+    words,
+    write_page,
+)
+
+__all__ = ["Panel", "figure", "page", "sky", "table", "write_page"]

@@ -1,0 +1,441 @@
+"""A page: its panels in order, with the styles and scripts they need and leave to run nothing else."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsh.basis import harmonics
+from vsh.coefficients import Coefficients
+from vsh.field import Field
+from vsh.figures.plot import LONGEST, SURE, even_grid, picture_of
+from vsh.sky.frames import ANGLES
+from vsh.tools.errors import ParameterError
+from vsh.tools.files import atomic_write
+from vsh.tools.types import FloatArray, PathName, Table
+
+
+class Panel(NamedTuple):
+    """A part of a page.
+
+    Attributes
+    ----------
+    html : str
+        Nothing where there is nothing to show.
+    scripts : tuple of str
+        That it needs, by name.
+    """
+
+    html: str
+    scripts: tuple[str, ...] = ()
+
+
+def heading(text: str, *panels: Panel) -> Panel:
+    """Panels under a heading; nothing if they are empty."""
+    html = "\n".join(panel.html for panel in panels if panel.html)
+    scripts = tuple(script for panel in panels for script in panel.scripts)
+    return Panel(f"<h2>{escape(text)}</h2>\n{html}" if html else "", scripts)
+
+
+def words(text: str, kind: str = "") -> Panel:
+    """A paragraph."""
+    return Panel(f"<p{f' class={kind!r}' if kind else ''}>{escape(text)}</p>" if text else "")
+
+
+def cards(items: Iterable[tuple[str, str, str]]) -> Panel:
+    """The main results, large."""
+    inner = "".join(
+        f'<div class="card">{escape(name)}<b>{escape(value)}</b><span class="faint">{escape(more)}</span></div>'
+        for name, value, more in items
+    )
+    return Panel(f'<div class="cards">{inner}</div>' if inner else "")
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
+    """A table of text.
+
+    Parameters
+    ----------
+    heads : sequence of str
+        Of the columns, plain.
+    rows : iterable of sequences of str
+        Plain.
+    sortable : bool
+        By a click on a heading, or Enter.
+    summary : str
+        Under which it is folded away, if any.
+    """
+    cell = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>" if sortable else "<th scope='col'>{}</th>"  # fmt: skip
+    head = "".join(cell.format(escape(each)) if each else "<td></td>" for each in heads)
+    body = "".join(_row(row) for row in rows)
+    opened = '<table class="sortable">' if sortable else "<table>"
+    inner = f"{opened}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    # What scrolls must be reached by keys, and so be named.
+    html = f'<div class="wide" tabindex="0" role="group" aria-label="{escape(summary or "table")}">{inner}</div>'
+    if summary:
+        html = f"<details><summary>{escape(summary)}</summary>{html}</details>"
+    return Panel(html, ("tables",) if sortable else ())
+
+
+def _row(row):
+    first, *rest = map(str, row)
+    return f"<tr><th scope='row'>{escape(first)}</th>" + "".join(f"<td>{escape(each)}</td>" for each in rest) + "</tr>"
+
+
+def sheet(title: str, columns: Table, *, most: int = 200) -> Panel:
+    """An astropy Table under a heading, sortable."""
+    rows = zip(*(columns[name][:most].tolist() for name in columns.colnames), strict=True)
+    heads = [name.replace("_", " ") for name in columns.colnames]
+    more = f"The first {most} of {len(columns)} rows; the files have all." if len(columns) > most else ""
+    return heading(
+        title, table(heads, ([cell(each) for each in row] for row in rows), sortable=True), words(more, "faint")
+    )
+
+
+def cell(value: Any) -> str:
+    """A value of a table as text: numbers to five digits."""
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.5g}"
+    return "" if value is None else str(value)
+
+
+def figure(picture: bytes, caption: str) -> Panel:
+    """A picture with its caption.
+
+    Parameters
+    ----------
+    picture : bytes
+        PNG, of `vsh.figures.plot.picture_of`.
+    caption : str
+        Said to those who cannot see it, too.
+    """
+    data = base64.b64encode(picture).decode()
+    said = escape(caption)
+    return Panel(f'<figure class="picture"><img alt="{said}" src="data:image/png;base64,{data}"><figcaption>{said}</figcaption></figure>')  # fmt: skip
+
+
+def pictures(figures: Sequence[Panel]) -> Panel:
+    """Figures beside each other where the page is wide enough."""
+    inner = "".join(panel.html for panel in figures)
+    return Panel(f'<div class="pictures">{inner}</div>' if inner else "")
+
+
+def figures(drawn: Mapping[str, Any], captions: Mapping[str, str]) -> Panel:
+    """Figures as pictures beside each other, each under its caption, or its name."""
+    return pictures(
+        [figure(picture_of(each), captions.get(name, name.replace("_", " "))) for name, each in drawn.items()]
+    )
+
+
+def notes(lines: Iterable[object]) -> Panel:
+    """A list of notes."""
+    inner = "".join(f"<li>{escape(str(line))}</li>" for line in lines)
+    return heading("Notes", Panel(f"<ul>{inner}</ul>" if inner else ""))
+
+
+def preformatted(text: str, label: str = "report") -> Panel:
+    """Text as a terminal shows it."""
+    return Panel(f'<pre tabindex="0" role="group" aria-label="{escape(label)}">{escape(text)}</pre>' if text else "")
+
+
+def provenance(facts: Mapping[str, Any], command: Sequence[str] | None = None) -> Panel:
+    """Where a result comes from, and the command that repeats it."""
+    if not facts:
+        return Panel("")
+    rows = []
+    for key, value in facts.items():
+        if value in ([], {}, None):
+            continue
+        inner = ", ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
+        rows.append(
+            f"<tr><th scope='row'>{escape(key.replace('_', ' '))}</th><td class='broken'>{escape(inner)}</td></tr>"
+        )
+    again = [words("To repeat the run:"), preformatted(shlex.join(command), "command")] if command else []
+    return heading("Where this comes from", *again, Panel(f"<div class='wide'><table><tbody>{''.join(rows)}</tbody></table></div>"))  # fmt: skip
+
+
+_SEAL = re.compile(r"<!-- sha256 of the rest: ([0-9a-f]{64}) -->\n")
+
+
+#: What is said of a sky where there is no `bundle`.
+STATIC = "cannot be turned: this package was built without the script (make page, with npm)"
+
+
+_PAGE = Template("""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src $style_hash; script-src $script_hashes">
+<meta name="generator" content="vsh-astrometry">
+<title>$title</title>
+<link rel="icon" href="data:,">
+<style>$style</style>
+</head>
+<body>
+<main>
+<h1>$title</h1>
+$lead
+$body
+</main>
+$scripts
+</body>
+</html>
+""")
+
+
+def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
+    """One HTML file of panels, which asks for nothing from any network.
+
+    Parameters
+    ----------
+    title : str
+        Of the page.
+    panels : iterable of Panel
+        In order; empty ones are left out.
+    lead : str
+        Under the title.
+
+    Returns
+    -------
+    str
+        A Content-Security-Policy in it allows its own style and scripts, by their hashes, and pictures within it.
+    """
+    kept = [panel for panel in panels if panel.html]
+    needed = list(dict.fromkeys(script for panel in kept for script in panel.scripts))
+    texts = [bundle() if name == "d3" else _asset(f"{name}.js") for name in needed]
+    style = _asset("page.css")
+    return _PAGE.substitute(
+        title=escape(title), lead=f'<p class="lead">{escape(lead)}</p>' if lead else "", style=style, style_hash=_hash(style),
+        body="\n".join(panel.html for panel in kept), scripts="\n".join(f"<script>{text}</script>" for text in texts),
+        script_hashes=" ".join(map(_hash, texts)) or "'none'",
+    )  # fmt: skip
+
+
+@lru_cache
+def bundle() -> str:
+    """The script that projects the sky, d3 with its licences; empty where the package was built without it."""
+    try:
+        licences, script = _asset("d3.LICENSES.txt"), _asset("d3.min.js")
+    except OSError:
+        return ""
+    return f"/*\n{licences.replace('*/', '')}*/\n{script}"
+
+
+def write_page(path: PathName, text: str) -> None:
+    """Write a page with a hash of the rest of it, by which a later run sees that nobody changed it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    text : str
+        Of `page`.
+    """
+    seal = f"<!-- sha256 of the rest: {hashlib.sha256(text.encode()).hexdigest()} -->\n"
+    head, end = text.rsplit("</html>", 1)
+    with atomic_write(path) as new:
+        new.write_text(f"{head}{seal}</html>{end}", encoding="utf-8")
+
+
+def is_page(path: PathName) -> bool:
+    """Whether a file is a page that `write_page` wrote, and as it was written."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    seals = list(_SEAL.finditer(text))
+    if not seals:
+        return False
+    rest = text[: seals[-1].start()] + text[seals[-1].end() :]
+    return seals[-1].group(1) == hashlib.sha256(rest.encode()).hexdigest()
+
+
+def _hash(text):
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _asset(name):
+    return files("vsh.figures.page").joinpath(name).read_text(encoding="utf-8")
+
+
+#: Sources that are sent at most, those with the most significant residuals first; of so many also their names.
+MAX_SOURCES, MAX_NAMES = 20_000, 5_000
+
+
+#: Between arrows. [deg]
+STEP = 9.2
+
+
+#: Degrees that the page can go through.
+MAX_LMAX = 15
+
+
+_KINDS = ("TS", "T", "S")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A solution on the interactive sky.
+
+    Attributes
+    ----------
+    label : str
+        Under its map; none is needed where it is alone.
+    field : Field
+        The sources.
+    coefficients : Coefficients
+        What was fitted to them.
+    covariance : (p, p) array
+        Of the coefficients.
+    unit : str
+        Of the motions.
+    n_sources : int, optional
+        Of which `field` holds some; all of them unless given.
+    """
+
+    label: str
+    field: Field
+    coefficients: Coefficients
+    covariance: FloatArray
+    unit: str = "µas/yr"
+    n_sources: int | None = None
+
+
+def sky(*shown: Shown) -> Panel:
+    """One or two solutions on a sky that can be turned; nothing where the package was built without d3.
+
+    Parameters
+    ----------
+    *shown : Shown
+        In one frame and unit; two are turned together.
+
+    Raises
+    ------
+    ParameterError
+        If there are not one or two, or their frames or units differ.
+    """
+    if not bundle():
+        return Panel("")
+    if len(shown) not in (1, 2):
+        raise ParameterError(f"one or two solutions are shown side by side, not {len(shown)}")
+    if len({each.field.frame for each in shown}) > 1 or len({each.unit for each in shown}) > 1:
+        raise ParameterError("solutions side by side must have one frame and one unit")
+    sent = [_sky(each) for each in shown]
+    data = {
+        "axes": ANGLES[shown[0].field.frame], "unit": shown[0].unit, "sure": SURE, "longest": LONGEST * STEP / 12.0,
+        "grid": dict(zip(("lon", "lat"), (_floats(np.degrees(each)) for each in even_grid(STEP)), strict=True)),
+        "skies": sent,
+    }  # fmt: skip
+    top = max(each["lmax"] for each in sent)
+    figures = "".join(_figure(i, each, sent[i]["sent"]) for i, each in enumerate(shown))
+    # "<" would end the block wherever a name holds "</script>".
+    blob = json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    return Panel(
+        f'<section class="sky" aria-label="interactive sky">{_controls(top)}<div class="skies">{figures}</div>{_KEYS}'
+        f'</section><script type="application/json" id="sky-data">{blob}</script>',
+        ("d3", "sky"),
+    )
+
+
+def _controls(top):
+    return f"""
+<div class="controls">
+<label for="degree"><span>highest degree: <output id="degree-text" for="degree">{top}</output></span>
+<input type="range" id="degree" min="1" max="{top}" value="{top}" step="1"></label>
+<label for="kinds">part <select id="kinds"><option value="TS">T and S</option><option value="T">T, turning</option>
+<option value="S">S, flowing</option></select></label>
+<label class="row" for="only"><input type="checkbox" id="only"> this degree alone</label>
+<label for="projection">projection <select id="projection"><option value="hammer">Hammer</option>
+<option value="mollweide">Mollweide</option><option value="globe">globe</option><option value="polar">half, equal areas</option></select></label>
+<span class="row"><button id="farther" type="button" aria-label="zoom out">−</button>
+<button id="closer" type="button" aria-label="zoom in">+</button>
+<button id="home" type="button">reset</button></span>
+</div>"""
+
+
+_KEYS = f"""<p class="faint" id="sky-keys">Drag or arrow keys turn it, + and − zoom, 0 goes back, n and p step through the
+sources. Coloured arrows stand above {SURE:.0f} σ, grey ones below; stars with circles: where acceleration and spin point, with 68 % cones.</p>"""
+
+
+def _figure(i, shown, sent):
+    n = shown.n_sources or len(shown.field)
+    said = f"{sent} of {n} sources, those with the most significant residuals" if sent < n else f"all {n} sources"
+    said = f"{shown.label}: {said}" if shown.label else said
+    return (
+        f'<figure><canvas tabindex="0" role="img" aria-label="{escape(shown.label)} sky with the fitted field as arrows; the text '
+        f'below says what is shown" aria-describedby="said-{i} sky-keys"></canvas>'
+        f'<figcaption><p class="faint">{escape(said)}</p><p class="said" id="said-{i}" role="status" aria-live="polite"></p></figcaption></figure>'
+    )
+
+
+def _sky(shown):
+    modes, field = shown.coefficients.modes, shown.field
+    if np.shape(shown.covariance) != (len(modes), len(modes)):
+        raise ParameterError(f"covariance has shape {np.shape(shown.covariance)}, the coefficients are {len(modes)}")
+    residual = field.motion - shown.coefficients.at(field.lon, field.lat)
+    sure = field.inner(residual, residual)
+    order = np.argsort(-sure, kind="stable")[:MAX_SOURCES]
+    names = [] if field.name is None else [str(name) for name in field.name[order[:MAX_NAMES]]]
+    return {
+        "label": shown.label, "lmax": min(modes.lmax, MAX_LMAX), "fitted": modes.lmax, "sent": int(order.size), "names": names,
+        "sources": {
+            "lon": _floats(np.degrees(field.lon[order])), "lat": _floats(np.degrees(field.lat[order])),
+            "motion": _floats(field.motion[:, order]), "error": _floats(field.sigma[:, order]),
+            "residual": _floats(residual[:, order]), "sigmas": _floats(np.sqrt(sure[order])),
+        },
+        **_fields(shown, *even_grid(STEP)), "marks": _marks(shown),
+    }  # fmt: skip
+
+
+def _fields(shown, lon, lat):
+    """The field of each degree and kind on the grid, and the variance of every sum the page can show."""
+    modes, covariance = shown.coefficients.modes, np.asarray(shown.covariance, float)
+    basis = harmonics(lon, lat, modes)
+    degrees, kinds = modes.degrees, np.array([mode.kind for mode in modes])
+    lmax = min(modes.lmax, MAX_LMAX)
+    fields, variances = [], []
+    for l in range(1, lmax + 1):
+        for kind in "TS":
+            own = (degrees == l) & (kinds == kind)
+            fields.append(_floats(np.tensordot(shown.coefficients.values[own], basis[own], 1)))
+    for alone in (False, True):
+        for wanted in _KINDS:
+            for l in range(1, lmax + 1):
+                own = np.isin(kinds, list(wanted)) & ((degrees == l) if alone else (degrees <= l))
+                east, north = np.moveaxis(basis[own], 1, 0)
+                part = covariance[np.ix_(own, own)]
+                with_east = part @ east
+                parts = [np.sum(with_east * east, 0), np.sum((part @ north) * north, 0), np.sum(with_east * north, 0)]
+                variances.append(_floats(parts))
+    return {"fields": fields, "variances": variances}
+
+
+def _marks(shown):
+    names = ("acceleration", "spin") if shown.unit == "µas/yr" else ("glide", "rotation")
+    marks: list[dict[str, Any]] = []
+    for name, kind in zip(names, "ST", strict=True):
+        vector = shown.coefficients.vector(kind, shown.covariance, shown.field.frame)
+        if vector.p_value <= 0.05:  # else it points nowhere in particular
+            marks.append({"name": name, "kind": kind, "at": vector.direction, "cone": vector.direction_cone()})
+    return marks
+
+
+def _floats(values: Any) -> str:
+    """Numbers in single precision, as text."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()

@@ -1,0 +1,122 @@
+"""One style for every figure: a column of a journal wide, sharp when it fills a slide."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import Axes, Figure
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+#: A column of a journal, 9 cm. [inch]
+WIDTH = 3.54
+#: Classes that everybody can tell apart (Okabe & Ito 2008), the three axes first; tests/vsh/figures/plot/test_colours.py.
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000", "#e69f00")
+KIND_COLOURS = {"T": COLOURS[1], "S": COLOURS[0], "F": COLOURS[0]}
+KIND_NAMES = {"T": "toroidal", "S": "spheroidal", "F": "scalar"}
+#: From little to much; of either sign; of how sure something is. Their luminance never turns back.
+SEQUENTIAL, DIVERGING, SIGNIFICANCE = "viridis", "RdBu_r", "viridis_r"
+#: What may be nothing but noise.
+FADED = "#b3b3b3"
+#: matplotlib's settings, for figures of one's own: ``with plt.rc_context(vsh.figures.plot.STYLE): …``
+STYLE: Any = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "figure.titlesize": 8,
+    "figure.labelsize": 8,
+    "legend.frameon": False,
+    "legend.handletextpad": 0.4,
+    "legend.columnspacing": 1.0,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.5,
+    "errorbar.capsize": 1.5,
+    "hatch.linewidth": 0.3,
+    "figure.figsize": (WIDTH, 2.4),
+    "figure.dpi": 150,
+    "savefig.dpi": 300,
+    "figure.constrained_layout.use": True,
+    # TrueType: text of a PDF can be searched and is taken by journals.
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    # Two runs give the same file.
+    "svg.hashsalt": "vsh-astrometry",
+}
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """A function that draws in `STYLE`.
+
+    Parameters
+    ----------
+    draw : callable
+        The function.
+    """
+
+    @wraps(draw)
+    def with_style(*args: P.args, **kwargs: P.kwargs) -> R:
+        with plt.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return with_style
+
+
+def panels(
+    ax: Any = None, rows: int = 1, columns: int = 1, *, size: tuple[float, float] | None = None, **how: Any
+) -> Any:
+    """The axes to draw on: those given, or those of a new figure."""
+    if ax is None:
+        return plt.subplots(rows, columns, figsize=size or (WIDTH, 2.4), squeeze=False, **how)[1].ravel()
+    given = np.ravel(np.asarray(ax, dtype=object))
+    if given.size != rows * columns:
+        raise ParameterError(f"this figure has {rows * columns} panels: ax must be as many axes, not {given.size}")
+    return given
+
+
+def figure_of(drawn: Any) -> Figure:
+    """The figure that axes are in."""
+    first = np.ravel(np.asarray(drawn, dtype=object))[0]
+    return first if hasattr(first, "savefig") else first.figure
+
+
+def colour_bar(axes: Axes, image: Any, label: str, **how: Any) -> Any:
+    """A colour bar under axes, with its label."""
+    own: dict[str, Any] = {"orientation": "horizontal", "shrink": 0.7, "pad": 0.04, "aspect": 30} | how
+    bar = axes.figure.colorbar(image, ax=axes, **own)
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.4)
+    return bar
+
+
+def log_ticks(axis: Any, low: float, high: float) -> None:
+    """Ticks of a logarithmic axis as plain numbers where it is short: 1, 2, 5, 10, 20."""
+    decades = np.log10(high / low)
+    if not (0 < decades < 2.2 and low > 1e-4 and high < 1e5):
+        return
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def legend_above(axes: Axes, columns: int = 4, **how: Any) -> Any:
+    """A legend over axes, where it hides no point."""
+    how = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.1, "ncols": columns} | how
+    return axes.legend(**how)

@@ -1,0 +1,26 @@
+"""Data from archives: releases as values, queries, and a client of the Table Access Protocol."""
+
+from vsh.io.archive._queries import (
+    DR3,
+    DR4,
+    GAIA_CRF3,
+    GAIA_DR3_GALAXIES,
+    GAIA_EDR3_QSO,
+    QUERIES,
+    RELEASES,
+    DataRelease,
+    of_table,
+)
+from vsh.io.archive._tap import ESA, query
+
+__all__ = [
+    "DR3",
+    "DR4",
+    "GAIA_CRF3",
+    "GAIA_DR3_GALAXIES",
+    "GAIA_EDR3_QSO",
+    "QUERIES",
+    "RELEASES",
+    "DataRelease",
+    "query",
+]

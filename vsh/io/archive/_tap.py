@@ -1,0 +1,358 @@
+"""The Table Access Protocol with the standard library: ask, wait, keep the answer as a file.
+
+A job runs at the server (IVOA's TAP 1.1 and UWS 1.1). Beside the file that is to come stands a note of the job, so that
+whoever was interrupted waits on for the same one; a file that is there is the answer, and nothing is asked.
+"""
+
+from __future__ import annotations
+
+import http.client
+import json
+import queue
+import shutil
+import threading
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+from vsh.io import tables
+from vsh.tools.arguments import positive, whole
+from vsh.tools.errors import ArchiveError, TableError
+from vsh.tools.files import MARK, atomic_write, digest, exclusive
+from vsh.tools.notes import printable
+from vsh.tools.parallel import progress_bar
+from vsh.tools.types import PathName
+
+#: ESA's archive of Gaia.
+ESA = "https://gea.esac.esa.int/tap-server/tap"
+#: What ESA's archive gives somebody who is not logged in, at most; an answer of exactly so many rows was cut off.
+_LIMITS = (2_000_000, 3_000_000)
+_WAITING = ("PENDING", "QUEUED", "EXECUTING", "HELD", "SUSPENDED", "UNKNOWN")
+_BLOCK = 2**20
+_TIMEOUT = 60.0
+
+
+def query(
+    adql: str,
+    path: PathName,
+    url: str = ESA,
+    *,
+    patience: float = 7200.0,
+    interval: float = 2.0,
+    max_rows: int | None = None,
+    max_bytes: float = 1e11,
+    overwrite: bool = False,
+    progress: bool = True,
+) -> Path:
+    """Fetch the answer to a query as a FITS file, unless it is there already.
+
+    Parameters
+    ----------
+    adql : str
+        The query: one of `vsh.io.archive.GAIA_CRF3`, …, or one's own.
+    path : str or Path
+        The file, .fits. Its neighbour, with .json behind the name, says what it is the answer to.
+    url : str
+        Of the service: what /async is put behind.
+    patience : float
+        How long to wait for the job, and then once more for its answer. [s]
+    interval : float
+        How long to wait before asking again, more as time goes by. [s]
+    max_rows : int, optional
+        The most rows; the server's own limit unless given.
+    max_bytes : float
+        The largest answer that is fetched.
+    overwrite : bool
+        Ask again though the file is there; one that is not as it was fetched is never replaced.
+    progress : bool
+        Show bars, after two seconds.
+
+    Returns
+    -------
+    Path
+        Of the file, which is whole.
+
+    Raises
+    ------
+    ArchiveError
+        If the server cannot be reached, refuses the query, ends the job with an error, is too slow, or does not send a whole
+        table; if the answer was cut off at a limit, or is too large; if the file is the answer to another query, of another
+        service, or not as it was fetched. What was asked for is kept: the same call goes on where it was.
+    WriteError
+        If another process fetches the same file.
+
+    Examples
+    --------
+    >>> query(GAIA_CRF3, "crf3.fits")  # doctest: +SKIP
+    PosixPath('crf3.fits')
+    """
+    path, adql, url = Path(path), _checked(adql), str(url).rstrip("/")
+    if tables.format_of(path) != "fits" or path.suffix == ".gz":
+        raise ArchiveError(f"{printable(path)}: answers are kept as .fits")
+    if not path.absolute().parent.is_dir():
+        raise ArchiveError(f"{printable(path)}: there is no such folder")
+    if not url.startswith(("http://", "https://")):
+        raise ArchiveError(f"{printable(url)} is no address of a service: https://…/tap")
+    asked = {"query": adql, "url": url, "max_rows": max_rows}
+    with exclusive(path):
+        return _answer(path, asked, patience, interval, max_bytes, overwrite, progress)
+
+
+def _answer(path, asked, patience, interval, max_bytes, overwrite, progress):
+    """The file, while no other process fetches it."""
+    note, (adql, url, max_rows) = path.with_name(f"{path.name}.json"), asked.values()
+    known = _read(note)
+    if path.exists():
+        _check_as_fetched(path, known)
+        if not overwrite:
+            _check_same(path, known, asked)
+            _rows_of(path)
+            return path
+    known = {} if overwrite else known
+    job = known.get("job") if all(known.get(key) == value for key, value in asked.items()) else None
+    job = _still_there(job) or _submitted(adql, url, None if max_rows is None else whole("max_rows", max_rows))
+    before = {"sha256": known["sha256"]} if path.exists() and "sha256" in known else {}
+    _write(note, asked | {"job": job} | before)
+    _wait(job, positive("patience", patience), positive("interval", interval), progress)
+    with atomic_write(path) as part:
+        _fetch(f"{job}/results/result", part, time.monotonic() + patience, positive("max_bytes", max_bytes), progress)
+        rows, sha = _rows(part, max_rows), digest(part)
+        fetched = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        _write(note, asked | {"rows": rows, "fetched": fetched, "sha256": sha})
+    return path
+
+
+def _check_as_fetched(path, known):
+    """Raise ArchiveError where a file is not the one that its note is about."""
+    if not known.get("query"):
+        raise ArchiveError(f"{printable(path)} is there, and no note beside it says what it answers: take another name")
+    if not known.get("sha256"):
+        raise ArchiveError(
+            f"{printable(path)} is there, and its note has no hash of it: take another name, or delete it"
+        )
+    if digest(path) != known["sha256"]:
+        raise ArchiveError(
+            f"{printable(path)} is not as it was fetched: somebody changed it. Take another name, or delete it"
+        )
+
+
+def _check_same(path, known, asked):
+    """Raise ArchiveError where a file is the answer to something else."""
+    if known.get("query") != asked["query"]:
+        raise ArchiveError(f"{printable(path)} is the answer to another query: take another name, or overwrite it")
+    if known.get("url") != asked["url"]:
+        raise ArchiveError(
+            f"{printable(path)} is the answer of {printable(known.get('url'))}: take another name, or overwrite it"
+        )
+    if known.get("max_rows") != asked["max_rows"]:
+        raise ArchiveError(
+            f"{printable(path)} was asked for with another limit of rows: take another name, or overwrite it"
+        )
+
+
+def _rows_of(path):
+    """The rows of a file that is there, once it is known to be whole."""
+    try:
+        return tables.fits_rows(path, path.name)
+    except TableError as error:
+        raise ArchiveError(
+            f"{printable(path)} is there, but no whole FITS table ({error}): overwrite it, or take another name"
+        ) from error
+
+
+def _checked(adql):
+    if not isinstance(adql, str) or not adql.strip():
+        raise ArchiveError(f"a query is text in ADQL, not {adql!r}")
+    return adql.strip()
+
+
+def _submitted(adql, url, max_rows):
+    """The address of a new job."""
+    form = {"REQUEST": "doQuery", "LANG": "ADQL", "FORMAT": "fits", "QUERY": adql, "PHASE": "RUN"}
+    if max_rows is not None:
+        form["MAXREC"] = str(max_rows)
+    with _open(f"{url}/async", form) as answer:
+        job = answer.geturl()
+    if job.rstrip("/").endswith("/async"):
+        raise ArchiveError(f"{url} took no job: is it the address of a TAP service?")
+    return job
+
+
+def _still_there(job):
+    """A job of before, if the server still knows it and it did not fail."""
+    if not isinstance(job, str):
+        return None
+    try:
+        return job if _phase(job) in (*_WAITING, "COMPLETED") else None
+    except _RefusedError:
+        return None
+
+
+def _phase(job, end=None):
+    with _open(f"{job}/phase", end=end) as answer:
+        return _some(answer, 1000, _soon(end)).decode("utf-8", "replace").strip()
+
+
+def _soon(end=None):
+    """Until when a short answer is waited for, by the monotonic clock."""
+    soon = time.monotonic() + _TIMEOUT
+    return soon if end is None else min(soon, max(end, time.monotonic() + 1.0))
+
+
+def _some(answer, size, end):
+    """At most so many bytes of an answer; one that trickles is given up at `end`."""
+    found = b""
+    while len(found) < size and (more := answer.read1(size - len(found))):
+        found += more
+        if time.monotonic() > end:
+            raise ArchiveError("the server sends too slowly: the same call later waits on")
+    return found
+
+
+def _wait(job, patience, interval, progress):
+    end, failures = time.monotonic() + patience, 0
+    with progress_bar(words="the archive is at work", shown=progress, unit=" s", bar_format="{desc}: {elapsed}") as bar:
+        while True:
+            try:
+                phase, failures = _phase(job, end), 0
+            except _RefusedError:
+                raise
+            except ArchiveError:
+                failures += 1
+                if failures > 3:  # a network may be away for a moment
+                    raise
+                phase = "UNKNOWN"
+            if phase not in _WAITING:
+                break
+            if time.monotonic() > end:
+                raise ArchiveError(f"{job} is {phase.lower()} after {patience:g} s: the same call later waits on")
+            bar.set_description(f"the archive is at work ({phase.lower()})")
+            bar.update(0)
+            time.sleep(interval)
+            interval = min(1.3 * interval, 30.0)
+    if phase != "COMPLETED":
+        with _open(f"{job}/error") as answer:
+            said = _message(_some(answer, _BLOCK, _soon()))
+        raise ArchiveError(f"the query ended {phase.lower()}: {said or 'the server does not say why'}")
+
+
+def _fetch(address, part, end, most, progress):
+    """An answer into a file: until `end` by the monotonic clock, and of at most so many bytes."""
+    with _open(address, end=end) as answer, part.open("wb") as file:
+        declared = answer.headers.get("Content-Length") or ""
+        size = int(declared) if declared.isascii() and declared.isdigit() else 0
+        _check_room(size, part, most)
+        with progress_bar(total=size or None, words="fetching", shown=progress, unit="B", unit_scale=True) as bar:
+            while True:
+                try:
+                    block = answer.read1(_BLOCK)
+                except (OSError, http.client.HTTPException) as error:
+                    raise ArchiveError(
+                        f"{address}: the connection was cut ({error}); the same call fetches it again"
+                    ) from error
+                if not block:
+                    break
+                file.write(block)  # what the disk says of it is its own, not the network's
+                bar.update(len(block))
+                if time.monotonic() > end:
+                    raise ArchiveError(
+                        f"{address}: {file.tell()} bytes came within the time (patience): the same call later fetches it again"
+                    )
+                if file.tell() > most:
+                    raise ArchiveError(f"{address}: the answer is larger than {most:g} bytes (max_bytes): ask for less")
+        if size and file.tell() != size:
+            raise ArchiveError(f"{address}: {file.tell()} of {size} bytes came; the same call fetches it again")
+
+
+def _check_room(size, part, most):
+    """Raise ArchiveError before the first byte of an answer that is too large."""
+    if size > most:
+        raise ArchiveError(f"the answer has {size} bytes, more than {most:g} (max_bytes): ask for less")
+    free = shutil.disk_usage(part.parent).free
+    if size > free:
+        raise ArchiveError(f"the answer has {size} bytes, and the disk has room for {free}")
+
+
+def _rows(part, max_rows):
+    """How many rows the table has, once it is known to be whole."""
+    with part.open("rb") as file:
+        start = file.read(_BLOCK)
+    if start.lstrip()[:5] in (b"<?xml", b"<VOTA"):  # TAP's way to say that something is wrong
+        raise ArchiveError(f"the server sent no FITS table: {_message(start) or 'a VOTable'}")
+    try:
+        rows = tables.fits_rows(part, part.name)
+    except TableError as error:
+        raise ArchiveError(f"the server sent no whole FITS table ({error}); the same call fetches it again") from error
+    limit = max_rows if max_rows is not None and rows >= max_rows else next((n for n in _LIMITS if rows == n), None)
+    if limit:
+        raise ArchiveError(
+            f"the answer was cut off at {limit} rows: ask for more (max_rows, or log in and hand over the file), or for a part of "
+            "the sources at a time (… AND random_index BETWEEN …)"
+        )
+    return rows
+
+
+class _RefusedError(ArchiveError):
+    """The server was there and said no."""
+
+
+def _open(url, form=None, end=None):
+    """The answer to a request, once its head is there; in a thread, since a head that trickles obeys no time limit."""
+    body = None if form is None else urllib.parse.urlencode(form).encode()
+    request = urllib.request.Request(url, body, {"User-Agent": "vsh-astrometry"})
+    found: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def ask():
+        try:
+            found.put(urllib.request.urlopen(request, timeout=_TIMEOUT))
+        except BaseException as error:  # handed on to whoever waits
+            found.put(error)
+
+    threading.Thread(target=ask, daemon=True).start()
+    try:
+        answer = found.get(timeout=max(_soon(end) - time.monotonic(), 0.1))
+    except queue.Empty:
+        raise ArchiveError(f"{url} does not answer in time") from None
+    if not isinstance(answer, BaseException):
+        return answer
+    if isinstance(answer, urllib.error.HTTPError):
+        with answer:
+            said = _message(_some(answer, _BLOCK, _soon()))
+        raise _RefusedError(f"{url} answered {answer.code}: {said or answer.reason}") from answer
+    if isinstance(answer, (OSError, http.client.HTTPException, ValueError)):
+        reason = getattr(answer, "reason", None) or answer
+        raise ArchiveError(f"{url} cannot be reached: {reason}. Are you online, and is the archive?") from answer
+    raise answer
+
+
+def _message(body):
+    """What a VOTable, XML or plain text says of an error, in one line."""
+    text = body.decode("utf-8", "replace")
+    try:
+        elements = list(ElementTree.fromstring(text).iter())
+    except ElementTree.ParseError:
+        return " ".join(text.split())[:500] if "<" not in text else ""
+    infos = [each for each in elements if each.tag.endswith("INFO") and each.get("value") in ("ERROR", "OVERFLOW")]
+    said = [
+        each.text or each.get("value") or ""
+        for each in infos or elements
+        if each.tag.endswith(("INFO", "message", "detail"))
+    ]
+    return " ".join(" ".join(said).split())[:500]
+
+
+def _read(path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _write(path, facts):
+    with atomic_write(path) as new:
+        Path(new).write_text(json.dumps({"program": MARK} | facts, indent=1), encoding="utf-8")

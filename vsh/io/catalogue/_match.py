@@ -1,0 +1,375 @@
+"""Two catalogues of the same sky: which source is which, and how they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from vsh.field import MEASURED, Field
+from vsh.io import tables
+from vsh.io.catalogue._columns import Chosen, missing_column, unit_factor
+from vsh.sky.positions import Positions
+from vsh.sky.sphere import triad
+from vsh.tools.arguments import positive
+from vsh.tools.bad_rows import select_usable
+from vsh.tools.errors import FieldError, FrameError, TableError
+from vsh.tools.notes import printable
+from vsh.tools.types import IntArray, OnBad, PathName
+from vsh.tools.units import DEGREE, MAS, UAS
+
+__all__ = ["Counterparts", "match"]
+
+
+class Counterparts(NamedTuple):
+    """Which sources of two catalogues are the same.
+
+    Attributes
+    ----------
+    a, b : (k,) int arrays
+        Where each stands in either.
+    ambiguous : int
+        Sources left out for several counterparts.
+    """
+
+    a: IntArray
+    b: IntArray
+    ambiguous: int
+
+
+def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None) -> Counterparts:
+    """Which sources of two catalogues are the same, one to one, in the order of the first."""
+    kinds = {type(each) for each in (a, b)}
+    if kinds not in ({Positions}, {Field}):
+        raise FieldError(
+            "match two Positions or two Fields: " + " and ".join(type(x).__name__ for x in (a, b)) + " differ"
+        )
+    if a.frame != b.frame:
+        raise FrameError(f"the catalogues are in {a.frame} and {b.frame}: take both to one frame")
+    if not isinstance(by, str) or by not in ("name", "position"):
+        raise FieldError(f'match by "name" or "position", not {by!r}')
+    if kinds == {Positions}:
+        b = b.at_epoch(a.epoch)
+    (i, j), ambiguous = _by_name(a, b) if by == "name" else _by_position(a, b, 1.0 if radius is None else float(radius))
+    if not len(i):
+        other = 'position, by="position" (--by position)' if by == "name" else "name, or a larger radius"
+        raise TableError(
+            f"the catalogues have no source in common ({len(a)} and {len(b)}, matched by {by}): match them by {other}"
+        )
+    return Counterparts(i, j, ambiguous)
+
+
+def match(
+    a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None, pairs: Counterparts | None = None
+) -> Field:
+    """The differences a − b of two catalogues, with the sum of their covariances.
+
+    Parameters
+    ----------
+    a, b : Positions, or Fields
+        Positions give differences of position, Δα cos δ and Δδ [µas], those of `b` carried to
+        the epoch of `a` where both are known; Fields give differences of motion [µas/yr].
+    by : {"name", "position"}
+        By identifiers that are equal, or by the nearest position.
+    radius : float, optional
+        How far apart two positions of one source may be; 1 unless given. [arcsec]
+    pairs : Counterparts, optional
+        Of `counterparts` with the same `by`, where they are known already.
+
+    Returns
+    -------
+    Field
+        At the positions of `a`, one to one: a source with two possible counterparts is left
+        out. Its notes count what was matched, ambiguous and left over.
+
+    Raises
+    ------
+    TableError
+        If nothing matches.
+    FrameError
+        If the catalogues stand in different frames.
+    FieldError
+        If they are not of one kind, or have no names to match by.
+    """
+    i, j, ambiguous = counterparts(a, b, by=by, radius=radius) if pairs is None else pairs
+    positions = isinstance(a, Positions)
+    b = b.at_epoch(a.epoch) if positions else b
+    difference = _offsets(a, b, i, j) if positions else a.motion[:, i] - b.motion[:, j]
+    covariance = _covariance(a, i) + _covariance(b, j)
+    sigma = np.sqrt(covariance[:2])
+    left = f"{len(a) - len(i)} of {len(a)} and {len(b) - len(j)} of {len(b)}"
+    notes = [f"matched {len(i)} sources by {by}; left over {left}, {ambiguous} of them with several counterparts"]
+    if positions and by == "name":
+        far = int((np.hypot(*difference) > 1e6).sum())
+        if far:
+            notes.append(f"{far} of the pairs are more than 1 arcsec apart: are they the same sources?")
+    extras: dict[str, Any] = {}
+    if not positions:
+        extras = {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
+    return Field(
+        a.lon[i], a.lat[i], difference, sigma, covariance[2] / (sigma[0] * sigma[1]), name=_pick(a.name, i),
+        frame=a.frame, notes=(*a.notes, *b.notes, *notes), **extras,
+    )  # fmt: skip
+
+
+def _by_name(a, b):
+    if a.name is None or b.name is None:
+        raise FieldError('a catalogue without names cannot be matched by name: use by="position"')
+    if a.name.dtype.kind != b.name.dtype.kind and "U" in (a.name.dtype.kind, b.name.dtype.kind):
+        raise FieldError(f"names of type {a.name.dtype} and {b.name.dtype} are never equal: make both text or numbers")
+    once = []
+    ambiguous = 0
+    for each in (a, b):
+        _, first, counts = np.unique(each.name, return_index=True, return_counts=True)
+        once.append(first[counts == 1])
+        ambiguous += int(counts[counts > 1].sum())
+    _, i, j = np.intersect1d(a.name[once[0]], b.name[once[1]], assume_unique=True, return_indices=True)
+    i, j = once[0][i], once[1][j]
+    order = np.argsort(i)
+    return (i[order], j[order]), ambiguous
+
+
+def _by_position(a, b, radius):
+    if not 0 < radius < 180 * 3600:
+        raise FieldError(f"the radius of a match is an angle above zero, not {radius} arcsec")
+    chord = 2 * np.sin(radius * DEGREE / 7200)
+    from scipy.spatial import cKDTree  # half of what reading a bad file would take
+
+    trees = [cKDTree(triad(each.lon, each.lat)[2].T) for each in (a, b)]
+    pairs = trees[0].query_ball_tree(trees[1], chord)
+    counts = np.array([len(each) for each in pairs])
+    reverse = np.bincount([k for each in pairs for k in each], minlength=len(b))
+    i = np.array([k for k, each in enumerate(pairs) if len(each) == 1 and reverse[each[0]] == 1], int)
+    j = np.array([pairs[k][0] for k in i], int)
+    found = np.count_nonzero(counts) + np.count_nonzero(reverse)
+    return (i, j), int(found - 2 * len(i))
+
+
+def _offsets(a, b, i, j):
+    """Δα cos δ and Δδ along the local axes of a, (2, k). [µas]"""
+    p, q, r = triad(a.lon[i], a.lat[i])
+    # Differences of unit vectors lose nothing that matters: 1e-16 rad is 2e-5 µas.
+    away = r - triad(b.lon[j], b.lat[j])[2]
+    return np.stack([np.sum(away * p, 0), np.sum(away * q, 0)]) / UAS
+
+
+def _covariance(catalogue, index):
+    """Variances and covariance, (3, k)."""
+    s1, s2 = catalogue.sigma[:, index]
+    return np.stack([s1**2, s2**2, catalogue.rho[index] * s1 * s2])
+
+
+def _pick(column, index):
+    return None if column is None else column[index]
+
+
+def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
+    """Read a catalogue of VLBI positions in the layout of ICRF2 or ICRF3.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    name : {"icrf", "iers"}
+        Which designation names the sources: J000020.3-322101 or 2357-326.
+
+    Returns
+    -------
+    Positions
+        Errors of right ascension are multiplied by 15 cos δ; `defining` holds the D marks.
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, holds no such lines, or one of them is damaged; the message
+        names the line.
+    """
+    if name not in ("icrf", "iers"):
+        raise TableError(f"sources are named by icrf or iers, not {name!r}")
+    icrf, iers, defining, *numbers = _columns(path)
+    lon, lat, east, north, rho = np.array(numbers)
+    names = np.array(icrf if name == "icrf" else iers)
+    return Positions(lon, lat, np.stack([east, north]), rho, name=names, defining=np.array(defining))
+
+
+def open_icrf(source: Any, format: str | None = None) -> tables.TableSource:
+    """A table that is open, of any format that a catalogue may come in."""
+    if format != "icrf" or isinstance(source, tables.TableSource):
+        return tables.open_table(source, format)
+    icrf, iers, defining, *numbers = _columns(source)
+    lon, lat, east, north, rho = np.array(numbers)
+    columns = {"icrf": np.array(icrf), "iers": np.array(iers), "defining": np.where(defining, "D", "")}
+    columns |= {
+        "ra": lon / DEGREE,
+        "dec": lat / DEGREE,
+        "ra_error": east / MAS,
+        "dec_error": north / MAS,
+        "ra_dec_corr": rho,
+    }
+    units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
+    return replace(tables.open_table(tables.table_of(columns, units=units)), label=printable(source))
+
+
+def _columns(path):
+    """Designations, D marks, angles [rad], errors [µas] and correlations, each of all sources."""
+    label = printable(path)
+    try:
+        lines = Path(path).read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise TableError(f"{label} cannot be read: {error.strerror}") from error
+    first = next((number for number, line in enumerate(lines) if line.startswith("ICRF J")), None)
+    if first is None:
+        raise TableError(f"{label} has no line that begins with 'ICRF J': is it a catalogue of ICRF2 or ICRF3?")
+    # Above the first source is the heading; below it, every line that is not blank is a source.
+    rows = [(number, line) for number, line in enumerate(lines[first:], first + 1) if line.strip()]
+    parsed = [_parse(label, number, line) for number, line in rows]
+    return list(zip(*parsed, strict=True))
+
+
+def _parse(label, number, line):
+    """Names, D mark, angles [rad], errors of α cos δ and δ [µas], correlation."""
+    shown = printable(line.strip()[:80])
+    if not line.startswith("ICRF J"):
+        raise TableError(f"{label}, line {number} is damaged: it does not begin with 'ICRF J': {shown!r}")
+    try:
+        _, icrf, iers, *rest = line.split()
+        defining = rest[0].isalpha()
+        hours, minutes, seconds, degrees, arcmin, arcsec, sigma_ra, sigma_dec, rho = rest[defining : defining + 9]
+        whole = 0 <= int(hours) < 24 and 0 <= int(minutes) < 60 and 0 <= int(arcmin) < 60
+        on_sky = whole and 0 <= float(seconds) < 60 and 0 <= float(arcsec) < 60
+        lon = np.radians(15 * (int(hours) + int(minutes) / 60 + float(seconds) / 3600))
+        size = abs(int(degrees)) + int(arcmin) / 60 + float(arcsec) / 3600
+        lat = np.radians(-size if degrees.startswith("-") else size)  # −00 degrees are negative too
+        east, north = 15e6 * float(sigma_ra) * np.cos(lat), 1e6 * float(sigma_dec)
+        found = lon, lat, east, north, float(rho)
+    except (ValueError, IndexError):
+        raise TableError(f"{label}, line {number} is damaged: {shown!r}") from None
+    if not (on_sky and abs(lat) <= np.pi / 2):
+        raise TableError(f"{label}, line {number} has no position on the sky: {shown!r}")
+    if not (np.isfinite(found).all() and east > 0 and north > 0 and abs(found[4]) < 1):
+        raise TableError(f"{label}, line {number} has no usable errors: {shown!r}")
+    return icrf, iers, defining and rest[0] == "D", *found
+
+
+#: Roles of columns, Gaia's names, and what a column without a unit is in.
+_COLUMNS = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
+
+
+_OPTIONAL = ("ra_dec_corr", "name")
+
+
+_NAMES = ("source_id", "name", "designation")
+
+
+def read_positions(
+    source: Any,
+    columns: Mapping[str, str] | str | None = None,
+    *,
+    sigma: float | None = None,
+    on_bad: OnBad = "raise",
+    frame: str = "icrs",
+    designation: str = "iers",
+    where: str | None = None,
+    format: str | None = None,
+) -> Positions:
+    """Read positions of a reference frame.
+
+    Parameters
+    ----------
+    source : path or table
+        ICRF2 or ICRF3 as the IERS hands them round, or a table: ra and dec [deg], ra_error (of α cos δ) and dec_error [mas],
+        ra_dec_corr, and names where they are.
+    columns : dict of str to str, or "gaia", "icrf", optional
+        Other names of these columns, by role; "name" is source_id, name or designation unless given.
+    sigma : float, optional
+        One error for all, in place of the table's; needed where it has none. [µas]
+    on_bad : {"raise", "drop"}
+        What to do about rows that cannot be used.
+    frame : str
+        Of the positions of a table.
+    designation : {"iers", "icrf"}
+        Which names of ICRF's sources.
+    where : str, optional
+        A condition on a table's columns, as for `read_field`; on those of ICRF with `format="icrf"`.
+    format : str, optional
+        Of a file, as for `read_field`.
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, or a column is missing.
+    FieldError
+        If rows cannot be used.
+    """
+    columns = {"names": columns} if isinstance(columns, str) else dict(columns or {})
+    known = columns.pop("names", "gaia")
+    if known not in ("gaia", "icrf"):
+        raise TableError(f"columns: no set of names of positions is called {known!r}; there are gaia, icrf")
+    listed = format == "icrf" or (format is None and _is_icrf(source))
+    if listed and where is None and not columns:
+        found = read_icrf(source, designation)
+        return found if sigma is None else _with_sigma(found, sigma)
+    wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
+    if wrong:
+        raise TableError(
+            f"columns: nothing of positions is called {', '.join(wrong)}; there are {', '.join((*_COLUMNS, *_OPTIONAL))}"
+        )
+    opened = open_icrf(source, "icrf" if listed else format)
+    if listed or known == "icrf":
+        columns = {"name": designation} | columns
+    roles = {role: columns.get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}
+    if "name" not in columns:
+        roles["name"] = next((name for name in _NAMES if name in opened.names), "name")
+    if sigma is not None:
+        roles.pop("ra_error"), roles.pop("dec_error"), roles.pop("ra_dec_corr")
+    for role in _COLUMNS:
+        if role in roles and roles[role] not in opened.names:
+            also = "; or one error for all, sigma= (--position-error)" if role.endswith("error") else ""
+            raise TableError(missing_column(roles[role], opened) + also)
+    roles = {role: name for role, name in roles.items() if name in opened.names}
+    clause = None if where is None else Chosen(where, opened)
+    table = opened.columns(tuple(dict.fromkeys([*roles.values(), *(clause.names if clause else ())])))
+    rows: Any = 0
+    if clause:
+        table, rows, chosen = clause.of(table, 0)
+    numbers, bad = {}, {}
+    for role, name in roles.items():
+        if role == "name":
+            continue
+        values, missing = table[name]
+        factor = unit_factor(name, opened.units.get(name), _COLUMNS[role]) if role in _COLUMNS else 1.0
+        numbers[role] = np.asarray(values, float) * factor
+        lost = ~np.isfinite(numbers[role]) | (False if missing is None else np.asarray(missing))
+        if role.endswith("error"):
+            lost |= ~(numbers[role] > 0)
+        bad[f"{name} missing or not usable"] = lost
+    unusable = {reason: mask for reason, mask in bad.items() if mask.any()}
+    keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
+    notes = (*notes, *chosen) if clause else notes
+    lon, lat = numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE
+    errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS if sigma is None else np.full((2, lon.size), positive("sigma", sigma))  # fmt: skip
+    names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]
+    if names is not None and names.dtype.kind not in "iu":
+        names = names.astype(str)
+    rho = numbers["ra_dec_corr"][keep] if "ra_dec_corr" in numbers else np.zeros(lon.size)
+    return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=(*opened.notes, *notes))
+
+
+def _with_sigma(found, sigma):
+    return replace(found, sigma=np.full((2, len(found)), positive("sigma", sigma)), rho=np.zeros(len(found)))
+
+
+def _is_icrf(source):
+    """Whether a path is a file of ICRF's fixed columns."""
+    if not isinstance(source, str) and not hasattr(source, "__fspath__"):
+        return False
+    if not str(source).endswith((".txt", ".dat")):
+        return False
+    try:
+        with open(source, encoding="utf-8", errors="replace") as file:
+            return any(line.startswith("ICRF J") for line in file)
+    except OSError:
+        return False

@@ -1,0 +1,247 @@
+"""Catalogues that are read and summed in parts: folders, files, partitions of LSDB and Dask, streams."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from vsh.field import Field
+from vsh.io.catalogue._columns import REQUIRED, Columns, as_columns
+from vsh.io.catalogue._match import open_icrf
+from vsh.io.catalogue._read import iter_fields, without_motions
+from vsh.io.parts import Dask, Engine, Here, Parts, Processes, is_delayed
+from vsh.io.tables import TableSource, Where, check_alike, files_of, open_table
+from vsh.tools.arguments import whole
+from vsh.tools.errors import ParameterError, TableError
+from vsh.tools.parallel import ahead
+from vsh.tools.types import OnBad
+
+#: Sources in a block of a part: some 200 MB while it is read and checked.
+ROWS = 500_000
+
+
+def parts(
+    source: Any,
+    *,
+    columns: Columns | Mapping[str, str] | str | None = None,
+    units: Mapping[str, Any] | None = None,
+    on_bad: OnBad = "raise",
+    frame: str | None = None,
+    rows: int = ROWS,
+    motions: bool = True,
+    sigma: float | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    where: str | None = None,
+    format: str | None = None,
+) -> Parts:
+    """A catalogue of any size in parts, which are read and summed where they are.
+
+    Parameters
+    ----------
+    source : path, LSDB Catalog, Dask DataFrame, Arrow stream, DataFrame, Field, or a list
+        A file; a folder of files, or a catalogue in HATS format, of which every file is a part; a collection with
+        `to_delayed()` (LSDB's, also after a cone or a join, and Dask's), of which every partition is one; anything
+        that `read_field` takes; or a list of paths, tables, Fields or delayed objects of Dask.
+    columns, units, on_bad, frame, where, format
+        As for `read_field`. Name, magnitude and redshift are read where a step or a sum wants them.
+    rows : int
+        The largest number of sources in memory at a time, for each process.
+    motions : bool
+        Whether there must be motions and errors: false for skies of which only positions, or errors, matter.
+    sigma : float, optional
+        Without motions: one error for all, in place of the table's. [µas/yr]
+    workers : int, optional
+        So many processes on this machine; one, with a thread a core, unless given.
+    scheduler : str, optional
+        Address of a scheduler of Dask, or the path of its scheduler file. Files must lie where its workers see them.
+
+    Returns
+    -------
+    Parts
+        All that takes a stream of Fields takes it; `fit.normal_equations(parts, modes)` runs where the parts are,
+        and ``parts.map(lambda field: field[field.magnitude < 20])`` chooses from them. What Dask's collections hold is
+        summed by the client that is open, or by threads of this process.
+
+    Raises
+    ------
+    TableError
+        If there is no such file or folder, or a column is missing from a collection.
+    ParameterError
+        If the source is a stream that can be read only once.
+
+    Examples
+    --------
+    >>> table = {"ra": [10.0, 200.0], "dec": [-20.0, 5.0], "pmra": [0.1, 0.0], "pmdec": [0.2, 0.1],
+    ...          "pmra_error": [0.05, 0.1], "pmdec_error": [0.05, 0.1]}
+    >>> parts([table, table]).sum(len)
+    4
+    """
+    columns = as_columns(columns)
+    if workers is not None and scheduler is not None:
+        raise ParameterError("workers are processes of this machine, a scheduler has its own: give one of the two")
+    if where is not None:
+        Where(where)  # its mistakes before anything is read
+    read = Reader(columns, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
+    pieces = _pieces(source, columns, motions, format)
+    files = [piece for piece in pieces if isinstance(piece, Path)]
+    if len(set(files)) < len(files):
+        raise ParameterError(f"{len(files) - len(set(files))} of the parts are files that stand there twice")
+    if len(files) > 1:
+        first = open_icrf(files[0], format)
+        read = replace(read, like=(first.label, _layout(first, columns)))
+    return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
+
+
+@dataclass(frozen=True)
+class Reader:
+    """From a piece to its fields, a block of sources at a time.
+
+    Attributes
+    ----------
+    columns, units, on_bad, frame
+        As for `read_field`.
+    rows : int
+        The largest number of sources in a block.
+    motions : bool
+        Whether there must be motions and errors.
+    sigma : float or None
+        One error for all, without motions.
+    like : (str, dict) or None
+        The first of several files and the columns it has with their units: the others must have the same.
+    where : str or None
+        A condition on the rows.
+    format : str or None
+        Of files.
+    """
+
+    columns: Columns
+    units: Mapping[str, Any] | None
+    on_bad: OnBad
+    frame: str | None
+    rows: int
+    motions: bool = True
+    sigma: float | None = None
+    like: tuple[str, Any] | None = None
+    where: str | None = None
+    format: str | None = None
+
+    def __call__(self, piece: Any, roles: tuple[str, ...]) -> Iterator[Field]:
+        """The fields of a piece."""
+        if isinstance(piece, Field):
+            yield piece
+            return
+        columns = self.columns
+        if isinstance(piece, (str, os.PathLike)):
+            piece = open_icrf(piece, self.format)
+        if self.like is not None and isinstance(piece, TableSource):
+            _check_same_columns(piece, columns, *self.like)
+        said: tuple[str, ...] = ()
+        if not self.motions:
+            piece, columns, said = without_motions(open_table(piece), columns, self.sigma)
+        fields = iter_fields(
+            piece, self.rows, columns=columns, units=self.units, on_bad=self.on_bad, frame=self.frame, roles=roles, where=self.where
+        )  # fmt: skip
+        for field in ahead(fields):
+            yield field.add_note(*said) if said else field
+
+
+def _layout(opened, columns):
+    """Which of the columns a table has, and in which units."""
+    names = [
+        name for role in Columns.__dataclass_fields__ for name in _candidates(columns, role) if name in opened.names
+    ]
+    return {name: str(opened.units.get(name)) for name in names}
+
+
+def _check_same_columns(opened, columns, label, wanted):
+    """Raise TableError unless a file has the columns of the first, and no others that a field would use."""
+    check_alike(opened, label, wanted)
+    further = [name for name in _layout(opened, columns) if name not in wanted]
+    if further:
+        raise TableError(f"{label} has no column {', '.join(further)}, which {opened.label} has")
+
+
+def _candidates(columns, role):
+    given = getattr(columns, role)
+    return (given,) if isinstance(given, str) else given or ()
+
+
+def _engine(pieces, workers, scheduler) -> Engine:
+    if scheduler is not None:
+        return Dask(str(scheduler))
+    if any(map(is_delayed, pieces)):
+        return Dask(None, None if workers is None else whole("workers", workers))
+    if workers is not None and whole("workers", workers) > 1:
+        return Processes(workers)
+    return Here()
+
+
+def _pieces(source, columns, motions, format):
+    """What the parts are read from, a tuple."""
+    if isinstance(source, (str, os.PathLike)):
+        return tuple(files_of(source, None if format == "icrf" else format))
+    if isinstance(source, Parts):
+        raise ParameterError("this is a catalogue in parts already")
+    if hasattr(type(source), "to_delayed"):
+        return tuple(_narrowed(source, columns, motions).to_delayed())
+    if isinstance(source, list | tuple) and source:
+        return tuple(
+            piece
+            for each in source
+            for piece in (_pieces(each, columns, motions, format) if _has_parts(each) else (each,))
+        )
+    if isinstance(source, list | tuple):
+        raise ParameterError("the list of parts is empty")
+    if hasattr(type(source), "__next__") and not hasattr(type(source), "__arrow_c_stream__"):
+        raise ParameterError(
+            "what can be read only once is no catalogue in parts: give a list, or fit.normal_equations the stream"
+        )
+    if hasattr(type(source), "__next__"):
+        return (OneStream(source),)
+    return (source,)
+
+
+class OneStream:
+    """A stream that can be read once, and says so when it is asked again.
+
+    Parameters
+    ----------
+    stream : object
+        With `__arrow_c_stream__`.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        self.stream: Any = stream
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        if self.stream is None:
+            raise TableError(
+                "it can be read only once, and this needs several passes: give a table, files, or a list of them"
+            )
+        stream, self.stream = self.stream, None
+        return stream.__arrow_c_stream__(requested_schema)
+
+
+def _has_parts(thing):
+    return isinstance(thing, (str, os.PathLike)) or hasattr(type(thing), "to_delayed")
+
+
+def _narrowed(collection, columns, motions):
+    """The columns that a field can use, so that nothing else is read."""
+    names = list(map(str, getattr(collection, "columns", ())))
+    if not names:
+        return collection
+    wanted = []
+    for role in Columns.__dataclass_fields__:
+        given = getattr(columns, role)
+        present = [name for name in _candidates(columns, role) if name in names]
+        if role in (REQUIRED if motions else REQUIRED[:2]) and not present:
+            raise TableError(
+                f"the {type(collection).__name__} has no column {given!r} for {role}: it has {', '.join(names)}"
+            )
+        wanted += present[:1]
+    return collection[list(dict.fromkeys(wanted))]

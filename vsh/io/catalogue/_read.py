@@ -1,0 +1,417 @@
+"""From a table to a Field: columns, units, masks, and counts of what was refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from logging import getLogger
+from time import perf_counter
+from typing import Any
+from warnings import warn
+
+import numpy as np
+
+from vsh.field import Field
+from vsh.io import tables
+from vsh.io.archive import DR4
+from vsh.io.catalogue._columns import (
+    REQUIRED,
+    Chosen,
+    Columns,
+    as_columns,
+    differing_units,
+    doubt_positions,
+    factors,
+    frame_of,
+    identifiers,
+    locate,
+    missing_column,
+    nothing_selected,
+    parse_unit,
+    plain,
+    redshift_frame_of,
+    unit_factor,
+)
+from vsh.io.catalogue._match import open_icrf
+from vsh.io.parts import OPTIONAL
+from vsh.scalars import ScalarField
+from vsh.tools import arguments
+from vsh.tools.arguments import positive, whole
+from vsh.tools.bad_rows import PLACEHOLDER, placeholders
+from vsh.tools.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
+from vsh.tools.logs import tell
+from vsh.tools.notes import DroppedRows, dropped, merge_notes, printable
+from vsh.tools.types import OnBad, PathName
+from vsh.vector import Vector
+
+_LOG = getLogger(__name__)
+
+
+def read_field(
+    source: Any,
+    columns: Columns | Mapping[str, str] | str | None = None,
+    units: Mapping[str, Any] | None = None,
+    *,
+    on_bad: OnBad = "raise",
+    frame: str | None = None,
+    roles: Iterable[str] = OPTIONAL,
+    where: str | None = None,
+    format: str | None = None,
+) -> Field:
+    """Read a field from a table.
+
+    Parameters
+    ----------
+    source : path, astropy Table or QTable, pandas DataFrame, Arrow stream, dict or structured array
+        Files: FITS, VOTable, ECSV, CSV, Parquet, HDF5, tables of journals (MRT), or a folder of them; text and FITS
+        also packed with gzip. Only the columns that are needed are read. Objects of pyarrow, polars and DuckDB are
+        taken by their `__arrow_c_stream__`, classes made from DataFrame (LSDB's) as DataFrames.
+    columns : Columns, "gaia", "vizier", "icrf" or dict, optional
+        Where the table keeps what; Gaia's archive names unless given. A dict goes from roles to names, with "names"
+        for one of these sets that it changes: {"names": "vizier", "redshift": "zsp"}.
+    units : dict, optional
+        From column names of the table to units, "uas/yr" say; they override the table's.
+        A column without a unit is taken in Gaia's (deg, mas/yr) if it has Gaia's name,
+        and a note says so.
+    on_bad : {"raise", "drop"}
+        What to do about rows that cannot be used.
+    frame : {"icrs", "galactic", "ecliptic"}, optional
+        Of positions and motions; ICRS unless given. Columns called l, b, glon, … in place of ra and
+        dec ask for it.
+    roles : iterable of str
+        Those of name, redshift, magnitude, redshift_error, distance, distance_error that are wanted: what is not read takes no time.
+    where : str, optional
+        A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
+        `vsh.io.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
+    format : str, optional
+        Of a file whose ending does not tell it: one of `vsh.io.tables.INPUT_FORMATS`, or "icrf".
+
+    Returns
+    -------
+    Field
+        Its `notes` say what was assumed and what was left out.
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, a column is missing, or a unit is missing or wrong.
+    FieldError
+        If a column holds no numbers, or if rows cannot be used.
+
+    Examples
+    --------
+    >>> field = read_field({"ra": [10.0], "dec": [-20.0], "pmra": [0.1], "pmdec": [0.2],
+    ...                     "pmra_error": [0.05], "pmdec_error": [0.05]})
+    >>> field.notes[0]
+    'no unit in the table, so taken in deg: ra, dec'
+    """
+    begin = perf_counter()
+    make = _maker(open_icrf(source, format), columns, units, on_bad, frame, roles, where)
+    field = make(make.source.columns(make.names))
+    tell(_LOG, f"read {make.source.label}", field, begin)
+    return field
+
+
+def iter_fields(
+    source: Any,
+    rows: int = 1_000_000,
+    *,
+    columns: Columns | Mapping[str, str] | str | None = None,
+    units: Mapping[str, Any] | None = None,
+    on_bad: OnBad = "raise",
+    frame: str | None = None,
+    roles: Iterable[str] = OPTIONAL,
+    where: str | None = None,
+    format: str | None = None,
+) -> Iterator[Field]:
+    """Read a catalogue larger than memory, a field of at most `rows` sources at a time.
+
+    Parameters
+    ----------
+    source, columns, units, on_bad, frame, format
+        As for `read_field`. Joined, the fields are the one that it reads. (A VOTable is read whole first.)
+    rows : int
+        The largest number of sources in a field.
+    roles : iterable of str
+        As there.
+    where : str, optional
+        As there.
+
+    Returns
+    -------
+    Field
+        ``fit.normal_equations(iter_fields(path), modes)`` fits them all in one pass.
+
+    Raises
+    ------
+    TableError, FieldError
+        As `read_field` does.
+    """
+    rows = whole("rows", rows)
+    make = _maker(open_icrf(source, format), columns, units, on_bad, frame, roles, where)
+    return _fields(make, rows)
+
+
+def _fields(make, rows):
+    """Fields block by block; the rows of a block without any usable one are counted by a neighbour."""
+    first, held, lost = 0, None, ()
+    for block in make.source.blocks(make.names, rows):
+        try:
+            field = make(block, first)
+        except NothingLeftError as error:
+            if make.on_bad == "raise" and not isinstance(error, NothingSelectedError):
+                raise
+            lost, last = merge_notes(lost, error.notes), error
+        else:
+            if held is not None:
+                yield held
+            if make.on_bad == "drop" and not any(isinstance(note, DroppedRows) for note in field.notes):
+                field = field.add_note(
+                    DroppedRows.of_table({}, len(field), field.lon, field.lat)
+                )  # totals count all rows
+            held, lost = field.add_note(*lost), ()
+        first += len(next(iter(block.values()))[0])
+    if held is None:
+        raise nothing_selected(lost) if make.chosen and not dropped(lost) else last
+    yield held.add_note(*lost)
+
+
+class _maker:
+    """What turns columns of one table into fields."""
+
+    def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None):
+        self.source = source
+        located, self.said = locate(as_columns(columns), self.source)
+        self.chosen = None if where is None else Chosen(where, self.source, located)
+        self.where = {role: name for role, name in located.items() if role not in OPTIONAL or role in roles}
+        self.frame = frame_of(self.where, frame, self.source.meta)
+        self.redshift_frame = redshift_frame_of(self.where, self.source)
+        self.factors, assumed = factors(self.where, units, self.source)
+        # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
+        self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
+        self.assumed = any("ra" in names for names in assumed.values())
+        lines = [f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed.items()]
+        lines += differing_units(self.where, self.factors)
+        self.said = [*self.source.notes, *lines, *self.said]
+        self.on_bad = on_bad
+        self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
+
+    def __call__(self, block, first_row=0):
+        found, raw, said = {}, {}, list(self.said)
+        if self.chosen:
+            block, first_row, note = self.chosen.of(block, first_row)
+            said += note
+        for role, name in self.where.items():
+            values, mask = block[name]
+            if role == "solution":
+                found["unusable"] = _other_solutions(name, values, mask)
+            elif role == "name":
+                found[role], more = identifiers(printable(name), np.asarray(values), mask)
+                said += more
+            else:
+                found[role] = plain(name, values, mask)
+                if self.other_units and role in REQUIRED[2:]:
+                    raw[role] = np.ma.filled(np.ma.asarray(found[role], float), np.nan)
+                if self.factors.get(role, 1.0) != 1.0 or role in REQUIRED:
+                    found[role] = found[role] * self.factors[role]
+        doubt_positions(found, self.assumed)
+        flat = all(values.ndim == 1 for values in raw.values())  # others are refused below
+        if raw and flat and (marked := placeholders(raw)).any():
+            found["unusable"] = found.get("unusable", {}) | {PLACEHOLDER: marked}
+        with np.errstate(invalid="ignore", over="ignore"):
+            field = Field.from_columns(
+                **found,
+                frame=self.frame,
+                redshift_frame=self.redshift_frame,
+                on_bad=self.on_bad,
+                notes=said,
+                first_row=first_row,
+            )
+        for note in said:
+            if note.startswith("warning"):
+                warn(note, VshWarning, stacklevel=3)
+        return field
+
+
+def _other_solutions(name, values, mask):
+    """Rows whose astrometric model is not one for quasars and galaxies, by its number."""
+    if values.dtype.kind not in "iuf":
+        raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers of astrometric models")
+    missing = np.zeros(len(values), bool) if mask is None else np.asarray(mask)
+    other = ~np.isin(values, list(DR4.accepted)) & ~missing
+    found = {f"{printable(name)} = {value:g}": values == value for value in np.unique(values[other])}
+    return found | ({f"{printable(name)} missing": missing} if missing.any() else {})
+
+
+def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None) -> None:
+    """Write a field as a table in Gaia's names and units, which `read_field` reads.
+
+    Parameters
+    ----------
+    field : Field
+        The sources.
+    path : str or Path
+        Its ending tells the format.
+    meta : dict, optional
+        Plain values, kept with the table (not by CSV and VOTable)
+
+    Raises
+    ------
+    ParameterError
+        If it is no Field.
+    """
+    arguments.a(Field)("field", field)
+    field.write(path, meta)
+
+
+_MOTIONS = ("pmra", "pmdec")
+
+
+_ERRORS = ("pmra_error", "pmdec_error")
+
+
+def read_sources(
+    source: Any,
+    columns: Columns | Mapping[str, str] | str | None = None,
+    units: Mapping[str, Any] | None = None,
+    *,
+    on_bad: OnBad = "raise",
+    sigma: float | None = None,
+    frame: str | None = None,
+    where: str | None = None,
+    format: str | None = None,
+) -> Field:
+    """Read positions and errors; what the table lacks of motions is zero."""
+    opened, chosen, said = without_motions(open_icrf(source, format), as_columns(columns), sigma)
+    return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*said)
+
+
+def without_motions(
+    opened: tables.TableSource, wanted: Columns, sigma: float | None = None
+) -> tuple[tables.TableSource, Columns, tuple[str, ...]]:
+    """A table with zeros for the motions that it lacks, and errors where it has none: table, its columns, and notes."""
+    absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(wanted, role) not in opened.names}
+    replaced = {
+        role: 0.0 for role in _MOTIONS if absent >= set(_MOTIONS)
+    }  # one of two is a mistake, not a table without them
+    if sigma is not None or absent >= set(_ERRORS):
+        replaced |= dict.fromkeys(_ERRORS, 1000.0 if sigma is None else positive("sigma", sigma))
+    if not replaced:
+        return opened, wanted, ()
+    names = {role: f"assumed {role}" for role in replaced}
+    changed = {role: getattr(wanted, role) for role in Columns.__dataclass_fields__} | names
+    said: tuple[str, ...] = ()
+    if set(_ERRORS) & set(replaced):
+        what = "as asked" if sigma is not None else "no errors in the table: all sources weigh the same"
+        said = (f"errors of {replaced['pmra_error']:g} µas/yr for every source ({what})",)
+    return _with_constants(opened, {names[role]: replaced[role] for role in names}), Columns(**changed), said
+
+
+def _with_constants(source, constants):
+    """A table with further columns of one value each [µas/yr]."""
+
+    def read(names, rows):
+        own = [name for name in names if name not in constants]
+        for block in source.read(tuple(own), rows):
+            count = len(next(iter(block.values()))[0])
+            yield block | {name: (np.full(count, constants[name]), None) for name in names if name in constants}
+
+    units = source.units | dict.fromkeys(constants, "uas / yr")
+    return replace(source, names=(*source.names, *constants), read=read, units=units)
+
+
+def truth_of(source: Any) -> dict[str, Any] | None:
+    """The spin and acceleration that a simulated table says it was made with, or None.
+
+    Read from its metadata: SPIN_X … ACC_Z, ICRS components in µas/yr, and for galaxies VEL_X … VEL_Z
+    (km/s, toward the apex) and HUBBLE (km/s/Mpc).
+    """
+    meta = {str(key).upper(): value for key, value in tables.open_table(source).meta.items()}
+
+    def vector(key, unit="µas/yr"):
+        return Vector([float(meta[f"{key}_{axis}"]) for axis in "XYZ"], np.zeros((3, 3)), unit=unit)
+
+    try:
+        truth = {"spin": vector("SPIN"), "acceleration": vector("ACC")}
+    except (KeyError, TypeError, ValueError):
+        return None
+    try:
+        return truth | {"velocity": vector("VEL", "km/s"), "hubble": float(meta["HUBBLE"])}
+    except (KeyError, TypeError, ValueError):
+        return truth
+
+
+def read_scalars(
+    source: Any,
+    value: str = "parallax",
+    error: str | None = None,
+    *,
+    ra: str = "ra",
+    dec: str = "dec",
+    name: str | None = None,
+    unit: str | None = None,
+    on_bad: OnBad = "raise",
+    frame: str | None = None,
+) -> ScalarField:
+    """Read a scalar field from a table: parallaxes of quasars, unless another column is asked for.
+
+    Parameters
+    ----------
+    source : path, table, dict
+        As for `vsh.io.catalogue.read_field`.
+    value, error : str
+        Columns of the numbers and of their standard errors; "parallax_error" of "parallax" unless given.
+    ra, dec : str
+        Columns of positions in the axes of `frame`; in degrees where the table says nothing.
+    name : str, optional
+        Column of names.
+    unit : str, optional
+        To convert to, "uas" say; that of the table unless given, and mas for Gaia's parallaxes without one.
+    on_bad : {"raise", "drop"}
+        What to do about rows that cannot be used; the field's notes count them.
+    frame : str, optional
+        "icrs", "galactic" or "ecliptic"; that of a field that was written, or ICRS, unless given.
+
+    Raises
+    ------
+    TableError
+        If a column is missing, or its unit is another kind.
+    FieldError
+        If a column holds no numbers, or rows cannot be used.
+
+    Examples
+    --------
+    >>> read_scalars({"ra": [10.0], "dec": [-20.0], "parallax": [-0.02], "parallax_error": [0.1]}, unit="uas").values
+    array([-20.])
+    """
+    opened = tables.open_table(source)
+    error = error or f"{value}_error"
+    wanted = [ra, dec, value, error] + ([name] if name else [])
+    for column in wanted:
+        if column not in opened.names:
+            raise TableError(missing_column(column, opened))
+    found, notes = opened.columns(tuple(wanted)), []
+    units = {column: parse_unit(opened.units.get(column) or "") for column in (value, error)}
+    for column in (value, error):
+        if units[column].is_unity() and column in ("parallax", "parallax_error"):
+            units[column] = parse_unit("mas")
+            notes.append(f"no unit in the table, so taken in mas: {column}")
+    target = parse_unit(unit) if unit else units[value]
+    factors = {}
+    for column in (value, error):
+        try:
+            factors[column] = units[column].to(target)
+        except ValueError as wrong:  # astropy's UnitConversionError is one
+            raise TableError(f"column {column!r} cannot be converted to {target}: {wrong}") from None
+    for column in (ra, dec):
+        factors[column] = unit_factor(column, opened.units.get(column), "deg")
+    numbers = {
+        column: np.ma.array(
+            np.asarray(found[column][0], float) * factor, mask=False if found[column][1] is None else found[column][1]
+        )
+        for column, factor in factors.items()
+    }
+    return ScalarField.from_columns(
+        numbers[ra], numbers[dec], numbers[value], numbers[error], unit=target.to_string(),
+        name=None if name is None else found[name][0], frame=frame_of({}, frame, opened.meta), on_bad=on_bad, notes=notes,
+    )  # fmt: skip

@@ -1,0 +1,227 @@
+"""Observations along scan from files of epoch astrometry, in the columns of the draft of Gaia DR4's data model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vsh.field import Field
+from vsh.io import tables
+from vsh.io.archive import DR4
+from vsh.io.catalogue import missing_column, unit_factor
+from vsh.io.epochs._solve import design_row, solve_epochs
+from vsh.tools.bad_rows import select_usable
+from vsh.tools.errors import NothingLeftError, TableError
+from vsh.tools.notebook import Frozen
+from vsh.tools.notes import DroppedRows
+from vsh.tools.types import FloatArray, IntArray, OnBad
+from vsh.tools.units import DEGREE, MAS
+
+#: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
+_COLUMNS = ("source_id", "obs_time_tcb", "centroid_pos_al", "centroid_pos_error_al", "scan_pos_angle", "parallax_factor_al", "ra0", "dec0")  # fmt: skip
+
+
+_OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id")
+
+
+#: What columns without a unit are in, and others are turned to.
+_UNITS = {"obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
+          "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg"}  # fmt: skip
+
+
+_YEAR = 365.25 * 86400e9  # [ns]
+
+
+@dataclass(frozen=True, eq=False)
+class Observations(Frozen):
+    """Positions along scan of n sources, k in all.
+
+    Attributes
+    ----------
+    lon, lat : (n,) arrays
+        Where the sources are. [rad, ICRS]
+    source : (k,) int array
+        Whose each observation is, from 0, rising.
+    time : (k,) array
+        Since the reference epoch. [yr]
+    design : (5, k) array
+        ∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ (`design_row`): its first two rows are the direction of the scan.
+    position, error : (k,) arrays
+        w along scan, and its standard error. [µas]
+    name : (n,) array
+        Of the sources.
+    notes : tuple of str
+        What was not used.
+    """
+
+    lon: FloatArray
+    lat: FloatArray
+    source: IntArray
+    time: FloatArray
+    design: FloatArray
+    position: FloatArray
+    error: FloatArray
+    name: Any
+    notes: tuple[str, ...] = ()
+
+
+def read_observations(
+    source: Any, *, epoch: float = DR4.epoch, columns: Mapping[str, str] | None = None
+) -> Observations:
+    """Read every observation of a table of epoch astrometry.
+
+    Parameters
+    ----------
+    source, epoch, columns
+        As for `read_epochs`.
+
+    Raises
+    ------
+    TableError
+        If a column is missing or holds no numbers.
+    """
+    opened = tables.open_table(source)
+    names = {name: (columns or {}).get(name, name) for name in (*_COLUMNS, *_OPTIONAL)}
+    for name in _COLUMNS:
+        if names[name] not in opened.names:
+            raise TableError(f"{opened.label}: {missing_column(names[name], opened)}")
+    wanted = {name: column for name, column in names.items() if column in opened.names}
+    factors = {
+        name: unit_factor(column, opened.units.get(column), _UNITS[name])
+        for name, column in wanted.items()
+        if name in _UNITS
+    }
+    found = opened.columns(tuple(wanted.values()))
+    columns_by_role = {name: found[column] for name, column in wanted.items()}
+    flat, notes = _observations(columns_by_role, factors, opened.label)
+    if "obs_time_bary_corr" not in wanted:
+        notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
+    identifiers, first, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
+    order = np.argsort(number, kind="stable")
+    time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
+    design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
+    return Observations(
+        flat["ra0"][first] * DEGREE, flat["dec0"][first] * DEGREE, number[order], time[order], design[:, order],
+        MAS * flat["centroid_pos_al"][order], MAS * flat["centroid_pos_error_al"][order], identifiers,
+        (*opened.notes, *notes),
+    )  # fmt: skip
+
+
+#: No observation is larger: times [ns], positions and errors [mas], angles [deg].
+_MOST = {
+    "obs_time_tcb": 1e20, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e9, "scan_pos_angle": 1e6,
+    "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
+}  # fmt: skip
+
+
+def _observations(
+    found: Mapping[str, Any], factors: Mapping[str, float], label: str
+) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
+    """Columns with a value for each observation that can be used, and a note that counts the others."""
+    repeated = _repeated(found)
+    shape = max((np.shape(values) for values, _ in found.values()), key=len)
+    flat, bad = {}, np.zeros(shape, bool)
+    for name, (values, mask) in found.items():
+        values = np.asarray(values)
+        if values.dtype.kind not in "iufb":
+            raise TableError(
+                f"{label}: column {name!r} holds {values.dtype.name}, not numbers (arrays of a transit's CCDs are read from FITS "
+                "and VOTable; elsewhere a row is one observation)"
+            )
+        # What a transit has once, all its CCDs have.
+        spread = np.broadcast_to(values.reshape(values.shape + (1,) * (len(shape) - values.ndim)), shape)
+        if mask is not None:
+            bad |= np.broadcast_to(np.reshape(mask, values.shape + (1,) * (len(shape) - values.ndim)), shape)
+        if name != "transit_id":
+            factor = factors.get(name, 1.0)
+            flat[name] = spread.ravel() if factor == 1.0 else spread.ravel() * factor
+    bad = bad.ravel()
+    unused = ~flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
+    for name, values in flat.items():
+        if values.dtype.kind == "f":
+            bad |= ~(np.abs(values) <= _MOST.get(name, np.inf)) | ~np.isfinite(values)
+    bad |= ~(flat["centroid_pos_error_al"] > 1e-9)
+    counts = {
+        "not used by AGIS": int(unused.sum()),
+        "without a position, an error or a time": int((bad & ~unused).sum()),
+    }
+    keep = ~(bad | unused)
+    note = DroppedRows.of_table({reason: count for reason, count in counts.items() if count}, keep.size, keep)
+    if not keep.any():
+        error = NothingLeftError(f"{label}: no observation can be used: {note}")
+        error.notes = (note,)
+        raise error
+    said = (f"observations: {note}".replace(" rows", " observations"),) if any(counts.values()) else ()
+    return {name: values[keep] for name, values in flat.items()}, (*said, *repeated)
+
+
+def _repeated(found):
+    """A note on transits that stand in the table twice, where rows are transits."""
+    if "transit_id" not in found or np.ndim(found["centroid_pos_al"][0]) < 2:
+        return ()
+    pairs = np.stack([np.asarray(found[name][0], np.int64) for name in ("source_id", "transit_id")])
+    twice = pairs.shape[1] - np.unique(pairs, axis=1).shape[1]
+    return (f"warning: {twice} transits stand in the table twice and count as two",) if twice else ()
+
+
+def read_epochs(
+    source: Any,
+    *,
+    epoch: float = DR4.epoch,
+    robust: bool = True,
+    on_bad: OnBad = "raise",
+    columns: Mapping[str, str] | None = None,
+) -> Field:
+    """Solve for five parameters of every source of a table of epoch astrometry.
+
+    Parameters
+    ----------
+    source : path or table
+        A row a transit with arrays of its CCDs (FITS), or a row an observation (any format): source_id,
+        obs_time_tcb [ns since J2010.0], centroid_pos_al and its error [mas], scan_pos_angle [deg],
+        parallax_factor_al, ra0 and dec0 [deg]; obs_time_bary_corr [ns] and used_by_agis_al where they are.
+    epoch : float
+        Of the positions; motions hardly depend on it. [Julian year, TCB]
+    robust : bool
+        Downweight outliers and estimate an excess noise of each source, as AGIS does.
+    on_bad : {"raise", "drop"}
+        What to do about sources without a solution.
+    columns : dict of str to str, optional
+        Other names of these columns.
+
+    Returns
+    -------
+    Field
+        Motions with their formal errors; its notes count observations that were not used.
+
+    Raises
+    ------
+    TableError
+        If a column is missing or holds no numbers.
+    FieldError
+        If a source has too few observations, or all in one direction.
+
+    Notes
+    -----
+    The colour of a source is taken as known: DR4's own solutions have a pseudocolour besides.
+    """
+    found = read_observations(source, epoch=epoch, columns=columns)
+    solution = solve_epochs(found.source, found.design, found.position, found.error, robust=robust)
+    lon, lat, notes = found.lon, found.lat, found.notes
+    lost = {"fewer than six observations": solution.observations <= 5}
+    lost["scans in too few directions"] = ~solution.solved & ~lost["fewer than six observations"]
+    keep, said = select_usable(
+        {reason: mask for reason, mask in lost.items() if mask.any()}, len(lon), on_bad, 0, (lon, lat)
+    )
+    covariance = solution.covariance[keep][:, 3:, 3:]
+    sigma = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
+    share = 100 * solution.outliers.sum() / max(1, solution.observations.sum())
+    if robust:
+        notes = (*notes, f"epochs: {share:.2g} % of {solution.observations.sum()} observations have a weight below 0.2")
+    return Field(
+        lon[keep], lat[keep], solution.values[keep][:, 3:].T, sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1]),
+        name=found.name[keep], notes=(*notes, *said),
+    )  # fmt: skip

@@ -1,0 +1,219 @@
+"""Five astrometric parameters from positions along scan, source by source, robustly as AGIS does it.
+
+Lindegren et al. (2012, A&A 538, A78), sect. 3.6 and 5.1.2: a position at time t under the position angle ψ is
+
+    w = (Δα* + µ_α* t) sin ψ + (Δδ + µ_δ t) cos ψ + f_ϖ ϖ,
+
+observations far from the fit have less weight, and what scatter is left is an excess noise of the source. The two depend
+on each other and are found in turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import BoolArray, FloatArray, IntArray
+
+#: The cubic between two and three σ that joins 1 to e^{−z/3} with its slope (eq. 66 there).
+_SQUARE, _CUBE = 3 - 10 / 3 * np.exp(-1.0), 2 - 7 / 3 * np.exp(-1.0)
+#: Observations with less weight do not count among the degrees of freedom.
+_OUTLIER = 0.2
+#: Rounds of weights and excess noise, and steps of the excess noise alone at the end; to which of itself it settles.
+_ROUNDS, _STEPS, _TOLERANCE = 30, 10, 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class FiveParameters(Frozen):
+    """Solutions of n sources.
+
+    Attributes
+    ----------
+    values : (n, 5) array
+        Δα*, Δδ, ϖ, µ_α*, µ_δ, in the unit of the observations, and that a year. nan where there is no solution.
+    covariance : (n, 5, 5) array
+        Formal, with weights and excess noise.
+    excess_noise : (n,) array
+        Of each source.
+    observations, outliers : (n,) int arrays
+        How many there were, and how many of them have a weight below 0.2.
+    weights : (k,) array
+        Of the observations.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    excess_noise: FloatArray
+    observations: IntArray
+    outliers: IntArray
+    weights: FloatArray
+
+    @property
+    def solved(self) -> BoolArray:
+        """Which sources have a solution, (n,)."""
+        return np.isfinite(self.values[:, 0])
+
+
+def design_row(angle: FloatArray, parallax_factor: FloatArray, time: FloatArray) -> FloatArray:
+    """∂w by Δα*, Δδ, ϖ, µ_α*, µ_δ, (5, k)."""
+    sin, cos = np.sin(angle), np.cos(angle)
+    return np.stack([sin, cos, parallax_factor, time * sin, time * cos])
+
+
+def downweight(z: FloatArray) -> FloatArray:
+    """The weight of an observation at z standard deviations: 1 up to 2, a cubic to 3, e^{−z/3} beyond.
+
+    Examples
+    --------
+    >>> downweight(np.array([1.9, 2.5, -3.0])).round(4)
+    array([1.    , 0.6993, 0.3679])
+    """
+    z = np.abs(z)
+    between = 1 - _SQUARE * (z - 2) ** 2 + _CUBE * (z - 2) ** 3
+    return np.where(z <= 2, 1.0, np.where(z < 3, between, np.exp(-z / 3)))
+
+
+def solve_epochs(
+    source: IntArray, design: FloatArray, position: FloatArray, error: FloatArray, *, robust: bool = True
+) -> FiveParameters:
+    """Solve for the five parameters of every source.
+
+    Parameters
+    ----------
+    source : (k,) int array
+        Whose each observation is, from 0, rising.
+    design : (5, k) array
+        Of `design_row`.
+    position, error : (k,) arrays
+        Along scan, and its standard error.
+    robust : bool
+        Weights and excess noise as AGIS has them; plain least squares otherwise.
+    """
+    n = int(source[-1]) + 1 if len(source) else 0
+    sums = _Sums(source, n, design, position, error)
+    good = sums.solvable()
+    weight, variance = np.ones(len(source)), np.zeros(n)
+    if robust:
+        weight, variance = _robust(sums, good)
+    values, inverse = sums.solved(weight, variance, good)
+    outliers = sums.per_source((weight < _OUTLIER).astype(float)).astype(int)
+    return FiveParameters(values, inverse, np.sqrt(variance), sums.counts, outliers, weight)
+
+
+class _Sums:
+    """Observations of many sources, and least squares of each with any weights."""
+
+    def __init__(self, source, n, design, position, error):
+        self.source, self.n, self.design, self.position = source, n, design, position
+        self.noise = np.asarray(error, float) ** 2
+        self.counts = np.bincount(source, minlength=n)
+
+    def per_source(self, values):
+        return np.bincount(self.source, values, self.n)
+
+    def normal(self, weight, variance):
+        """N, (n, 5, 5), and right-hand sides, (n, 5)."""
+        w = weight / (self.noise + variance[self.source])
+        matrix, rhs = np.empty((self.n, 5, 5)), np.empty((self.n, 5))
+        for i in range(5):
+            weighted = w * self.design[i]
+            rhs[:, i] = self.per_source(weighted * self.position)
+            for j in range(i + 1):
+                matrix[:, i, j] = matrix[:, j, i] = self.per_source(weighted * self.design[j])
+        return matrix, rhs
+
+    def solvable(self):
+        """More observations than parameters, and scans in more than one direction and time."""
+        matrix, _ = self.normal(np.ones(len(self.source)), np.zeros(self.n))
+        scale = np.sqrt(np.maximum(np.einsum("nii->ni", matrix), 1e-300))
+        scaled = matrix / (scale[:, :, None] * scale[:, None])
+        return (self.counts > 5) & (np.linalg.eigvalsh(scaled)[:, 0] > 1e-6)
+
+    def solved(self, weight, variance, good):
+        """Parameters, (n, 5), and their covariance; nan where there is none."""
+        matrix, rhs = self.normal(weight, variance)
+        values, inverse = np.full((self.n, 5), np.nan), np.full((self.n, 5, 5), np.nan)
+        inverse[good] = np.linalg.inv(matrix[good])
+        values[good] = np.einsum("nij,nj->ni", inverse[good], rhs[good])
+        return values, inverse
+
+    def residual(self, weight, variance, good):
+        values, _ = self.solved(weight, variance, good)
+        return self.position - np.einsum("ki,ik->k", np.nan_to_num(values)[self.source], self.design)
+
+    def squares(self, weight, variance, good):
+        """Σ w r²/(σ² + s²) of every source and its slope by s²."""
+        share = 1 / (self.noise + variance[self.source])
+        each = weight * self.residual(weight, variance, good) ** 2 * share
+        return self.per_source(each), -self.per_source(each * share)
+
+    def of(self, chosen):
+        """Only some of the sources, numbered anew, and which observations are theirs."""
+        inside = chosen[self.source]
+        number = np.cumsum(chosen) - 1
+        part = _Sums(number[self.source[inside]], int(chosen.sum()), self.design[:, inside], self.position[inside],
+                     np.sqrt(self.noise[inside]))  # fmt: skip
+        return part, inside
+
+
+def _robust(sums, good):
+    """Weights of the observations and variances of the excess noise."""
+    weight, variance = np.ones(len(sums.source)), np.zeros(sums.n)
+    squares, _ = sums.squares(weight, variance, good)
+    noisy = good & (squares > sums.counts - 5)  # the others are as their errors say
+    if not noisy.any():
+        return weight, variance
+    part, inside = sums.of(noisy)
+    all_of = np.ones(part.n, bool)
+    own = _dispersion(part) ** 2
+    mine = downweight(part.position / np.sqrt(part.noise + own[part.source]))
+    moving = np.ones(part.n, bool)
+    for _ in range(_ROUNDS):
+        squares, slope = part.squares(mine, own, all_of)
+        following = np.maximum(own - squares / slope * (squares / _freedom(part, mine) - 1), 0.0)
+        step = np.abs(following - own)
+        own = np.where(moving, following, own)
+        fresh = downweight(part.residual(mine, own, all_of) / np.sqrt(part.noise + own[part.source]))
+        mine = np.where(moving[part.source], fresh, mine)
+        moving = moving & (step > _TOLERANCE * own)
+        if not moving.any():
+            break
+    weight[inside], variance[noisy] = mine, _excess(part, mine, all_of)
+    return weight, variance
+
+
+def _freedom(part, weight):
+    """Degrees of freedom, outliers not counted."""
+    return np.maximum(part.counts - 5 - part.per_source((weight < _OUTLIER).astype(float)), 1)
+
+
+def _dispersion(part):
+    """Half the range of the middle four sixths of the positions, and the median's size: a first excess noise."""
+    order = np.lexsort([part.position, part.source])
+    ranked, first = part.position[order], np.concatenate([[0], np.cumsum(part.counts)[:-1]])
+
+    def quantile(share):
+        at = share * (part.counts - 1)
+        low = np.floor(at).astype(int)
+        high = np.minimum(low + 1, part.counts - 1)
+        return ranked[first + low] + (at - low) * (ranked[first + high] - ranked[first + low])
+
+    return (quantile(5 / 6) - quantile(1 / 6)) / 2 + np.abs(quantile(1 / 2))
+
+
+def _excess(part, weight, all_of):
+    """The excess variance with which Σ w r²/(σ² + s²) is as large as the degrees of freedom; zero if it is smaller anyway."""
+    own, freedom = np.zeros(part.n), _freedom(part, weight)
+    squares, slope = part.squares(weight, own, all_of)
+    moving = squares > freedom
+    for _ in range(_STEPS + 1):
+        following = np.maximum(own - squares / slope * (squares / freedom - 1), 0.0)
+        step = np.abs(following - own)
+        own = np.where(moving, following, own)
+        moving = moving & (step > _TOLERANCE * own)
+        if not moving.any():
+            break
+        squares, slope = part.squares(weight, own, all_of)
+    return own

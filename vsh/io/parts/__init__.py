@@ -1,0 +1,16 @@
+"""Sources in parts: files, partitions on a cluster, blocks of a stream, and sums over them."""
+
+from vsh.io.parts._dask import Dask, is_delayed
+from vsh.io.parts._engines import Engine, Here, Processes, Tree, added
+from vsh.io.parts._parts import (
+    DISTANCES,
+    OPTIONAL,
+    Parts,
+    as_parts,
+    fields_or_parts,
+    median,
+    sample_of,
+    weighted_quantiles,
+)
+
+__all__ = ["Dask", "Engine", "Parts", "Processes", "as_parts"]

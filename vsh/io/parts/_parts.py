@@ -1,0 +1,312 @@
+"""A catalogue in parts, wherever they lie: it streams here, and sums run where the parts are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from vsh.field import MEASURED, Field, Weighed, field_or_fields
+from vsh.io.parts._engines import Engine, Here, LostNotes, Work, left_by
+from vsh.sky.frames import check_frame
+from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.parallel import progress_bar
+from vsh.tools.types import ArrayLike, FloatArray, IntArray
+
+HERE = Here()
+
+
+#: What of a source is not needed for its motion.
+OPTIONAL = ("name", *MEASURED)
+
+
+#: What tells how far a source is.
+DISTANCES = MEASURED
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Parts(InNotebook):
+    """Sources in parts: made by `vsh.io.catalogue.parts`, or of Fields by `as_parts`.
+
+    Attributes
+    ----------
+    pieces : tuple
+        What the parts are read from: paths, tables, Fields, delayed objects of Dask.
+    read : function
+        (piece, roles) → iterator of Fields; `roles` are those of name, redshift, magnitude, … that are wanted.
+    steps : tuple of functions
+        Field → Field, applied to every block as it is read.
+    engine : vsh.io.parts.Engine
+        Where sums are computed.
+    """
+
+    pieces: tuple
+    read: Callable[[Any, tuple[str, ...]], Iterator[Field]]
+    steps: tuple[Callable[[Field], Field], ...] = ()
+    engine: Engine = HERE
+
+    def __repr__(self) -> str:
+        return f"<Parts: {len(self.pieces)}, summed {self.engine}>"
+
+    def __len__(self) -> int:
+        return len(self.pieces)
+
+    def __iter__(self) -> Iterator[Field]:
+        """The fields one after the other, a block of sources at a time, in this process."""
+        for piece in self.pieces:
+            for block in self.read(self.engine.fetched(piece), OPTIONAL):
+                field, _ = left_by(self.steps, block)
+                if field is not None:
+                    yield field
+
+    def map(self, step: Callable[[Field], Field]) -> Parts:
+        """The same parts with a further step, done where the parts are when they are read.
+
+        Parameters
+        ----------
+        step : function
+            Field → Field, source by source: it sees a block of sources at a time. For other processes it must be
+            a function that they can import, unless Dask sends it.
+
+        Raises
+        ------
+        ParameterError
+            If it is no function.
+        """
+        if not callable(step):
+            raise ParameterError(f"a step is a function from a Field to a Field, not a {type(step).__name__}")
+        return replace(self, steps=(*self.steps, step))
+
+    def to_frame(self, name: str) -> Parts:
+        """The same sources in another frame.
+
+        Parameters
+        ----------
+        name : {"icrs", "galactic", "ecliptic"}
+            The frame to turn to.
+        """
+        return self.map(_InFrame(check_frame(name)))
+
+    def add_note(self, *notes: str) -> Parts:
+        """The same sources with more that the reader of a result should know.
+
+        Parameters
+        ----------
+        *notes
+            Lines to add.
+        """
+        return self.map(_WithNotes(notes))
+
+    def sum(
+        self,
+        function: Callable[[Field], Any],
+        *,
+        roles: Iterable[str] = OPTIONAL,
+        words: str = "parts",
+        progress: bool = True,
+    ) -> Any:
+        """The sum of a function over all sources, computed where the parts are.
+
+        Parameters
+        ----------
+        function : function
+            From a Field, some of the sources, to anything that adds: arrays, normal equations, moments; dicts and
+            tuples of them; None for nothing. Notes on parts without a usable source go to the `add_note` of the sum,
+            or to its list "notes".
+        roles : iterable of str
+            Those of name, redshift, magnitude, … that the function looks at. (Steps see all.)
+        words : str
+            Beside the progress bar.
+        progress : bool
+            Show a bar, after two seconds.
+
+        Returns
+        -------
+        object
+            Added up in a fixed tree: the same bits however many workers there are and whichever is first.
+
+        Raises
+        ------
+        NothingLeftError
+            If no part has a source that can be used.
+        FieldError
+            If the function does not return what adds.
+        TableError
+            If a part cannot be read.
+        """
+        if not callable(function):
+            raise ParameterError(
+                f"what is summed is a function of a Field, not a {type(function).__name__}; for normal equations: "
+                "fit.normal_equations(parts, modes)"
+            )
+        wanted = OPTIONAL if self.steps else tuple(role for role in OPTIONAL if role in set(roles))
+        work = Work(self.read, self.steps, function, wanted, self.engine.threads)
+        bar = progress_bar(total=len(self.pieces), words=words, shown=progress and len(self.pieces) > 1, unit=" parts")
+        with bar:
+            found = self.engine.total(work, self.pieces, bar.update)
+        total: Any
+        total, notes, sources = (None, LostNotes(), 0) if found is None else found
+        if not sources:
+            error = NothingLeftError(
+                "no part holds a source that can be used: " + ("; ".join(notes) or "all are empty")
+            )
+            error.notes = tuple(notes)
+            raise error
+        if notes and hasattr(total, "add_note"):
+            return total.add_note(*notes)
+        if notes and isinstance(total, dict) and isinstance(total.get("notes"), list):
+            total["notes"].append(tuple(notes))
+        return total
+
+    def has(self, role: str) -> bool:
+        """Whether the first part has names, magnitudes, redshifts, …
+
+        Parameters
+        ----------
+        role : str
+            Which of them.
+        """
+        return getattr(next(iter(self)), role) is not None
+
+    @property
+    def in_memory(self) -> Any:
+        """The field itself, where it is all in one and in memory; None otherwise."""
+        (first, *others) = self.pieces or (None,)
+        return first if isinstance(first, Weighed) and not others and not self.steps else None
+
+    def counted(self) -> int:
+        """How many sources there are; reads all of them."""
+        return self.sum(len, roles=(), words="counting")
+
+
+def as_parts(field: Any, kind: type = Field) -> Parts:
+    """Parts as they are; a Field, or Fields in a list, as parts.
+
+    Parameters
+    ----------
+    field : Parts, Field, or list or tuple of Fields
+        The sources.
+    kind : type
+        Of the fields; Weighed where a ScalarField will do as well.
+
+    Raises
+    ------
+    FieldError
+        If it is none of these.
+    """
+    if isinstance(field, Parts):
+        return field
+    fields = (field,) if isinstance(field, kind) else tuple(field) if isinstance(field, list | tuple) else ()
+    if not fields or not all(isinstance(each, kind) for each in fields):
+        raise FieldError(f"a Field, a list of Fields, or parts of a catalogue, are wanted, not {type(field).__name__}")
+    return Parts(fields, itself)
+
+
+def itself(field: Field, roles: tuple[str, ...]) -> Iterator[Field]:
+    """The reader of a part that is a Field."""
+    yield field
+
+
+@dataclass(frozen=True)
+class _InFrame:
+    name: str
+
+    def __call__(self, field):
+        return field.to_frame(self.name)
+
+
+@dataclass(frozen=True)
+class _WithNotes:
+    notes: tuple[str, ...]
+
+    def __call__(self, field):
+        return field.add_note(*self.notes)
+
+
+def fields_or_parts(name: str, value: Any) -> Any:
+    """A Field, Parts, or a list, tuple or stream of Fields."""
+    return value if isinstance(value, Parts) else field_or_fields(name, value)
+
+
+#: Bins: 512 in every factor of two, from 2⁻⁶⁴ to 2⁶⁴. What lies beyond is in the first and the last.
+BINS = 2**16
+
+
+_FINE, _LOWEST = 9, 1023 - 64
+
+
+def median(sky: Parts, numbers: Callable[[Field], FloatArray], words: str = "median") -> float:
+    """The median over all sources, as np.median gives it for all at once."""
+    if sky.in_memory is not None:
+        return float(np.median(numbers(sky.in_memory)))
+    counts = sky.sum(partial(_histogram, numbers=numbers, weights=None), roles=(), words=words)
+    n = int(counts.sum())
+    middle = [(n + 1) // 2, n // 2 + 1]
+    return float(np.mean(_found(sky, numbers, None, counts, middle, (), words)))
+
+
+def weighted_quantiles(
+    sky: Parts,
+    numbers: Callable[[Field], FloatArray],
+    weights: Callable[[Field], FloatArray],
+    shares: ArrayLike,
+    *,
+    roles: Iterable[str] = (),
+    words: str = "quantiles",
+) -> FloatArray:
+    """For each share, the least number up to which sources hold that share of the weight."""
+    counts = sky.sum(partial(_histogram, numbers=numbers, weights=weights), roles=roles, words=words)
+    return _found(sky, numbers, weights, counts, np.asarray(shares) * counts.sum(), roles, words)
+
+
+def _found(sky, numbers, weights, counts, targets, roles, words):
+    """The numbers at which the cumulative weight reaches the targets."""
+    reached = np.cumsum(counts)
+    bins = np.minimum(np.searchsorted(reached, targets), BINS - 1)
+    wanted = np.unique(bins)
+    gathered = sky.sum(partial(_inside, numbers=numbers, weights=weights, bins=wanted), roles=roles, words=words)
+    found = []
+    for bin_, target in zip(bins, targets, strict=True):
+        values, mass = (np.concatenate(column) for column in zip(*gathered[int(bin_)], strict=True))
+        order = np.argsort(values, kind="stable")
+        below = reached[bin_] - counts[bin_]
+        place = np.searchsorted(below + np.cumsum(mass[order]), target)
+        found.append(values[order[min(place, len(order) - 1)]])
+    return np.array(found)
+
+
+def bin_of(numbers: FloatArray) -> IntArray:
+    """The bin of each number: a larger one is never in a lower bin, whatever the rounding of logarithms."""
+    bits = np.ascontiguousarray(numbers, float).view(np.int64) >> (52 - _FINE)
+    return np.clip(bits - (_LOWEST << _FINE), 0, BINS - 1)
+
+
+def _histogram(field, numbers, weights):
+    mass = None if weights is None else weights(field)
+    return np.bincount(bin_of(numbers(field)), mass, BINS)
+
+
+def _inside(field, numbers, weights, bins):
+    """Numbers and weights of the sources in some bins, a list for each, which grow by the parts."""
+    values = numbers(field)
+    mass = np.ones(len(values)) if weights is None else weights(field)
+    place = bin_of(values)
+    return {int(each): [(values[place == each], mass[place == each])] for each in bins}
+
+
+def sample_of(sky: Parts, n_sources: int = 20_000) -> Field:
+    """Some of the sources as a Field, every k-th of each part, for figures."""
+    step = max(1, sky.counted() // n_sources)
+    columns: dict[str, Any] = sky.sum(partial(_every, step=step), roles=(), words="a sample")
+    frame = columns.pop("frame")[0]
+    joined: dict[str, Any] = {name: np.concatenate(values, axis=-1) for name, values in columns.items()}
+    return Field(**joined, frame=frame)
+
+
+def _every(field, step):
+    some = field[::step]
+    return {name: [getattr(some, name)] for name in ("lon", "lat", "motion", "sigma", "rho", "frame")}

@@ -1,0 +1,12 @@
+"""Tables: files of every format, folders of them, and objects in memory, opened without being read.
+
+Every way a file can be unreadable ends in a TableError that names it.
+"""
+
+from vsh.io.tables._fits import fits_checked, fits_rows
+from vsh.io.tables._open import INPUT_FORMATS, STANDARD_INPUT, as_table, files_of, open_table, read
+from vsh.io.tables._source import TableSource, check_alike
+from vsh.io.tables._where import Where
+from vsh.tools.writing import CREATOR, FORMATS, check_writable, format_of, table_of, write, write_table
+
+__all__ = ["FORMATS", "INPUT_FORMATS", "open_table", "read", "write_table"]

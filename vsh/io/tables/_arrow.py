@@ -1,0 +1,170 @@
+"""Parquet files, folders of them, and everything that gives itself as an Arrow stream."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from vsh.io.tables._source import TableSource
+from vsh.tools.errors import TableError, first_line
+from vsh.tools.types import PathName
+
+
+def open_parquet(paths: Sequence[PathName], label: str) -> TableSource:
+    """Parquet files with the same columns as one table."""
+    arrow, dataset_module = _arrow(label)
+    try:
+        options = dataset_module.ParquetFragmentScanOptions(page_checksum_verification=True)
+        form = dataset_module.ParquetFileFormat(default_fragment_scan_options=options)
+        dataset = dataset_module.dataset([str(path) for path in paths], format=form)
+        schema = dataset.schema
+    except (arrow.ArrowException, OSError, ValueError, TypeError, MemoryError) as error:
+        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
+    _check_names(schema.names, label)
+
+    def batches(names, rows):
+        return dataset.to_batches(
+            columns=list(names), batch_size=min(rows, 2**17), batch_readahead=1, fragment_readahead=1
+        )
+
+    return _source(label, schema, batches)
+
+
+def open_stream(thing: Any, label: str) -> TableSource:
+    """An object with `__arrow_c_stream__` or `__arrow_c_array__`: of pyarrow, polars, DuckDB, …"""
+    arrow, _ = _arrow(label)
+    reader = _again(arrow, thing, label)
+    _check_names(reader.schema.names, label)
+
+    streams = [reader]
+
+    def batches(names, rows):
+        # A table gives as many streams as are asked for; what streams once gives the one that is open.
+        stream = streams.pop() if streams else _again(arrow, thing, label)
+        for batch in stream:
+            yield batch.select(list(names))
+
+    return _source(label, reader.schema, batches)
+
+
+def _again(arrow, thing, label):
+    try:
+        if hasattr(thing, "__arrow_c_stream__"):
+            return arrow.RecordBatchReader.from_stream(thing)
+        batch = arrow.record_batch(thing)
+        return arrow.RecordBatchReader.from_batches(batch.schema, [batch])
+    except TableError:
+        raise
+    except (arrow.ArrowException, ValueError, TypeError) as error:
+        raise TableError(f"{label} is no table, or its stream was read before: {first_line(error)}") from error
+
+
+def _arrow(label):
+    try:
+        import pyarrow
+        import pyarrow.dataset
+    except ImportError as error:
+        raise TableError(
+            f"{label} needs pyarrow. Install what is missing: pip install 'vsh-astrometry[parquet]' ({error})"
+        ) from error
+    return pyarrow, pyarrow.dataset
+
+
+def _check_names(names, label):
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise TableError(f"{label}: several columns are called {', '.join(map(repr, repeated))}")
+
+
+def _source(label, schema, batches):
+    def read(names, rows):
+        held, count, empty = [], 0, True
+        for batch in _guarded(batches(names, rows), label):
+            while batch.num_rows:
+                take = min(rows - count, batch.num_rows)
+                held.append(batch.slice(0, take))
+                count += take
+                batch = batch.slice(take)
+                if count == rows:
+                    yield _block(held, names, label)
+                    held, count, empty = [], 0, False
+        if held or empty:
+            yield _block(held, names, label)
+
+    units, meta, said = _header(schema)
+    return TableSource(label, tuple(schema.names), read, units, meta, descriptions=said)
+
+
+def _guarded(batches, label):
+    import pyarrow
+
+    try:
+        yield from batches
+    except (pyarrow.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
+        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
+
+
+def _block(batches, names, label):
+    if not batches:
+        return {name: (np.empty(0), None) for name in names}
+    block = {}
+    for name in names:
+        parts = [_column(batch.column(name), name, label) for batch in batches]
+        values = np.concatenate([values for values, _ in parts])
+        mask = np.concatenate([mask for _, mask in parts])
+        block[name] = values, mask if mask.any() else None
+    return block
+
+
+def _column(array, name, label):
+    """Values and mask of an Arrow array; integers with missing values stay integers."""
+    import pyarrow as pa
+    from pyarrow import types
+
+    if isinstance(array, pa.ExtensionArray):
+        array = array.storage
+    if types.is_dictionary(array.type):
+        array = array.dictionary_decode()
+    mask = array.is_null().to_numpy(zero_copy_only=False)
+    if types.is_null(array.type):
+        return np.full(len(array), np.nan), mask
+    if types.is_decimal(array.type):
+        array = array.cast(pa.float64())
+    try:
+        if types.is_integer(array.type):
+            return array.fill_null(0).to_numpy(zero_copy_only=False), mask
+        if types.is_boolean(array.type):
+            return array.fill_null(False).to_numpy(zero_copy_only=False), mask
+        if types.is_string(array.type) or types.is_large_string(array.type) or str(array.type) == "string_view":
+            return np.array(array.fill_null("").to_pylist(), dtype=str), mask
+        return array.to_numpy(zero_copy_only=False), mask
+    except (pa.ArrowException, ValueError) as error:
+        raise TableError(f"{label}: column {name!r} cannot be read: {first_line(error)}") from error
+
+
+def _header(schema):
+    """Units by column, metadata and descriptions, as astropy or the fields themselves have them."""
+    units, said = {}, {}
+    for field in schema:
+        for key in (b"unit", b"units"):
+            if field.metadata and field.metadata.get(key):
+                units[field.name] = field.metadata[key].decode("utf-8", "replace")
+        if field.metadata and field.metadata.get(b"description"):
+            said[field.name] = field.metadata[b"description"].decode("utf-8", "replace")
+    text = (schema.metadata or {}).get(b"table_meta_yaml")
+    if not text:
+        return units, {}, said
+    from astropy.table.meta import get_header_from_yaml
+
+    try:
+        header = get_header_from_yaml(re.split("\n", text.decode()))
+        units |= {column["name"]: column["unit"] for column in header["datatype"] if "unit" in column}
+        said |= {
+            column["name"]: str(column["description"]) for column in header["datatype"] if column.get("description")
+        }
+        return units, dict(header.get("meta") or {}), said
+    except Exception as error:  # whatever a damaged header makes of YAML
+        raise TableError(f"the metadata that astropy wrote are damaged: {first_line(error)}") from error

@@ -1,0 +1,261 @@
+"""Tables in FITS files. Every size that a header declares is held against the file before astropy allocates it."""
+
+from __future__ import annotations
+
+import gzip
+import re
+import shutil
+import tempfile
+import warnings
+import zlib
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from vsh.io.tables._source import TableSource
+from vsh.tools.errors import TableError, first_line
+from vsh.tools.parallel import cores
+from vsh.tools.types import PathName
+
+_BLOCK, _CARD = 2880, 80
+
+
+_BYTES = {"L": 1, "B": 1, "I": 2, "J": 4, "K": 8, "A": 1, "E": 4, "D": 8, "C": 8, "M": 16, "P": 8, "Q": 16}
+
+
+_CODE = re.compile(r"\s*(\d*)([LXBIJKAEDCMPQ])")
+
+
+def check_layout(path: PathName, label: str) -> Any:
+    """Walk through the headers of a FITS file; a list of dicts of keywords, one a unit."""
+    found = []
+    with open(path, "rb") as file:
+        size = file.seek(0, 2)
+        file.seek(0)
+        while file.tell() < size:
+            header = _header(file, label, first=not found)
+            if header is None:  # blocks of nothing behind the last unit are allowed
+                break
+            found.append(header)
+            axes = header.get("NAXIS", 0)
+            if not (isinstance(axes, int) and 0 <= axes <= 999):
+                raise TableError(f"{label} is damaged: NAXIS = {axes}")
+            lengths = [header.get(f"NAXIS{i + 1}", -1) for i in range(axes)]
+            extra, groups = header.get("PCOUNT", 0), header.get("GCOUNT", 1)
+            bits = header.get("BITPIX", 8)
+            if not all(isinstance(x, int) and x >= 0 for x in (*lengths, extra, groups)) or not isinstance(bits, int):
+                raise TableError(f"{label} is damaged: a header declares sizes of {lengths}")
+            elements = int(np.prod([int(x) for x in lengths], dtype=object)) if axes else 0
+            data = abs(bits) // 8 * groups * (extra + elements) if axes else 0
+            start = file.tell()
+            if data > size - start:
+                raise TableError(
+                    f"{label} is truncated or damaged: a header declares {data} bytes where {size - start} are left. "
+                    "Fetch it again"
+                )
+            if header.get("XTENSION") == "BINTABLE":
+                _check_row(header, lengths, label)
+            padded = -(-data // _BLOCK) * _BLOCK
+            file.seek(start + data)
+            rest = file.read(min(padded - data, size - start - data))
+            if rest.strip(b"\x00 "):
+                raise TableError(f"{label} is damaged: there are data behind the last of the declared rows")
+            file.seek(start + padded)
+    if not found:
+        raise TableError(f"{label} is empty")
+    return found
+
+
+def _header(file, label, first):
+    header, cards = {}, 0
+    start = file.tell()
+    while True:
+        block = file.read(_BLOCK)
+        if not block.strip(b"\x00") and not header and not first:
+            return None
+        for k in range(0, len(block), _CARD):
+            card = block[k : k + _CARD]
+            key = card[:8].strip().decode("latin-1")
+            if not cards and key not in ("SIMPLE", "XTENSION"):
+                raise TableError(f"{label} is damaged or not FITS: a header begins with {key!r} at byte {start}")
+            cards += 1
+            if key == "END" and not card[3:].strip():
+                return header
+            if card[8:10] == b"= ":
+                header.setdefault(key, _value(card[10:].decode("latin-1")))
+        if len(block) < _BLOCK or cards > 200_000:
+            raise TableError(f"{label} is truncated or damaged: the header at byte {start} does not end")
+
+
+def _value(text):
+    text = text.strip()
+    if text.startswith("'"):
+        end = re.match(r"'((?:[^']|'')*)'", text)
+        return end.group(1).replace("''", "'").rstrip() if end else text
+    word = text.split("/")[0].strip()
+    try:
+        return int(word)
+    except ValueError:
+        return word
+
+
+def _check_row(header, lengths, label):
+    """The columns of a binary table make up its rows."""
+    if header.get("BITPIX") != 8 or len(lengths) != 2:
+        raise TableError(f"{label} is damaged: its table is not made of bytes in rows")
+    width, fields = 0, header.get("TFIELDS", 0)
+    for i in range(1, (fields if isinstance(fields, int) else 0) + 1):
+        form = _CODE.match(str(header.get(f"TFORM{i}", "")))
+        if form is None:
+            raise TableError(f"{label} is damaged: column {i} has the format {header.get(f'TFORM{i}')!r}")
+        repeat = int(form.group(1) or 1)
+        width += -(-repeat // 8) if form.group(2) == "X" else repeat * _BYTES[form.group(2)]
+    if width != lengths[0]:
+        raise TableError(f"{label} is damaged: its columns take {width} bytes, its rows {lengths[0]}")
+
+
+def fits_rows(path: PathName, label: str) -> int:
+    """How many rows the first table of a FITS file has, once the file is known to be whole."""
+    for header in check_layout(path, label):
+        if header.get("XTENSION") in ("BINTABLE", "TABLE"):
+            return int(header["NAXIS2"])
+    raise TableError(f"{label} holds no table")
+
+
+#: What astropy says of a file that is not as it was written.
+_DAMAGE = re.compile(r"truncat|checksum|datasum|corrupt|invalid|illegal|extra bytes", re.IGNORECASE)
+
+
+def open_fits(path: PathName, label: str) -> TableSource:
+    """The first table of a FITS file, packed with gzip or not."""
+    plain = plain_file(path, label)
+    units = check_layout(plain.name, label)
+    tables = [number for number, header in enumerate(units) if header.get("XTENSION") in ("BINTABLE", "TABLE")]
+    if not tables:
+        raise TableError(f"{label} holds no table")
+    chosen = tables[0]
+    with _guarded(label), _open(plain.name) as hdus:
+        found = list(hdus[chosen].columns)
+        meta = _meta(hdus[chosen].header)
+        said = {
+            c.name: str(hdus[chosen].header[f"TCOMM{i}"])
+            for i, c in enumerate(found, 1)
+            if f"TCOMM{i}" in hdus[chosen].header
+        }
+    described = {column.name: column for column in found}
+    names = [column.name for column in found]
+    if not names or not all(names):
+        raise TableError(f"{label} is damaged: {'its table has no columns' if not names else 'a column has no name'}")
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise TableError(f"{label} is damaged: several columns are called {', '.join(repeated)}")
+
+    def read(wanted, rows):
+        # `plain` is kept by this function: the unpacked copy goes when nobody reads it any more.
+        with _guarded(label):
+            hdus = _open(plain.name)
+        with hdus:
+            for start in range(0, max(1, units[chosen]["NAXIS2"]), rows):
+                with _guarded(label):
+                    if hdus[chosen].data is None:
+                        raise TableError(f"{label} is damaged: its table holds no data")
+                    part = hdus[chosen].data[start : start + rows]
+                    # Views of the file's bytes, one after the other; turned into numbers side by side.
+                    views = [np.asarray(part[name]) for name in wanted]
+                    held = [described[name] for name in wanted]
+                    with ThreadPoolExecutor(cores()) as pool:
+                        block = dict(zip(wanted, pool.map(partial(_column, part), views, held), strict=True))
+                    del part, views
+                    for column in hdus[chosen].columns:  # or astropy copies them all when the file is closed
+                        column.array = None
+                yield block
+
+    notes: tuple[str, ...] = ()
+    if len(tables) > 1:
+        notes = (f"{label} holds {len(tables)} tables; the first was read (extension {chosen})",)
+    # Rows in one block are at most as many as the file holds, whose size has been looked at.
+    units_of = {c.name: c.unit for c in found if c.unit and c.unit.strip()}
+    rows = max(1, units[chosen]["NAXIS2"])  # the file holds as many: `check_layout` has looked
+    return TableSource(label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=said)
+
+
+def plain_file(path: PathName, label: str) -> Any:
+    """The file itself, or an unpacked copy that is deleted when nobody holds it any more: something with a name."""
+    with open(path, "rb") as file:
+        if file.read(2) != b"\x1f\x8b":
+            return file
+    copy = tempfile.NamedTemporaryFile(suffix=".unpacked")  # noqa: SIM115 (it lives as long as its reader)
+    try:
+        with gzip.open(path, "rb") as packed:
+            shutil.copyfileobj(packed, copy, 2**20)
+    except (OSError, EOFError, ValueError, zlib.error) as error:
+        copy.close()
+        raise TableError(f"{label} cannot be unpacked: {error}. Fetch it again") from None
+    copy.flush()
+    return copy
+
+
+@contextmanager
+def _guarded(label):
+    """Whatever goes wrong within, and whatever astropy says of damage, is a TableError."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            yield
+        except TableError:
+            raise
+        except Exception as error:  # whatever a damaged file makes of a reader
+            raise TableError(f"{label} cannot be read as FITS: {first_line(error)}") from error
+    for warning in caught:
+        if _DAMAGE.search(str(warning.message)):
+            raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
+
+
+def _open(path):
+    from astropy.io import fits
+
+    return fits.open(path, memmap=True, checksum=True)
+
+
+def _column(part, values, column):
+    """Values in native byte order, and the mask of what is null."""
+    values = np.array(values, dtype=values.dtype.newbyteorder("=") if values.dtype.kind in "iufc" else None)
+    if values.dtype.kind in "SU":
+        values = np.char.rstrip(values)
+        return values, values == values.dtype.type() if values.ndim == 1 else None
+    mask = None  # a nan stays one: what is not finite is counted apart from what is null
+    if column.null not in (None, "") and values.ndim == 1:
+        # The null is what the file holds, before scale and zero point.
+        raw = part.view(np.ndarray)[column.name]
+        mask = raw == column.null if raw.dtype.kind in "iu" else _text_null(raw, column.null)
+    return values, mask
+
+
+def _text_null(raw, null):
+    """In tables written as text, nulls are words or blank."""
+    if raw.dtype.kind != "S":
+        return np.zeros(len(raw), bool)
+    words = np.char.strip(raw)
+    return (words == str(null).strip().encode()) | (words == b"")
+
+
+def _meta(header):
+    structure = re.compile(
+        r"(XTENSION|BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|EXTNAME|CHECKSUM|DATASUM|T(TYPE|FORM|UNIT|NULL|SCAL|ZERO|DISP|DIM|BCOL)\d+)$"
+    )
+    return {key: value for key, value in header.items() if key and not structure.match(key)}
+
+
+@contextmanager
+def fits_checked(path: PathName, label: str) -> Iterator[str]:
+    """The name of a FITS file, unpacked where it was packed, whose layout has been checked."""
+    try:
+        plain = plain_file(path, label)
+        check_layout(plain.name, label)
+    except OSError as error:
+        raise TableError(f"{label} cannot be read: {error.strerror or error}") from error
+    yield plain.name

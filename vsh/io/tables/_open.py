@@ -1,0 +1,245 @@
+"""What a user gives as a table, opened: files by their first bytes, folders, and objects in memory."""
+
+from __future__ import annotations
+
+import os
+import re
+import zlib
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from vsh.io.tables._arrow import open_parquet, open_stream
+from vsh.io.tables._fits import open_fits
+from vsh.io.tables._source import TableSource, chained, is_frame, open_astropy, open_frame, open_other, open_whole
+from vsh.io.tables._text import open_text
+from vsh.io.tables._votable import open_votable
+from vsh.tools.errors import TableError, first_line
+from vsh.tools.notes import printable
+from vsh.tools.types import PathName, Table
+from vsh.tools.writing import FORMATS, format_of
+
+#: The name of the file in which a command keeps what came in on standard input; where it lies is nobody's business.
+STANDARD_INPUT = "standard input"
+
+
+#: Those that are read and not written.
+_READ_ONLY = {".hdf5": "hdf5", ".h5": "hdf5", ".mrt": "ascii.mrt"}
+
+
+#: The names by which a user tells a format where the name of a file does not, and astropy's.
+INPUT_FORMATS = {name: name for name in ("fits", "votable", "parquet", "hdf5", "ascii")} | {
+    name: f"ascii.{name}" for name in ("ecsv", "csv", "mrt", "cds")
+}
+
+
+_READERS = {"fits": open_fits, "votable": open_votable, "ascii.ecsv": open_text, "ascii.csv": open_text}
+
+
+_READERS |= {kind: partial(open_whole, kind=kind) for kind in ("hdf5", "ascii.mrt", "ascii.cds", "ascii")}
+
+
+#: How files begin. VOTables are XML, which may begin with a comment.
+_BEGINNINGS = (
+    (re.compile(rb"SIMPLE  ="), "fits"),
+    (re.compile(rb"PAR1"), "parquet"),
+    (re.compile(rb"\x89HDF\r\n"), "hdf5"),
+    (re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml|<!--|<VOTABLE)"), "votable"),
+    (re.compile(rb"(\xef\xbb\xbf)?#\s*%ECSV", re.IGNORECASE), "ascii.ecsv"),
+    (re.compile(rb"[\s\S]*^Byte-by-byte Description", re.MULTILINE), "ascii.mrt"),
+    (re.compile(rb"(\xef\xbb\xbf)?[^,\n\0]+(,[^,\n\0]+){4,}\r?\n"), "ascii.csv"),
+)
+
+
+def open_table(source: Any, format: str | None = None) -> TableSource:
+    """Open a table without reading its rows.
+
+    Parameters
+    ----------
+    source : path of a file or a folder of files, astropy Table, pandas DataFrame (or a class made from
+        it), an object with `__arrow_c_stream__` (pyarrow, polars, DuckDB), dict or structured array
+        The table.
+    format : str, optional
+        Of a file: one of `vsh.io.tables.INPUT_FORMATS`. Unless given its ending tells it, or how the file begins.
+
+    Raises
+    ------
+    TableError
+        If there is no such file, its format is not known, or it is damaged.
+    """
+    if isinstance(source, TableSource):
+        return source
+    if isinstance(source, (str, os.PathLike)):
+        return _open_path(source, format)
+    if is_frame(source):
+        return open_frame(source)
+    if any(c.__name__ == "Table" and c.__module__.startswith("astropy.table") for c in type(source).__mro__):
+        return open_astropy(source)
+    if hasattr(source, "__arrow_c_stream__") or hasattr(source, "__arrow_c_array__"):
+        return open_stream(source, f"the {type(source).__name__}")
+    kind = type(source)
+    if kind.__name__ == "LazyFrame":
+        raise TableError("a LazyFrame is a plan of a table: give .collect(), the table itself")
+    if hasattr(kind, "__dask_graph__") or hasattr(kind, "to_delayed"):
+        raise TableError("a table of Dask is in parts: give it to vsh.io.catalogue.parts(…), or .compute() it")
+    return open_other(source)
+
+
+def _open_path(path, format):
+    if format is not None and format not in INPUT_FORMATS:
+        raise TableError(f"no format is called {format!r}: {', '.join(INPUT_FORMATS)} are")
+    text = os.fspath(path)
+    text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+    label = STANDARD_INPUT if os.path.basename(text) == STANDARD_INPUT else printable(text)
+    if "://" in text[:12]:
+        raise TableError(f"{label} is an address, not a file: fetch it first, and name the file")
+    path = Path(path if not isinstance(path, bytes) else os.fsdecode(path))
+    try:
+        if path.is_dir():
+            return _open_folder(path, label, format)
+        if not path.is_file():
+            raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
+        kind = INPUT_FORMATS[format] if format else _kind(path, label)
+        if kind == "parquet":
+            return open_parquet([path], label)
+        return _READERS[kind](path, label)
+    except (OSError, ValueError) as error:
+        if isinstance(error, TableError):
+            raise
+        raise TableError(f"{label} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _kind(path, label):
+    """The format of a file by its ending, or by its first bytes."""
+    try:
+        return format_of(path, _READ_ONLY)
+    except TableError:
+        with path.open("rb") as file:
+            begin = file.read(2**14)
+        if begin[:2] == b"\x1f\x8b":
+            try:
+                begin = zlib.decompressobj(31).decompress(begin, 2**14)
+            except zlib.error:
+                begin = b""
+        for pattern, kind in _BEGINNINGS:
+            if pattern.match(begin):
+                return kind
+        known = (
+            "" if label == STANDARD_INPUT else f" Known endings: {', '.join(FORMATS | _READ_ONLY)}, each also with .gz."
+        )
+        raise TableError(
+            f"{label}: what format is this?{known} Say it: --input-format {'|'.join(INPUT_FORMATS)}, where ascii is any text in "
+            "columns (format=…)"
+        ) from None
+
+
+def _open_folder(path, label, format):
+    kind, files = _tables_in(path, label, format)
+    if kind == "parquet":
+        return open_parquet(files, label)
+    return chained(label, [_READERS[kind](file, printable(file)) for file in files])
+
+
+def files_of(path: PathName, format: str | None = None) -> list[Path]:
+    """The files that `open_table` would read from a path: those of a folder in the order of their names, or the file."""
+    path, label = Path(path), printable(path)
+    if path.is_dir():
+        return _tables_in(path, label, format)[1]
+    if not path.is_file():
+        raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
+    return [path]
+
+
+def _tables_in(path, label, format=None):
+    """The format and the files of a folder."""
+    path = _main_table(path, label)
+    if _is_hats(path):  # beside its partitions lie a thumbnail of them, and maps of the sky
+        files = [each for each in sorted((path / "dataset").glob("Norder=*/**/*.parquet")) if each.is_file()]
+        if not files:
+            raise TableError(f"{label} is a catalogue in HATS format without partitions")
+        return "parquet", files
+    kinds = {}
+    for file in sorted(path.rglob("*")):
+        inside = file.relative_to(path).parts
+        if any(part.startswith((".", "_")) for part in inside) or not file.is_file():
+            continue
+        if format:
+            kinds.setdefault(INPUT_FORMATS[format], []).append(file)
+            continue
+        try:
+            kinds.setdefault(format_of(file, _READ_ONLY), []).append(file)
+        except TableError:
+            continue
+    if not kinds:
+        raise TableError(f"{label} is a folder without tables: known endings are {', '.join(FORMATS)}")
+    if len(kinds) > 1:
+        said = ", ".join(f"{len(files)} of {kind.removeprefix('ascii.')}" for kind, files in kinds.items())
+        raise TableError(f"{label} holds tables of several formats ({said}): name a folder with those of one")
+    return next(iter(kinds.items()))
+
+
+def _is_hats(path):
+    return (path / "hats.properties").is_file() or ((path / "properties").is_file() and (path / "dataset").is_dir())
+
+
+def _main_table(path, label):
+    """The folder of the main catalogue of a HATS collection, whose margin cache repeats sources; else the folder itself."""
+    properties = path / "collection.properties"
+    if not properties.is_file():
+        return path
+    pairs = (line.partition("=") for line in properties.read_text(encoding="utf-8", errors="replace").splitlines())
+    name = {key.strip(): value.strip() for key, _, value in pairs}.get("hats_primary_table_url", "")
+    if not name or not _is_hats(path / name):
+        raise TableError(
+            f"{label} is a HATS collection, whose margin cache repeats sources: name the folder of its main catalogue"
+        )
+    return path / name
+
+
+def read(path: PathName) -> Table:
+    """Read a whole table; `open_table` reads columns and blocks.
+
+    Parameters
+    ----------
+    path : str or Path
+        FITS, VOTable, ECSV, CSV (with Gaia's null) or Parquet, or a folder of them.
+
+    Raises
+    ------
+    TableError
+        If there is no such file, its format is not known, or it is damaged.
+    """
+    source = open_table(path)
+    if not source.names:
+        raise TableError(f"{source.label} has no columns")
+    if source.meta.get("__special__"):  # columns of more than one number a row: astropy's own ECSV
+        return _read_ecsv(path, source.label)
+    return source.to_table()
+
+
+def as_table(source: Any) -> Table:
+    """A path or any table in memory as an astropy Table."""
+    from astropy.table import Table
+
+    return source if isinstance(source, Table) else read(source)
+
+
+def _read_ecsv(path, label):
+    from astropy.table import Table
+
+    _check_memory(path, label)
+    try:
+        return Table.read(path, format="ascii.ecsv")
+    except Exception as error:  # whatever a damaged file makes of a reader
+        raise TableError(f"{label} cannot be read as ECSV: {first_line(error)}") from error
+
+
+def _check_memory(path, label, most=2**28):
+    """NumPy gives every row of a column of text the room of the longest."""
+    longest = count = 0
+    with open(path, "rb") as file:
+        for line in file:
+            if not line.startswith(b"#"):
+                longest, count = max(longest, len(line)), count + 1
+    if 4 * longest * count > max(most, 16 * Path(path).stat().st_size):
+        raise TableError(f"{label} is damaged, or no result: a line of {longest} characters among {count}")

@@ -1,0 +1,303 @@
+"""A table that is open: the columns it has, and its rows in blocks."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsh.tools.errors import TableError, first_line
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import PathName, Table
+
+#: Rows in a block where nobody asked for a number.
+ROWS = 2**20
+
+
+@dataclass(frozen=True)
+class TableSource(InNotebook):
+    """What every format opens as; nothing but the columns that are asked for is read.
+
+    Attributes
+    ----------
+    label : str
+        Of the file or object, for messages.
+    names : tuple of str
+        Of the columns.
+    read : function
+        From (names, rows) to an iterator of dicts: column → (values, mask or None), at most `rows`
+        rows in each, at least one dict.
+    units : dict of str to str or unit
+        Of those columns that say theirs.
+    meta : dict
+    notes : tuple of str
+        What a user should know of how the table was read.
+    descriptions : dict of str to str
+        Of those columns that have one.
+    whole : int
+        Rows in a block where all are read at once: fewer where a block takes more memory than its numbers do.
+    """
+
+    label: str
+    names: tuple[str, ...]
+    read: Callable
+    units: dict = field(default_factory=dict)
+    meta: dict = field(default_factory=dict)
+    notes: tuple = ()
+    whole: int = ROWS
+    descriptions: dict = field(default_factory=dict)
+
+    def blocks(self, names: Sequence[str] | None = None, rows: int = ROWS) -> Iterator[dict[str, Any]]:
+        """Some columns in blocks of at most `rows` rows: dicts of (values, mask or None)."""
+        wanted = tuple(self.names if names is None else names)
+        # astropy keeps a mask that a format cannot hold as a column of its own beside the values.
+        masks = tuple(f"{name}.mask" for name in wanted if f"{name}.mask" in self.names)
+        for block in self.read(tuple(dict.fromkeys(wanted + masks)), rows):
+            yield {name: _with_mask(block, name) for name in wanted}
+
+    def columns(self, names: Sequence[str] | None = None) -> dict[str, Any]:
+        """Some columns whole, a dict of (values, mask or None); all of them unless named."""
+        parts = list(self.blocks(names, self.whole))
+        if len(parts) == 1:
+            return parts[0]
+        return {name: _joined([part[name] for part in parts]) for name in parts[0]}
+
+    def to_table(self) -> Table:
+        """The whole as an astropy Table."""
+        from astropy.table import Column, MaskedColumn, Table
+
+        names = [name for name in self.names if not (name.endswith(".mask") and name[:-5] in self.names)]
+        table = Table(meta=dict(self.meta))
+        for name, (values, mask) in self.columns(names).items():
+            unit = self.units.get(name)
+            masked = mask is not None and mask.any()
+            table[name] = MaskedColumn(values, mask=mask, unit=unit) if masked else Column(values, unit=unit)
+        return table
+
+
+def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
+    """Several tables with the same columns, one after the other, as one."""
+    first = sources[0]
+
+    def read(names, rows):
+        for source in sources:
+            check_alike(source, first.label, {name: str(first.units.get(name)) for name in names})
+            yield from source.read(names, rows)
+
+    notes = tuple(dict.fromkeys(note for source in sources for note in source.notes))
+    return TableSource(label, first.names, read, first.units, first.meta, notes, descriptions=first.descriptions)
+
+
+def check_alike(source: TableSource, label: str, units: Mapping[str, str]) -> None:
+    """Raise TableError unless a table has the columns of another, in its units."""
+    missing = [name for name in units if name not in source.names]
+    if missing:
+        raise TableError(f"{source.label} has no column {', '.join(missing)}, which {label} has")
+    for name, unit in units.items():
+        if str(source.units.get(name)) != unit:
+            raise TableError(f"{source.label} has {name} in {source.units.get(name)}, {label} in {unit}")
+
+
+def _with_mask(block, name):
+    values, mask = block[name]
+    if f"{name}.mask" not in block:
+        return values, mask
+    further = np.asarray(block[f"{name}.mask"][0], bool)
+    return values, further if mask is None else mask | further
+
+
+def _joined(parts):
+    values = np.concatenate([values for values, _ in parts])
+    if all(mask is None for _, mask in parts):
+        return values, None
+    return values, np.concatenate([np.zeros(len(v), bool) if mask is None else mask for v, mask in parts])
+
+
+def open_astropy(table: Any) -> TableSource:
+    """An astropy Table or QTable."""
+    names = tuple(table.colnames)
+    units = {name: table[name].unit for name in names if getattr(table[name], "unit", None) is not None}
+
+    def read(wanted, rows):
+        for start in range(0, max(1, len(table)), rows):
+            yield {name: _column(table[name][start : start + rows]) for name in wanted}
+
+    said = {name: table[name].description for name in names if getattr(table[name], "description", None)}
+    return TableSource("the table", names, read, units, dict(table.meta), descriptions=said)
+
+
+def open_frame(frame: Any) -> TableSource:
+    """A pandas DataFrame, or an object of a class made from it (geopandas, LSDB's NestedFrame)."""
+    names = tuple(map(str, frame.columns))
+    if len(set(names)) < len(names):
+        raise TableError(f"the table has several columns of one name: {', '.join(names)}")
+    at = dict(zip(names, range(len(names)), strict=True))
+
+    def read(wanted, rows):
+        for start in range(0, max(1, len(frame)), rows):
+            yield {name: _series(frame.iloc[start : start + rows, at[name]], name) for name in wanted}
+
+    meta = {str(key): value for key, value in getattr(frame, "attrs", {}).items()}
+    return TableSource("the table", names, read, {}, meta)
+
+
+def open_other(thing: Any) -> TableSource:
+    """A dict of columns or a structured array."""
+    from astropy.table import Table
+
+    if isinstance(thing, (int, float, complex, bytes)) or thing is None:
+        raise TableError(f"a {type(thing).__name__} is no table")
+    try:
+        return open_astropy(Table(thing))
+    except Exception as error:  # whatever astropy makes of what is no table
+        raise TableError(f"a {type(thing).__name__} is no table: {first_line(error)}") from error
+
+
+def is_frame(thing: Any) -> bool:
+    """Whether an object is pandas' DataFrame or made from it; pandas need not be installed."""
+    return any(c.__name__ == "DataFrame" and c.__module__.split(".")[0] == "pandas" for c in type(thing).__mro__)
+
+
+def _column(column):
+    mask = getattr(column, "mask", None)
+    values = getattr(column, "unmasked", column)
+    values = getattr(values, "value", values)
+    mask = None if mask is None or not np.any(mask) else np.array(np.broadcast_to(mask, np.shape(column)))
+    return np.asarray(np.ma.getdata(values)), mask
+
+
+def _series(series, name):
+    mask = series.isna().to_numpy()
+    if isinstance(series.dtype, np.dtype) and series.dtype.kind == "f":
+        return series.to_numpy(), None  # a nan is not finite, as in every format
+    kind = series.dtype.kind
+    try:
+        if isinstance(series.dtype, np.dtype) and kind != "O":
+            values = series.to_numpy()
+        elif kind in "iu":
+            values = series.to_numpy(dtype=f"{kind}8", na_value=0)
+        elif kind == "f":
+            values = series.to_numpy(dtype="f8", na_value=np.nan)
+        elif kind == "b":
+            values = series.to_numpy(dtype=bool, na_value=False)
+        else:
+            values = series.to_numpy(dtype=object)
+            if all(isinstance(each, str) for each in values[~mask]):
+                values = np.array(np.where(mask, "", values), dtype=str)
+    except (TypeError, ValueError) as error:
+        raise TableError(f"column {name!r} cannot be read: {first_line(error)}") from error
+    return values, mask if mask.any() else None
+
+
+#: Sexagesimal columns as journals and the CDS name them.
+_SEXAGESIMAL = ("RAh", "RAm", "RAs", "DE-", "DEd", "DEm", "DEs")
+
+
+#: Text that is read whole may have so many bytes; larger tables come as CSV, FITS or Parquet.
+_MOST = 2**30
+
+
+#: A column of HDF5 of more bytes is none. [bytes]
+_LARGEST = 2**34
+
+
+def open_whole(path: PathName, label: str, kind: str) -> TableSource:
+    """A table that is read as a whole; masked values stay masked, units and descriptions are kept."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # units that a format spells in its own way
+            table = _hdf5(path, label) if kind == "hdf5" else _text(Path(path), label, kind)
+    except (TableError, MemoryError):
+        raise
+    except ImportError as error:
+        raise TableError(
+            f"{label}: HDF5 needs h5py: pip install 'vsh-astrometry[hdf5]' ({first_line(error)})"
+        ) from error
+    except Exception as error:  # whatever a damaged file makes of h5py and of the readers of text
+        raise TableError(f"{label} cannot be read as {kind.removeprefix('ascii.')}: {first_line(error)}") from error
+    if not len(table):
+        raise TableError(f"{label} has no rows")
+    several = [name for name in table.colnames if table[name].ndim > 1]
+    table.remove_columns(several)
+    opened = open_astropy(_with_degrees(table))
+    notes = (f"columns of several numbers a row are not read: {', '.join(several)}",) if several else ()
+    return replace(opened, label=label, notes=notes)
+
+
+def _hdf5(path, label):
+    """The one table of a file: a compound dataset, or a group with a dataset for each column."""
+    import h5py
+    from astropy.table import Table
+
+    with h5py.File(path, "r") as file:
+        compound, groups = [], {}
+
+        def visit(name, item):
+            if not isinstance(item, h5py.Dataset):
+                return
+            if item.nbytes > _LARGEST:
+                raise TableError(
+                    f"{label}: {name} declares {item.shape} values, {item.nbytes / 2**30:.3g} GiB, in a file of "
+                    f"{Path(path).stat().st_size} bytes: HDF5 is read whole; make it FITS or Parquet"
+                )
+            if item.dtype.names:
+                compound.append(name)
+            elif item.ndim == 1:
+                groups.setdefault(name.rpartition("/")[0], []).append(name)
+
+        file.visititems(visit)
+        tables = [name for name in compound if not name.endswith("__table_column_meta__")]
+        columned = {group: names for group, names in groups.items() if len(names) > 1 and not tables}
+        if len(tables) + len(columned) != 1:
+            found = ", ".join([*tables, *columned]) or "none"
+            raise TableError(f"{label} holds {len(tables) + len(columned)} tables ({found}): keep one in a file")
+        if columned:
+            (names,) = columned.values()
+            return Table({name.rpartition("/")[2]: _plain(file[name][()]) for name in names})
+    return Table.read(path, path=tables[0], format="hdf5", character_as_bytes=False)
+
+
+def _plain(values: Any) -> Any:
+    return np.char.decode(values.astype(bytes), "utf-8", "replace") if values.dtype.kind in "SO" else values
+
+
+def _text(path, label, kind):
+    from astropy.io import ascii
+
+    size = path.stat().st_size
+    if size > _MOST:
+        raise TableError(
+            f"{label} has {size / 2**30:.1f} GiB, too much for text that is read whole: make it CSV, FITS or Parquet"
+        )
+    with path.open("rb") as file:
+        begin = file.read(2**16)
+    if b"\0" in begin:
+        raise TableError(f"{label} is no text")
+    if kind == "ascii":
+        return ascii.read(path, format=None, guess=True)
+    options = {}
+    if b"Byte-by-byte" not in begin:
+        readme = path.with_name("ReadMe")
+        if not readme.is_file():
+            raise TableError(f"{label} does not describe its columns, and there is no file ReadMe beside it that does")
+        options = {"readme": str(readme)}
+        kind = "ascii.cds"
+    return ascii.read(str(path), format=kind.removeprefix("ascii."), guess=False, **options)
+
+
+def _with_degrees(table):
+    """ra and dec in degrees, where the table has hours, minutes and seconds, and no others."""
+    if not set(_SEXAGESIMAL) <= set(table.colnames) or {"ra", "dec"} & set(table.colnames):
+        return table
+    hours, minutes, seconds, sign, degrees, arcmin, arcsec = (table[name] for name in _SEXAGESIMAL)
+    negative = np.where(np.ma.getdata(sign).astype(str) == "-", -1.0, 1.0)
+    ra = 15 * (np.ma.asarray(hours) + np.ma.asarray(minutes) / 60 + np.ma.asarray(seconds) / 3600)
+    dec = negative * (np.ma.asarray(degrees) + np.ma.asarray(arcmin) / 60 + np.ma.asarray(arcsec) / 3600)
+    from astropy.table import MaskedColumn
+
+    table.add_columns([MaskedColumn(ra, unit="deg"), MaskedColumn(dec, unit="deg")], names=["ra", "dec"])
+    return table

@@ -1,0 +1,198 @@
+"""CSV and ECSV, line by line: only the fields that are wanted become values, and no line is longer than it may be."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import zlib
+from collections import Counter
+from itertools import islice
+from operator import itemgetter
+
+import numpy as np
+
+from vsh.io.tables._source import TableSource
+from vsh.tools.errors import TableError, first_line
+from vsh.tools.types import PathName
+
+#: Longer lines are damage, or no table. [characters]
+LINE = 2**22
+#: A field that is wanted is a number or a name. [characters]
+FIELD = 1000
+#: What stands for a missing value; Gaia's archive writes null.
+NULLS = ("", "null", "NULL")
+_INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+
+
+def open_text(path: PathName, label: str) -> TableSource:
+    """A table of text: ECSV where its first line says so, whatever its name; CSV otherwise."""
+    with _lines(path, label) as lines:
+        first = next(lines, "")
+        # A mark of the byte order, which spreadsheets write, is no part of the first name.
+        ecsv = first.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
+        comments, line = [], first
+        while ecsv and line.lstrip("\ufeff").startswith("#"):
+            comments.append(line.lstrip("\ufeff")[1:].strip("\n\r").removeprefix(" "))
+            line = next(lines, "")
+    if not line.strip():
+        raise TableError(f"{label} is empty" if not comments else f"{label} has a header and no table")
+    types, units, meta, delimiter, said = _ecsv_header(comments, label) if ecsv else ({}, {}, {}, ",", {})
+    names = _split(line.lstrip("\ufeff"), delimiter, label)
+    if types and list(types) != names:
+        raise TableError(f"{label} is damaged: its header describes other columns than the line of names")
+    repeated = sorted(name for name, times in Counter(names).items() if times > 1)
+    if repeated:
+        raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, repeated))}")
+    skip = len(comments) + 1
+
+    def read(wanted, rows):
+        places = [names.index(name) for name in wanted]
+        with _lines(path, label) as lines:
+            for _ in islice(lines, skip):
+                pass
+            records = _records(lines, places, len(names), delimiter, label, skip)
+            count = 0
+            while picked := list(islice(records, rows)):
+                yield _block(wanted, picked, types, label, skip + count)
+                count += len(picked)
+            if not count:
+                yield {name: (np.empty(0), None) for name in wanted}
+
+    return TableSource(label, tuple(names), read, units, meta, descriptions=said)
+
+
+class _lines:
+    """The lines of a file, packed or not; as a context, so that a file is always closed."""
+
+    def __init__(self, path, label):
+        self.path, self.label = path, label
+
+    def __enter__(self):
+        raw = open(self.path, "rb")
+        packed = raw.peek(2)[:2] == b"\x1f\x8b"
+        stream = io.BufferedReader(gzip.GzipFile(fileobj=raw), 2**20) if packed else raw
+        self.files = [raw, stream]
+        self.text = io.TextIOWrapper(stream, encoding="utf-8", newline="\n")
+        return self._guarded()
+
+    def __exit__(self, *_):
+        self.text.close()
+        self.files[0].close()
+
+    def _guarded(self):
+        try:
+            while line := self.text.readline(LINE):
+                if len(line) == LINE:
+                    raise TableError(
+                        f"{self.label} is damaged, or no table: it has a line of more than {LINE} characters"
+                    )
+                yield line
+        except (OSError, EOFError, zlib.error) as error:
+            raise TableError(f"{self.label} cannot be unpacked: {first_line(error)}. Fetch it again") from error
+        except UnicodeDecodeError as error:
+            raise TableError(f"{self.label} is no text in UTF-8: {error.reason} at byte {error.start}") from error
+
+
+def _split(line, delimiter, label):
+    try:
+        return next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter, strict=True), [])
+    except csv.Error as error:
+        raise TableError(f"{label} cannot be read: {error}") from None
+
+
+def _records(lines, places, width, delimiter, label, number):
+    """The wanted fields of each row: tuples of text."""
+    pick = itemgetter(*places) if len(places) > 1 else lambda row: (row[places[0]],)
+    last = max(places) + 1
+    for line in lines:
+        number += 1
+        quotes = '"' in line
+        if line.count(delimiter) == width - 1 and (not quotes or line.count('"') % 2 == 0):
+            row = line.rstrip("\r\n").split(delimiter, last)
+            picked = pick(row)
+            # Quoted fields without a delimiter within, which the count has just shown.
+            yield tuple(_unquoted(each) for each in picked) if quotes else picked
+            continue
+        if not line.strip():
+            continue
+        start = number
+        while line.count('"') % 2:  # a field may hold line breaks
+            more = next(lines, "")
+            number += 1
+            if not more or len(line) > LINE:
+                raise TableError(f"{label}, line {start}: a quotation mark is not closed")
+            line += more
+        row = _split(line, delimiter, f"{label}, line {start}")
+        if len(row) != width:
+            raise TableError(f"{label}, line {start} is damaged: {len(row)} fields where the table has {width} columns")
+        yield pick(row)
+
+
+def _unquoted(field):
+    if len(field) > 1 and field[0] == field[-1] == '"':
+        return field[1:-1].replace('""', '"')
+    return field
+
+
+def _block(names, picked, types, label, first_line_number):
+    block = {}
+    for name, column in zip(names, zip(*picked, strict=True), strict=True):
+        longest = max(map(len, column))
+        if longest > FIELD:
+            row = first_line_number + 1 + max(range(len(column)), key=lambda i: len(column[i]))
+            raise TableError(
+                f"{label}, line {row}: a field of {longest} characters in column {name!r}, at most {FIELD} are read"
+            )
+        block[name] = _values(np.array(column), types.get(name))
+    return block
+
+
+def _values(text, kind):
+    """Numbers where all are numbers, else text; the mask of what is missing."""
+    mask = np.isin(text, NULLS)
+    if mask.all() and kind not in ("string", "str"):
+        return np.full(len(text), np.nan), mask
+    if kind in ("string", "str"):
+        return text, mask if mask.any() else None
+    if kind == "bool":
+        true, false = np.char.lower(text) == "true", np.char.lower(text) == "false"
+        return (true, mask if mask.any() else None) if (true | false | mask).all() else (text, mask)
+    filled = np.where(mask, "0", text) if mask.any() else text
+    for dtype in (np.int64, float):
+        if dtype is np.int64 and kind is not None and kind not in _INTEGERS:
+            continue
+        try:
+            values = filled.astype(dtype)
+        except (ValueError, OverflowError):
+            if dtype is np.int64 and _long_integers(filled):
+                break  # as text, they keep all their digits
+            continue
+        return values, mask if mask.any() else None
+    return text, mask if mask.any() else None
+
+
+def _long_integers(text):
+    return all(each.lstrip("+-").isdigit() for each in text)
+
+
+def _ecsv_header(comments, label):
+    """Types and units by column, metadata, delimiter, and descriptions by column."""
+    from astropy.table.meta import get_header_from_yaml
+
+    try:
+        header = get_header_from_yaml(comments[1:])
+        columns = header["datatype"]
+        types = {column["name"]: column["datatype"] for column in columns}
+        units = {column["name"]: column["unit"] for column in columns if column.get("unit")}
+        said = {column["name"]: str(column["description"]) for column in columns if column.get("description")}
+        special = any(column.get("subtype") for column in columns)
+        delimiter = header.get("delimiter", " ")
+        meta = dict(header.get("meta") or {})
+    except Exception as error:  # whatever a damaged header makes of YAML
+        raise TableError(f"{label} cannot be read as ECSV: its header is damaged ({first_line(error)})") from error
+    if delimiter not in (" ", ","):
+        raise TableError(f"{label} cannot be read as ECSV: its fields are separated by {delimiter!r}")
+    if special or "__serialized_columns__" in meta:
+        meta["__special__"] = True
+    return types, units, meta, delimiter, said

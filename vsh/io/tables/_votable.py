@@ -1,0 +1,108 @@
+"""VOTables, by astropy; sizes are held against the file first, and what an archive says of its query is read."""
+
+from __future__ import annotations
+
+import re
+import warnings
+
+import numpy as np
+
+from vsh.io.tables._fits import plain_file
+from vsh.io.tables._source import TableSource
+from vsh.tools.errors import TableError, first_line
+from vsh.tools.types import PathName
+
+_SIZE = re.compile(rb"""\b(arraysize|nrows|width)\s*=\s*["']\s*([0-9][0-9x]*)""")
+_ELSEWHERE = re.compile(rb"""<(?:\w+:)?STREAM\b[^>]*\bhref\s*=""", re.IGNORECASE)
+#: Warnings of astropy's parser by which a value was changed or lost.
+_LOSSES = re.compile(r"\b(E\d\d|W46|W51|W53)\b")
+
+
+def open_votable(path: PathName, label: str) -> TableSource:
+    """The first table of a VOTable."""
+    from astropy.io import votable
+
+    plain = plain_file(path, label)
+    _check_text(plain.name, label)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            document = votable.parse(plain.name, verify="warn", invalid="mask")
+            tables = [table for table in document.iter_tables()]
+            state = [
+                info for resource in document.resources for info in _infos(resource) if info.name == "QUERY_STATUS"
+            ]
+        except Exception as error:  # whatever a damaged file makes of a reader
+            raise TableError(
+                f"{label} cannot be read as VOTable: {first_line(error)}. It may be truncated: fetch it again"
+            ) from error
+    for warning in caught:
+        if _LOSSES.search(str(warning.message)) or "truncated" in str(warning.message):
+            raise TableError(f"{label} is damaged: {first_line(warning.message)}. Fetch it again")
+    for info in state:
+        if str(info.value).upper() == "OVERFLOW":
+            raise TableError(
+                f"{label} is a part of its query's result: the archive cut it off (QUERY_STATUS OVERFLOW). "
+                "Ask again for more rows, or in parts"
+            )
+        if str(info.value).upper() == "ERROR":
+            raise TableError(f"{label} holds an archive's error, not a table: {first_line(info.content or info.value)}")
+    if not tables:
+        raise TableError(f"{label} holds no table")
+    table = tables[0]
+    names = [column.name for column in table.fields]
+    if len(set(names)) < len(names):
+        names = [column.ID for column in table.fields]
+    kept = dict(zip(names, table.fields, strict=True))
+    array = table.array
+    units = {name: str(column.unit) for name, column in kept.items() if column.unit is not None}
+    notes = () if len(tables) == 1 else (f"{label} holds {len(tables)} tables; the first was read",)
+
+    def read(wanted, rows):
+        for start in range(0, max(1, len(array)), rows):
+            part = array[start : start + rows]
+            yield {name: _column(part[kept[name].ID]) for name in wanted}
+
+    meta = {str(param.name): param.value for param in table.params}
+    meta |= {str(info.name): info.value for info in table.infos}
+    said = {name: str(column.description) for name, column in kept.items() if column.description}
+    return TableSource(label, tuple(names), read, units, meta, notes, descriptions=said)
+
+
+def _infos(resource):
+    yield from resource.infos
+    for table in resource.tables:
+        yield from table.infos
+    for inner in resource.resources:
+        yield from _infos(inner)
+
+
+def _column(column):
+    values, mask = np.ma.getdata(column), np.ma.getmaskarray(column)
+    if mask.ndim > 1:
+        mask = mask.all(tuple(range(1, mask.ndim)))
+    if values.dtype.kind == "f" and values.ndim == 1:
+        mask = mask | np.isnan(values)
+    return np.array(values), mask if mask.any() else None
+
+
+def _check_text(path, label):
+    """No fixed size in the header may exceed the file, and nothing may be read from elsewhere."""
+    with open(path, "rb") as file:
+        size = file.seek(0, 2)
+        file.seek(0)
+        carry = b""
+        while chunk := file.read(2**20):
+            if _ELSEWHERE.search(carry + chunk):
+                raise TableError(
+                    f"{label} keeps its rows elsewhere (STREAM href), where nothing is fetched from: get a VOTable with the rows in it"
+                )
+            for kind, number in _SIZE.findall(carry + chunk):
+                product = 1
+                for part in number.split(b"x"):
+                    product *= int(part[:20] or 1)
+                if product > max(size, 1024):
+                    raise TableError(
+                        f"{label} is damaged: {kind.decode()} = {number.decode()[:30]} in a file of {size} bytes"
+                    )
+            carry = chunk[-512:]

@@ -1,0 +1,240 @@
+"""Conditions on the columns of a table, as one types them: a closed list of operators, over Python's own parser."""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from vsh.tools.errors import TableError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.notes import printable
+from vsh.tools.types import BoolArray
+
+#: What may be called. `column("e_pm-RA")` names a column whose name is no word, `ismissing(redshift)` asks for gaps.
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    name: getattr(np, name)
+    for name in ("abs", "sqrt", "exp", "log", "log10", "hypot", "sin", "cos", "tan", "radians", "degrees", "floor")
+}
+_NUMBERS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Mod: np.mod}
+_ORDER = {
+    ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge, ast.Eq: operator.eq, ast.NotEq: operator.ne,
+}  # fmt: skip
+#: Longer ones are not typed by hand, and would keep the parser busy; nor are larger powers.
+MAX_LENGTH, MAX_PARTS, MAX_POWER = 2000, 300, 20.0
+
+
+class Where(InNotebook):
+    """A condition on the rows of a table.
+
+    Parameters
+    ----------
+    text : str
+        Numbers, text in quotes and names of columns, with + − * / % **, < <= > >= == != (also chained), `in` a list,
+        `and`, `or`, `not` (& | ~ between parentheses), and the functions of `FUNCTIONS`. Numbers are in the table's units.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns it looks at.
+
+    Raises
+    ------
+    TableError
+        If it is no condition, or holds anything else.
+
+    Examples
+    --------
+    >>> where = Where("phot_g_mean_mag < 19 and 0.5 < redshift < 2")
+    >>> where.names
+    ('phot_g_mean_mag', 'redshift')
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = " ".join(str(text).split())
+        if not self.text or len(self.text) > MAX_LENGTH:
+            raise TableError(f"--where is a condition of at most {MAX_LENGTH} characters, not {len(self.text)}")
+        try:
+            self._tree = ast.parse(self.text, mode="eval").body
+        except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
+            raise TableError(f"--where {self.shown!r} cannot be understood: {getattr(error, 'msg', error)}") from None
+        if sum(1 for _ in ast.walk(self._tree)) > MAX_PARTS:
+            raise TableError(f"--where: a condition has at most {MAX_PARTS} parts")
+        self.names = tuple(dict.fromkeys(self._named(self._tree)))
+
+    @property
+    def shown(self) -> str:
+        """The condition as messages have it."""
+        return printable(self.text)
+
+    def check(self, names: tuple[str, ...], label: str) -> None:
+        """Raise TableError unless a table has all columns; the message names the nearest."""
+        for name in self.names:
+            if name not in names:
+                near = [each for each in names if each.lower() == name.lower()] or get_close_matches(
+                    name, names, 3, 0.6
+                )
+                hint = (
+                    f"; nearest: {', '.join(map(printable, near))}"
+                    if near
+                    else f". It has {', '.join(map(printable, names[:50]))}"
+                )
+                raise TableError(
+                    f"--where: {label} has no column {printable(name)!r}{hint}. Conditions take the table's own names"
+                )
+
+    def rows(self, block: Mapping[str, Any]) -> tuple[BoolArray, BoolArray]:
+        """Which rows are selected, and of which that is not known for a missing value: those are not."""
+        n = len(next(iter(block.values()))[0])
+        with np.errstate(all="ignore"):
+            value, unknown = self._of(self._tree, block)
+        if np.asarray(value).dtype != bool:
+            raise TableError(f"--where {self.shown!r} is a number or a text, not a condition: compare it, < 19 say")
+        value, unknown = np.broadcast_to(value, n), np.broadcast_to(unknown, n)
+        return value & ~unknown, unknown.copy()
+
+    def _named(self, node) -> Iterator[str]:
+        """The columns, in order; and that there is nothing that is not allowed."""
+        match node:
+            case ast.Constant(value=bool() | int() | float() | str()):
+                pass
+            case ast.Name(id=name):
+                yield name
+            case ast.Call(func=ast.Name(id="column"), args=[ast.Constant(value=str() as name)], keywords=[]):
+                yield name
+            case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS or name == "ismissing":
+                if len(args) != (2 if name == "hypot" else 1):
+                    raise TableError(f"--where: {name}() takes {2 if name == 'hypot' else 1} argument")
+                for each in args:
+                    yield from self._named(each)
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() | ast.Invert(), operand=inner):
+                yield from self._named(inner)
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in (*_NUMBERS, ast.Pow, ast.BitAnd, ast.BitOr):
+                if isinstance(op, ast.Pow) and not _small(right):
+                    raise TableError(f"--where: a power is a number between −{MAX_POWER:g} and {MAX_POWER:g}")
+                yield from self._named(left)
+                yield from self._named(right)
+            case ast.BoolOp(values=values):
+                for each in values:
+                    yield from self._named(each)
+            case ast.Compare(left=left, ops=ops, comparators=others):
+                yield from self._named(left)
+                for sign, each in zip(ops, others, strict=True):
+                    if isinstance(sign, ast.In | ast.NotIn):
+                        if not isinstance(each, ast.Tuple | ast.List) or not each.elts:
+                            raise TableError("--where: what stands behind `in` is a list: in (1, 2)")
+                        for one in each.elts:
+                            yield from self._named(one)
+                    elif type(sign) in _ORDER:
+                        yield from self._named(each)
+                    else:
+                        raise _refused(node)
+            case _:
+                raise _refused(node)
+
+    def _of(self, node, block):
+        """Values, and which of them are not known."""
+        match node:
+            case ast.Constant(value=value):
+                return value, np.False_
+            case ast.Name(id=name) | ast.Call(func=ast.Name(id="column"), args=[ast.Constant(value=name)]):
+                return _column(*block[name])
+            case ast.Call(func=ast.Name(id="ismissing"), args=[inner]):
+                _, unknown = self._of(inner, block)
+                return np.asarray(unknown), np.False_
+            case ast.Call(func=ast.Name(id=name), args=args):
+                return self._numbers(FUNCTIONS[name], args, block)
+            case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=inner):
+                value, unknown = self._condition(inner, block)
+                return ~value, unknown
+            case ast.UnaryOp(op=op, operand=inner):
+                return self._numbers(np.negative if isinstance(op, ast.USub) else np.positive, [inner], block)
+            case ast.BinOp(left=left, op=ast.BitAnd() | ast.BitOr() as op, right=right):
+                return self._joined(isinstance(op, ast.BitAnd), [left, right], block)
+            case ast.BinOp(left=left, op=op, right=right):
+                return self._numbers(np.power if isinstance(op, ast.Pow) else _NUMBERS[type(op)], [left, right], block)
+            case ast.BoolOp(op=op, values=values):
+                return self._joined(isinstance(op, ast.And), values, block)
+            case ast.Compare():
+                return self._compared(node, block)
+
+    def _numbers(self, function, nodes, block):
+        found = [self._of(each, block) for each in nodes]
+        for node, (value, _) in zip(nodes, found, strict=True):
+            if np.asarray(value).dtype.kind not in "iufb":
+                raise TableError(f"--where: {printable(ast.unparse(node))} is text, not a number")
+        value = function(*(np.asarray(each, float) for each, _ in found))
+        return value, np.logical_or.reduce(np.broadcast_arrays(np.isnan(value), *(unknown for _, unknown in found)))
+
+    def _condition(self, node, block):
+        value, unknown = self._of(node, block)
+        if np.asarray(value).dtype != bool:
+            raise TableError(
+                f"--where: {printable(ast.unparse(node))} is no condition; & and | bind closer than <: put parentheses, or say and, or"
+            )
+        return np.asarray(value), np.asarray(unknown)
+
+    def _joined(self, both, nodes, block):
+        """Kleene's logic: what is false whatever the missing value is, is false."""
+        found = [self._condition(each, block) for each in nodes]
+        value, unknown = found[0]
+        for other, lost in found[1:]:
+            sure = [((a if not both else ~a) & ~b) for a, b in ((value, unknown), (other, lost))]
+            unknown = (unknown | lost) & ~(sure[0] | sure[1])
+            value = value & other if both else value | other
+        return value, unknown
+
+    def _compared(self, node, block):
+        value, unknown = np.True_, np.False_
+        left = self._of(node.left, block)
+        for op, each in zip(node.ops, node.comparators, strict=True):
+            if isinstance(op, ast.In | ast.NotIn):
+                right, among = left, [_ordered(ast.Eq(), left, self._of(one, block), node) for one in each.elts]
+                found = np.logical_or.reduce(np.broadcast_arrays(*among))
+                found = ~found if isinstance(op, ast.NotIn) else found
+                lost = left[1]
+            else:
+                right = self._of(each, block)
+                found, lost = _ordered(op, left, right, node), left[1] | right[1]
+            value, unknown, left = value & found, unknown | lost, right
+        return np.asarray(value, bool), unknown
+
+
+def _ordered(op, left, right, node):
+    kinds = {"text" if np.asarray(each).dtype.kind in "USO" else "number" for each, _ in (left, right)}
+    if len(kinds) > 1:
+        raise TableError(f"--where: {printable(ast.unparse(node))} compares a text with a number")
+    return np.asarray(_ORDER[type(op)](left[0], right[0]), bool)
+
+
+def _column(values, mask):
+    values = np.asarray(values)
+    unknown = np.zeros(len(values), bool) if mask is None else np.array(mask, bool)
+    if values.dtype.kind == "f":
+        unknown = unknown | np.isnan(values)
+    elif values.dtype.kind == "O":
+        unknown = unknown | np.array([each is None or each != each for each in values])
+        values = np.array(["" if lost else str(each) for each, lost in zip(values, unknown, strict=True)])
+    elif values.dtype.kind == "S":
+        values = np.char.decode(values, "utf-8", "replace")
+    return values, unknown
+
+
+def _small(node):
+    sign = 1.0
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        sign, node = -1.0, node.operand
+    return (
+        isinstance(node, ast.Constant) and isinstance(node.value, int | float) and abs(sign * node.value) <= MAX_POWER
+    )
+
+
+def _refused(node):
+    return TableError(
+        f"--where: {printable(ast.unparse(node))[:80]} is not allowed; there are columns, numbers, text, comparisons, and, or, not, "
+        f"in, column(), ismissing(), {', '.join(f'{name}()' for name in FUNCTIONS)}"
+    )

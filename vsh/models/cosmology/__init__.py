@@ -1,0 +1,59 @@
+"""Distances, usable redshifts, and our own motion through the Universe.
+
+Distances need astropy.cosmology, which is imported when the first of them is asked for.
+"""
+
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+from vsh.models.cosmology._apex import (
+    BACHCHAN_2016,
+    LOCAL_GROUP,
+    PLANCK_2018,
+    REDSHIFT_FRAMES,
+    VELOCITIES,
+    to_cmb,
+    velocity_along,
+    velocity_from_apex,
+)
+from vsh.models.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable, with_redshift
+
+if TYPE_CHECKING:
+    from vsh.models.cosmology._distance import (
+        PLANCK_2013,
+        distance_modulus,
+        flat,
+        hubble_value,
+        parallax_factor,
+        redshift_of,
+        transverse_distance,
+    )
+
+__all__ = [
+    "BACHCHAN_2016",
+    "LOCAL_GROUP",
+    "PLANCK_2013",
+    "PLANCK_2018",
+    "distance_modulus",
+    "flat",
+    "to_cmb",
+    "transverse_distance",
+    "velocity_from_apex",
+    "with_redshift",
+]
+
+_DISTANCE = [
+    "PLANCK_2013",
+    "distance_modulus",
+    "flat",
+    "hubble_value",
+    "parallax_factor",
+    "redshift_of",
+    "transverse_distance",
+]
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_distance": _DISTANCE})
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,135 @@
+"""Our own motion through the Universe: as the dipole of the microwave background tells it, and as users give it.
+
+In which frame a redshift stands, and the way from one to another.
+
+A redshift that an observer measures holds the source's own velocity and the observer's: (1 + z_obs) =
+(1 + z) (1 + v_r/c)/(1 + v·r/c), with v the observer's velocity with respect to the microwave background, toward the
+apex. Frames differ by that observer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.redshift_frames import TRUE
+from vsh.sky.sphere import triad
+from vsh.tools.arguments import number
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import FloatArray
+from vsh.tools.units import SPEED_OF_LIGHT
+from vsh.vector import Vector
+
+#: Planck Collaboration (2020, A&A 641, A1), table 3: toward the apex. [km/s]
+PLANCK_2018 = Vector.from_spherical(369.82, 264.021, 48.253, (0.11, 0.011, 0.005), "galactic", "km/s")
+
+
+#: What Bachchan, Hobbs & Lindegren (2016, A&A 589, A71) put into their simulations. [km/s]
+BACHCHAN_2016 = Vector.from_spherical(369.0, 263.99, 48.26, frame="galactic", unit="km/s")
+
+
+#: Velocities that have names, in every command and study.
+VELOCITIES = {"planck": PLANCK_2018, "paper": BACHCHAN_2016}
+
+
+def velocity_along(value: Any, frame: str) -> Vector:
+    """A velocity along the axes of `frame`."""
+    check_frame(frame)
+    if isinstance(value, str):
+        if value not in VELOCITIES:
+            raise ParameterError(
+                f"no velocity is called {value!r}; there are {', '.join(VELOCITIES)}, or give three numbers in km/s"
+            )
+        value = VELOCITIES[value]
+    if not isinstance(value, Vector):
+        try:
+            three = np.asarray(value, float)
+        except (TypeError, ValueError):
+            three = np.empty(0)
+        if three.shape != (3,):
+            raise ParameterError(f"a velocity has three components, not {value!r}")
+        if not (np.isfinite(three).all() and three.any()):
+            raise ParameterError(
+                f"a velocity of {three} km/s has no direction: a secular parallax cannot be scaled by it"
+            )
+        value = Vector(three, np.zeros((3, 3)), frame, "km/s")
+    if not value.amplitude > 0:
+        raise ParameterError(
+            f"a velocity of {value.amplitude} km/s has no direction: a secular parallax cannot be scaled by it"
+        )
+    return replace(value.to_frame(frame), unit="km/s")
+
+
+def velocity_from_apex(speed: float, l: float, b: float) -> Vector:
+    """A velocity of so many km/s toward Galactic longitude and latitude [deg], without error.
+
+    Parameters
+    ----------
+    speed : float
+        [km/s]
+    l : float
+        Galactic longitude. [deg]
+    b : float
+        Galactic latitude. [deg]
+
+    Raises
+    ------
+    ParameterError
+        If the speed is not above zero, or the direction is none.
+    """
+    speed, l, b = (number(name, x) for name, x in (("speed", speed), ("l", l), ("b", b)))
+    if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
+        raise ParameterError(
+            f"a velocity is SPEED,L,B: km/s above zero, Galactic longitude and latitude of the apex in degrees; not "
+            f"{speed:g},{l:g},{b:g}"
+        )
+    return Vector.from_spherical(speed, l, b, frame="galactic", unit="km/s")
+
+
+#: Karachentsev & Makarov (1996, AJ 111, 794): the Sun's velocity with respect to the Local Group. [km/s]
+SUN_IN_LOCAL_GROUP = Vector.from_spherical(316.0, 93.0, -4.0, frame="galactic", unit="km/s")
+
+
+#: Kogut et al. (1993, ApJ 419, 1): the velocity of the Local Group in the microwave background. [km/s]
+LOCAL_GROUP = Vector.from_spherical(627.0, 276.0, 30.0, (22.0, 3.0, 3.0), "galactic", "km/s")
+
+
+_NONE = Vector(np.zeros(3), np.zeros((3, 3)), "galactic", "km/s")
+
+
+#: The Sun's velocity with respect to the observer at rest in each frame of redshifts. [km/s]
+REDSHIFT_FRAMES = {"heliocentric": _NONE, "cmb": PLANCK_2018, "local-group": SUN_IN_LOCAL_GROUP}
+
+
+def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, redshift_frame: str) -> FloatArray:
+    """Redshifts as an observer at rest in the microwave background would measure them.
+
+    With the velocity of Planck (2018), never one that was fitted: what is fitted would bear on itself.
+
+    Parameters
+    ----------
+    redshift : (n,) array
+        As measured.
+    lon, lat : (n,) arrays
+        Positions. [rad]
+    frame : str
+        Of the positions.
+    redshift_frame : str
+        Of `REDSHIFT_FRAMES`; "true" ones stay as they are.
+
+    Examples
+    --------
+    >>> apex = PLANCK_2018.to_frame("icrs").direction
+    >>> float(to_cmb(np.array([0.01]), *np.radians([[apex[0]], [apex[1]]]), "icrs", "heliocentric")[0].round(6))
+    0.011246
+    """
+    redshift = np.asarray(redshift, float)
+    if redshift_frame == TRUE:
+        return redshift
+    r = triad(lon, lat)[2]
+    turn = rotation_matrix("galactic", frame)
+    toward = {name: turn @ REDSHIFT_FRAMES[name].value @ r / SPEED_OF_LIGHT for name in ("cmb", redshift_frame)}
+    return (1 + redshift) * (1 + toward["cmb"]) / (1 + toward[redshift_frame]) - 1

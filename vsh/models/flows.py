@@ -1,0 +1,529 @@
+"""Flows of galaxies in linear theory: how their velocities are correlated, as modes, and on grids.
+
+Distances are in Mpc/h, so that they follow from redshifts whatever the Hubble constant; velocities are in km/s, in the
+frame of the microwave background.
+
+Velocities in linear theory: one Gaussian field, whose power follows from that of matter.
+
+The velocity is the gradient of a potential, v(k) = i f H δ(k) k/k², with f the growth rate. In units of h the Hubble
+constant is 100 km/s per Mpc/h. Velocities at a separation r are correlated by Ψ∥ along r and Ψ⊥ across it (Górski 1988,
+ApJ 332, L7):
+
+    Ψ⊥(r) = (f H)²/(2π²) ∫ P(k) j₁(kr)/(kr) dk,   Ψ∥(r) = (f H)²/(2π²) ∫ P(k) [j₀(kr) − 2 j₁(kr)/(kr)] dk.
+
+Flows as a sum of a few hundred modes with independent amplitudes: harmonics on the sky times functions of distance.
+
+A potential flow of wave number k is
+
+    v_⊥ = √(l(l+1)) j_l(kr)/r S_lm,   v_r = k j_l'(kr) Y_lm,
+
+with amplitudes of variance (2/π) (f H)² P(k)/k² dk: it has no toroidal part. For every degree a singular value
+decomposition of these functions of distance, tangential and radial ones together, leaves the few that matter. The
+amplitude of a mode is one on average.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.special import spherical_jn
+
+from vsh.basis import scalar_harmonics, spheroidal_twin, toroidal_harmonics
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.tools import arguments
+from vsh.tools.arguments import positive
+from vsh.tools.arrays import float_array
+from vsh.tools.errors import ParameterError, TableError
+from vsh.tools.files import write_arrays
+from vsh.tools.notebook import Frozen, InNotebook
+from vsh.tools.notes import printable
+from vsh.tools.types import ArrayLike, FloatArray, PathName
+
+__all__ = ["PLANCK_2018", "FlowModes", "LinearTheory", "VelocityGrid", "flow_modes", "read_velocity_grid"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class VelocityGrid(InNotebook):
+    """Velocities on a cube around us.
+
+    Attributes
+    ----------
+    velocity : (3, k, k, k) array
+        Components along the axes of `frame`, at points from −half_width to +half_width on each axis. [km/s, in the
+        frame of the microwave background]
+    half_width : float
+        [Mpc/h]
+    frame : str
+        Of the axes.
+
+    Raises
+    ------
+    ParameterError
+        If it is no cube of finite numbers.
+    """
+
+    velocity: FloatArray
+    half_width: float
+    frame: str = "galactic"
+
+    def __post_init__(self) -> None:
+        velocity = np.asarray(self.velocity)
+        size = velocity.shape[-1] if velocity.ndim == 4 else 0
+        if size < 2 or velocity.shape != (3, size, size, size):
+            raise ParameterError(
+                f"a grid of velocities has shape (3, k, k, k), not {velocity.shape}: components, then x, y and z"
+            )
+        if velocity.dtype.kind not in "fiu" or not np.isfinite(velocity).all():
+            raise ParameterError("a grid of velocities holds finite numbers, in km/s")
+        check_frame(self.frame)
+        object.__setattr__(self, "velocity", velocity)
+        object.__setattr__(self, "half_width", arguments.positive("half_width", self.half_width))
+
+    def __repr__(self) -> str:
+        return f"<VelocityGrid: {self.velocity.shape[-1]}³ points to ±{self.half_width:g} Mpc/h, {self.frame}>"
+
+    def at(self, lon: FloatArray, lat: FloatArray, distance: FloatArray, frame: str) -> tuple[FloatArray, FloatArray]:
+        """The velocity between the points, by threes of linear interpolations, along the axes of `frame`.
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions in `frame`. [rad]
+        distance : (n,) array
+            [Mpc/h]
+        frame : str
+            Of the positions and of the result.
+
+        Returns
+        -------
+        velocity : (3, n) array
+            [km/s]; zero outside the cube.
+        inside : (n,) mask
+            Which sources are within the cube.
+        """
+        from scipy.ndimage import map_coordinates  # slow to import
+
+        turn = rotation_matrix(frame, self.frame)
+        places = turn @ triad(lon, lat)[2] * np.asarray(distance, float)
+        inside = (np.abs(places) <= self.half_width).all(0)
+        size = self.velocity.shape[-1]
+        index = (places + self.half_width) * ((size - 1) / (2 * self.half_width))
+        found = np.stack([map_coordinates(each, index, order=1, cval=0.0, output=float) for each in self.velocity])
+        return turn.T @ np.where(inside, found, 0.0), inside
+
+    def write(self, path: PathName) -> None:
+        """Write it as a file of NumPy, which `read_velocity_grid` reads.
+
+        Parameters
+        ----------
+        path : str or Path
+            Its ending is .npz.
+        """
+        arrays = {"velocity": self.velocity, "half_width": self.half_width, "frame": np.array(self.frame)}
+        write_arrays(path, arrays, compress=True)
+
+
+def read_velocity_grid(path: PathName, half_width: float | None = None, frame: str | None = None) -> VelocityGrid:
+    """Read velocities on a grid.
+
+    Parameters
+    ----------
+    path : str or Path
+        .npz as `VelocityGrid.write` writes it; or .npy, an array (3, k, k, k) as that of 2M++ (Carrick et al. 2015,
+        MNRAS 450, 317), which is in Galactic axes to ±200 Mpc/h.
+    half_width : float, optional
+        Of the cube: the file's own, or 200 Mpc/h of an .npy file.
+    frame : str, optional
+        Of the axes: the file's own, or Galactic of an .npy file.
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read or holds no such grid.
+    """
+    label = printable(path)
+    try:
+        found = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise TableError(f"{label} cannot be read as a grid of velocities (.npz or .npy of NumPy): {error}") from None
+    if isinstance(found, np.ndarray):
+        velocity, own_width, own_frame = found, 200.0, "galactic"
+    else:
+        with found:
+            missing = {"velocity", "half_width", "frame"} - set(found.files)
+            if missing:
+                raise TableError(f"{label} lacks {', '.join(sorted(missing))}: it is no grid of velocities")
+            velocity, own_width, own_frame = found["velocity"], float(found["half_width"]), str(found["frame"])
+    try:
+        return VelocityGrid(velocity, half_width or own_width, frame or own_frame)
+    except ParameterError as error:
+        raise TableError(f"{label}: {error}") from None
+
+
+#: The Hubble constant where distances are in Mpc/h. [km/s per Mpc/h]
+HUBBLE = 100.0
+
+
+#: Separations beyond which velocities are taken as independent. [Mpc/h]
+_FARTHEST = 3000.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LinearTheory(Frozen):
+    """A power spectrum of matter today and the rate at which structures grow.
+
+    Attributes
+    ----------
+    k : (n,) array
+        Wave numbers, rising. [h/Mpc]
+    power : (n,) array
+        P(k). [(Mpc/h)³]
+    growth_rate : float
+        f = d ln D/d ln a today; Ω_m^0.55 in general relativity.
+    name : str
+        For reports.
+
+    Raises
+    ------
+    ParameterError
+        If wave numbers do not rise from above zero, or a power is not above zero.
+    """
+
+    k: FloatArray
+    power: FloatArray
+    growth_rate: float
+    name: str = "linear theory"
+
+    def __post_init__(self) -> None:
+        k, power = float_array("k", self.k), float_array("power", self.power)
+        if k.ndim != 1 or k.shape != power.shape or k.size < 8 or not (k[0] > 0 and (np.diff(k) > 0).all()):
+            raise ParameterError(
+                "a power spectrum is two arrays of one length, eight at least; k rises from above zero"
+            )
+        if not (power > 0).all():
+            raise ParameterError("the power of matter is above zero at every wave number")
+        object.__setattr__(self, "k", k)
+        object.__setattr__(self, "power", power)
+        object.__setattr__(self, "growth_rate", positive("growth_rate", self.growth_rate))
+        super().__post_init__()
+
+    def __repr__(self) -> str:
+        return f"<LinearTheory: {self.name}, {self.sigma:.0f} km/s in each component>"
+
+    def power_at(self, k: ArrayLike) -> FloatArray:
+        """P(k) between the tabulated wave numbers; nothing beyond them. [(Mpc/h)³]
+
+        Parameters
+        ----------
+        k : array
+            [h/Mpc]
+        """
+        k = np.asarray(k, float)
+        inside = (k >= self.k[0]) & (k <= self.k[-1])
+        return np.where(inside, np.exp(self._spline(np.log(np.clip(k, self.k[0], self.k[-1])))), 0.0)
+
+    @property
+    def sigma(self) -> float:
+        """The dispersion of velocities in each component. [km/s]"""
+        return float(np.sqrt(self._correlations[1][0, 0]))
+
+    def correlation(self, separation: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Ψ∥ and Ψ⊥, the correlations of velocities along a separation and across it. [(km/s)²]
+
+        Parameters
+        ----------
+        separation : array
+            [Mpc/h]
+
+        Returns
+        -------
+        tuple[array, array]
+        """
+        separation = np.asarray(separation, float)
+        near = separation < _FARTHEST
+        x = np.arcsinh(np.minimum(separation, _FARTHEST))
+        along, across = np.moveaxis(self._correlations[0](x), -1, 0)
+        return np.where(near, along, 0.0), np.where(near, across, 0.0)
+
+    def covariance(self, positions: FloatArray) -> FloatArray:
+        """The covariance of the velocities at places, (3n, 3n), place by place: x, y, z of the first, … [(km/s)²]
+
+        Parameters
+        ----------
+        positions : (3, n) array
+            [Mpc/h]
+        """
+        n = positions.shape[1]
+        apart = positions[:, :, None] - positions[:, None, :]
+        r = np.sqrt(np.sum(apart * apart, 0))
+        along, across = self.correlation(r)
+        unit = apart / np.maximum(r, 1e-12)
+        out = np.empty((n, 3, n, 3))
+        for i in range(3):
+            for j in range(3):
+                out[:, i, :, j] = (along - across) * unit[i] * unit[j] + (across if i == j else 0.0)
+        return out.reshape(3 * n, 3 * n)
+
+    def bulk_flow(self, radius: float) -> float:
+        """The rms speed of the mean velocity within a sphere. [km/s]
+
+        Parameters
+        ----------
+        radius : float
+            Of the sphere, whose edge is sharp. [Mpc/h]
+
+        Examples
+        --------
+        >>> [round(PLANCK_2018.bulk_flow(radius)) for radius in (20, 45, 100)]
+        [406, 316, 215]
+        """
+        k, log_step = self._fine
+        x = k * positive("radius", radius)
+        window = 3 * spherical_jn(1, x) / x
+        return float(np.sqrt(self._scale * np.sum(self.power_at(k) * window**2 * k) * log_step))
+
+    @property
+    def _scale(self):
+        return (self.growth_rate * HUBBLE) ** 2 / (2 * np.pi**2)
+
+    @cached_property
+    def _fine(self):
+        """Wave numbers close enough for sums, and their step in ln k."""
+        log_k, step = np.linspace(np.log(self.k[0]), np.log(self.k[-1]), 6001, retstep=True)
+        return np.exp(log_k), step
+
+    @cached_property
+    def _spline(self):
+        return make_interp_spline(np.log(self.k), np.log(self.power))
+
+    @cached_property
+    def _correlations(self):
+        """Ψ∥ and Ψ⊥ as a spline in arsinh r, and as a table."""
+        k, step = self._fine
+        weight = self._scale * self.power_at(k) * k * step
+        x = np.linspace(0, np.arcsinh(_FARTHEST), 500)
+        table = np.empty((len(x), 2))
+        for i, r in enumerate(np.sinh(x)):
+            # j_0(x) and j_1(x)/x, three times as fast as the library's by recurrence.
+            kr = np.maximum(k * r, 1e-6)
+            square, zeroth = kr * kr, np.sin(kr) / kr
+            over = np.where(kr < 0.02, 1 / 3 - square / 30 + square**2 / 840, (zeroth - np.cos(kr)) / square)
+            table[i] = weight @ (zeroth - 2 * over), weight @ over
+        return make_interp_spline(x, table), table
+
+
+def _planck() -> LinearTheory:
+    with (Path(__file__).parent / "planck2018_power.txt").open(encoding="utf-8") as file:
+        k, power = np.loadtxt(file, unpack=True)
+    return LinearTheory(k, power, 0.3111**0.55, "linear ΛCDM, Planck 2018")
+
+
+#: Flat, Ω_m = 0.3111, σ_8 = 0.8102: Planck Collaboration (2020, A&A 641, A6), with f = Ω_m^0.55.
+PLANCK_2018 = _planck()
+
+
+#: Beyond this distance flows move nobody's estimate: sources there have independent velocities. [Mpc/h]
+FARTHEST = 600.0
+
+
+#: Below this distance the modes are as here. [Mpc/h]
+_NEAREST = 2.0
+
+
+_RADII = 160
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FlowModes(Frozen):
+    """The modes of a flow between two distances, each with an amplitude of one on average.
+
+    Attributes
+    ----------
+    theory : LinearTheory
+    counts : tuple of int
+        How many functions of distance there are of each degree from 0 on; degree l has 2l + 1 modes of each.
+    radii : (k,) array
+        Where the functions are tabulated. [Mpc/h]
+    tangential, radial : (k, f) arrays
+        The functions, degree by degree. [km/s]
+    origin : (f,) array
+        The radial ones at distance zero: those of degree 1 alone differ from zero. [km/s]
+    """
+
+    theory: LinearTheory
+    counts: tuple[int, ...]
+    radii: FloatArray
+    tangential: FloatArray
+    radial: FloatArray
+    origin: FloatArray
+
+    def __len__(self) -> int:
+        return sum((2 * l + 1) * count for l, count in enumerate(self.counts))
+
+    def __repr__(self) -> str:
+        return f"<FlowModes: {len(self)} to degree {len(self.counts) - 1}, {self.radii[0]:.3g} to {self.radii[-1]:.3g} Mpc/h>"
+
+    def at(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What every mode adds to the velocities of sources.
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions. [rad]
+        distance : (n,) array
+            [Mpc/h]
+
+        Returns
+        -------
+        tangential : (2, n, p) array
+            East and north. [km/s]
+        radial : (n, p) array
+            Outwards. [km/s]
+        """
+        distance = np.asarray(distance, float)
+        across, along = self._functions(distance)
+        return self._combined(np.asarray(lon, float), np.asarray(lat, float), across, along)
+
+    def at_origin(self) -> FloatArray:
+        """What every mode adds to the velocity where we are, (3, p), along the axes of the positions. [km/s]"""
+        lon, lat = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2])  # along x, y and z
+        here = np.broadcast_to(self.origin, (3, self.origin.size))
+        return self._combined(lon, lat, np.zeros_like(here), here)[1]
+
+    def left(self, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The variance of velocities that the modes leave, in each tangential component and in the radial one.
+
+        Parameters
+        ----------
+        distance : (n,) array
+            [Mpc/h]
+
+        Returns
+        -------
+        tuple[array, array]
+            [(km/s)²]
+        """
+        across, along = self._functions(np.asarray(distance, float))
+        l = np.repeat(np.arange(len(self.counts)), self.counts)
+        share = (2 * l + 1) / (4 * np.pi)  # Σ_m |S_lm|² = Σ_m |Y_lm|²
+        total = self.theory.sigma**2
+        return np.maximum(total - across**2 @ share / 2, 0.0), np.maximum(total - along**2 @ share, 0.0)
+
+    def left_at_origin(self) -> float:
+        """The same where we are. [(km/s)²]"""
+        return float(max(self.theory.sigma**2 - 3 / (4 * np.pi) * np.sum(self.origin**2), 0.0))
+
+    @cached_property
+    def _spline(self):
+        return make_interp_spline(np.log(self.radii), np.hstack([self.tangential, self.radial]))
+
+    def _functions(self, distance):
+        """The functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
+        spline: BSpline = self._spline
+        values = spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
+        values[distance > self.radii[-1] * (1 + 1e-9)] = 0.0
+        return np.split(values, 2, axis=1)
+
+    def _combined(self, lon, lat, across, along):
+        """Functions of distance times harmonics, normalised to one over the sphere."""
+        top = len(self.counts) - 1
+        y = scalar_harmonics(lon, lat, top)
+        s = spheroidal_twin(toroidal_harmonics(lon, lat, max(top, 1)))
+        tangential, radial = np.empty((2, lon.size, len(self))), np.empty((lon.size, len(self)))
+        column = first = 0
+        for l, count in enumerate(self.counts):
+            functions = slice(first, first + count)
+            for i in range(2 * l + 1):
+                norm = 1.0 if i == 0 else 1 / np.sqrt(2)
+                here = slice(column, column + count)
+                radial[:, here] = norm * y[l * l + i][:, None] * along[:, functions]
+                tangential[:, :, here] = norm * s[l * l - 1 + i][:, :, None] * across[:, functions] if l else 0.0
+                column += count
+            first += count
+        return tangential, radial
+
+
+@arguments.accepts(
+    nearest=arguments.not_negative,
+    farthest=arguments.positive,
+    n_modes=arguments.whole,
+    theory=arguments.a(LinearTheory),
+)
+def flow_modes(
+    nearest: float, farthest: float, n_modes: int = 250, theory: LinearTheory = PLANCK_2018, *, max_degree: int = 60
+) -> FlowModes:
+    """The modes that hold most of the power of linear flows between two distances.
+
+    Parameters
+    ----------
+    nearest, farthest : float
+        [Mpc/h]; what lies beyond 600 is left to the dispersion.
+    n_modes : int
+        At most so many; a function of distance brings all orders of its degree.
+    theory : LinearTheory
+        Planck's unless given.
+    max_degree : int
+        The highest degree that is tried.
+
+    Raises
+    ------
+    ParameterError
+        If distances do not rise, or there are fewer modes than three, the first of which are the bulk flow.
+
+    Notes
+    -----
+    Against the covariance of 500 galaxies between 6 and 90 Mpc/h the modes err by 3, 2 and 1 % of its Frobenius
+    norm with 250, 500 and 1000 of them.
+    """
+    nearest, farthest = max(nearest, _NEAREST), min(max(farthest, 1.5 * _NEAREST), FARTHEST)
+    if not nearest < farthest:
+        raise ParameterError(f"distances of a flow rise, not from {nearest:g} to {farthest:g} Mpc/h")
+    if n_modes < 3:
+        raise ParameterError(f"{n_modes} modes hold no flow: the first three are the bulk flow")
+    return _chosen_modes(nearest, farthest, n_modes, theory, max_degree)
+
+
+@lru_cache(maxsize=64)  # many skies of the same sources ask for the same
+def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
+    radii = np.geomspace(nearest, farthest, _RADII)
+    k, step = _wave_numbers(farthest)
+    amplitude = theory.growth_rate * HUBBLE * np.sqrt(2 / np.pi * theory.power_at(k) * step) / k
+    weight = np.sqrt(np.gradient(radii)) * radii
+    weight /= np.sqrt(np.sum(weight**2))
+    kr = np.outer(radii, k)
+    found: list[tuple[float, int, FloatArray, FloatArray, FloatArray]] = []
+    for l in range(max_degree + 1):
+        across = np.sqrt(l * (l + 1)) * spherical_jn(l, kr) / radii[:, None] * amplitude
+        along = spherical_jn(l, kr, derivative=True) * k * amplitude
+        _, power, right = np.linalg.svd(np.vstack([across, along]) * np.tile(weight, 2)[:, None], full_matrices=False)
+        origin = k / 3 * amplitude if l == 1 else np.zeros_like(k)
+        few = right[: n_modes // (2 * l + 1) + 1].T
+        found += zip(power[: few.shape[1]] ** 2, [l] * few.shape[1], (across @ few).T, (along @ few).T, origin @ few)
+        # Of a degree above, no function holds more than the first of this one: there is nothing left to come.
+        if l > 1 and sum(2 * each[1] + 1 for each in found if each[0] > power[0] ** 2) >= n_modes:
+            break
+    chosen: list[tuple[float, int, FloatArray, FloatArray, FloatArray]] = []
+    for each in sorted(found, key=lambda each: -each[0]):
+        if sum(2 * l + 1 for _, l, *_ in [*chosen, each]) > n_modes:
+            break
+        chosen.append(each)
+    chosen.sort(key=lambda each: (each[1], -each[0]))
+    counts = tuple(sum(l == each[1] for each in chosen) for l in range(max(each[1] for each in chosen) + 1))
+    return FlowModes(
+        theory, counts, radii, np.stack([each[2] for each in chosen], 1), np.stack([each[3] for each in chosen], 1),
+        np.array([each[4] for each in chosen]),
+    )  # fmt: skip
+
+
+def _wave_numbers(farthest, highest=0.6):
+    """Wave numbers and the step at each: even in ln k where k is small, and fine enough for the largest distance."""
+    small = np.geomspace(2e-4, 0.02, 40)
+    edges = np.sqrt(small[1:] * small[:-1])
+    step = min(0.004, 0.6 / farthest)
+    large = np.arange(0.02 + step / 2, highest, step)
+    return np.r_[small, large], np.r_[np.diff(np.r_[small[0] ** 2 / edges[0], edges, 0.02]), np.full(large.size, step)]

@@ -1,0 +1,173 @@
+"""One plane gravitational wave: the motions that it gives to sources far away, and their coefficients.
+
+The deflection by a plane gravitational wave at the observer, exactly and by degree.
+
+A wave that travels along k and strains space by h at the Earth moves a source at r by (Pyne et al. 1996, ApJ 465, 566;
+Book & Flanagan 2011, PRD 83, 024024, eq. 58)
+
+    V = ½ [(r + k) (rᵀ h r)/(1 + k·r) − h r].
+
+h stands for the rate of the strain where V is a motion [µas/yr], for the strain where it is a displacement. Its two
+polarisations are h = plus (e_θ e_θᵀ − e_φ e_φᵀ) + cross (e_θ e_φᵀ + e_φ e_θᵀ) with e_θ south and e_φ east at k, which along
++z are x and y.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vsh.coefficients import Coefficients
+from vsh.models.covariance import wave_fractions
+from vsh.modes import Modes
+from vsh.rotate import degree_matrix
+from vsh.sky.sphere import angles, triad
+from vsh.tools import arguments
+from vsh.tools.arguments import number, positive
+from vsh.tools.arrays import float_array
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import ArrayLike, FloatArray
+from vsh.tools.units import JULIAN_YEAR, UAS
+
+__all__ = ["degree_amplitudes", "strain_of", "wave_coefficients", "wave_motions", "wave_templates"]
+
+
+def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: float, cross: float = 0.0) -> FloatArray:
+    """V at each position, (2, n), in the unit of plus and cross.
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays
+        Positions. [rad]
+    direction : (3,) array
+        k, where the wave travels to; of any length. Its source is on the other side of the sky.
+    plus, cross : float
+        Rates of strain of the two polarisations. [µas/yr]
+
+    Raises
+    ------
+    ParameterError
+        If the direction is no vector.
+    """
+    k = unit(direction)
+    p, q, r = triad(np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat)))
+    along = number("plus", plus) * _tensor(k, 1, 0) + number("cross", cross) * _tensor(k, 0, 1)
+    strained = along @ r
+    whole = np.sum(r * strained, axis=0)
+    beside = 1 + k @ r
+    # Where the wave comes from, both rᵀhr and 1 + k·r are zero to second order: the quotient is finite, and r + k zero.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bent = np.where(beside > 1e-12, whole / beside, 0.0)
+    motion = ((r + k[:, None]) * bent - strained) / 2
+    return np.stack([np.sum(motion * p, axis=0), np.sum(motion * q, axis=0)])
+
+
+def _tensor(k, plus, cross):
+    lon, lat = angles(k)
+    east, north, _ = triad(lon, lat)
+    south = -north
+    return plus * (np.outer(south, south) - np.outer(east, east)) + cross * (
+        np.outer(south, east) + np.outer(east, south)
+    )
+
+
+def unit(direction: ArrayLike) -> FloatArray:
+    """A direction as a unit vector, (3,)."""
+    found = float_array("direction", direction, (3,))
+    if not np.linalg.norm(found) > 0:
+        raise ParameterError("direction is where the wave travels to: a vector of some length")
+    return found / np.linalg.norm(found)
+
+
+def degree_amplitudes(lmax: int) -> FloatArray:
+    """c_l = (−1)^l √(π α_l/6), the coefficients of a wave of unit rate along z, (lmax,), with α_l those of a background.
+
+    Parameters
+    ----------
+    lmax : int
+        The highest degree.
+
+    Examples
+    --------
+    >>> degree_amplitudes(4).round(6)
+    array([-0.      ,  0.660555, -0.247157,  0.125331])
+    """
+    l = np.arange(1, arguments.whole("lmax", lmax) + 1)
+    return (-1.0) ** l * np.sqrt(np.pi * wave_fractions(lmax) / 6)
+
+
+def wave_coefficients(direction: ArrayLike, plus: float, cross: float = 0.0, *, lmax: int = 12) -> Coefficients:
+    """The coefficients of one wave to a degree; it has none of degree 1.
+
+    Parameters
+    ----------
+    direction, plus, cross
+        As for `wave_motions`.
+    lmax : int
+        The highest degree.
+
+    Examples
+    --------
+    Along z, a plus wave has t(l,2,im) = c_l and s(l,2,re) = −c_l:
+
+    >>> from vsh import Mode
+    >>> wave = wave_coefficients((0, 0, 1), 1.0, lmax=2)
+    >>> float(wave.values[wave.modes.index(Mode("T", 2, 2, "im"))].round(6))
+    0.660555
+    """
+    templates = wave_templates(unit(direction)[:, None], lmax)[..., 0]
+    return Coefficients(Modes(lmax), number("plus", plus) * templates[0] + number("cross", cross) * templates[1])
+
+
+def wave_templates(directions: FloatArray, lmax: int) -> FloatArray:
+    """The coefficients of both polarisations for many directions, (2, p, n).
+
+    Parameters
+    ----------
+    directions : (3, n) array
+        Unit vectors k.
+    lmax : int
+        The highest degree.
+    """
+    modes, amplitude = Modes(lmax), degree_amplitudes(lmax)
+    lon, lat = angles(directions)
+    tilts, of = np.unique(np.pi / 2 - lat, return_inverse=True)
+    out = np.zeros((2, len(modes), directions.shape[1]))
+    for l in range(2, lmax + 1):
+        re, im = 2 * 2 - 1, 2 * 2  # of order 2 within a degree
+        columns = np.zeros((2 * l + 1, 4))  # of T and S, plus and cross
+        for column, (place, sign) in enumerate(((im, 1), (re, 1), (re, -1), (im, 1))):
+            columns[place, column] = sign * amplitude[l - 1]
+        tilted = np.array([degree_matrix(l, np.array([0.0, tilt, 0.0])) @ columns for tilt in tilts])[of]
+        turned = _about_z(tilted, lon, l)
+        for polarisation in range(2):
+            out[polarisation, modes.slice_of("T", l)] = turned[:, :, polarisation].T
+            out[polarisation, modes.slice_of("S", l)] = turned[:, :, 2 + polarisation].T
+    return out
+
+
+def _about_z(values, angle, l):
+    """Coefficients of one degree, (n, 2l + 1, …), turned about z by an angle each: f e^{−imφ}."""
+    out = values.copy()
+    m = np.arange(1, l + 1)
+    cos, sin = (f(np.multiply.outer(angle, m))[..., None] for f in (np.cos, np.sin))
+    re, im = values[:, 1::2], values[:, 2::2]
+    out[:, 1::2], out[:, 2::2] = cos * re + sin * im, cos * im - sin * re
+    return out
+
+
+def strain_of(rate: ArrayLike, frequency: float) -> FloatArray:
+    """The amplitude of the strain of a wave of a frequency whose rate is seen, h = ḣ/2πf.
+
+    Parameters
+    ----------
+    rate : array
+        ḣ. [µas/yr]
+    frequency : float
+        f. [nHz]
+
+    Examples
+    --------
+    >>> float(strain_of(1.0, 10.0).round(15))
+    2.445e-12
+    """
+    return float_array("rate", rate) * UAS / JULIAN_YEAR / (2 * np.pi * 1e-9 * positive("frequency", frequency))

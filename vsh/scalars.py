@@ -1,0 +1,319 @@
+"""Scalar fields on the sky: parallaxes, differences of magnitudes or colours, ratios of errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from vsh.coefficients import Coefficients
+from vsh.field import Tabled
+from vsh.modes import Modes, ScalarModes, as_modes
+from vsh.sky.frames import FRAME_KEY, check_frame, rotation_matrix
+from vsh.sky.sphere import angles, triad
+from vsh.tools.arguments import number
+from vsh.tools.arrays import float_array
+from vsh.tools.bad_rows import as_floats, check_shapes, invalid_rows, select_usable
+from vsh.tools.types import ArrayLike, FloatArray, OnBad
+from vsh.tools.units import DEGREE
+
+__all__ = ["ScalarCoefficients", "ScalarField"]
+
+
+#: Degree 1 is d·r: rows (1,0), (1,1,re), (1,1,im) of its coefficients from x, y, z of d. That of a glide, over √2.
+DIPOLE = np.sqrt(2 * np.pi / 3) * np.array([[0, 0, np.sqrt(2)], [-1, 0, 0], [0, 1, 0]])
+
+
+DIPOLE.flags.writeable = False
+
+
+class ScalarCoefficients(Coefficients):
+    """A band-limited scalar field on the sphere, f = Σ f_l0 Y_l0 + 2 (f_lm^R Re Y_lm − f_lm^I Im Y_lm).
+
+    Attributes
+    ----------
+    modes : ScalarModes
+        What each entry of `values` multiplies.
+    values : (p,) array, read-only
+        The coefficients.
+
+    Raises
+    ------
+    ModesError
+        If there are not as many values as modes.
+
+    Notes
+    -----
+    Norm and signs are those of Mignard & Klioner (2012): a spheroidal mode is the gradient of a scalar one over √(l(l+1)).
+
+    Examples
+    --------
+    >>> zero_point = ScalarCoefficients.from_moments(mean=-20.0, dipole=(1, 2, 3))
+    >>> round(zero_point.mean, 9), zero_point.dipole.round(9)
+    (-20.0, array([1., 2., 3.]))
+    >>> zero_point.at(lon=[0.0], lat=[0.0]).round(9)
+    array([-19.])
+    """
+
+    _kind = ScalarModes
+
+    @classmethod
+    def from_moments(cls, mean: float = 0.0, dipole: ArrayLike = (0, 0, 0), lmax: int = 1) -> ScalarCoefficients:
+        """The field mean + dipole · r.
+
+        Parameters
+        ----------
+        mean : float
+            Of the whole sky.
+        dipole : (3,) array
+            Along the axes of the frame.
+        lmax : int
+            The highest degree, at least 1.
+        """
+        modes = ScalarModes(lmax)
+        values = np.zeros(len(modes))
+        values[0] = np.sqrt(4 * np.pi) * number("mean", mean)
+        values[modes.slice_of("F", 1)] = DIPOLE @ float_array("dipole", dipole, (3,))
+        return cls(modes, values)
+
+    @property
+    def mean(self) -> float:
+        """Of the whole sky, f_00/√4π."""
+        return float(self.values[0] / np.sqrt(4 * np.pi))
+
+    @property
+    def dipole(self) -> FloatArray:
+        """d of the part d·r, along the axes of the frame, (3,)."""
+        return np.linalg.solve(DIPOLE, self.values[self.modes.slice_of("F", 1)])
+
+    def at(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
+        """The field at each position, (n,).
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions [rad]
+        """
+        return super().at(lon, lat)[0]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScalarField(Tabled):
+    """Numbers of n sources, with their errors: parallaxes, differences of magnitudes or colours, logarithms of ratios.
+
+    A field is checked once, here. Its arrays are read-only.
+
+    Attributes
+    ----------
+    lon, lat : (n,) arrays
+        Positions in the frame of the analysis. [rad]
+    values, sigma : (n,) arrays
+        The numbers and their standard errors, independent of each other. [`unit`]
+    unit : str
+        "" of a pure number.
+    name : (n,) array or None
+        64-bit integers or text.
+    frame : str
+        "icrs", "galactic" or "ecliptic".
+    notes : tuple of str
+        What a reader of any result should know.
+
+    Raises
+    ------
+    FieldError
+        If shapes disagree or a source cannot be used: something not finite, σ ≤ 0, |lat| > 90°.
+
+    Examples
+    --------
+    >>> field = ScalarField([0.0, 1.0], [0.0, 0.5], [-30.0, -10.0], [10.0, 10.0], "µas")
+    >>> field
+    <ScalarField: 2 sources, icrs, in µas>
+    """
+
+    lon: FloatArray
+    lat: FloatArray
+    values: FloatArray
+    sigma: FloatArray
+    unit: str = ""
+    name: np.ndarray | None = None
+    frame: str = "icrs"
+    notes: tuple[str, ...] = ()
+
+    components: ClassVar[int] = 1
+    units_shown: ClassVar[dict[str, str]] = {"lon": "rad", "lat": "rad"}
+    #: Said where a Field is wanted.
+    not_taken: ClassVar[str] = ": it holds numbers, not motions"
+
+    def __post_init__(self) -> None:
+        check_frame(self.frame)
+        arrays = {}
+        for column in ("lon", "lat", "values", "sigma"):
+            numbers, missing = as_floats(column, getattr(self, column))
+            arrays[column] = np.where(missing, np.nan, numbers)
+        if self.name is not None:
+            arrays["name"] = np.asarray(self.name)
+        check_shapes(arrays, lambda column: (arrays["lon"].size,))
+        reasons = _invalid(arrays["lon"], arrays["lat"], arrays["values"], arrays["sigma"])
+        select_usable(reasons, arrays["lon"].size)
+        for column, array in arrays.items():
+            object.__setattr__(self, column, array)
+        object.__setattr__(self, "unit", str(self.unit))
+        object.__setattr__(self, "notes", tuple(self.notes))
+        super().__post_init__()
+
+    @classmethod
+    def from_columns(
+        cls,
+        ra: Any,
+        dec: Any,
+        values: Any,
+        errors: Any,
+        *,
+        unit: str = "",
+        name: ArrayLike | None = None,
+        frame: str = "icrs",
+        on_bad: OnBad = "raise",
+        notes: Iterable[str] = (),
+    ) -> ScalarField:
+        """A field from columns as catalogues have them.
+
+        Parameters
+        ----------
+        ra, dec : (n,) arrays
+            Positions [deg, or Quantities of any angle]
+        values, errors : (n,) arrays
+            In `unit`; Quantities and columns with units are converted to it. Masked or missing ones cannot be used.
+        unit : str
+            Of both, as astropy writes it ("uas", "mag"); that of the values unless given.
+        name : (n,) array, optional
+            One for each source.
+        frame : str
+            Of the positions.
+        on_bad : {"raise", "drop"}
+            What to do about sources that cannot be used; a note counts what was dropped.
+        notes : iterable of str
+            Its first notes.
+
+        Raises
+        ------
+        FieldError
+            If a column is no array of n numbers, or, with "raise", if any source cannot be used.
+
+        Examples
+        --------
+        >>> ScalarField.from_columns([10.0], [-20.0], [-0.02], [0.1], unit="mas")
+        <ScalarField: 1 sources, icrs, in mas>
+        """
+        unit = unit or str(getattr(values, "unit", None) or "")
+        columns, missing = {}, {}
+        for column, given, of in (
+            ("ra", ra, "deg"),
+            ("dec", dec, "deg"),
+            ("values", values, unit),
+            ("errors", errors, unit),
+        ):
+            columns[column], missing[column] = as_floats(column, _with_unit(given), of)
+        if name is not None:
+            columns["name"] = np.asarray(name)
+        check_shapes(columns, lambda column: (columns["ra"].size,))
+        lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
+        absent = {f"{column} missing": mask for column, mask in missing.items()}
+        found = _invalid(lon, lat, columns["values"], columns["errors"], absent, turns=1)
+        keep, said = select_usable(found, lon.size, on_bad, mark=(lon, lat))
+        label = columns["name"][keep] if name is not None else None
+        return cls(
+            lon[keep], lat[keep], columns["values"][keep], columns["errors"][keep], unit, label, frame, (*notes, *said)
+        )
+
+    def _table(self):
+        columns = {"source_id": np.arange(1, len(self) + 1) if self.name is None else self.name}
+        columns |= {
+            "ra": np.degrees(self.lon),
+            "dec": np.degrees(self.lat),
+            "value": self.values,
+            "value_error": self.sigma,
+        }
+        units = {"ra": "deg", "dec": "deg"} | (dict.fromkeys(("value", "value_error"), self.unit) if self.unit else {})
+        return columns, units, {} if self.frame == "icrs" else {FRAME_KEY: self.frame}
+
+    def __len__(self) -> int:
+        return self.lon.size
+
+    def __repr__(self) -> str:
+        return f"<ScalarField: {len(self)} sources, {self.frame}{', in ' if self.unit else ''}{self.unit}>"
+
+    @property
+    def data(self) -> FloatArray:
+        """The values as (1, n): what is fitted."""
+        return self.values[None]
+
+    @property
+    def weights(self) -> FloatArray:
+        """1/σ² of each source, (1, n)."""
+        return 1 / self.sigma[None] ** 2
+
+    @property
+    def whitened(self) -> FloatArray:
+        """The values in units of their errors, (1, n)."""
+        return self.data / self.sigma
+
+    def minus(self, model: ArrayLike) -> ScalarField:
+        """What is left when a model's values are taken away.
+
+        Parameters
+        ----------
+        model : (n,) array
+            In `unit`.
+        """
+        return self._with(values=self.values - float_array("model", model, self.values.shape, broadcast=True))
+
+    def with_errors(self, sigma: ArrayLike) -> ScalarField:
+        """The same values with other standard errors.
+
+        Parameters
+        ----------
+        sigma : (n,) array
+            Standard errors. [`unit`]
+        """
+        return replace(self, sigma=float_array("sigma", sigma, finite=False))
+
+    def to_frame(self, name: str) -> ScalarField:
+        """The same sources in another frame: the numbers stay, the places turn.
+
+        Parameters
+        ----------
+        name : {"icrs", "galactic", "ecliptic"}
+            The frame to turn to.
+        """
+        if check_frame(name) == self.frame:
+            return self
+        lon, lat = angles(rotation_matrix(self.frame, name) @ triad(self.lon, self.lat)[2])
+        return self._with(lon=lon, lat=lat, frame=name)
+
+    def _with(self, **changes):
+        """A field derived from this one, which has been checked already."""
+        new = object.__new__(ScalarField)
+        new.__setstate__({each.name: changes.get(each.name, getattr(self, each.name)) for each in fields(self)})
+        return new
+
+
+def _invalid(lon, lat, values, sigma, further=None, turns=2):
+    return invalid_rows(lon, lat, values[None], sigma[None], np.zeros(lon.shape), further, turns=turns, what="value")
+
+
+def _with_unit(column):
+    """A column of a table as a Quantity, where it has a unit."""
+    return column.quantity if getattr(column, "unit", None) is not None and hasattr(column, "quantity") else column
+
+
+def modes_for(field: Any, value: Any) -> Modes:
+    """The modes in which a field is expanded: `ScalarModes` of a ScalarField, `Modes` of anything else.
+
+    Examples
+    --------
+    >>> modes_for(None, 2)
+    Modes(lmax=2)
+    """
+    return as_modes(value, ScalarModes if isinstance(field, ScalarField) else Modes)

@@ -1,1 +1,0 @@
-"""Threads, files, progress bars and the imports of others."""

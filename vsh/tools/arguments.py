@@ -1,0 +1,160 @@
+"""Arguments checked where they come in, each refusal a `ParameterError` that names the argument."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from inspect import signature
+from operator import index
+from typing import Any, ParamSpec, TypeAlias, TypeVar
+
+import numpy as np
+
+from vsh.tools.errors import ParameterError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+#: What an argument is checked by: from its name and value to what takes its place.
+Check: TypeAlias = Callable[[str, Any], Any]
+
+
+def number(name: str, value: Any) -> float:
+    """A finite number, as a float.
+
+    Examples
+    --------
+    >>> number("extra", 3)
+    3.0
+    """
+    try:
+        found = float(value) if np.ndim(value) == 0 and not isinstance(value, (str, bytes)) else np.nan
+    except (TypeError, ValueError):
+        found = np.nan
+    if not np.isfinite(found):
+        raise ParameterError(f"{name} must be a finite number, not {value!r}")
+    return found
+
+
+def positive(name: str, value: Any) -> float:
+    """A finite number above zero, as a float."""
+    found = number(name, value)
+    if not found > 0:
+        raise ParameterError(f"{name} must be above zero, not {value!r}")
+    return found
+
+
+def not_negative(name: str, value: Any) -> float:
+    """A finite number of zero or more, as a float."""
+    found = number(name, value)
+    if not found >= 0:
+        raise ParameterError(f"{name} must be zero or more, not {value!r}")
+    return found
+
+
+def between(name: str, value: Any, low: float, high: float) -> float:
+    """A number low < x < high, as a float."""
+    found, low, high = number(name, value), number("low", low), number("high", high)
+    if not low < found < high:
+        raise ParameterError(f"{name} must lie between {low:g} and {high:g}, not at {value!r}")
+    return found
+
+
+def whole(name: str, value: Any, least: int = 1) -> int:
+    """A whole number of at least `least`, as an int."""
+    try:
+        found = index(value) if np.ndim(value) == 0 else None
+    except TypeError:
+        found = None
+    if found is None or isinstance(value, (bool, np.bool_)) or found < least:
+        raise ParameterError(f"{name} must be a whole number of at least {least}, not {value!r}")
+    return found
+
+
+def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
+    """One of some words.
+
+    Examples
+    --------
+    >>> choice("common", "higher", (None, "higher"))
+    'higher'
+    """
+    if not isinstance(choices, (tuple, list)):
+        raise ParameterError(f"choices are a tuple, not {type(choices).__name__}")
+    for each in choices:
+        if value is each or (isinstance(value, (str, int)) and type(value) is type(each) and value == each):
+            return value
+    words = ", ".join(map(repr, choices))
+    raise ParameterError(f"{name} must be one of {words}, not {value!r}")
+
+
+def generator(rng: Any) -> np.random.Generator:
+    """A NumPy Generator from what users give as `rng`: a Generator, or a seed."""
+    try:
+        return np.random.default_rng(rng)
+    except (TypeError, ValueError):
+        raise ParameterError(f"rng is a NumPy Generator or a whole number that seeds one, not {rng!r}") from None
+
+
+def accepts(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Check some arguments of a function before it begins, each by a function of (name, value).
+
+    What a check returns takes the argument's place, defaults among them. None is not checked where it is the
+    default: the argument is not given then.
+
+    Examples
+    --------
+    >>> @accepts(x=positive)
+    ... def root(x):
+    ...     return x ** 0.5
+    >>> root("four")
+    Traceback (most recent call last):
+    vsh.tools.errors.ParameterError: x must be a finite number, not 'four'
+    """
+
+    def decorate(function):
+        known = signature(function)
+
+        @wraps(function)
+        def checked(*arguments, **options):
+            try:
+                bound = known.bind(*arguments, **options)
+            except TypeError:
+                return function(*arguments, **options)  # whose own error names it
+            bound.apply_defaults()
+            for name, check in checks.items():
+                value = bound.arguments[name]
+                if not (value is None and known.parameters[name].default is None):
+                    bound.arguments[name] = check(name, value)
+            return function(*bound.args, **bound.kwargs)
+
+        return checked
+
+    return decorate
+
+
+def a(*kinds: type) -> Check:
+    """A check that a value is of one of some classes.
+
+    Examples
+    --------
+    >>> a(int)("n", "three")
+    Traceback (most recent call last):
+    vsh.tools.errors.ParameterError: n must be int, not str
+    """
+
+    def check(name, value):
+        if not isinstance(value, kinds):
+            wanted = " or ".join(kind.__name__ for kind in kinds)
+            why = getattr(type(value), "not_taken", "")
+            raise ParameterError(f"{name} must be {wanted}, not {type(value).__name__}{why}")
+        return value
+
+    return check
+
+
+def seed(name: str, value: Any) -> Any:
+    """A NumPy Generator, or a whole number of at least zero."""
+    if isinstance(value, (bool, float, str)) or value is None:
+        raise ParameterError(f"{name} is a NumPy Generator or a whole number that seeds one, not {value!r}")
+    generator(value)
+    return value

@@ -1,0 +1,211 @@
+"""What makes a source unusable, how it is counted, and how it is said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vsh.tools.errors import FieldError, NothingLeftError
+from vsh.tools.notes import DroppedRows
+from vsh.tools.types import BoolArray, FloatArray, OnBad
+
+#: ρ² at and above which a covariance counts as singular.
+RHO2_LIMIT = 1 - 1e-6
+#: Errors whose squares leave the range of a double are no errors.
+SIGMA_RANGE = 1e-140, 1e140
+
+
+def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, BoolArray]:
+    """A column as doubles in native byte order, and the mask of what is missing."""
+    if callable(value) or isinstance(value, dict) or value is None:
+        raise FieldError(f"{column} must be a column of numbers, not {type(value).__name__}")
+    if hasattr(value, "to_value"):  # a Quantity, bare or masked, without importing astropy
+        try:
+            value = value.to_value(unit or "")
+        except (ValueError, TypeError) as error:  # astropy's UnitConversionError is one
+            raise FieldError(f"{column} cannot be converted to {unit or 'a plain number'}: {error}") from None
+    elif unit and hasattr(getattr(value, "unit", None), "to"):  # a column of an astropy Table
+        try:
+            value = value * value.unit.to(unit)
+        except (ValueError, TypeError) as error:
+            raise FieldError(f"{column} cannot be converted to {unit}: {error}") from None
+    if hasattr(value, "to_numpy") and not hasattr(value, "__array_interface__"):  # pandas' nullable columns
+        value = value.to_numpy()
+    missing = np.ma.getmaskarray(value) if np.ma.isMaskedArray(value) else getattr(value, "mask", None)
+    array = np.asarray(np.ma.getdata(getattr(value, "unmasked", value)))
+    if array.dtype.kind == "O":
+        missing = np.array([x is None or type(x).__name__ == "NAType" for x in array.ravel()]).reshape(array.shape)
+        array = np.where(missing, np.nan, array)
+    if array.dtype.kind not in "OiufUS":
+        raise FieldError(f"{column} holds {array.dtype.name}, not real numbers")
+    if array.dtype.kind in "OUS":
+        text = [(row, x) for row, x in enumerate(array.ravel()) if isinstance(x, (str, bytes))]
+        if text:
+            row, x = next((pair for pair in text if not _is_number(pair[1])), text[0])
+            raise FieldError(f"{column} holds text ({str(x)!r} in row {row}); it must be a column of numbers")
+    try:
+        floats = np.ascontiguousarray(array, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise FieldError(f"{column} must be a column of numbers: {error}") from None
+    return floats, np.zeros(floats.shape, bool) if missing is None else np.broadcast_to(missing, floats.shape)
+
+
+def check_shapes(columns: Mapping[str, FloatArray], expected: Callable[[str], tuple[int, ...]]) -> None:
+    """Raise FieldError for the first column whose shape is not expected(column)."""
+    for column, array in columns.items():
+        if array.shape != expected(column):
+            raise FieldError(
+                f"{column} has shape {array.shape}, expected {expected(column)}: one value for each source"
+            )
+
+
+def invalid_rows(
+    lon: FloatArray,
+    lat: FloatArray,
+    motion: FloatArray,
+    sigma: FloatArray,
+    rho: FloatArray,
+    further: Mapping[str, BoolArray] | None = None,
+    placeholders: BoolArray | None = None,
+    turns: int = 2,
+    what: str = "proper motion",
+) -> dict[str, BoolArray]:
+    """Why sources cannot be used: each source under its first reason."""
+    reasons: dict[str, Any] = dict(further or {})
+    if placeholders is not None:
+        reasons[PLACEHOLDER] = placeholders | reasons.get(PLACEHOLDER, False)
+    reasons = reasons | {
+        "position not finite": ~(np.isfinite(lon) & np.isfinite(lat)),
+        f"{what} not finite": ~np.isfinite(motion).all(0),
+        "error not finite": ~np.isfinite(sigma).all(0),
+        "correlation not finite": ~np.isfinite(rho),
+        "σ ≤ 0": ~(sigma > 0).all(0),
+        "σ too small for a number": ~(sigma > SIGMA_RANGE[0]).all(0),
+        "σ too large for a number": ~(sigma < SIGMA_RANGE[1]).all(0),
+        f"{what} too large for a number": ~(np.abs(motion) < SIGMA_RANGE[1]).all(0),
+        "ρ² ≥ 1 − 1e-6": ~(rho * rho < RHO2_LIMIT),
+        "|dec| > 90°": ~(np.abs(lat) <= np.pi / 2 * (1 + 1e-14)),
+        f"ra outside −{360 * turns}° … {360 * turns}°": ~(np.abs(lon) <= 2 * np.pi * turns * (1 + 1e-14)),
+    }
+    taken = np.zeros(lon.shape, bool)
+    found = {}
+    for reason, mask in reasons.items():
+        first = mask & ~taken
+        if first.any():
+            found[reason] = first
+            taken |= mask
+    return found
+
+
+#: What catalogues write where they have no value; no motion and no error is exactly one of these.
+PLACEHOLDER = "a value such as -9999 that marks missing data"
+_PLACEHOLDERS = np.array([9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e20, 1e30, 1.6375e30])
+#: These a motion might be; not both components of a source.
+_LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 99.99, 999.0, 999.9, 999.99])
+
+
+def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
+    """Rows whose motions or errors are numbers that stand for none: −9999 anywhere, −99 and −999 in both components.
+
+    Examples
+    --------
+    >>> placeholders({"pmra": np.array([-9999.0, -99.0, -99.0]), "pmdec": np.array([1.0, 2.0, -99.0])})
+    array([ True, False,  True])
+    """
+    out = np.zeros(len(columns["pmra"]), bool)
+    with np.errstate(invalid="ignore"):
+        for values in columns.values():
+            large = np.abs(values) >= _PLACEHOLDERS[0]
+            if large.any():
+                out[large] |= np.isin(np.abs(values[large]), _PLACEHOLDERS)
+        same = columns["pmra"] == columns["pmdec"]
+    if same.any():
+        out[same] |= np.isin(columns["pmra"][same], _LIKELY)
+    return out
+
+
+def doubtful(columns: Mapping[str, FloatArray]) -> tuple[str, ...]:
+    """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used.
+
+    Examples
+    --------
+    >>> doubtful({"pmra": np.array([1.0, -999.0]), "pmdec": np.array([1.0, 2.0])})[0][:55]
+    'warning: 1 row has a motion of -999 in one component: a'
+    """
+    with np.errstate(invalid="ignore"):
+        odd = np.stack([np.isin(columns[name], _LIKELY) & (np.abs(columns[name]) > 50) for name in ("pmra", "pmdec")])
+    rows = odd.any(0)
+    if not rows.any():
+        return ()
+    values = np.unique(np.concatenate([columns[name][each] for name, each in zip(("pmra", "pmdec"), odd)]))
+    listed = ", ".join(f"{value:g}" for value in values[:4])
+    count = f"{rows.sum()} row{' has' if rows.sum() == 1 else 's have'}"
+    return (
+        f"warning: {count} a motion of {listed} in one component: a mark of missing values? It is used (first: row {rows.argmax()}); "
+        "leave such rows out with --where",
+    )
+
+
+def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> dict[str, FloatArray]:
+    """The arrays of a noun with one entry a source (lon, lat, motion, sigma, rho, …), checked: a dict."""
+    for column in ("lon", "lat", "sigma", *({"motion"} if hasattr(noun, "magnitude") else ())):
+        if getattr(noun, column) is None:
+            raise FieldError(f"{column} is missing")
+    lon = as_floats("lon", noun.lon)[0]
+    arrays = {"lon": lon, "rho": np.zeros(lon.shape)}
+    for column in floats:
+        if getattr(noun, column) is not None:
+            values, missing = as_floats(column, getattr(noun, column))
+            arrays[column] = np.where(missing, np.nan, values) if missing.any() else values
+    for column in others:
+        if getattr(noun, column) is not None:
+            arrays[column] = np.asarray(getattr(noun, column))
+    shapes = {"motion": (2, lon.size), "sigma": (2, lon.size)}
+    check_shapes(arrays, lambda column: shapes.get(column, (lon.size,)))
+    motion = arrays.get("motion", np.zeros((2, lon.size)))
+    select_usable(invalid_rows(lon, arrays["lat"], motion, arrays["sigma"], arrays["rho"]), lon.size)
+    return arrays
+
+
+def select_usable(
+    found: Mapping[str, BoolArray], n: int, on_bad: OnBad = "raise", first_row: int = 0, mark: Sequence[FloatArray] = ()
+) -> tuple[Any, tuple[str, ...]]:
+    """The sources to keep, and a note about the others."""
+    if n == 0:
+        raise NothingLeftError("the catalogue is empty: there are no sources to use")
+    bad = np.zeros(n, bool)
+    for mask in found.values():
+        bad |= mask
+    count = int(bad.sum())
+    if not count:
+        return slice(None), ()
+    parts = "; ".join(f"{reason}: {mask.sum()} ({_rows(mask, first_row)})" for reason, mask in found.items())
+    said = f"{count} of {n} rows cannot be used: {parts}"
+    counts = {reason: int(mask.sum()) for reason, mask in found.items()}
+    note = DroppedRows.of_table(counts, n, np.packbits(bad), *mark)
+    if count == n:
+        error = NothingLeftError(f"{said}. No row is left")
+        error.notes = (note,)
+        raise error
+    if on_bad == "raise":
+        raise FieldError(
+            f'{said}; rows are counted from 0. Mend them, or leave them out with on_bad="drop" (--on-bad drop)'
+        )
+    return ~bad, (note,)
+
+
+def _rows(mask, first_row=0, most=5):
+    """The first rows of a mask, counted from 0."""
+    rows = np.flatnonzero(mask)
+    listed = ", ".join(map(str, rows[:most] + first_row if np.ndim(first_row) == 0 else first_row[rows[:most]]))
+    return f"row{'s' * (rows.size > 1)} {listed}{', …' * (rows.size > most)}"
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

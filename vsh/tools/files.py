@@ -1,0 +1,243 @@
+"""The gate for everything that is written: files and folders are whole or not there, and nothing of somebody else's is replaced.
+
+A file is ours where it carries the mark that all our writers leave in it, or where this process wrote it. What a run reads is
+never written to (`reading`), and what two processes must not write at once is locked (`exclusive`).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import logging
+import os
+import re
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsh.tools.errors import WriteError
+from vsh.tools.types import PathName
+
+if os.name == "posix":
+    import fcntl
+else:  # nothing is locked there
+    fcntl = None  # type: ignore[assignment]
+
+_LOG = logging.getLogger(__name__)
+#: What every file of ours holds: in the metadata of tables and pictures, as the name of an array, in a page's head.
+MARK = "vsh-astrometry"
+#: The mark, or one of our commands, next to the begin or the end of a file.
+_MARKS = re.compile(rb"vsh-(astrometry|fit|sim|agis|redshift|correlate|study|archive|pairs|compare|forecast)\b")
+_LOOKED_AT = 2**17
+_HASH = re.compile(rb"\b[0-9a-f]{64}\b")
+#: What the run reads.
+_READ: ContextVar[frozenset[Path]] = ContextVar("read", default=frozenset())
+#: Files that this process wrote, as they were then: device, number, size and time.
+_WRITTEN: dict[Path, tuple[int, int, int, int]] = {}
+_ONE = threading.RLock()
+#: How the names of files that are being written begin; nobody else's files do.
+UNFINISHED = ".vsh-unfinished-"
+_LOCK = f"{UNFINISHED}lock-"
+
+
+@contextmanager
+def atomic_write(path: PathName) -> Iterator[Path]:
+    """A name to write a new file under, which takes the place of `path` once it is complete.
+
+    A process killed at any moment leaves the old file or the new one, never a part of either; any
+    number of writers may write to one path at once, and one of them wins. A link stays a link: the
+    file it names is replaced.
+    """
+    path = Path(os.path.realpath(path))
+    check_not_read(path)
+    with _ONE:
+        foreign = path.is_file() and not is_ours(path)
+    if foreign:
+        raise WriteError(
+            f"{path.name} was not written by this program, and is not replaced: name another file, or delete it"
+        )
+    handle, name = tempfile.mkstemp(prefix=UNFINISHED, suffix=f"-{path.name[-100:]}", dir=path.parent)
+    os.close(handle)
+    new = Path(name)
+    try:
+        yield new
+        with new.open("rb") as written:
+            os.fsync(written.fileno())  # else a power cut could leave an empty file under the name
+        os.chmod(new, _mode(path))
+        with _ONE:
+            os.replace(new, path)
+            _WRITTEN[path] = _state(path)
+        if UNFINISHED not in str(path):  # of a folder the whole is told
+            _LOG.info("written: %s", path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def is_ours(path: PathName) -> bool:
+    """Whether a file carries our mark, or this process wrote it and nobody changed it since; an empty one may be anybody's."""
+    path = Path(os.path.realpath(path))
+    if not path.is_file():
+        return False
+    if not path.stat().st_size or _WRITTEN.get(path) == _state(path):
+        return True
+    with path.open("rb") as file:
+        start = file.read(_LOOKED_AT)
+        file.seek(max(0, path.stat().st_size - _LOOKED_AT))
+        marked = _MARKS.search(start) or _MARKS.search(file.read())
+    return bool(marked) or as_recorded(path) is True
+
+
+def as_recorded(path: PathName) -> bool | None:
+    """Whether a file is as the note or configuration beside it says, by its hash; None where none says anything."""
+    path = Path(path)
+    notes = [path.with_name(f"{path.name}.{ending}") for ending in ("run.toml", "json")]
+    hashes = [text for note in notes if note.is_file() for text in _HASH.findall(note.read_bytes()[:_LOOKED_AT])]
+    return digest(path).encode() in hashes if hashes else None
+
+
+def _state(path):
+    facts = path.stat()
+    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
+
+
+def digest(path: PathName) -> str:
+    """SHA-256 of a file, or of the names and hashes of all files of a folder."""
+    path = Path(path)
+    if path.is_dir():
+        inside = sorted(file for file in path.rglob("*") if file.is_file())
+        return hashlib.sha256("\n".join(f"{f.relative_to(path)} {digest(f)}" for f in inside).encode()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def reading(paths: Iterable[PathName]) -> Iterator[None]:
+    """Meanwhile nothing is written to these files, into these folders, nor to a folder with one of them in it."""
+    token = _READ.set(_READ.get() | {Path(os.path.realpath(path)) for path in paths})
+    try:
+        yield
+    finally:
+        _READ.reset(token)
+
+
+def check_not_read(path: PathName, shown: str | None = None) -> None:
+    """Raise WriteError where a path is what the run reads, lies in a folder that it reads, or is a folder with it inside."""
+    path = Path(os.path.realpath(path))
+    for source in _READ.get():
+        if path == source or path in source.parents or (source in path.parents and source.is_dir()):
+            where = "is" if path == source else "lies in" if source in path.parents else "holds"
+            raise WriteError(f"{shown or path.name} {where} what is read, {source.name}: name another place")
+
+
+@contextmanager
+def exclusive(path: PathName) -> Iterator[None]:
+    """Meanwhile no other process that asks may write to this path."""
+    path = Path(os.path.realpath(path))
+    if fcntl is None:
+        yield
+        return
+    lock = path.with_name(f"{_LOCK}{path.name[-100:]}")
+    while True:
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(handle)
+            raise WriteError(f"another process is writing {path.name}: wait for it, or name another") from None
+        if os.path.exists(lock) and os.path.samestat(os.fstat(handle), os.stat(lock)):
+            break
+        os.close(handle)  # whoever held it took its name away
+    try:
+        yield
+    finally:
+        lock.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = False) -> None:
+    """Write arrays by name as NumPy's .npz, with our mark as the name of one more."""
+    save: Any = np.savez_compressed if compress else np.savez
+    with atomic_write(path) as new, new.open("wb") as file:
+        save(file, **{MARK: np.uint8(1)}, **arrays)
+
+
+def read_arrays(path: PathName) -> dict[str, Any]:
+    """The arrays by name of a file of `write_arrays`; whatever NumPy raises on a damaged one."""
+    with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        return {name: values for name, values in file.items() if name != MARK}
+
+
+def remove_unfinished(folder: PathName) -> None:
+    """Remove what killed writers left in a folder and below: files by the names that only `atomic_write` gives."""
+    for file in Path(folder).rglob(f"{UNFINISHED}*"):
+        if file.is_file() and not file.is_symlink() and not file.name.startswith(_LOCK):
+            file.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: PathName) -> Iterator[Path]:
+    """A new, empty folder that takes the place of `path` once it is complete.
+
+    Killed at any moment, there is the old folder or the new one under the name, never a part of either.
+    """
+    path = Path(os.path.realpath(path))
+    check_not_read(path)
+    _remove_abandoned(path)
+    new = Path(tempfile.mkdtemp(prefix=UNFINISHED, suffix=f"-{path.name}", dir=path.parent))
+    try:
+        yield new
+        os.chmod(new, 0o777 & ~_umask())
+        if path.exists():
+            _exchange(new, path)
+        else:
+            os.replace(new, path)
+        _LOG.info("written: %s", path)
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+
+
+def _exchange(new, path):
+    """Let two folders change names, in one step where the system can."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    names = os.fsencode(new), os.fsencode(path)
+    if hasattr(libc, "renameat2"):  # Linux: AT_FDCWD, RENAME_EXCHANGE
+        if libc.renameat2(-100, names[0], -100, names[1], 2) == 0:
+            return
+    elif hasattr(libc, "renamex_np") and libc.renamex_np(*names, 2) == 0:  # macOS: RENAME_SWAP
+        return
+    old = path.with_name(f"{new.name}-old")  # elsewhere, in two steps
+    os.replace(path, old)
+    os.replace(new, path)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _remove_abandoned(path, age=86400):
+    """Remove what a killed writer of this folder left beside it a day ago or earlier."""
+    for left in path.parent.glob(f"{UNFINISHED}*-{path.name}"):
+        try:
+            if left.is_dir() and not left.is_symlink() and time.time() - left.stat().st_mtime > age:
+                shutil.rmtree(left, ignore_errors=True)
+        except OSError:
+            continue
+
+
+def _mode(path):
+    """The permissions of the file that is replaced, or those a new one would have."""
+    try:
+        return path.stat().st_mode & 0o7777
+    except OSError:
+        return 0o666 & ~_umask()
+
+
+def _umask():
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask

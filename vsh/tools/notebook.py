@@ -1,0 +1,106 @@
+"""What a notebook shows of a noun: what it is, and what it holds, a row each."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from html import escape
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from vsh.tools.arrays import read_only
+
+#: Longer texts are cut.
+_WIDTH = 160
+
+
+class InNotebook:
+    """Gives a noun a form in notebooks: its attributes in a table; arrays by their shape and range, missing ones not at all."""
+
+    #: Units of attributes, by name.
+    units_shown: ClassVar[dict[str, str]] = {}
+
+    def _repr_html_(self) -> str:
+        if type(self).__str__ is not object.__str__:  # it says itself what there is to say
+            return f"<pre>{escape(str(self))}</pre>"
+        names = [each.name for each in fields(self)] if is_dataclass(self) else list(_public(self))
+        rows = {name: shown(getattr(self, name)) for name in names if not name.startswith("_")}
+        for name in rows.keys() & self.units_shown.keys():
+            rows[name] = f"{rows[name]} {self.units_shown[name]}" if rows[name] else None
+        return as_html(type(self).__name__, {**rows, **self._facts()}, heading=self._heading())
+
+    def _heading(self) -> str:
+        """In one line; nothing unless the class says it."""
+        text = repr(self)  # dataclasses write their fields, which the rows say better; our own forms stand in < >
+        return text.strip("<>") if text.startswith("<") and type(self).__repr__ is not object.__repr__ else ""
+
+    def _facts(self) -> dict[str, str]:
+        """Further rows, in HTML, by name."""
+        return {}
+
+
+def as_html(title: str, rows: dict[str, str | None], *, heading: str = "") -> str:
+    """A table of two columns under a title."""
+    cells = "".join(
+        f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{value}</td></tr>'
+        for name, value in rows.items()
+        if value is not None
+    )
+    rest = heading.removeprefix(title).lstrip(": ")
+    return f"<p><b>{escape(title)}</b>{': ' if rest else ''}{escape(rest)}</p><table>{cells}</table>"
+
+
+def shown(value: Any) -> str | None:
+    """A value in a cell, in HTML: arrays by shape and range, what is longer cut; None for what is not there, and for functions."""
+    if value is None or (callable(value) and not hasattr(value, "_repr_html_")):
+        return None
+    if isinstance(value, np.ndarray):
+        return escape(_array(value))
+    if type(value).__repr__ is object.__repr__:  # an address says nothing
+        return None
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.6g}"
+    if isinstance(value, (tuple, list)) and all(isinstance(each, str) for each in value):
+        return f"<ul>{''.join(f'<li>{escape(each)}</li>' for each in value)}</ul>" if value else None
+    text = str(value)
+    return escape(text if len(text) <= _WIDTH else f"{text[:_WIDTH]} …")
+
+
+def _array(values):
+    if values.size <= 9 and values.dtype.kind in "iufb":
+        return np.array2string(values, precision=5, separator=", ").replace("\n", "")
+    shape = " × ".join(map(str, values.shape))
+    if values.dtype.kind == "b":
+        return f"{shape}, {values.sum()} true"
+    if values.dtype.kind in "iuf" and np.isfinite(values).any():
+        known = values[np.isfinite(values)]
+        lost = values.size - known.size
+        return f"{shape}, from {known.min():.5g} to {known.max():.5g}" + (f", {lost} missing" if lost else "")
+    return f"{shape}: {', '.join(map(str, values.ravel()[:3]))}{', …' if values.size > 3 else ''}"
+
+
+def _public(thing):
+    return [name for name in getattr(thing, "__dict__", {}) if not name.startswith("_")]
+
+
+class Frozen(InNotebook):
+    """Base of frozen dataclasses that hold arrays: every array attribute becomes a read-only view."""
+
+    def __post_init__(self) -> None:
+        for each in fields(cast(Any, self)):
+            value = getattr(self, each.name)
+            if isinstance(value, (np.ndarray, list)):
+                object.__setattr__(self, each.name, _frozen(value))
+
+    def __setstate__(self, state):
+        # NumPy gives back arrays that can be written to.
+        for name, value in state.items():
+            object.__setattr__(self, name, _frozen(value))
+
+
+def _frozen(value):
+    if isinstance(value, np.ndarray):
+        return read_only(value)
+    if isinstance(value, list):
+        return [_frozen(each) for each in value]
+    return value

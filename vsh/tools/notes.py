@@ -1,0 +1,189 @@
+"""What a reader of a result should know of its data: lines of text that travel with it and add up.
+
+Notes are strings. Some also count: rows that were left out, sources without a redshift, notes too many to list.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+
+from vsh.tools.types import ArrayLike
+
+#: So many different notes are listed when tables are added up; the others are counted.
+MAX_NOTES = 9
+_CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+
+
+class CountedNote(str):
+    """A note with a count, which adds up where parts of a catalogue do.
+
+    Attributes
+    ----------
+    parts : dict of str to (dict of str to int, int, tuple of str)
+        For each table, told apart by a hash: how many rows there were for which reason, how many rows it had,
+        and the names of a few. A table that comes in by two ways counts once.
+    """
+
+    parts: dict[str, Any]
+    counts: dict[str, int]
+    total: int
+    #: Whether parts without anything to count have such a note, too.
+    complete = True
+
+    def __new__(cls, parts):
+        counts, total, names = {}, 0, []
+        for reasons, rows, named in parts.values():
+            total += rows
+            names += named
+            for reason, count in reasons.items():
+                counts[reason] = counts.get(reason, 0) + count
+        # A part without anything to count is not among those counted, so of several the total is not known.
+        known = total if cls.complete or len(parts) == 1 else 0
+        note = super().__new__(cls, cls.words(counts, known, names))
+        note.parts, note.counts, note.total = parts, counts, total
+        return note
+
+    def __getnewargs__(self):
+        return (self.parts,)
+
+    @staticmethod
+    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+        """What the note says."""
+        raise NotImplementedError
+
+    @classmethod
+    def of_table(
+        cls, counts: Mapping[str, int], total: int, *arrays: ArrayLike, names: Sequence[str] = ()
+    ) -> CountedNote:
+        """Of one table, known again by a hash of some of its arrays."""
+        digest = blake2b(digest_size=12)
+        for array in arrays:
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return cls({digest.hexdigest(): (dict(counts), int(total), tuple(names))})
+
+
+class DroppedRows(CountedNote):
+    """A note that says how many rows were left out and why."""
+
+    @staticmethod
+    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+        """What the note says."""
+        listed = "; ".join(f"{reason}: {count}" for reason, count in counts.items())
+        return f"left out {sum(counts.values())} of {total} rows{': ' if listed else ''}{listed}"
+
+
+#: Why a condition does not hold: it is false, or not known.
+FALSE, MISSING = "not so", "a value missing"
+
+
+class NotSelected(CountedNote):
+    """A note that says how many rows a condition selected, and how many it could not tell of."""
+
+    @staticmethod
+    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+        """What the note says."""
+        missing = counts.get(MISSING, 0)
+        more = f", {missing} of the others with a value missing" if missing else ""
+        return f"selected {total - sum(counts.values())} of {total} rows, where {names[0]}{more}"
+
+
+class WithoutRedshift(CountedNote):
+    """A note that says how many sources have no redshift that can be used."""
+
+    complete = False
+
+    @staticmethod
+    def words(counts: Mapping[str, int], total: int, names: Sequence[str]) -> str:
+        """What the note says."""
+        lost = sum(counts.values())
+        listed = ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
+        named = f" ({', '.join(names[:5])}{', …' if lost > 5 else ''})" if names else ""
+        return f"left out {lost}{f' of {total}' if total else ''} sources without a usable redshift: {listed}{named}"
+
+
+class MoreNotes(str):
+    """A note that stands for others that are not listed.
+
+    Attributes
+    ----------
+    hashes : frozenset of str
+        Of the notes it stands for.
+    """
+
+    hashes: frozenset[str]
+
+    def __new__(cls, hashes):
+        note = super().__new__(cls, f"and {len(hashes)} more notes on parts of the data, like those above")
+        note.hashes = frozenset(hashes)
+        return note
+
+    def __getnewargs__(self):
+        return (self.hashes,)
+
+
+def merge_notes(*groups: Iterable[str]) -> tuple[str, ...]:
+    """The notes of several tables as those of one: repeated lines once, dropped rows added up, at most ten lines."""
+    plain: dict[str, None] = {}
+    counted: dict[type[CountedNote], dict[str, Any]] = {}
+    hidden: set[str] = set()
+    for note in (note for group in groups for note in group):
+        if isinstance(note, CountedNote):
+            counted.setdefault(type(note), {}).update(note.parts)
+        elif isinstance(note, MoreNotes):
+            hidden |= note.hashes
+        else:
+            plain[note] = None
+    lines = list(plain)
+    several = sum(bool(group) for group in groups) > 1
+    if hidden or (several and len(lines) > MAX_NOTES - 1):
+        kept = lines[: MAX_NOTES - 1]
+        hidden |= {_hash(line) for line in lines[MAX_NOTES - 1 :]}
+        hidden -= {_hash(line) for line in kept}
+        lines = kept
+    return (*lines, *(kind(parts) for kind, parts in counted.items()), *([MoreNotes(hidden)] if hidden else []))
+
+
+def spoken(notes: Iterable[str]) -> tuple[str, ...]:
+    """The notes of a result: without those that count nothing, which are there for the sum of several parts."""
+    return tuple(
+        note for note in notes if not (isinstance(note, CountedNote) and len(note.parts) > 1 and not note.counts)
+    )
+
+
+def dropped(notes: Iterable[str]) -> int:
+    """How many rows the notes say were left out."""
+    return _counted(notes, DroppedRows)
+
+
+def unselected(notes: Iterable[str]) -> int:
+    """How many rows the notes say a condition left out."""
+    return _counted(notes, NotSelected)
+
+
+def _counted(notes, kind):
+    return sum((sum(note.counts.values()) for note in notes if isinstance(note, kind)), 0)
+
+
+def printable(text: object) -> str:
+    """Text without the control characters that a terminal would obey: \\x1b in place of an escape.
+
+    Examples
+    --------
+    >>> printable("red \\x1b[31m")
+    'red \\\\x1b[31m'
+    """
+    return _CONTROL.sub(lambda found: found.group().encode("unicode_escape").decode(), str(text))
+
+
+def _hash(line):
+    return blake2b(line.encode("utf-8", "replace"), digest_size=6).hexdigest()
+
+
+def note_lines(notes: Iterable[str]) -> list[str]:
+    """Notes as the last lines of a report."""
+    return ["", "Notes", *(f"  - {note}" for note in notes)] if notes else []

@@ -1,0 +1,196 @@
+"""Work on many sources, a block at a time, on all cores."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import lru_cache
+from multiprocessing import active_children, get_context, parent_process
+from typing import Any, TypeVar
+
+from threadpoolctl import ThreadpoolController
+from tqdm import tqdm
+
+_HIDDEN: ContextVar[bool] = ContextVar("hidden", default=False)
+
+
+@contextmanager
+def without_bars(hidden: bool = True) -> Iterator[None]:
+    """No progress bar is shown meanwhile."""
+    token = _HIDDEN.set(hidden or _HIDDEN.get())
+    try:
+        yield
+    finally:
+        _HIDDEN.reset(token)
+
+
+def progress_bar(
+    things: Iterable[Any] | None = None,
+    total: int | None = None,
+    words: str | None = None,
+    shown: bool = True,
+    unit: str = "it",
+    **options: Any,
+) -> Any:
+    """A tqdm bar on stderr; none in a log file or a pipe."""
+    # With None tqdm looks whether stderr is a terminal.
+    return tqdm(
+        things,
+        total=total,
+        desc=words or None,
+        delay=2,
+        disable=None if shown and not _HIDDEN.get() else True,
+        unit=unit,
+        **options,
+    )
+
+
+T = TypeVar("T")
+
+
+_NOTHING: Any = object()
+
+
+#: Rows of matrices from which on several threads are faster than one.
+_SMALL = 300
+
+
+#: What `limited` set.
+_LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
+
+
+@contextmanager
+def limited(threads: int | None = None) -> Iterator[None]:
+    """Within it, that many threads at most unless a function is told otherwise."""
+    token = _LIMIT.set(threads)
+    try:
+        yield
+    finally:
+        _LIMIT.reset(token)
+
+
+def cores(threads: int | None = None) -> int:
+    """How many threads to use: `threads`, the limit that is set, or one for each core this process may run on."""
+    wanted = threads or _LIMIT.get()
+    if wanted:
+        return wanted
+    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS and Windows
+    return len(affinity(0)) if affinity else (os.cpu_count() or 1)
+
+
+def end_with_parent() -> None:
+    """The initialiser of a pool of processes: a worker ends when the process that started it was killed.
+
+    Left alone it would wait for work for ever, since each worker holds the queue open for the others.
+    """
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def watch():
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def process_pool(workers: int) -> ProcessPoolExecutor:
+    """Processes that leave an interrupt to the one that starts them, and end with it; submit to them within `uninterrupted`."""
+    # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
+    return ProcessPoolExecutor(workers, get_context("spawn"), _begin)
+
+
+def _begin():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Processes that start within it never see an interrupt; this one sees it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def ended_if_interrupted() -> Iterator[None]:
+    """Within it, an interrupt ends all processes that this one started."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        for process in active_children():
+            process.terminate()
+        raise
+
+
+def ahead(things: Iterator[T]) -> Iterator[T]:
+    """The same things, each made in a thread while the one before it is used."""
+    with ThreadPoolExecutor(1) as pool:
+        following = pool.submit(next, things, _NOTHING)
+        while (thing := following.result()) is not _NOTHING:
+            following = pool.submit(next, things, _NOTHING)
+            yield thing
+
+
+@lru_cache
+def _libraries():
+    return ThreadpoolController()  # looks through all that is loaded, once
+
+
+@contextmanager
+def blas_for(size: int) -> Iterator[None]:
+    """Within it BLAS works on small matrices in one thread: several would wait for each other longer than they work."""
+    if size > _SMALL:
+        yield
+        return
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield
+
+
+def map_blocks(
+    function: Callable[[slice], T], n: int, size: int, threads: int | None = None, progress: str | None = None
+) -> Iterator[T]:
+    """Yield function(slice) for consecutive slices of `size` out of `n`, in order.
+
+    NumPy lets go of the interpreter inside its loops, so threads suffice. The blocks share
+    the cores, so BLAS is held to one thread meanwhile: left alone, the two fight for the
+    cores and a sum takes ten times as long. At most two results a thread are waiting at any
+    time, however many blocks there are.
+
+    Examples
+    --------
+    >>> list(map_blocks(lambda s: (s.start, s.stop), n=5, size=2))
+    [(0, 2), (2, 4), (4, 5)]
+    """
+    slices = [slice(start, min(start + size, n)) for start in range(0, n, size)]
+    threads = min(cores(threads), len(slices))
+    bar = progress_bar(total=n, words=progress, shown=progress is not None, unit=" sources")
+    with bar, _libraries().limit(limits=1, user_api="blas"):
+        if threads <= 1:
+            for each in slices:
+                yield function(each)
+                bar.update(each.stop - each.start)
+            return
+        with ThreadPoolExecutor(threads) as pool:
+            waiting = deque()
+            for each in slices:
+                waiting.append((each, pool.submit(function, each)))
+                if len(waiting) >= 2 * threads:
+                    done, future = waiting.popleft()
+                    yield future.result()
+                    bar.update(done.stop - done.start)
+            for done, future in waiting:
+                yield future.result()
+                bar.update(done.stop - done.start)

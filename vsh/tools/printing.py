@@ -1,0 +1,83 @@
+"""What is printed reaches its reader, or the command ends in one line. Nothing but the standard library is imported here."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+
+@contextmanager
+def printing() -> Iterator[None]:
+    """Letters that standard output cannot take are printed as ?; a full disk is told, and a reader who has seen enough is left alone."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    try:
+        try:
+            yield
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    except BrokenPipeError:
+        silence()
+        raise SystemExit(0) from None
+    except OSError as error:
+        silence()
+        if sys.stderr is not None:
+            print(f"vsh: error: not all could be printed: {system_words(error)}", file=sys.stderr)
+        raise SystemExit(1) from None
+
+
+def silence() -> None:
+    """Nothing more goes to standard output, and what waits to go there goes nowhere, not when Python ends either."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
+
+
+def silence_if_broken() -> None:
+    """After an error that is told: where standard output takes no more, what waits to go there is not tried, and told, again."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        silence()
+
+
+def system_words(error: OSError) -> str:
+    """What the system says, and of which file."""
+    place = f": {error.filename}" if error.filename else ""
+    if error.errno == errno.ENOSPC:
+        return f"the disk is full{place}"
+    if error.errno == errno.EFBIG:
+        return f"a file would be larger than is allowed here{place}"
+    if error.strerror and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return error.strerror or str(error) or type(error).__name__
+
+
+def import_quietly(name: str, tries: int = 5) -> Any:
+    """Import a library, and show none of its warnings.
+
+    arviz, which corner imports too, warns of its own next version once a day by a stamp in the
+    user's cache: a test run that passed yesterday would fail today, and a report begin with it.
+    Two processes that write the stamp at once are in each other's way; the second try finds it there.
+    """
+    for attempt in range(tries):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return import_module(name)
+        except FileNotFoundError:
+            if attempt == tries - 1:
+                raise
+            time.sleep(0.2)
