@@ -16,7 +16,7 @@ SOURCE = ROOT / "requirements" / "page"
 #: Where completion and manual pages are made.
 SHARE = ROOT / "build" / "share"
 #: What is made; not in the repository, in every wheel and sdist that was built where there is npm.
-BUNDLE, LICENCES = (ROOT / "vsh" / "page" / name for name in ("d3.min.js", "d3.LICENSES.txt"))
+BUNDLE, LICENCES = (ROOT / "vsh" / "figures" / "page" / name for name in ("d3.min.js", "d3.LICENSES.txt"))
 
 
 class BuildPage(Command):

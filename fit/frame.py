@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import solve_triangular, svdvals
 from scipy.linalg.lapack import dgeqrf
 
-from fit.solution import NamedSolution
+from fit.named import NamedSolution
 from vsh.field import Field
 from vsh.io.parts import Parts, added, as_parts
 from vsh.models.covariance import Covariance, as_covariance

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +19,6 @@ from vsh.modes import Modes
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
 from vsh.tools.arrays import covariance, float_array
-from vsh.tools.errors import TableError
 from vsh.tools.types import FloatArray, Kind, Table
 from vsh.vector import Vector, correlation_of
 
@@ -128,6 +127,8 @@ class HarmonicSolution(LinearSolution):
     covariance_dof: float = float("inf")
     #: Of the coefficients.
     unit: str = "µas/yr"
+    #: What `fit.background.add_floor` estimated.
+    floor: Any = None
 
     @property
     def modes(self) -> Modes:
@@ -332,6 +333,9 @@ class Solution(HarmonicSolution):
         The same without the prior of a floor: what the powers and p-values of degrees beyond 1 are taken from.
     unit : str
         Of the coefficients: "µas/yr" of motions, "µas" of differences of position.
+    floor : fit.background.Floor or None
+        What the power of the higher degrees says of errors that sources share; it is in no error here, but printed
+        beside them. None where it was not estimated.
     """
 
     coefficients: Coefficients
@@ -345,6 +349,7 @@ class Solution(HarmonicSolution):
     by_prior: float = 0.0
     unshrunk: Solution | None = None
     unit: str = "µas/yr"
+    floor: Any = None
 
     _coefficients = Coefficients
 
@@ -441,7 +446,7 @@ class Solution(HarmonicSolution):
         rest = {"lmax": self.modes.lmax, "chi2": exact(self.chi2), "n_data": int(self.n_data), "frame": self.frame,
                 "notes": list(map(str, self.notes)), "errors_from": self.errors_from,
                 "covariance_dof": exact(self.covariance_dof), "by_prior": exact(self.by_prior), "unshrunk": encoded(self.unshrunk),
-                "unit": self.unit}  # fmt: skip
+                "unit": self.unit, "floor": encoded(self.floor)}  # fmt: skip
         return columns, rest, self._units
 
     @property
@@ -464,7 +469,7 @@ class Solution(HarmonicSolution):
         coefficients = cls._coefficients(rest["lmax"], columns["value"])
         return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
                 words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]), number(rest["by_prior"]), decoded(rest["unshrunk"]),
-                str(rest["unit"]))  # fmt: skip
+                str(rest["unit"]), decoded(rest.get("floor")))  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -526,91 +531,3 @@ class AboutSolution(Result):
     def plot(self, *, ax: Any = None) -> Any:
         """Power by degree on matplotlib axes."""
         return self.solution.plot(ax=ax)
-
-
-@dataclass(frozen=True, eq=False)
-class NamedSolution(LinearSolution):
-    """A least-squares solution for named parameters.
-
-    Attributes
-    ----------
-    names : tuple of str
-    values : (p,) array
-        In the order of `names`.
-    covariance : (p, p) array
-    chi2 : float
-    n_data : int
-        Two a source.
-    frame : str
-        Of the axes.
-    notes : tuple of str
-        What the reader should know of the data.
-    """
-
-    names: tuple[str, ...]
-    values: FloatArray
-    covariance: FloatArray
-    chi2: float
-    n_data: int
-    frame: str
-    notes: tuple = ()
-
-    def __post_init__(self) -> None:
-        """Check what a file or a caller may have mixed up."""
-        size = len(self.names)
-        object.__setattr__(self, "values", float_array("the values", self.values, (size,), finite=False))
-        object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, size))
-        super().__post_init__()
-
-    def _pack(self):
-        columns = {
-            "parameter": list(self.names),
-            "value": self.values,
-            "sigma": self.sigma,
-            "covariance": self.covariance,
-        }
-        rest = {each.name: encoded(getattr(self, each.name)) for each in fields(self)
-                if each.name not in ("names", "values", "covariance")}  # fmt: skip
-        return columns, {"fields": rest}, {}
-
-    @classmethod
-    def _unpack(cls, columns, rest):
-        options = {name: decoded(value) for name, value in rest["fields"].items()}
-        options["n_data"], options["frame"] = count(options["n_data"]), check_frame(options["frame"])
-        names = tuple(columns["parameter"].tolist())
-        if len(set(names)) < len(names):
-            raise TableError("names of parameters repeat")
-        return cls(names=names, values=columns["value"], covariance=columns["covariance"], **options)
-
-    @property
-    def spin(self) -> Vector | None:
-        """ω, a Vector in µas/yr, or None where it is not among the parameters."""
-        return self._vector("omega") if "omega_x" in self.names else None
-
-    @property
-    def acceleration(self) -> Vector:
-        """ã, a Vector in µas/yr."""
-        return self._vector("a")
-
-    def to_table(self) -> Table:
-        """Parameters with their errors and correlations as an astropy Table, a row each."""
-        columns = {"parameter": list(self.names), "value": self.values, "sigma": self.sigma}
-        columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
-        return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
-
-    def plot(self, *, ax: Any = None) -> Any:
-        """The correlation matrix of the parameters on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
-        from fit.output import plot_correlation
-
-        return plot_correlation(self, ax=ax)
-
-    def _vector(self, name, unit="µas/yr"):
-        start = self.names.index(f"{name}_x")
-        part = slice(start, start + 3)
-        return Vector(self.values[part], self.covariance[part, part], self.frame, unit)

@@ -107,8 +107,9 @@ def fit_field(
     modes: Modes | int,
     *,
     covariance: Covariance | FloatArray | None = None,
+    floor: bool = True,
 ) -> Solution:
-    """Fit all modes to a degree to a field: normal equations, solved.
+    """Fit all modes to a degree to a field: normal equations, solved, and what sources share estimated beside it.
 
     Parameters
     ----------
@@ -118,6 +119,9 @@ def fit_field(
         What to fit; ScalarModes of a ScalarField.
     covariance : Covariance or (2n, 2n) array, optional
         As for `normal_equations`.
+    floor : bool
+        Estimate errors that sources share (`fit.background.add_floor`), which the report prints; they are in no error
+        of the solution. Takes 0.05 to 0.3 seconds from degree 3 on.
 
     Raises
     ------
@@ -128,7 +132,12 @@ def fit_field(
         modes = modes_for(field, modes)
         if modes.components * len(field) < len(modes):
             raise DegeneracyError(_too_few(len(field), modes))
-    return solve(normal_equations(field, modes, covariance=covariance))
+    solution = solve(normal_equations(field, modes, covariance=covariance))
+    if not floor:
+        return solution
+    from fit.background import add_floor  # scipy's integrals and searches
+
+    return add_floor(solution)
 
 
 def _too_few(sources, modes, why=""):

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.special import ndtri
 
 from fit.quality import norm_limit, normal_deviate
-from fit.solution import HarmonicSolution
 
 __all__ = ["Degree", "spectrum"]
 
@@ -54,7 +53,7 @@ class Degree(NamedTuple):
         return float(norm_limit(norm, sigma, n, probability)[0] ** 2)
 
 
-def spectrum(solution: HarmonicSolution) -> list[Degree]:
+def spectrum(solution: Any) -> list[Degree]:
     """Every kind and degree of a solution, a list of Degree: T first, then S; from degree 0 on of a scalar field.
 
     Parameters

@@ -15,6 +15,7 @@ import base64
 import json
 import re
 import zlib
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from html import escape
 from importlib import import_module
@@ -27,6 +28,7 @@ from vsh.modes import Modes
 from vsh.tools.errors import TableError, VshError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import printable
+from vsh.tools.renamed import new_name
 from vsh.tools.types import PathName, Table
 
 __all__ = ["Result", "read"]
@@ -107,13 +109,18 @@ def decoded(plain: Any) -> Any:
         return tuple(decoded(each) for each in plain["tuple"])
     if not re.fullmatch(r"(fit|vsh)(\.\w+)+", plain["module"]):
         raise TableError(f"a {plain['type']}")
-    try:
-        home: Any = getattr(import_module(plain["module"]), plain["type"])
-    except (ImportError, AttributeError):
-        raise TableError(f"a {plain['type']}") from None
+    home: Any = _named(plain["module"], plain["type"])
     if _attributes(home) is None:
         raise TableError(f"a {plain['type']}")
     return home(**{name: decoded(each) for name, each in plain["fields"].items()})
+
+
+def _named(module, name):
+    """A class by the module that a file names, be it of an older release: its face knows it, wherever it stands now."""
+    for place in (module, module.partition("._")[0]):
+        with suppress(ImportError, AttributeError):
+            return getattr(import_module(new_name(place) or place), name)
+    raise TableError(f"a {name}")
 
 
 def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
@@ -305,7 +312,8 @@ def read(path: PathName) -> Any:
 
 def _kind(name, module):
     if name not in _KINDS and _OURS.fullmatch(module):
-        import_module(module)
+        with suppress(TableError):
+            _named(module, name)
     return _KINDS[name]
 
 

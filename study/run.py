@@ -87,6 +87,12 @@ def _work(study, folder, tasks, workers, progress):
     bar = progress_bar(None, len(tasks), "realisations", progress, smoothing=0.05)
     if not tasks:
         return
+    if workers == 1:  # here: scripts without `if __name__ == "__main__"` may ask for it
+        with bar:
+            for task in tasks:
+                _one(study, folder, task)
+                bar.update()
+        return
     with bar, process_pool(min(workers, len(tasks))) as pool, ended_if_interrupted():
         waiting, left = {}, iter(tasks)
         for task in left:

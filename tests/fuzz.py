@@ -38,7 +38,7 @@ def make_files(folder):
     from fit.correlation import correlation_matrices, leakage, predict
     from fit.redshift import binned
     from fit.secular_parallax import observer_velocity
-    from vsh.io import catalogue
+    from vsh.io import catalogue, maps
 
     field = sim.observe(sim.galaxies(ROWS, 1), sim.spin((1, 2, 3)), rng=2, sigma=50.0)
     files = {}

@@ -3,11 +3,25 @@
 Inside, angles are in radians and proper motions in µas/yr. What is named in `__init__.pyi` is imported when it is first asked for.
 """
 
+from importlib import import_module
+
 import lazy_loader
+
+from vsh.tools import renamed
 
 __version__ = "0.1.0"
 
-__getattr__, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_lazy, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+renamed.install()
+_moved = {old.partition(".")[2]: new for old, new in renamed.MODULES.items() if old.startswith("vsh.")}
+
+
+def __getattr__(name):
+    if name not in _moved:
+        return _lazy(name)
+    renamed.warn(f"vsh.{name}", _moved[name])
+    return import_module(_moved[name])
 
 
 def __dir__() -> list[str]:

@@ -7,7 +7,7 @@ equations, with whatever else is fitted marginalised.
 from fit.background._amplitude import Amplitude, equations_of
 from fit.background._evidence import Comparison, compare, evidence
 from fit.background._fit import Background, fit
-from fit.background._floor import Floor, floor
+from fit.background._floor import Floor, add_floor, floor
 from fit.background._waves import WaveLimit, wave_limit
 from vsh.models.covariance import Spectrum
 
@@ -17,6 +17,7 @@ __all__ = [
     "Comparison",
     "Floor",
     "WaveLimit",
+    "add_floor",
     "compare",
     "evidence",
     "fit",

@@ -12,12 +12,12 @@ from fit.background._amplitude import equations_of, errors_of, fitted_degrees, i
 from fit.background._fit import posteriors
 from fit.background._likelihood import Likelihood, parity_p_value
 from fit.normal import NormalEquations, gaussian_prior
-from fit.solution import HarmonicSolution
+from fit.solution import HarmonicSolution, Solution
 from fit.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
-from vsh.tools.errors import DegeneracyError, ModesError
+from vsh.tools.errors import DegeneracyError, ModesError, VshError
 from vsh.tools.logs import told
 from vsh.tools.types import Table
 
@@ -260,6 +260,27 @@ def floor(
         odd, even, intervals[0], intervals[1], parity_p_value(best, common), degrees, best.noise_scale, best.log_likelihood,
         equations.n_data, errors_of(normal),
     )  # fmt: skip
+
+
+#: A floor beside a solution is estimated up to this degree: higher ones take longer, and say less of degree 1.
+_BESIDE = 10
+
+
+def add_floor(solution: Solution) -> Solution:
+    """The solution with its `floor` estimated, where its degrees determine one: its report prints it beside the errors.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of motions, to degree 3 or higher and without a prior; anything else stays as it is. Degrees beyond 10 are not
+        asked: they take longer, and say less of degree 1.
+    """
+    if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):
+        return solution
+    try:
+        return replace(solution, floor=floor(solution, range(2, min(solution.modes.lmax, _BESIDE) + 1)))
+    except VshError:  # replicates too few for a covariance, say
+        return solution
 
 
 def first_degree(power: float) -> float:

@@ -30,7 +30,7 @@ def _run(options):
     field = whole.to_frame(options.frame)
     solution, kept, clipped = _fit(field, vsh.Modes(options.lmax), options)
     backgrounds = shared.found(solution, options)
-    solution = backgrounds.solution
+    solution = fit.background.add_floor(backgrounds.solution)
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
     text = "\n".join([fit.report(solution, check=check, truth=truth, source=name), *backgrounds.texts])
@@ -62,7 +62,7 @@ def _run(options):
 
     def page(drawn, meta):
         about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta}
-        plain = (fit.fit_field(field, options.lmax), field) if options.beside else None
+        plain = (fit.fit_field(field, options.lmax, floor=False), field) if options.beside else None
         fit.output.write_html(
             solution, kept, options.html, figures=drawn.drawn, command=options.command, captions=backgrounds.captions,
             beside={"plain least squares, all sources": plain} if plain else {}, **about,
@@ -95,7 +95,7 @@ def _fit(field, modes, options):
     elif options.jackknife:
         solution = fit.resample.jackknife(field, modes, options.jackknife).resampled_solution
     elif solution is None:
-        return fit.fit_field(field, modes), field, lost
+        return fit.fit_field(field, modes, floor=False), field, lost
     else:
         return solution, field, lost
     return replace(solution, covariance=solution.covariance * chosen), field, lost

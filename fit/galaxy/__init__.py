@@ -18,7 +18,7 @@ from fit.galaxy._relations import (
 )
 
 if TYPE_CHECKING:
-    from fit.galaxy._galaxy import plot_orbit
+    from fit.galaxy._plot import plot_orbit
 
 __all__ = [
     "R0",

@@ -12,11 +12,10 @@ from scipy.special import chdtrc
 from fit.galaxy._relations import R0, circular_speed, distance_of_centre, expected_acceleration
 from fit.quality import printed_p_value
 from fit.storage import Result
-from vsh.figures.plot import COLOURS, legend_above, panels, styled
 from vsh.io import tables
 from vsh.tools.arguments import number, positive
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import Axes, FloatArray, Table
+from vsh.tools.types import FloatArray, Table
 from vsh.tools.units import KM_S_MYR
 from vsh.vector import Vector
 
@@ -161,6 +160,8 @@ class GalacticOrbit(Result):
             Where to draw; a new figure unless given.
         """
 
+        from fit.galaxy._plot import plot_orbit
+
         return plot_orbit(self, ax=ax)
 
 
@@ -194,28 +195,3 @@ def orbit(found: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> Galactic
     error = number("r0_error", r0_error)
     notes = tuple(map(str, getattr(found, "notes", ())))
     return GalacticOrbit(vector.to_frame("galactic"), positive("r0", r0), abs(error), notes)
-
-
-@styled
-def plot_orbit(found: Any, *, ax: Any = None) -> Axes:
-    """The three components with their errors, and the acceleration of a circular orbit.
-
-    Parameters
-    ----------
-    found : GalacticOrbit
-        What to draw.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-    """
-    (axes,) = panels(ax)
-    axes.errorbar(
-        range(3), found.acceleration.value, found.acceleration.sigma, fmt="o", color=COLOURS[0], label="found"
-    )
-    expected = [expected_acceleration(found.r0), 0, 0]
-    axes.scatter(range(3), expected, marker="_", s=400, color=COLOURS[1], label="circular orbit, motion of Sgr A*", zorder=1)  # fmt: skip
-    axes.axhline(0, color="0.6", linewidth=0.6)
-    axes.set_xlim(-0.5, 2.5)
-    axes.set_xticks(range(3), ["towards the\ncentre", "along\nrotation", "towards the\nnorth pole"])
-    axes.set_ylabel("acceleration ã  [µas/yr]")
-    legend_above(axes)
-    return axes

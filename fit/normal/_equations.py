@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from vsh import Modes
-from vsh.figures.plot import SkyAxes, plot_map
 from vsh.modes import ScalarModes, as_modes
-from vsh.sky.pixels import centres
 from vsh.tools.arrays import float_array
 from vsh.tools.errors import FrameError, ModesError
 from vsh.tools.notebook import Frozen
@@ -151,14 +149,3 @@ def gaussian_prior(
     weight = 1 / sigma**2
     assumed = NormalEquations(modes, np.diag(weight), weight * mean, float(weight @ mean**2), 0, frame, unit=None)
     return replace(assumed, prior=assumed)
-
-
-def plot_moments(moments: Any, *, ax: Any = None) -> SkyAxes:
-    """Where on the sky the weight of the sources is, as smooth as their moments have it."""
-    lat, weight = moments.on_sky()
-    lon_of, lat_of = centres(32)
-    ring = np.abs(lat_of[:, None] - lat).argmin(1)
-    column = np.round(lon_of / (2 * np.pi) * weight.shape[1]).astype(int) % weight.shape[1]
-    values = weight[ring, column]
-    return plot_map(values, "weight of the sources  [(yr/µas)² a steradian]", frame=moments.frame, ax=ax, vmin=0, extend="max",
-                    vmax=np.percentile(values, 99), title=f"{moments.n_sources} sources, to degree {moments.lmax}")  # fmt: skip

@@ -271,7 +271,7 @@ class Moments(Result):
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
         """
-        from fit.normal._equations import plot_moments
+        from fit.normal._plot import plot_moments
 
         return plot_moments(self, ax=ax)
 

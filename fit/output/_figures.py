@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from fit.output._rows import squared
-from fit.solution import HarmonicSolution
 from fit.spectrum import spectrum, wilson_hilferty
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field, Weighed
@@ -39,7 +38,7 @@ _SIGNAL = 0.05
 
 
 @styled
-def plot_spectrum(solution: HarmonicSolution, *, ax: Any = None) -> Axes:
+def plot_spectrum(solution: Any, *, ax: Any = None) -> Axes:
     """Power by degree and kind: with its error where there is a signal, as an upper limit where there need be none.
 
     An arrow begins at the limit (95 %) of what the power may be where p > 5 %; dotted is what noise alone gives on average.
@@ -127,7 +126,7 @@ def plot_correlation(solution: Any, *, ax: Any = None) -> Axes:
         Where to draw; a new figure unless given.
     """
     (axes,) = panels(ax, size=(WIDTH, 3.7))
-    if isinstance(solution, HarmonicSolution):
+    if hasattr(solution, "coefficients"):
         names, matrix, groups = _known_names(solution)
         said = (
             "; ".join(f"{kind}: {KIND_NAMES[kind]}" for kind in solution.modes.kinds) if solution.modes.lmax > 1 else ""
@@ -157,7 +156,7 @@ def _known_names(solution):
 
 @styled
 def plot_residuals(
-    solution: HarmonicSolution, field: Field | ScalarField | Parts, *, nside: int | None = None, ax: Any = None
+    solution: Any, field: Field | ScalarField | Parts, *, nside: int | None = None, ax: Any = None
 ) -> Axes:
     """Where residuals are larger or smaller than their errors say, as a normal deviate of χ² in each HEALPix pixel.
 

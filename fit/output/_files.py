@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from fit.solution import HarmonicSolution
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
@@ -17,14 +16,14 @@ from vsh.scalars import ScalarField
 from vsh.tools.types import PathName
 
 
-def write_correlation(solution: HarmonicSolution, path: PathName, meta: dict[str, Any] | None = None) -> None:
+def write_correlation(solution: Any, path: PathName, meta: dict[str, Any] | None = None) -> None:
     """Write the correlation matrix as a table, a row and a column for each coefficient."""
     names = [str(mode) for mode in solution.modes]
     columns = {"coefficient": names} | dict(zip(names, np.asarray(solution.correlation)))
     tables.write(path, columns, meta)
 
 
-def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts) -> dict[str, Any]:
+def draw_figures(solution: Any, field: Field | ScalarField | Parts) -> dict[str, Any]:
     """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name.
 
     Parameters
@@ -51,7 +50,7 @@ def draw_figures(solution: HarmonicSolution, field: Field | ScalarField | Parts)
 
 
 def write_figures(
-    solution: HarmonicSolution, field: Field | ScalarField | Parts, folder: PathName, *, format: str = "png", dpi: float = 300
+    solution: Any, field: Field | ScalarField | Parts, folder: PathName, *, format: str = "png", dpi: float = 300
 ) -> list[Path]:  # fmt: skip
     """Draw the sky, the spectrum, the correlations and the residuals into files; returns their paths.
 
@@ -78,11 +77,11 @@ def write_figures(
 
 
 def write_html(
-    solution: HarmonicSolution,
+    solution: Any,
     field: Field | ScalarField | Parts,
     path: PathName,
     *,
-    beside: Mapping[str, tuple[HarmonicSolution, Field]] | None = None,
+    beside: Mapping[str, tuple[Any, Field]] | None = None,
     figures: Mapping[str, Any] | None = None,
     further: Mapping[str, Any] | None = None,
     **about: Any,

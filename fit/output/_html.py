@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fit.output._report import AGREE, floor_words, warnings_of, what_of
+from fit.output._report import AGREE, floor_lines, warnings_of, what_of
 from fit.output._rows import (
     amplitude,
     components,
@@ -17,7 +17,6 @@ from fit.output._rows import (
     vector_rows,
     vectors_of,
 )
-from fit.solution import HarmonicSolution
 from vsh.figures import page
 from vsh.tools.types import Table
 
@@ -30,7 +29,7 @@ _CAPTIONS = {
 
 
 def html_report(
-    solution: HarmonicSolution,
+    solution: Any,
     figures: Mapping[str, Any],
     *,
     check: Any = None,
@@ -122,7 +121,7 @@ def _vectors(solution, truth):
         for name in vectors_of(solution)
         for row in vector_rows({name: vectors_of(solution)[name]}, truth)
     ]
-    found = floor_words(solution)
+    found = floor_lines(solution)
     shared = f"{found[0]}: {'; '.join(found[1:-1])}. {found[-1]}." if found else ""
     heads = [f"[{solution.unit}]", "x", "y", "z", "amplitude"]
     return (page.table(heads, rows), page.words(shared, "faint")) if rows else ()

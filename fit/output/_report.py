@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import re
-from functools import lru_cache
 from html import escape
 from typing import Any
 
 import numpy as np
 
 from fit.output._rows import components, direction, is_scalar, is_scaled, power_rows, squared, vector_rows, vectors_of
-from fit.solution import HarmonicSolution
-from vsh.tools.errors import ParameterError, VshError
+from vsh.tools.errors import ParameterError
 from vsh.tools.notes import printable
 
 WIDTH = 88
 
 
-#: The floor of a report is estimated up to this degree: higher ones take longer, and say less of degree 1.
-_FLOOR_LMAX = 10
-
-
-def report(
-    solution: HarmonicSolution, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None
-) -> str:
+def report(solution: Any, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
     """Summarise a solution for a human; returns the text and prints nothing.
 
     Parameters
@@ -75,7 +67,7 @@ def _heading(solution, source):
     return "\n".join(lines)
 
 
-def what_of(solution: HarmonicSolution) -> str:
+def what_of(solution: Any) -> str:
     """The title of a report."""
     if is_scalar(solution):
         return f"Spherical harmonics of a scalar field{', in ' * bool(solution.unit)}{solution.unit}"
@@ -89,7 +81,7 @@ NEXT_STEP = (
 )
 
 
-def warnings_of(solution: HarmonicSolution) -> list[tuple[str, str]]:
+def warnings_of(solution: Any) -> list[tuple[str, str]]:
     """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
     found = []
     if solution.errors_from != "the catalogue":
@@ -155,27 +147,20 @@ def _vectors(solution, truth):
 
 
 def _floor(solution):
-    said = floor_words(solution)
-    return [said[0] + ":\n  " + "\n  ".join(said[1:])] if said else []
+    lines = floor_lines(solution)
+    return [lines[0] + ":\n  " + "\n  ".join(lines[1:])] if lines else []
 
 
-@lru_cache(maxsize=1)  # text and page ask one after the other
-def floor_words(solution: HarmonicSolution) -> tuple[str, ...]:
-    """What the power of the higher degrees says of errors that sources share: a heading, then lines; none below degree 3."""
-    from fit.background import floor
-
-    if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):
+def floor_lines(solution: Any) -> tuple[str, ...]:
+    """The floor that was estimated beside a solution: a heading, then lines; none where it has none."""
+    floor = solution.floor
+    if floor is None:
         return ()
-    try:
-        found = floor(solution, range(2, min(solution.modes.lmax, _FLOOR_LMAX) + 1))
-    except VshError:  # replicates too few for a covariance, say
-        return ()
-    lines = [
-        f"Errors that sources share, from the power of degrees {found.degrees[0]} to {found.degrees[-1]}; not in the errors above"
-    ]
+    degrees = f"{floor.degrees[0]} to {floor.degrees[-1]}"
+    lines = [f"Errors that sources share, from the power of degrees {degrees}; not in the errors above"]
     for name, error, (low, high) in (
-        ("spin", found.spin_error, found.spin_interval),
-        ("acceleration", found.acceleration_error, found.acceleration_interval),
+        ("spin", floor.spin_error, floor.spin_interval),
+        ("acceleration", floor.acceleration_error, floor.acceleration_interval),
     ):
         lines.append(f"{name:14}± {error:.3f} µas/yr in each component ({low:.3f} … {high:.3f}, 68 %)")
     return (*lines, "fit.solve(normal, floor=fit.background.floor(normal)), or --floor, puts them in")
@@ -231,7 +216,7 @@ _SYMBOLS = {
 }
 
 
-def html_of(solution: HarmonicSolution) -> str:
+def html_of(solution: Any) -> str:
     """Spin, acceleration and powers as HTML tables, for a notebook."""
     rows = "".join(
         f"<tr><th>{row.name}</th>{_cells(row.cells)}<td>{escape(row.amplitude)}</td></tr>"

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fit.quality import printed_p_value as p_value
-from fit.solution import HarmonicSolution
 from fit.spectrum import spectrum
 from vsh.io import tables
 from vsh.sky.frames import ANGLES
@@ -60,12 +59,12 @@ def vectors_of(solution: Any) -> dict[str, Vector]:
     return dict(zip(names, (solution.spin, solution.acceleration), strict=True))
 
 
-def is_scalar(solution: HarmonicSolution) -> bool:
+def is_scalar(solution: Any) -> bool:
     """Whether it is of a scalar field, which has a mean and a dipole in place of spin and acceleration."""
     return solution.modes.components == 1
 
 
-def squared(solution: HarmonicSolution) -> str:
+def squared(solution: Any) -> str:
     """The unit of powers, in brackets; nothing of pure numbers."""
     return f"[({solution.unit})²]" if solution.unit else ""
 
@@ -122,7 +121,7 @@ class PowerRow(NamedTuple):
     mk_z: str
 
 
-def power_rows(solution: HarmonicSolution) -> list[PowerRow]:
+def power_rows(solution: Any) -> list[PowerRow]:
     """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it."""
     scaled = spectrum(solution.scaled)
     return [
@@ -132,7 +131,7 @@ def power_rows(solution: HarmonicSolution) -> list[PowerRow]:
     ]  # fmt: skip
 
 
-def is_scaled(solution: HarmonicSolution) -> bool:
+def is_scaled(solution: Any) -> bool:
     """Whether p-values are shown twice: as quoted, and with scaled errors."""
     return solution.scaled is not solution
 
@@ -177,7 +176,7 @@ def vectors_table(solution: Any) -> Table:
     return tables.table_of(columns, meta, {name: each for name, each in units.items() if each})
 
 
-def powers_table(solution: HarmonicSolution) -> Table:
+def powers_table(solution: Any) -> Table:
     """Power by degree and kind as an astropy Table, with errors, chances, and roots of the powers."""
     found = spectrum(solution)
     numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")

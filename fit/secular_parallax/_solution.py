@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
+from fit.named import NamedSolution
 from fit.secular_parallax._dispersion import Preferred
 from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._report import text_of
-from fit.solution import NamedSolution
 from vsh import Coefficients
 from vsh.field import Field
 from vsh.models.cosmology import PLANCK_2018, transverse_distance

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["WaveSearch", "plot_search", "search", "search_in_time"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_search"]})
+__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_map": ["plot_search"]})
 
 
 def __dir__() -> list[str]:

@@ -22,7 +22,7 @@ DOCTEST = re.compile(r"^\s*>>> (?:from|import) ([\w.]+)", re.MULTILINE)
 
 #: The only files that may import a heavy library.
 HEAVY = {
-    "healpy": ["vsh/sky/pixels.py"],
+    "healpy": ["vsh/sky/pixels.py", "vsh/io/maps.py"],
     "ducc0": ["vsh/transform.py"],
     "emcee": ["fit/sampling.py"],
     "numba": ["sim/agis/passes/_kernels.py"],
@@ -37,7 +37,7 @@ HEAVY = {
     "distributed": ["vsh/io/parts/_dask.py"],
     "astropy.cosmology": ["vsh/models/cosmology/_distance.py"],
     "astropy": [
-        "vsh/io/tables/_*.py", "vsh/models/covariance/_matrix.py", "vsh/models/cosmology/_distance.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_columns.py", "vsh/sky/frames.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py",
+        "vsh/io/tables/_*.py", "vsh/tools/writing.py", "vsh/models/covariance/_matrix.py", "vsh/models/cosmology/_distance.py", "vsh/io/catalogue/_columns.py", "vsh/io/catalogue/_columns.py", "vsh/sky/frames.py", "vsh/commands/*.py", "vsh/figures/plot/_sky_axes.py", "vsh/vector.py",
         "sim/effects.py", "fit/storage.py",
     ],
 }  # fmt: skip

@@ -9,8 +9,8 @@ import numpy as np
 from sim.scanning import NominalScanningLaw
 from vsh.tools import arguments, arrays
 from vsh.tools.errors import ParameterError
-from vsh.tools.memory import GIB, free_memory
 from vsh.tools.notebook import InNotebook
+from vsh.tools.parallel import GIB, free_memory
 from vsh.tools.types import ArrayLike
 from vsh.tools.units import JULIAN_YEAR
 

@@ -12,7 +12,6 @@ from fit.quality import norm_limit, printed_p_value
 from fit.solution import HarmonicSolution
 from fit.storage import Result
 from vsh.coefficients import Coefficients
-from vsh.figures.plot import COLOURS, SkyAxes, arrow_grid, draw_points, draw_vectors, sky_axes, styled
 from vsh.io import tables
 from vsh.modes import Modes
 from vsh.sky.frames import check_frame, rotation_matrix
@@ -24,9 +23,6 @@ from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.notes import note_lines
 from vsh.tools.types import ArrayLike, FloatArray, Table
 from vsh.tools.units import hubble_rate
-
-__all__ = ["Shear", "coefficients_of", "expansion", "plot_shear", "tensor_of"]
-
 
 #: The five coefficients (2,0), (2,1,re), (2,1,im), (2,2,re), (2,2,im) from Σ_zz, Σ_xz, Σ_yz, Σ_xx − Σ_yy, Σ_xy.
 _FACTORS = np.sqrt(np.pi / 5) * np.array([np.sqrt(6), -2, 2, 1, -2])
@@ -251,6 +247,8 @@ class Shear(Result):
             Where to draw; a new figure unless given.
         """
 
+        from fit.shear._plot import plot_shear
+
         return plot_shear(self, ax=ax)
 
 
@@ -293,27 +291,3 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
         solution.n_data,
         solution.notes,
     )
-
-
-@styled
-def plot_shear(found: Any, *, ax: Any = None) -> SkyAxes:
-    """The motions of the fitted expansion, and where its principal axes point.
-
-    Parameters
-    ----------
-    found : Shear
-        What to draw.
-    ax : matplotlib axes, optional
-        Whose place the map takes; a new figure unless given.
-    """
-    axes = sky_axes(found.frame, ax, below=0.55)
-    lon, lat = arrow_grid(axes)
-    motion = coefficients_of(found.tensor).at(lon, lat)
-    draw_vectors(axes, lon, lat, motion, color="0.45")
-    colours = (COLOURS[0], "0.2", COLOURS[1])
-    for rate, error, axis, colour in zip(found.eigenvalues, found.eigenvalue_errors, found.axes, colours, strict=True):
-        there, up = angles(np.stack([axis, -axis], axis=1))
-        draw_points(axes, there, up, s=36, color=colour, edgecolor="white", label=f"{rate:+.2f} ± {error:.2f}")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=3, title="rate along the axis  [µas/yr]", title_fontsize=7)  # fmt: skip
-    axes.set_title(f"expansion of degree 2: motions to {np.hypot(*motion).max():.2g} µas/yr")
-    return axes

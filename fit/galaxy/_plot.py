@@ -1,0 +1,34 @@
+"""An acceleration in the Galaxy (matplotlib)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fit.galaxy._relations import expected_acceleration
+from vsh.figures.plot import COLOURS, legend_above, panels, styled
+from vsh.tools.types import Axes
+
+
+@styled
+def plot_orbit(found: Any, *, ax: Any = None) -> Axes:
+    """The three components with their errors, and the acceleration of a circular orbit.
+
+    Parameters
+    ----------
+    found : GalacticOrbit
+        What to draw.
+    ax : matplotlib axes, optional
+        Where to draw; a new figure unless given.
+    """
+    (axes,) = panels(ax)
+    axes.errorbar(
+        range(3), found.acceleration.value, found.acceleration.sigma, fmt="o", color=COLOURS[0], label="found"
+    )
+    expected = [expected_acceleration(found.r0), 0, 0]
+    axes.scatter(range(3), expected, marker="_", s=400, color=COLOURS[1], label="circular orbit, motion of Sgr A*", zorder=1)  # fmt: skip
+    axes.axhline(0, color="0.6", linewidth=0.6)
+    axes.set_xlim(-0.5, 2.5)
+    axes.set_xticks(range(3), ["towards the\ncentre", "along\nrotation", "towards the\nnorth pole"])
+    axes.set_ylabel("acceleration ã  [µas/yr]")
+    legend_above(axes)
+    return axes
