@@ -278,9 +278,13 @@ def add_floor(solution: Solution) -> Solution:
     if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):
         return solution
     try:
-        return replace(solution, floor=floor(solution, range(2, min(solution.modes.lmax, _BESIDE) + 1)))
+        with np.errstate(all="ignore"):  # where there is no noise at all
+            found = floor(solution, range(2, min(solution.modes.lmax, _BESIDE) + 1))
     except VshError:  # replicates too few for a covariance, say
         return solution
+    return (
+        replace(solution, floor=found) if np.isfinite([*found.odd_interval, *found.even_interval]).all() else solution
+    )
 
 
 def first_degree(power: float) -> float:

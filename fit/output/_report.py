@@ -148,6 +148,10 @@ def _vectors(solution, truth):
 
 def _floor(solution):
     lines = floor_lines(solution)
+    if not lines and solution.modes.lmax >= 3 and solution.unit == "µas/yr" and not solution.by_prior:
+        return [
+            "Errors that sources share were not estimated, and are not in the errors above: fit.background.add_floor"
+        ]
     return [lines[0] + ":\n  " + "\n  ".join(lines[1:])] if lines else []
 
 
