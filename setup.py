@@ -97,7 +97,8 @@ def make_share(folder, version):
     import shtab
     from argparse_manpage.manpage import Manpage
 
-    import _vsh_commands
+    from vsh.__main__ import COMMANDS, options_of
+    from vsh.__main__ import about as purpose
 
     about = {
         "project_name": "vsh-astrometry",
@@ -106,12 +107,10 @@ def make_share(folder, version):
         "manual_section": 1,
     }
     texts = {}
-    for name in _vsh_commands.COMMANDS:
-        words = _vsh_commands.words_of(name)
+    for name in COMMANDS:
+        words = options_of(name)
         parser = words.make_parser()
-        texts[f"man/man1/vsh-{name}.1"] = str(
-            Manpage(words.make_parser(), about | {"description": _vsh_commands.about(name)})
-        )
+        texts[f"man/man1/vsh-{name}.1"] = str(Manpage(words.make_parser(), about | {"description": purpose(name)}))
         for action in parser._actions:
             if action.metavar in ("FILE", "MAP") or (not action.option_strings and not action.choices):
                 action.complete = shtab.FILE

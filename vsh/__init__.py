@@ -7,20 +7,21 @@ from importlib import import_module
 
 import lazy_loader
 
-from vsh.tools import renamed
+from vsh.tools import modules
 
 __version__ = "0.1.0"
 
 _lazy, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-renamed.install()
-_moved = {old.partition(".")[2]: new for old, new in renamed.MODULES.items() if old.startswith("vsh.")}
+modules.install()
+modules.warn_if_hidden()
+_moved = {old.partition(".")[2]: new for old, new in modules.MODULES.items() if old.startswith("vsh.")}
 
 
 def __getattr__(name):
     if name not in _moved:
         return _lazy(name)
-    renamed.warn(f"vsh.{name}", _moved[name])
+    modules.warn(f"vsh.{name}", _moved[name])
     return import_module(_moved[name])
 
 

@@ -1,6 +1,85 @@
-"""`python -m vsh COMMAND …`: every command of the project by its short name."""
+"""Where the commands begin: `vsh-NAME`, and `python -m vsh NAME`.
 
-from _vsh_commands import main
+Options are parsed before anything heavy is imported, and an interrupt ends a command quietly from the first moment on, while libraries are
+still being imported.
+"""
+
+import os
+import re
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
+from types import ModuleType
+from typing import NoReturn
+
+from vsh.commands import COMMANDS
+from vsh.tools.modules import import_ours
+
+# Here and not in a function: processes that a command begins import this module before anything else.
+import_ours()
+
+_USAGE = """usage: python -m vsh COMMAND …
+
+{commands}
+
+Each is a command of its own, too: python -m vsh fit is vsh-fit. See python -m vsh COMMAND --help."""
+
+
+def options_of(command: str) -> ModuleType:
+    """The module with the options of a command: light, it loads nothing but the standard library."""
+    return import_module(f"vsh.commands.options.{COMMANDS[command].options}")
+
+
+def about(command: str) -> str:
+    """What a command does, in a few words."""
+    return re.split(r"[:.] ", options_of(command).make_parser().description)[0].rstrip(".")
+
+
+def run(command: str, arguments: Sequence[str] | None = None) -> NoReturn:
+    """Parse the options of a command, run it, and exit with its status."""
+
+    def interrupted(*_):
+        os.write(2, b"interrupted\n")
+        os._exit(1)
+
+    signal.signal(signal.SIGINT, interrupted)
+    from vsh.tools.printing import printing
+
+    with printing():
+        from vsh.commands.parsing import parse
+
+        options = parse(options_of(command), arguments)
+        program = import_module(COMMANDS[command].module)
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # from here on `vsh.commands.running.guarded` sees it
+        status = program.run(options)
+    sys.exit(status)
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """`python -m vsh COMMAND …`"""
+    import vsh
+
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    first = words[0].removeprefix("vsh-") if words else "--help"
+    if first == "--version":
+        print(f"vsh-astrometry {vsh.__version__}")
+        sys.exit(0)
+    if first in ("-h", "--help"):
+        print(_USAGE.format(commands="\n".join(f"  {name:10} {about(name)}" for name in COMMANDS)))
+        sys.exit(0)
+    if first not in COMMANDS:
+        sys.exit(f"python -m vsh: there is no command {words[0]!r}: {', '.join(COMMANDS)} are")
+    run(first, words[1:])
+
+
+def __getattr__(name: str) -> Callable[[], NoReturn]:
+    """The entry points: `vsh.__main__:fit` is `vsh-fit`, and so on for every command."""
+    if name in COMMANDS:
+        return partial(run, name)
+    raise AttributeError(name)
+
 
 if __name__ == "__main__":
     main()

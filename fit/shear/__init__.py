@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from fit.shear._shear import Shear, coefficients_of, expansion, tensor_of
+from fit.shear._shear import Shear, expansion
+from fit.shear._tensor import coefficients_of, tensor_of
 
 if TYPE_CHECKING:
     from fit.shear._plot import plot_shear

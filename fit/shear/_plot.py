@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.shear._shear import coefficients_of
+from fit.shear._tensor import coefficients_of
 from vsh.figures.plot import COLOURS, SkyAxes, arrow_grid, draw_points, draw_vectors, sky_axes, styled
 from vsh.sky.sphere import angles
 

@@ -12,7 +12,7 @@ import traceback
 import pytest
 
 import sim
-from _vsh_commands import COMMANDS, run, words_of
+from vsh.__main__ import COMMANDS, options_of, run
 from vsh.io.catalogue import write_field
 from vsh.tools.files import digest
 
@@ -59,7 +59,7 @@ def precious(tmp_path_factory):
 
 def drawn(chance, command):
     """Words for a command."""
-    parser, words = words_of(command).make_parser(), []
+    parser, words = options_of(command).make_parser(), []
     for action in parser._actions:
         name = (action.option_strings or [action.dest])[-1].lstrip("-")
         if isinstance(action, argparse._HelpAction | argparse._VersionAction) or (

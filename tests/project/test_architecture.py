@@ -46,7 +46,7 @@ LATE = re.compile(
     r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|importlib|multiprocessing|threadpoolctl|tqdm|platform|tomllib|resource|h5py|fcntl)\b"
 )
 #: Files that run before anything is imported, or as something is told to be wrong at once: they import even our own late.
-FIRST = ("_vsh_commands.py", "vsh/commands/reading.py", "vsh/commands/configuration.py")
+FIRST = ("vsh/__main__.py", "vsh/tools/modules.py", "vsh/commands/reading.py", "vsh/commands/configuration.py")
 
 
 def name(path):

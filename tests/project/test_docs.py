@@ -9,13 +9,13 @@ import pytest
 import yaml
 from conftest import ROOT
 
-import _vsh_commands
 import vsh
+import vsh.__main__ as commands
 
 DOCS = ROOT / "docs"
 PAGES = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]
 PAGES = [path for path in PAGES if "_build" not in path.parts and not {"gallery", "learn"} & set(path.parts)]
-COMMANDS = [f"vsh-{name}" for name in _vsh_commands.COMMANDS]
+COMMANDS = [f"vsh-{name}" for name in commands.COMMANDS]
 #: Faces whose names are used inside the project only.
 INTERNAL = {
     "sim.agis.passes",
@@ -32,7 +32,7 @@ INTERNAL = {
 
 
 def words_of(command):
-    return _vsh_commands.words_of(command.removeprefix("vsh-"))
+    return commands.options_of(command.removeprefix("vsh-"))
 
 
 def name(path):

@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT
 
 import vsh
-from vsh.tools.renamed import MODULES
+from vsh.tools.modules import MODULES
 
 
 @pytest.mark.parametrize(("old", "new"), MODULES.items())

@@ -8,7 +8,7 @@ import sys
 import pytest
 from conftest import ROOT
 
-import _vsh_commands
+import vsh.__main__ as commands
 
 pytest.importorskip("shtab")
 pytest.importorskip("argparse_manpage")
@@ -32,11 +32,9 @@ def share(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("command", _vsh_commands.COMMANDS)
+@pytest.mark.parametrize("command", commands.COMMANDS)
 def test_every_command_has_completion_and_a_manual_page(share, command):
-    options = {
-        word for action in _vsh_commands.words_of(command).make_parser()._actions for word in action.option_strings
-    }
+    options = {word for action in commands.options_of(command).make_parser()._actions for word in action.option_strings}
     bash = share / "bash-completion" / "completions" / f"vsh-{command}"
     zsh = (share / "zsh" / "site-functions" / f"_vsh-{command}").read_text(encoding="utf-8")
     page = (share / "man" / "man1" / f"vsh-{command}.1").read_text(encoding="utf-8")

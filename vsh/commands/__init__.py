@@ -1,1 +1,33 @@
-"""What the commands share."""
+"""What every command does alike, and the list of the commands."""
+
+from typing import NamedTuple
+
+
+class Command(NamedTuple):
+    """A row of `COMMANDS`."""
+
+    #: The module of `vsh.commands.options` with its parser.
+    options: str
+    #: The module whose `run(options)` does the work.
+    module: str
+    #: Keys of citations.bib: what it rests on whatever it is asked.
+    cites: tuple[str, ...]
+
+
+_FIT = ("mignard2012", "ducc")
+_PIXELS = ("gorski2005", "zonca2019")
+
+#: The commands by name, without their `vsh-`.
+COMMANDS = {
+    "fit": Command("fit", "fit.commands.fit", (*_FIT, "lindegren2012", "bachchan2016")),
+    "redshift": Command("redshift", "fit.commands.redshift", (*_FIT, "bachchan2016", "planck2020parameters")),
+    "correlate": Command("correlate", "fit.commands.correlate", (*_FIT, "bachchan2016")),
+    "pairs": Command("pairs", "fit.commands.pairs", (*_FIT, *_PIXELS, "book2011")),
+    "compare": Command("compare", "fit.commands.compare", (*_FIT, "charlot2020")),
+    "sim": Command("simulate", "sim.commands.simulate", ("bachchan2016",)),
+    "agis": Command("agis", "sim.commands.agis", ("lindegren2012", "bachchan2016", "lam2015", *_PIXELS, *_FIT)),
+    "study": Command("study", "study.command", (*_FIT, "bachchan2016")),
+    "forecast": Command("forecast", "study.forecast.command",
+                        (*_FIT, "bachchan2016", "book2011", "planck2020overview", "planck2020parameters")),
+    "archive": Command("archive", "vsh.commands.archive", ("gaia2016",)),
+}  # fmt: skip

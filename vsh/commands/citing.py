@@ -7,24 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import vsh
+from vsh.commands import COMMANDS
 
 _ALWAYS = ("vsh_astrometry", "harris2020", "virtanen2020", "astropy2022")
 _PIXELS = ("gorski2005", "zonca2019")
-_FIT = ("mignard2012", "ducc")
-#: What each command rests on whatever it is asked.
-_COMMANDS = {
-    "vsh-fit": (*_FIT, "lindegren2012", "bachchan2016"),
-    "vsh-sim": ("bachchan2016",),
-    "vsh-agis": ("lindegren2012", "bachchan2016", "lam2015", *_PIXELS, *_FIT),
-    "vsh-redshift": (*_FIT, "bachchan2016", "planck2020parameters"),
-    "vsh-correlate": (*_FIT, "bachchan2016"),
-    "vsh-study": (*_FIT, "bachchan2016"),
-    "vsh-archive": ("gaia2016",),
-    "vsh-pairs": (*_FIT, *_PIXELS, "book2011"),
-    "vsh-compare": (*_FIT, "charlot2020"),
-    "vsh-forecast": (*_FIT, "bachchan2016", "book2011", "planck2020overview", "planck2020parameters"),
-}
-#: And what it uses where it is asked for something.
+#: What a run uses where it is asked for something, besides what its command rests on.
 _OPTIONS = {
     "posterior": ("foremanmackey2013", "foremanmackey2016", "planck2020overview"),
     "waves": ("book2011",),
@@ -53,7 +40,7 @@ _VALUES = {
 
 def keys(command: str, given: Mapping[str, Any]) -> list[str]:
     """The keys of what a run uses, ours first."""
-    found = [*_ALWAYS, *_COMMANDS[command]]
+    found = [*_ALWAYS, *COMMANDS[command.removeprefix("vsh-")].cites]
     draws = "no-figures" not in given and command not in ("vsh-sim", "vsh-archive")
     for name, value in given.items():
         found += _OPTIONS.get(name, ()) if draws or name not in _WRITES else ()

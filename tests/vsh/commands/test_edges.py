@@ -22,7 +22,7 @@ def catalogue(tmp_path):
 
 
 def shell(*words, environment=(), stdout=subprocess.PIPE):
-    code = "import _vsh_commands, sys; sys.argv[0] = 'vsh'; _vsh_commands.run(sys.argv[1], sys.argv[2:])"
+    code = "import vsh.__main__ as commands, sys; sys.argv[0] = 'vsh'; commands.run(sys.argv[1], sys.argv[2:])"
     return subprocess.run(
         [sys.executable, "-c", code, *map(str, words)], cwd=ROOT, env=os.environ | dict(environment), check=False,
         stdout=stdout, stderr=subprocess.PIPE, text=True, encoding="utf-8",
@@ -153,15 +153,15 @@ def test_every_command_can_be_called():
     """By its entry point, by its function, and found in the lists that name commands."""
     from configparser import ConfigParser
 
-    import _vsh_commands
+    import vsh.__main__ as commands
 
     config = ConfigParser()
     config.read(ROOT / "setup.cfg", encoding="utf-8")
     scripts = [line.split("=") for line in config["options.entry_points"]["console_scripts"].strip().splitlines()]
     assert {name.strip(): target.strip() for name, target in scripts} == {
-        f"vsh-{name}": f"_vsh_commands:{name}" for name in _vsh_commands.COMMANDS
+        f"vsh-{name}": f"vsh.__main__:{name}" for name in commands.COMMANDS
     }
-    for name in _vsh_commands.COMMANDS:
-        assert callable(getattr(_vsh_commands, name))
+    for name in commands.COMMANDS:
+        assert callable(getattr(commands, name))
         assert f"vsh-{name}" in (ROOT / "README.md").read_text(encoding="utf-8"), name
         assert (ROOT / "docs" / "commands" / f"vsh-{name}.md").is_file(), name

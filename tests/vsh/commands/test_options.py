@@ -6,9 +6,9 @@ import sys
 import pytest
 from conftest import ROOT
 
-import _vsh_commands
 import fit.correlation
 import fit.pairs
+import vsh.__main__ as commands
 import vsh.io.archive
 from sim.observing import REDSHIFT_ERRORS
 from vsh.commands import values as names
@@ -24,8 +24,8 @@ HEAVY = ("numpy", "scipy", "astropy", "matplotlib", "fit", "sim", "study")
 def modules_after(words):
     """What is loaded when a command has printed what it was asked for, and ended."""
     code = (
-        "import sys, _vsh_commands\n"
-        "try: _vsh_commands.main(sys.argv[1:])\n"
+        "import sys, vsh.__main__ as commands\n"
+        "try: commands.main(sys.argv[1:])\n"
         "except SystemExit as end: assert not end.code, end.code\n"
         "print('loaded', *sys.modules)"
     )
@@ -35,7 +35,7 @@ def modules_after(words):
     return run.stdout.split("loaded ")[-1].split()
 
 
-@pytest.mark.parametrize("command", _vsh_commands.COMMANDS)
+@pytest.mark.parametrize("command", commands.COMMANDS)
 @pytest.mark.parametrize("asked", ["--help", "--version", "--citation"])
 def test_what_needs_no_data_loads_no_library(command, asked):
     """0.1 s of processor time in place of 0.6; the modules are counted, which does not depend on the machine's load."""
@@ -75,7 +75,7 @@ def test_the_names_that_options_choose_from_are_those_of_the_packages():
 
 def test_every_command_by_its_short_name():
     run = subprocess.run([sys.executable, "-m", "vsh"], cwd=ROOT, capture_output=True, text=True, check=True)
-    for command in _vsh_commands.COMMANDS:
+    for command in commands.COMMANDS:
         assert f"\n  {command} " in run.stdout
     run = subprocess.run([sys.executable, "-m", "vsh", "fit", "--version"], cwd=ROOT, capture_output=True, text=True)
     assert run.stdout == f"vsh-fit {vsh.__version__}\n"

@@ -252,7 +252,7 @@ def interrupted(command, seconds):
 @pytest.mark.parametrize("tries", [2, pytest.param(24, marks=pytest.mark.slow)])
 def test_interrupts_end_in_one_line(tries, catalogue, tmp_path):
     """4 of 24 ended in a traceback."""
-    code = "import sys, _vsh_commands; print('begun', flush=True); sys.argv = ['vsh-sim', *sys.argv[1:]]; _vsh_commands.sim()"
+    code = "import sys, vsh.__main__ as commands; print('begun', flush=True); sys.argv = ['vsh-sim', *sys.argv[1:]]; commands.sim()"
     rng = np.random.default_rng(1)
     for _ in range(tries):
         command = [sys.executable, "-c", code, "quasars", "--number", "1000000", "--output", str(tmp_path / "q.fits")]

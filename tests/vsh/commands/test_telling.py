@@ -11,9 +11,9 @@ import pytest
 from astropy.table import Table
 from conftest import ROOT
 
-import _vsh_commands
 import fit
 import sim
+import vsh.__main__ as commands
 from fit.commands import compare, correlate, pairs, redshift
 from fit.commands.fit import main
 from sim.commands import simulate
@@ -152,10 +152,10 @@ def test_without_a_log_nobody_hears_anything(caplog):
     assert [text.split(":")[0] for text in told] == ["observed", "normal equations", "solved"]
 
 
-@pytest.mark.parametrize("command", _vsh_commands.COMMANDS)
+@pytest.mark.parametrize("command", commands.COMMANDS)
 def test_citations(command, capsys):
     with pytest.raises(SystemExit) as end:
-        _vsh_commands.main([command, "--citation"])
+        commands.main([command, "--citation"])
     assert not end.value.code
     out = capsys.readouterr().out
     assert out.startswith("@software{vsh_astrometry,")

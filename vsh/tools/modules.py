@@ -1,13 +1,65 @@
-"""Names of the release before this one: they still work, and say what they are called now."""
+"""Where our modules are: by the names of the release before this one, too, and beside a user's own `fit.py`.
+
+The packages of the project are four, vsh, sim, fit and study. A file or folder of one of these names in the folder of a
+script comes first in Python's search, and hides ours.
+"""
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from importlib import import_module
-from importlib.machinery import ModuleSpec
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import find_spec, module_from_spec
 from typing import Any
+
+#: Beside vsh.
+_OTHERS = ("sim", "fit", "study")
+_ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+
+
+def hidden() -> dict[str, str]:
+    """What hides a package of ours: its place, by the package's name."""
+    found = {}
+    for name in _OTHERS:
+        with suppress(ImportError, ValueError, AttributeError, AssertionError):
+            spec = sys.modules[name].__spec__ if name in sys.modules else find_spec(name)
+            assert spec is not None  # or it is not installed
+            places = [spec.origin] if spec.origin else list(spec.submodule_search_locations or ())
+            if places and not any(_is_ours(place, name) for place in places):
+                found[name] = places[0]
+    return found
+
+
+def _is_ours(place, name):
+    return os.path.realpath(place).startswith(os.path.realpath(os.path.join(_ROOT, name)) + os.sep)
+
+
+def warn_if_hidden() -> None:
+    """Warn in one sentence where something of the user's hides a package of ours."""
+    if os.path.dirname(sys.argv[0]) == os.path.join(_ROOT, "vsh") or sys.argv[:1] == ["-m"]:
+        return  # `python -m vsh` finds ours whatever hides them
+    for name, place in hidden().items():
+        from vsh.tools.errors import VshWarning  # NumPy comes with it
+
+        warnings.warn(
+            f"{place} hides the package {name} of vsh-astrometry, so that `import {name}` gives yours: rename it, or run from another folder",
+            VshWarning,
+            stacklevel=3,
+        )
+
+
+def import_ours() -> None:
+    """Import our packages where something of the user's hides them: for commands, which a folder's files do not concern."""
+    for name in hidden():
+        spec = PathFinder.find_spec(name, [_ROOT])
+        if spec is not None and spec.loader is not None:
+            sys.modules[name] = module_from_spec(spec)
+            spec.loader.exec_module(sys.modules[name])
+
 
 #: Modules by their old names. To be removed with the release after next.
 MODULES = {

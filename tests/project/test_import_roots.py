@@ -1,0 +1,79 @@
+"""The four packages are ours wherever they are imported from, a user's `fit.py` beside them or not."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+PACKAGES = ("vsh", "sim", "fit", "study")
+#: What a user may have in a folder: its files, and whether Python takes it for ours.
+FORMS = {
+    "file": ("{name}.py", True),
+    "package": ("{name}/__init__.py", True),
+    "folder with code": ("{name}/mine.py", False),
+    "folder without code": ("{name}/data.txt", False),
+}
+
+
+@pytest.fixture(scope="module", params=["editable", "wheel"])
+def python(request, tmp_path_factory):
+    """Python with the project as a wheel leaves it: a folder of packages; or as it is installed here."""
+    if request.param == "editable":
+        return lambda folder, *words: _run(folder, None, words)
+    site = tmp_path_factory.mktemp("site")
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, site / name, ignore=shutil.ignore_patterns("__pycache__"))
+    return lambda folder, *words: _run(folder, site, words)
+
+
+def _run(folder, site, words):
+    if words[0] != "-m":  # a script
+        (folder / "script.py").write_text(words[0])
+        words = ("script.py",)
+    if site is None:
+        return subprocess.run([sys.executable, *words], cwd=folder, capture_output=True, text=True, check=False)
+    # Without what an editable installation adds (`-S`); NumPy and the others are beside the packages, as in an environment.
+    libraries = Path(np.__file__).parent.parent
+    environment = {"PYTHONPATH": os.pathsep.join(map(str, (site, libraries))), "HOME": str(folder)}
+    return subprocess.run(
+        [sys.executable, "-S", *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+
+
+def _write(folder, form, name):
+    path = folder / FORMS[form][0].format(name=name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("MINE = 1\n")
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", ["fit", "sim", "study"])
+def test_what_hides_a_package_is_named(python, form, name, tmp_path):
+    _write(tmp_path, form, name)
+    done = python(tmp_path, "import vsh")
+    assert done.returncode == 0, done.stderr
+    assert (f"hides the package {name} of vsh-astrometry" in done.stderr) == FORMS[form][1]
+    assert str(tmp_path) in done.stderr or not FORMS[form][1]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_commands_run_beside_what_hides_a_package(python, form, tmp_path):
+    for name in ("fit", "sim", "study"):
+        _write(tmp_path, form, name)
+    done = python(tmp_path, "-m", "vsh", "sim", "quasars", "--number", "50", "--no-transits", "--output", "q.ecsv")
+    assert done.returncode == 0, done.stderr
+    done = python(tmp_path, "-m", "vsh", "fit", "q.ecsv", "--lmax", "1", "--no-figures")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "spin" in done.stdout
+
+
+def test_nothing_hides_what_is_ours(python, tmp_path):
+    done = python(tmp_path, "import vsh, sim, fit, study; print(fit.fit_field, sim.quasars, study.run)")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
