@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.harmonic import HarmonicSolution
 from fit.quality import norm_limit, printed_p_value
 from fit.shear._tensor import PLACES, TO_TENSOR, degree_two, matrix_of
+from fit.solution import HarmonicSolution
 from fit.storage import Result
 from vsh.io import tables
 from vsh.sky.frames import check_frame, rotation_matrix
