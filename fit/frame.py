@@ -32,8 +32,6 @@ from vsh.tools.parallel import map_blocks
 from vsh.tools.types import FloatArray
 from vsh.vector import Vector
 
-__all__ = ["FrameSolution", "solve_frame"]
-
 _AXES = "xyz"
 #: Sources in a block: what fits into a processor's own memory.
 _ROWS = 8192

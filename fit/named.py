@@ -17,22 +17,7 @@ from vsh.vector import Vector
 
 @dataclass(frozen=True, eq=False)
 class NamedSolution(LinearSolution):
-    """A least-squares solution for named parameters.
-
-    Attributes
-    ----------
-    names : tuple of str
-    values : (p,) array
-        In the order of `names`.
-    covariance : (p, p) array
-    chi2 : float
-    n_data : int
-        Two a source.
-    frame : str
-        Of the axes.
-    notes : tuple of str
-        What the reader should know of the data.
-    """
+    """A least-squares solution for named parameters."""
 
     names: tuple[str, ...]
     values: FloatArray
@@ -86,13 +71,7 @@ class NamedSolution(LinearSolution):
         return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The correlation matrix of the parameters on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The correlation matrix of the parameters on matplotlib axes."""
         from fit.output import plot_correlation
 
         return plot_correlation(self, ax=ax)

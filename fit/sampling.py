@@ -69,15 +69,7 @@ class Axis:
 
 
 class Prior(Protocol):
-    """A prior density of one number.
-
-    Attributes
-    ----------
-    low, high : float
-        Limits, which may be infinite.
-    proper : bool
-        Whether its integral is finite.
-    """
+    """A prior density of one number."""
 
     @property
     def low(self) -> float:

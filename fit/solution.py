@@ -24,25 +24,7 @@ from vsh.vector import Vector, correlation_of
 
 
 class LinearSolution(Result):
-    """A least-squares solution: parameters with a covariance, and how well they fit.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of the parameters.
-    values : (p,) array
-        The parameters.
-    covariance : (p, p) array
-        Of the parameters, in the order of `names`.
-    chi2 : float
-        Of the residuals.
-    n_data : int
-        Data points: two a source.
-    frame : str
-        Of the axes.
-    notes : tuple of str
-        What the reader should know of the data.
-    """
+    """A least-squares solution: parameters with a covariance, and how well they fit."""
 
     names: Any
     values: Any
@@ -54,13 +36,7 @@ class LinearSolution(Result):
 
     @abstractmethod
     def model(self, field: Field) -> FloatArray:
-        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
-
-        Parameters
-        ----------
-        field : Field
-            In the frame of the solution.
-        """
+        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]"""
 
     @property
     def n_sources(self) -> int:
@@ -96,29 +72,13 @@ class LinearSolution(Result):
         """The field less the model: a Field, whose `chi2` is that of each source.
 
         Its `.whitened` are the residuals decorrelated and in units of their errors.
-
-        Parameters
-        ----------
-        field : Field
-            In the frame of the solution.
-
-        Raises
-        ------
-        FrameError
-            If the field is in another frame.
         """
         field.check_frame(self.frame)
         return field.minus(self.model(field))
 
 
 class HarmonicSolution(LinearSolution):
-    """What a solution for coefficients says, with or without their full covariance.
-
-    Attributes
-    ----------
-    coefficients : Coefficients
-        The best fit. [µas/yr]
-    """
+    """What a solution for coefficients says, with or without their full covariance."""
 
     coefficients: Coefficients
     #: Where the covariance is from; of a solution that has one.
@@ -156,13 +116,7 @@ class HarmonicSolution(LinearSolution):
         return self.coefficients.values
 
     def model(self, field: Any) -> FloatArray:
-        """What the solution predicts at the sources of a field, (2, n), or (n,) of a scalar field. [µas/yr]
-
-        Parameters
-        ----------
-        field : Field or ScalarField
-            The sources.
-        """
+        """What the solution predicts at the sources of a field, (2, n), or (n,) of a scalar field. [µas/yr]"""
         return at_sources(self.coefficients, field)
 
     @property
@@ -180,48 +134,18 @@ class HarmonicSolution(LinearSolution):
 
         Noise adds Σ σ² (with the weights of the power) on average; it is taken away
         unless `debiased` is false, so that a small power may come out negative.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
-        debiased : bool
-            Take away what noise gives on average.
         """
         values, _ = self.of_degree(kind, l)
         power = float(self._power_weights(l) @ values**2)
         return power - self.noise_power(kind, l) if debiased else power
 
     def of_degree(self, kind: Kind, l: int) -> tuple[FloatArray, FloatArray]:
-        """Coefficients of one kind and degree, (2l + 1,), with their covariance: what its power and p-value are of.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
-
-        Returns
-        -------
-        tuple[array, array]
-            [µas/yr], [(µas/yr)²]
-        """
+        """Coefficients of one kind and degree, (2l + 1,), with their covariance: what its power and p-value are of."""
         degree = self.modes.slice_of(kind, l)
         return self.coefficients.values[degree], self.covariance[degree, degree]
 
     def noise_power(self, kind: Kind, l: int) -> float:
-        """The power that noise alone gives on average. [(µas/yr)²]
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
-        """
+        """The power that noise alone gives on average. [(µas/yr)²]"""
         return float(np.trace(self._weighted_covariance(kind, l)))
 
     def power_error(self, kind: Kind, l: int) -> float:
@@ -230,13 +154,6 @@ class HarmonicSolution(LinearSolution):
         For Gaussian errors var(cᵀ W c) = 4 µᵀ W C W µ + 2 tr (W C)², with W the weights 1 and
         2 of the power; µᵀ W C W µ is estimated without bias, and taken for zero where the degree is not
         significant at 5 %: otherwise errors of powers without a signal come out a quarter too large.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
         """
         values, covariance = self.of_degree(kind, l)
         wc = self._weighted_covariance(kind, l)
@@ -253,13 +170,6 @@ class HarmonicSolution(LinearSolution):
         W̃ = cᵀ C⁻¹ c over the 2l + 1 coefficients is χ² with 2l + 1 degrees of freedom
         when the true ones are zero, whatever the sky coverage. Where C was estimated from replicates, it is
         Hotelling's T²; nan where they are too few to determine it.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
         """
         chi2, n, dof = self.chi2_of_degree(kind, l), 2 * l + 1, self.covariance_dof
         if np.isinf(dof):
@@ -268,15 +178,7 @@ class HarmonicSolution(LinearSolution):
         return float(fdtrc(n, free, chi2 * free / (n * dof))) if free > 0 else float("nan")
 
     def chi2_of_degree(self, kind: Kind, l: int) -> float:
-        """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree; nan where too few replicates determine C.
-
-        Parameters
-        ----------
-        kind : {"T", "S"}
-            Toroidal or spheroidal.
-        l : int
-            The degree.
-        """
+        """W̃ = cᵀ C⁻¹ c over the coefficients of one kind and degree; nan where too few replicates determine C."""
         if self.covariance_dof < 2 * l + 1:
             return float("nan")
         values, covariance = self.of_degree(kind, l)
@@ -474,21 +376,7 @@ class Solution(HarmonicSolution):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScalarSolution(Solution):
-    """Coefficients of a scalar field with their covariance.
-
-    Attributes
-    ----------
-    coefficients : ScalarCoefficients
-        The best fit. [`unit`]
-    covariance : (p, p) array
-        As of a `Solution`. [the square of `unit`]
-    n_data : int
-        How many numbers were fitted: one a source.
-    unit : str
-        Of the values; "" of pure numbers.
-    chi2, frame, notes, errors_from, covariance_dof, by_prior, unshrunk
-        As of a `Solution`.
-    """
+    """Coefficients of a scalar field with their covariance."""
 
     unit: str = ""
 
@@ -510,13 +398,7 @@ class ScalarSolution(Solution):
 
 
 class AboutSolution(Result):
-    """A result that tells something about a solution: text, table and figure are the solution's.
-
-    Attributes
-    ----------
-    solution : Solution
-        What it is about.
-    """
+    """A result that tells something about a solution: text, table and figure are the solution's."""
 
     solution: Solution
 

@@ -15,17 +15,7 @@ from astropy import units as u
 from vsh.tools.types import Quantity
 from vsh.tools.units import AU_PER_YEAR
 
-__all__ = [
-    "ATTRACTORS",
-    "apparent_motion",
-    "attraction",
-    "attractions",
-    "circular_acceleration",
-    "effects",
-    "lensing_depth",
-    "lensing_motion",
-    "transverse_motion",
-]
+__all__ = ["ATTRACTORS", "apparent_motion", "attractions", "effects", "lensing_motion"]
 
 #: Masses [solar masses] and distances [kpc] of the paper's Table 2, after van den Bergh (2000) and NED.
 ATTRACTORS = {
@@ -77,11 +67,6 @@ def apparent_motion(acceleration: Quantity) -> Any:
 def circular_acceleration(speed: Quantity, radius: Quantity) -> Any:
     """ã = v²/(R c) of a circular orbit, µas/yr (eq. 1).
 
-    Parameters
-    ----------
-    speed, radius : Quantities
-        On the circle.
-
     Examples
     --------
     >>> f"{circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc):.6f}"
@@ -92,13 +77,6 @@ def circular_acceleration(speed: Quantity, radius: Quantity) -> Any:
 
 def attraction(mass: Quantity, distance: Quantity) -> Any:
     """ã = GM/(d² c) by a mass at a distance, µas/yr (Table 2).
-
-    Parameters
-    ----------
-    mass : Quantity
-        Of the attractor.
-    distance : Quantity
-        To it.
 
     Examples
     --------
@@ -133,13 +111,6 @@ def attractions(masses: Any = None) -> dict[str, Any]:
 def transverse_motion(speed: Quantity, distance: Quantity) -> Any:
     """µ = v/d of a transverse speed, ours or the source's, µas/yr (eqs. 2 and 4).
 
-    Parameters
-    ----------
-    speed : Quantity
-        Across the line of sight.
-    distance : Quantity
-        To the source.
-
     Examples
     --------
     >>> f"{transverse_motion(750 * u.km / u.s, 44.44 * u.Mpc):.2f}"
@@ -153,11 +124,6 @@ def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, so
 
     θ_E² = (4GM/c²)(1/D_L − 1/D_Q), and N = n D_L² D_Q lenses to the steradian, taken for all of the
     way to be at the distance D_L.
-
-    Parameters
-    ----------
-    density, mass, lens_distance, source_distance : Quantities
-        Lenses in a volume.
 
     Examples
     --------

@@ -16,7 +16,7 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray, Release
 
-__all__ = ["errors_by_place", "expected_covariances"]
+__all__ = ["errors_by_place"]
 
 _COLUMNS = {"motion": [3, 4], "position": [0, 1]}
 

@@ -31,9 +31,6 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray, Release, Rng, Table
 from vsh.tools.units import MAS
 
-__all__ = ["crf3", "epochs"]
-
-
 #: Parallaxes of quasars in DR3, on average. [mas] (Lindegren et al. 2021, A&A 649, A4)
 ZERO_POINT = -0.017
 

@@ -17,21 +17,6 @@ from vsh.tools.errors import FieldError, ParameterError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, Rng
 
-__all__ = [
-    "Population",
-    "clustered_galaxies",
-    "crf3_magnitudes",
-    "from_table",
-    "galaxies",
-    "plane_avoiding_sky",
-    "quasar_magnitudes",
-    "quasar_redshifts",
-    "quasars",
-    "stars",
-    "uniform_sky",
-    "vlbi_quasars",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Population(Frozen):
@@ -73,27 +58,7 @@ class Population(Frozen):
 def from_table(
     source: Any, *, ra: str = "ra", dec: str = "dec", redshift: str | None = None, magnitude: str | None = None
 ) -> Population:
-    """The positions, and perhaps redshifts and magnitudes, of a real table.
-
-    Parameters
-    ----------
-    source : path or table
-        Whatever `vsh.io.tables.as_table` takes.
-    ra, dec, redshift, magnitude : str
-        Names of columns; positions in degrees.
-
-    Returns
-    -------
-    Population
-        In ICRS; a redshift or magnitude that is missing is nan.
-
-    Raises
-    ------
-    TableError
-        If a column is missing.
-    FieldError
-        If a position is missing or not on the sky, or a column holds no numbers.
-    """
+    """The positions, and perhaps redshifts and magnitudes, of a real table."""
     from vsh.io import tables
 
     table = tables.as_table(source)
@@ -177,20 +142,6 @@ def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArr
     """n magnitudes G with the number counts of Gaia's quasars, log-linear between the published ones.
 
     Brighter than G = 18 the first slope is continued.
-
-    Parameters
-    ----------
-    n : int
-        How many.
-    rng : Generator or int
-        The source of all randomness.
-    max_magnitude : float
-        The faintest G, at most 21.
-
-    Raises
-    ------
-    ParameterError
-        If the faintest magnitude is not above 18 and at most 21.
     """
     if not 18 < max_magnitude <= 21:
         raise ParameterError(f"the counts are known for 18 < G ≤ 21, not to {max_magnitude}")
@@ -203,33 +154,13 @@ def quasar_magnitudes(n: int, rng: Rng, max_magnitude: float = 20.0) -> FloatArr
 
 
 def crf3_magnitudes(n_five: int, n_six: int, rng: Rng) -> FloatArray:
-    """Magnitudes G like those of Gaia-CRF3: of sources with five parameters, then of those with six.
-
-    Parameters
-    ----------
-    n_five, n_six : int
-        How many of each.
-    rng : Generator or int
-        The source of all randomness.
-    """
+    """Magnitudes G like those of Gaia-CRF3: of sources with five parameters, then of those with six."""
     rng = generator(rng)
     return np.concatenate([quasar_magnitudes(n_five, rng, 21.0), 21 - rng.gamma(2.0, 0.32, n_six)])
 
 
 def quasar_redshifts(n: int, rng: Rng, scale: float = 0.55, shape: float = 2.7) -> FloatArray:
-    """n redshifts from a gamma distribution of mean 1.5, about that of Gaia's and SDSS' quasars; at least 0.05.
-
-    Parameters
-    ----------
-    n : int
-        How many.
-    rng : Generator or int
-        The source of all randomness.
-    scale : float
-        Of the gamma distribution.
-    shape : float
-        Of the gamma distribution.
-    """
+    """n redshifts from a gamma distribution of mean 1.5, about that of Gaia's and SDSS' quasars; at least 0.05."""
     return np.maximum(generator(rng).gamma(shape, scale, n), 0.05)
 
 

@@ -32,9 +32,6 @@ from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Rng
 from vsh.tools.units import DEGREE
 
-__all__ = ["NominalScanningLaw", "Transits", "sun_position", "sun_rate"]
-
-
 #: Mean length of the lost intervals that are drawn. [yr]
 _MEAN = 0.25 / 365.25
 
@@ -92,34 +89,14 @@ def _anomaly(start, time):
 
 
 def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5).
-
-    Parameters
-    ----------
-    start : float
-        Of the mission. [Julian year]
-    time : (k,) array
-        Since the start of the mission. [yr]
-
-    Returns
-    -------
-    tuple[array, array]
-    """
+    """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
     g, mean = _anomaly(start, time)
     longitude = mean + (1.915 * np.sin(g) + 0.020 * np.sin(2 * g)) * DEGREE
     return longitude, 1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2 * g)
 
 
 def sun_rate(start: float, time: FloatArray) -> FloatArray:
-    """dλ/dt [rad/yr].
-
-    Parameters
-    ----------
-    start : float
-        Of the mission. [Julian year]
-    time : (k,) array
-        Since the start of the mission. [yr]
-    """
+    """dλ/dt [rad/yr]."""
     g, _ = _anomaly(start, time)
     turn = 0.9856003 * DEGREE * YEAR
     return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * turn
@@ -127,23 +104,7 @@ def sun_rate(start: float, time: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Transits(Frozen):
-    """Passages of sources over a field of view, ordered by source and, for each, by time.
-
-    Attributes
-    ----------
-    source : (k,) int array
-        Index of the source.
-    time : (k,) array
-        Since the start of the mission [yr]
-    angle : (k,) array
-        Position angle of the scan, from north through east [rad]
-    parallax_factor : (k,) array
-        Along-scan shift for a parallax of one.
-    view : (k,) int array
-        +1 for the preceding, −1 for the following field of view.
-    across : (k,) array
-        Across-scan offset from the middle of the field [rad]
-    """
+    """Passages of sources over a field of view, ordered by source and, for each, by time."""
 
     source: FloatArray
     time: FloatArray
@@ -156,13 +117,7 @@ class Transits(Frozen):
         return len(self.source)
 
     def counts(self, n: int) -> IntArray:
-        """How many each of n sources has, (n,).
-
-        Parameters
-        ----------
-        n : int
-            Sources.
-        """
+        """How many each of n sources has, (n,)."""
         return np.bincount(self.source, minlength=n)
 
 

@@ -16,7 +16,7 @@ from vsh.sky.sphere import angles, triad
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray, Rng
 
-__all__ = ["draw_positions", "sky_map"]
+__all__ = ["sky_map"]
 
 NSIDE = 64
 
@@ -66,19 +66,7 @@ def sky_map(sky: str | FloatArray) -> tuple[FloatArray, str]:
 def draw_positions(
     n: int, rng: Rng, sky: str | FloatArray = "uniform", map_frame: str = "icrs"
 ) -> tuple[FloatArray, FloatArray]:
-    """n positions in ICRS, with the density of a sky. [rad]
-
-    Parameters
-    ----------
-    n : int
-        How many.
-    rng : Generator or int
-        The source of all randomness.
-    sky : str or (12 nside²,) array
-        A name known to `sky_map`, or a map in ring order.
-    map_frame : str
-        Of the axes of a map that is given.
-    """
+    """n positions in ICRS, with the density of a sky. [rad]"""
     density, frame = sky_map(sky) if isinstance(sky, str) else (sky, map_frame)
     lon, lat = random_positions(density, n, rng)
     return angles(rotation_matrix(frame, "icrs") @ triad(lon, lat)[2])

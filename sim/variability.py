@@ -16,8 +16,6 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import FloatArray, IntArray, Rng
 
-__all__ = ["Variability"]
-
 
 @dataclass(frozen=True)
 class Variability(InNotebook):

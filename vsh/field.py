@@ -179,21 +179,7 @@ def _both(one, other, name):
 
 
 class Weighed(Frozen):
-    """What a noun with values and errors knows of their weights; each source has `components` of them.
-
-    Attributes
-    ----------
-    components : int
-        Two of a motion, one of a scalar.
-    data : (components, n) array
-        The values.
-    weights : (3, n) or (1, n) array
-        The inverse covariance of each source: a, b, c of [[a, c], [c, b]], or a alone.
-    frame : str
-        Of the axes.
-    notes : tuple of str
-        What a reader of any result should know.
-    """
+    """What a noun with values and errors knows of their weights; each source has `components` of them."""
 
     components: ClassVar[int]
     frame: str

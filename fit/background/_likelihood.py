@@ -50,18 +50,7 @@ def kernel(matrix: FloatArray, variances: FloatArray) -> tuple[FloatArray, Float
 
 @dataclass(frozen=True, eq=False)
 class Maximum:
-    """Where the likelihood is largest.
-
-    Attributes
-    ----------
-    amplitudes : (k,) array
-    noise_scale : float
-        κ.
-    log_likelihood : float
-        Relative to that of no background, each with its own κ.
-    covariance : (k + 1, k + 1) array
-        Of the amplitudes and κ², from the expected information; nan of κ² where it is not estimated.
-    """
+    """Where the likelihood is largest."""
 
     amplitudes: FloatArray
     noise_scale: float
@@ -70,28 +59,7 @@ class Maximum:
 
 
 class Likelihood:
-    """ln L of the amplitudes of some spectra.
-
-    Parameters
-    ----------
-    normal : NormalEquations
-        Of the data.
-    spectra : sequence of Spectrum
-        One for each amplitude.
-    degrees : tuple of int
-        Where the background is. Coefficients that no spectrum has power in are taken for zero.
-    free : tuple of int
-        Degrees that are fitted without a prior.
-    noise_scale : bool
-        Whether the scale of the errors is estimated, or taken for 1.
-
-    Raises
-    ------
-    DegeneracyError
-        If the data do not determine what is free.
-    ParameterError
-        If there is no spectrum, or one has no power in these degrees.
-    """
+    """ln L of the amplitudes of some spectra."""
 
     def __init__(
         self,

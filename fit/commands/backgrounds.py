@@ -13,17 +13,7 @@ from vsh.tools.errors import ModesError
 
 @dataclass(frozen=True)
 class Backgrounds:
-    """What was found of backgrounds.
-
-    Attributes
-    ----------
-    solution : Solution
-        With the floor in its errors, where that was asked for.
-    results : dict of str to result
-        By the name of its files.
-    texts : tuple of str
-        For the report.
-    """
+    """What was found of backgrounds."""
 
     solution: Any
     results: dict[str, Any]

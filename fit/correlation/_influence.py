@@ -88,27 +88,6 @@ def gain_of_sources(
 ) -> FloatArray:
     """How a result would change if new sources were added in each pixel.
 
-    Parameters
-    ----------
-    sources, modes, parameters, nside
-        As for `influence_map`.
-    n_sources : int
-        How many.
-    sigma : float, optional
-        Their errors; the median of those there unless given [µas/yr]
-    quantity : None
-        As for `influence_map`; there is no value of sources without motions.
-
-    Returns
-    -------
-    (12 nside²,) array
-        Of the correlation, or of ln σ²; exact, all of them at the centre of the pixel.
-
-    Raises
-    ------
-    ParameterError
-        If a name is unknown, or a value is asked for.
-
     Notes
     -----
     n sources of error σ at one place add (n/σ²) V Vᵀ to N, V the (p, 2) harmonics there, so that
@@ -180,18 +159,6 @@ def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
     """The pixels that hold the largest part of an influence of one sign: a mask (12 nside²,).
 
     Those with the largest influence of the sign that prevails, until they hold `fraction` of it.
-
-    Parameters
-    ----------
-    influence : (12 nside²,) array
-        From `influence_map` or `gain_of_sources`.
-    fraction : float
-        Between 0 and 1.
-
-    Raises
-    ------
-    ParameterError
-        If the fraction is none.
     """
     m = arrays.float_array("influence", influence, finite=False)
     if not 0 < fraction <= 1:

@@ -194,19 +194,6 @@ def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = No
     """Condition and largest correlation of fits of every degree: rows of (lmax, condition, correlation).
 
     The condition is that of the correlation matrix; inf where the sources do not determine the fit.
-
-    Parameters
-    ----------
-    sources : Field, Parts, or positions with errors
-        As for `fit.correlation.predict`.
-    max_lmax : int
-        Where to stop.
-    sigma : float or (2, n) array, optional
-        Errors in place of the sources' own. [µas/yr]
-
-    Returns
-    -------
-    list[tuple[int, float, float]]
     """
     modes = Modes(max_lmax)
     normal = normal_equations(without_motions(sources, sigma), modes)

@@ -35,16 +35,7 @@ FRAME_NAMES = tuple(f"{vector}_{axis}" for vector in ("omega", "a") for axis in 
 
 @dataclass(frozen=True, eq=False)
 class Parameters(Frozen):
-    """Linear functions of coefficients.
-
-    Attributes
-    ----------
-    names : tuple of str
-    modes : Modes
-        Of the fit they are read off.
-    rows : (k, p) array
-        Parameter = row · coefficients.
-    """
+    """Linear functions of coefficients."""
 
     names: tuple[str, ...]
     modes: Modes

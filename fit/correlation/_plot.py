@@ -57,23 +57,7 @@ def plot_matrix(correlations: Any, *, ax: Any = None) -> Axes:
 def plot_influence(
     values: FloatArray, field: Field, title: str, label: str, *, max_sources: int = 3000, smooth: float | None = None, ax: Any = None
 ) -> SkyAxes:  # fmt: skip
-    """A map of influence on the sky with the sources, as smooth as they can tell.
-
-    Parameters
-    ----------
-    values : (12 nside²,) array
-        From `fit.correlation.influence_map` or `gain_of_sources`.
-    field : Field
-        The sources, in the frame of the map.
-    title, label : str
-        Of the figure.
-    max_sources : int
-        How many dots at most.
-    smooth : float, optional
-        Full width at half maximum of the smoothing: some 30 sources are within it unless given; 0 for none. [deg]
-    ax : matplotlib axes, optional
-        Whose place the map takes; a new figure unless given.
-    """
+    """A map of influence on the sky with the sources, as smooth as they can tell."""
     if smooth is None:
         smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _TOGETHER / max(1, len(field)))), 0.0, 60.0))
     shown = smoothed(values, smooth) if smooth > 0 else np.asarray(values, float)

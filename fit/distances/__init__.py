@@ -4,12 +4,4 @@ from fit.distances._calibrate import WHOLE_DISPERSION, calibrate, calibrate_if_k
 from fit.distances._calibration import Calibration, InverseDistances, inverse_distances, mean_rates
 from fit.distances._density import ErrorsByRedshift, LuminosityFunction, SourceDensity, flow_counts, flow_limits
 
-__all__ = [
-    "Calibration",
-    "InverseDistances",
-    "LuminosityFunction",
-    "SourceDensity",
-    "calibrate",
-    "flow_counts",
-    "inverse_distances",
-]
+__all__ = ["Calibration", "calibrate", "inverse_distances"]

@@ -161,19 +161,7 @@ _BLOCK = 8192
 
 @dataclass(frozen=True, eq=False)
 class InverseDistances(InNotebook):
-    """What is known of 1/d of each source, as the motion that 1 km/s gives.
-
-    Attributes
-    ----------
-    mean, variance : (n,) arrays
-        Of 1/(4.740470 d). [µas/yr per km/s, and its square]
-    slope : (n,) array
-        By how much the mean changes with ln(1 + z_obs).
-    own : (n,) mask
-        Those whose distance is not from the redshift, and in Mpc whatever H0 is.
-    redshift : (n,) array
-        At rest in the microwave background.
-    """
+    """What is known of 1/d of each source, as the motion that 1 km/s gives."""
 
     mean: FloatArray
     variance: FloatArray

@@ -18,13 +18,7 @@ from vsh.tools.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class LogCurve:
-    """A natural cubic spline through a few values, straight beyond the outer ones.
-
-    Attributes
-    ----------
-    knots, values : (k,) arrays
-        Rising knots, and the logarithm of the curve there.
-    """
+    """A natural cubic spline through a few values, straight beyond the outer ones."""
 
     knots: FloatArray
     values: FloatArray
@@ -81,27 +75,13 @@ EDGES = np.arange(np.log(1e-4), np.log(30.0), 0.02)
 
 @dataclass(frozen=True, eq=False)
 class SourceDensity(InNotebook):
-    """The number of sources per comoving volume, up to a factor.
-
-    Attributes
-    ----------
-    curve : function or None
-        From ln d [Mpc] to its logarithm; None is one density everywhere.
-    words : str
-        For reports.
-    """
+    """The number of sources per comoving volume, up to a factor."""
 
     curve: Any = None
     words: str = "evenly in volume"
 
     def log(self, distance: FloatArray) -> FloatArray:
-        """The logarithm of the density.
-
-        Parameters
-        ----------
-        distance : array
-            [Mpc]
-        """
+        """The logarithm of the density."""
         return np.zeros(np.shape(distance)) if self.curve is None else self.curve(np.log(distance))
 
 
@@ -118,15 +98,7 @@ class GivenDensity:
 
 @dataclass(frozen=True, eq=False)
 class Completed:
-    """The density of all sources, from that of those which a catalogue complete to a magnitude holds.
-
-    Attributes
-    ----------
-    curve : LogCurve
-        Of those in the catalogue, from ln d.
-    log_distance, log_share : (k,) arrays
-        ln d, and the logarithm of the share of all that are bright enough.
-    """
+    """The density of all sources, from that of those which a catalogue complete to a magnitude holds."""
 
     curve: LogCurve
     log_distance: FloatArray
@@ -153,20 +125,7 @@ def redshift_counts(redshift: FloatArray) -> FloatArray:
 
 
 def flow_counts(redshift: FloatArray, weight: FloatArray) -> FloatArray:
-    """What sources tell of a velocity, their weight times 1/d², by redshift: a table that adds over parts.
-
-    Parameters
-    ----------
-    redshift : (n,) array
-        None missing or below 1e-4.
-    weight : (n,) array
-        Of their motions. [(yr/µas)²]
-
-    Returns
-    -------
-    array
-        A number for each cell of ln z.
-    """
+    """What sources tell of a velocity, their weight times 1/d², by redshift: a table that adds over parts."""
     return np.histogram(np.log(redshift), bins=EDGES, weights=weight / transverse_distance(redshift) ** 2)[0]
 
 
@@ -224,27 +183,13 @@ _LEAST = 30
 
 @dataclass(frozen=True, eq=False)
 class LuminosityFunction(InNotebook):
-    """The density of galaxies by absolute magnitude, up to a factor.
-
-    Attributes
-    ----------
-    curve : function
-        From absolute magnitudes, for the cosmology's H0, to log φ.
-    words : str
-        For reports.
-    """
+    """The density of galaxies by absolute magnitude, up to a factor."""
 
     curve: Any
     words: str
 
     def log(self, magnitude: FloatArray) -> FloatArray:
-        """log φ(M).
-
-        Parameters
-        ----------
-        magnitude : array
-            Absolute.
-        """
+        """log φ(M)."""
         return self.curve(magnitude)
 
 
@@ -289,11 +234,6 @@ class ErrorsByRedshift(InNotebook):
     Weights by a source's own error, which follows its magnitude, tell near sources from far ones of the same
     redshift. Where magnitudes are not known, only weights that depend on the redshift alone are unbiased. With the
     mean variance of its neighbours for each source the covariance of a fit is right on average.
-
-    Attributes
-    ----------
-    curve : LogCurve
-        From ln z to the logarithm of the variance [(µas/yr)²]
     """
 
     curve: LogCurve

@@ -20,16 +20,7 @@ from fit.galaxy._relations import (
 if TYPE_CHECKING:
     from fit.galaxy._plot import plot_orbit
 
-__all__ = [
-    "R0",
-    "GalacticOrbit",
-    "angular_speed",
-    "circular_speed",
-    "distance_of_centre",
-    "expected_acceleration",
-    "orbit",
-    "plot_orbit",
-]
+__all__ = ["R0", "GalacticOrbit", "circular_speed", "distance_of_centre", "expected_acceleration", "orbit"]
 
 # matplotlib is imported when a figure is first asked for.
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_orbit"]})

@@ -11,15 +11,7 @@ from vsh.tools.types import Axes
 
 @styled
 def plot_orbit(found: Any, *, ax: Any = None) -> Axes:
-    """The three components with their errors, and the acceleration of a circular orbit.
-
-    Parameters
-    ----------
-    found : GalacticOrbit
-        What to draw.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-    """
+    """The three components with their errors, and the acceleration of a circular orbit."""
     (axes,) = panels(ax)
     axes.errorbar(
         range(3), found.acceleration.value, found.acceleration.sigma, fmt="o", color=COLOURS[0], label="found"

@@ -62,20 +62,6 @@ def circular_speed(
 def angular_speed(motion: float = SGR_A[0], solar_speed: float = SOLAR_SPEED, r0: float = _R0_OF_SPEED) -> float:
     """Ω0 = V0/R0, from the motion of Sgr A*, which is at rest in the centre, less that of the Sun's own speed.
 
-    Parameters
-    ----------
-    motion : float
-        Of Sgr A*. [mas/yr]
-    solar_speed : float
-        Of the Sun beyond a circular orbit. [km/s]
-    r0 : float
-        By which that speed is divided: 5 % more of it change Ω0 by a quarter of a per cent. [kpc]
-
-    Returns
-    -------
-    float
-        [km/s/kpc]
-
     Examples
     --------
     >>> round(angular_speed(), 2)

@@ -32,16 +32,6 @@ class WhiteRows(Frozen):
 
     The rows of a source are what its motion says that those of the sources before it do not: rows can be left out and
     drawn again like sources with errors of their own.
-
-    Attributes
-    ----------
-    modes : Modes
-    rows : (p, 2, n) array
-        The whitened harmonics.
-    motion : (2, n) array
-        The whitened motions.
-    frame : str
-    notes : tuple of str
     """
 
     modes: Modes

@@ -25,18 +25,7 @@ if TYPE_CHECKING:
     from fit.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum
     from fit.output._html import html_report
 
-__all__ = [
-    "draw_figures",
-    "html_report",
-    "latex_of",
-    "plot_correlation",
-    "plot_power",
-    "plot_residuals",
-    "plot_spectrum",
-    "report",
-    "write_figures",
-    "write_html",
-]
+__all__ = ["html_report", "plot_correlation", "plot_power", "plot_residuals", "plot_spectrum", "write_html"]
 
 # matplotlib is imported when a figure is first asked for.
 _FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum"]

@@ -24,15 +24,7 @@ def write_correlation(solution: Any, path: PathName, meta: dict[str, Any] | None
 
 
 def draw_figures(solution: Any, field: Field | ScalarField | Parts) -> dict[str, Any]:
-    """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    field : Field, ScalarField or Parts
-        The sources.
-    """
+    """The sky, the spectrum, the correlations and the residuals: matplotlib axes by name."""
     from fit.output._figures import plot_correlation, plot_residuals, plot_spectrum
     from vsh.figures.plot import plot_field, plot_scalar_field
 
@@ -52,25 +44,7 @@ def draw_figures(solution: Any, field: Field | ScalarField | Parts) -> dict[str,
 def write_figures(
     solution: Any, field: Field | ScalarField | Parts, folder: PathName, *, format: str = "png", dpi: float = 300
 ) -> list[Path]:  # fmt: skip
-    """Draw the sky, the spectrum, the correlations and the residuals into files; returns their paths.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    field : Field, ScalarField or Parts
-        The sources.
-    folder : str or Path
-        Where to write.
-    format : {"png", "pdf", "svg"}
-        Of the files.
-    dpi : float
-        Dots an inch.
-
-    Returns
-    -------
-    list[Path]
-    """
+    """Draw the sky, the spectrum, the correlations and the residuals into files; returns their paths."""
     from vsh.figures.plot import save_figures
 
     return save_figures(draw_figures(solution, field), folder, format=format, dpi=dpi)

@@ -252,13 +252,7 @@ def _cells(cells):
 
 
 def latex_of(solution: Any) -> str:
-    """Spin, acceleration, or mean and dipole of a scalar field, and powers as a LaTeX table (booktabs).
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    """
+    """Spin, acceleration, or mean and dipole of a scalar field, and powers as a LaTeX table (booktabs)."""
     unit = _tex(solution.unit).replace("µas/yr", r"\textmu as\,yr$^{-1}$").replace("µ", r"\textmu ")
     lines = [r"\begin{tabular}{lcccc}", r"\toprule"]
     if is_scalar(solution):

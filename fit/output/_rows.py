@@ -19,16 +19,7 @@ _SURE = 3.0
 
 
 class VectorRow(NamedTuple):
-    """One line of the table of vectors.
-
-    Attributes
-    ----------
-    name : str
-    cells : tuple of three str
-        Components with their errors; of a truth, with how far the fit is from it in its errors.
-    amplitude : str
-    is_truth : bool
-    """
+    """One line of the table of vectors."""
 
     name: str
     cells: tuple

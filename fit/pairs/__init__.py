@@ -11,17 +11,7 @@ from fit.pairs._templates import TEMPLATES, TemplateFit, waves_curve
 if TYPE_CHECKING:
     from fit.pairs._plot import plot_pairs, plot_power
 
-__all__ = [
-    "TEMPLATES",
-    "Correlation",
-    "PairPower",
-    "TemplateFit",
-    "correlation",
-    "plot_pairs",
-    "plot_power",
-    "power",
-    "waves_curve",
-]
+__all__ = ["Correlation", "PairPower", "TemplateFit", "correlation", "power"]
 
 # matplotlib is imported when a figure is first asked for.
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_pairs", "plot_power"]})

@@ -15,17 +15,7 @@ _ANGLE, _VALUE = "angle between the sources  [°]", "correlation of motions  [(�
 
 @styled
 def plot_pairs(found: Any, fit: Any = None, *, ax: Any = None) -> Any:
-    """ξ± with errors and the fitted templates above, the pairs in each bin below.
-
-    Parameters
-    ----------
-    found : Correlation
-        What to draw.
-    fit : TemplateFit, optional
-        Whose curves are drawn.
-    ax : two matplotlib axes, optional
-        Where to draw; a new figure unless given.
-    """
+    """ξ± with errors and the fitted templates above, the pairs in each bin below."""
     axes, below = drawn = panels(ax, 2, 1, size=(WIDTH, 3.3), sharex=True, height_ratios=(3, 1))
     degrees = np.degrees(found.theta)
     step = 0.12 * np.min(np.diff(degrees)) if len(degrees) > 1 else 0.0
@@ -64,15 +54,7 @@ def plot_curves(fit: Any, *, ax: Any = None) -> Axes:
 
 @styled
 def plot_power(found: Any, *, ax: Any = None) -> Axes:
-    """Power by degree with its errors, of either sign.
-
-    Parameters
-    ----------
-    found : PairPower
-        What to draw.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-    """
+    """Power by degree with its errors, of either sign."""
     (axes,) = panels(ax)
     l = np.arange(1, len(found.toroidal) + 1)
     for kind, values, error, side, marker in (

@@ -157,17 +157,7 @@ def _inverse(matrix):
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Smooth bins: hats sin² that rise from one edge to the next and fall to the one after.
-
-    Attributes
-    ----------
-    theta : (m,) array
-        Nodes of the integrals over the angle. [rad]
-    values : (k, m) array
-        Each bin at the nodes, times sin θ and the weight of the node.
-    plus, minus, scalar : (lmax, m), (lmax, m), (lmax + 1, m) arrays
-        d⁺_l, d⁻_l and P_l at the nodes.
-    """
+    """Smooth bins: hats sin² that rise from one edge to the next and fall to the one after."""
 
     theta: FloatArray
     values: FloatArray

@@ -34,18 +34,7 @@ from vsh.tools.types import ArrayLike, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class PairSums:
-    """Sums over sources; they add.
-
-    Attributes
-    ----------
-    lmax : int
-    motions : (p,) array
-        Σ w µ · V_i of every vector mode. [µas/yr, in units of the weights]
-    weights, ones : ((lmax + 1)²,) arrays
-        Σ w Y_i and Σ Y_i of every scalar mode.
-    alone : (3,) array
-        Σ w² |µ|², Σ w² and the number of sources.
-    """
+    """Sums over sources; they add."""
 
     lmax: int
     motions: FloatArray
@@ -73,18 +62,7 @@ class PairSums:
 
 
 class Gathered(NamedTuple):
-    """What one pass over the sources gives.
-
-    Attributes
-    ----------
-    total : PairSums
-        Of all.
-    blocks : list of PairSums
-        Of each HEALPix block that holds sources.
-    frame : str
-    notes : tuple of str
-        Of the sources.
-    """
+    """What one pass over the sources gives."""
 
     total: PairSums
     blocks: list[PairSums]

@@ -31,16 +31,6 @@ TEMPLATES = {
 def waves_curve(theta: ArrayLike) -> FloatArray:
     """Γ(θ), the astrometric Hellings–Downs curve: ξ+ = H0² Ω Γ and ξ− = 0 of an isotropic background.
 
-    Parameters
-    ----------
-    theta : (n,) array
-        Angles. [rad]
-
-    Returns
-    -------
-    (n,) array
-        One at θ = 0.
-
     Notes
     -----
     Book & Flanagan (2011, PRD 83, 024024), eq. 74–77, with both directions pointing away from the first source.

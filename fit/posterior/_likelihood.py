@@ -39,19 +39,7 @@ _MOST_NODES = 129
 
 @dataclass(frozen=True, eq=False)
 class CompressedLikelihood:
-    """The tabulated likelihood.
-
-    Attributes
-    ----------
-    axes : tuple of Axis
-        Of s [km/s], x [µas/yr] and q.
-    coefficients : (f, n_s, n_x, n_q) array
-        Chebyshev coefficients of c, û, M, and of ã's mean at
-        u = 0, slope and covariance given u.
-    hubble : float
-        H_ref [km/s/Mpc]
-    frame : str
-    """
+    """The tabulated likelihood."""
 
     axes: tuple[Axis, Axis, Axis]
     coefficients: FloatArray
@@ -77,15 +65,7 @@ class CompressedLikelihood:
 
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """What is tabulated: the functions of s, x and q.
-
-    Attributes
-    ----------
-    rows : ParallaxEquations or ParallaxParts
-    spin : None, "free" or Vector
-    acceleration : Vector or None
-    threads : int or None
-    """
+    """What is tabulated: the functions of s, x and q."""
 
     rows: ParallaxEquations | ParallaxParts
     spin: Literal["free"] | Vector | None

@@ -34,15 +34,7 @@ from vsh.vector import Vector
 
 @dataclass(frozen=True, eq=False)
 class ParallaxModel:
-    """The posterior of (u, H0, …) given the compressed data.
-
-    Attributes
-    ----------
-    likelihood : CompressedLikelihood
-    priors : Priors
-    along : {"u", "v"}
-        The first three coordinates.
-    """
+    """The posterior of (u, H0, …) given the compressed data."""
 
     likelihood: CompressedLikelihood
     priors: ModelPriors
@@ -206,20 +198,7 @@ _BLOCK = 2**12
 
 @dataclass(frozen=True, eq=False)
 class MixtureModel:
-    """The posterior of (u, H0, …, outlier_fraction, ã[, ω]).
-
-    Attributes
-    ----------
-    base : ParallaxModel
-        Of the same data without outliers: priors, and the start.
-    rows : ParallaxEquations
-    fraction : prior
-        Of f.
-    width : float
-        B [µas/yr]
-    spin : None or "free"
-    threads : int or None
-    """
+    """The posterior of (u, H0, …, outlier_fraction, ã[, ω])."""
 
     base: ParallaxModel
     rows: ParallaxEquations

@@ -19,19 +19,7 @@ from vsh.vector import Vector
 
 @dataclass(frozen=True, eq=False)
 class VelocityPrior:
-    """Density of our velocity along the axes of one frame.
-
-    Attributes
-    ----------
-    mean, precision : (3,) and (3, 3) arrays or None
-        Of a Gaussian; None for others [km/s]
-    function : callable or None
-        (n, 3) km/s → (n,) log-densities.
-    name : str
-        For the fingerprint of a chain.
-    words : str
-        For reports.
-    """
+    """Density of our velocity along the axes of one frame."""
 
     name: str
     mean: FloatArray = field(default_factory=lambda: np.zeros(3))
@@ -196,23 +184,7 @@ _NUMBERS = ("peculiar_dispersion", "excess_noise", "flow_amplitude")
 
 @dataclass(frozen=True)
 class ModelPriors:
-    """Priors of a model, checked, along the axes of one frame.
-
-    Attributes
-    ----------
-    velocity : VelocityPrior
-        Of our velocity.
-    hubble : prior
-        Of H0. [km/s/Mpc]
-    peculiar_dispersion, excess_noise : float or prior
-        Fixed (the dispersion then for H_ref), or free.
-    flow_amplitude : float or prior
-        One, for H_ref; or free.
-    acceleration : Vector or None
-        Known from elsewhere. [µas/yr]
-    flows : str
-        In words.
-    """
+    """Priors of a model, checked, along the axes of one frame."""
 
     velocity: VelocityPrior
     hubble: Prior

@@ -50,17 +50,7 @@ def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
 
 
 class SampleResult(Result):
-    """What samples of velocity, H0 and acceleration say.
-
-    Attributes
-    ----------
-    samples : dict of str to (n,) array
-        By name of quantity.
-    frame : str
-        Of velocity and acceleration.
-    notes : tuple of str
-        What the reader should know of the data.
-    """
+    """What samples of velocity, H0 and acceleration say."""
 
     samples: Any
     frame: str

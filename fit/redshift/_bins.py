@@ -163,22 +163,7 @@ def _by_bin(field, edges, modes, calibration, flow, threads):
 
 @arguments.accepts(field=arguments.a(Field, Parts), n_bins=arguments.whole)
 def equal_information(field: Field | Parts, n_bins: int) -> FloatArray:
-    """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,).
-
-    Parameters
-    ----------
-    field : Field or Parts
-        The sources.
-    n_bins : int
-        How many.
-
-    Raises
-    ------
-    DegeneracyError
-        If there are fewer sources than bins, or a few weigh more than a bin.
-    FieldError
-        If there are no redshifts.
-    """
+    """Edges of redshift bins that hold the same weight of motions, (n_bins + 1,)."""
     sky = as_parts(field)
     sources, lowest, highest = sky.sum(_reach, roles=("redshift",), words="redshifts")
     if sources < n_bins:

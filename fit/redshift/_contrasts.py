@@ -158,15 +158,7 @@ _BLOCK = 4096
 
 @dataclass(frozen=True, eq=False)
 class SharedFlow:
-    """The modes of a flow over the distances of a catalogue, and what galaxies move beside it.
-
-    Attributes
-    ----------
-    theory : LinearTheory
-    modes : FlowModes
-    dispersion : float
-        Of peculiar velocities beside the flow. [km/s]
-    """
+    """The modes of a flow over the distances of a catalogue, and what galaxies move beside it."""
 
     theory: LinearTheory
     modes: FlowModes

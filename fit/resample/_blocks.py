@@ -134,26 +134,7 @@ def jackknife(
 
 
 class normals_of_blocks:
-    """The normal equations of each HEALPix block that holds sources, one after the other.
-
-    Parameters
-    ----------
-    field : Field, ScalarField or Parts
-        The sources. Parts are gone through once, and send the sums of each block that they have sources in.
-    modes : Modes
-        What to fit.
-    nside : int
-        Of the blocks.
-    progress : bool
-        Show a bar, after two seconds.
-    covariance : Covariance or (2n, 2n) array, optional
-        Of the motions: blocks are then of the whitened rows.
-
-    Raises
-    ------
-    DegeneracyError
-        If fewer than two blocks hold sources.
-    """
+    """The normal equations of each HEALPix block that holds sources, one after the other."""
 
     def __init__(
         self,

@@ -80,17 +80,7 @@ class Permissive:
 
 @dataclass(frozen=True)
 class Share:
-    """What weighs each source: its residual from a solution, and its share in its own fit.
-
-    Attributes
-    ----------
-    solution : Solution
-        Of the round before.
-    weight : function
-        X² → u and its slope.
-    leverage : float
-        By which u tr W is multiplied for the share: p over Σ u tr W and the components.
-    """
+    """What weighs each source: its residual from a solution, and its share in its own fit."""
 
     solution: Solution
     weight: Any

@@ -28,17 +28,7 @@ _SOURCES = 4000
 
 @dataclass(frozen=True)
 class Preferred:
-    """The dispersion that the residuals prefer.
-
-    Attributes
-    ----------
-    best : float
-        The most likely one. [km/s]
-    low, high : float
-        68 % of the likelihood, with a flat prior from 0 to 1400 km/s. [km/s]
-    gain : float
-        By how much ln L at the best one is above that at the one which was taken.
-    """
+    """The dispersion that the residuals prefer."""
 
     best: float
     low: float

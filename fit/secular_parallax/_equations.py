@@ -45,21 +45,7 @@ _SURE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class ParallaxSums:
-    """N θ = b for θ = (u, ã, ω), with what a likelihood needs besides.
-
-    Attributes
-    ----------
-    matrix : (q, q) array
-        9 × 9; 12 where v has columns of its own; those of the modes of a flow follow.
-    rhs : (q,) array
-    chi2_null : float
-        Σ y²/V.
-    logdet : float
-        Σ log V.
-    n_data : int
-
-    They add. Each array has a leading axis where the sums were made for several spreads at once.
-    """
+    """N θ = b for θ = (u, ã, ω), with what a likelihood needs besides."""
 
     matrix: FloatArray
     rhs: FloatArray
@@ -73,31 +59,7 @@ class ParallaxSums:
 
 @dataclass(frozen=True, eq=False)
 class ParallaxEquations:
-    """Uncorrelated equations, two a source.
-
-    Attributes
-    ----------
-    design : (2n, 9 or 12) array
-        Of u, ã, ω, and v where distances in Mpc are kept apart.
-    motion : (2n,) array
-        [µas/yr]
-    variance : (2n,) array
-        Of the catalogue, and of our own motion at distances that are not sure [(µas/yr)²]
-    rate : (2n,) array
-        k, the motion that a velocity of 1 km/s gives: root of the mean of its square [µas/yr per km/s]
-    left : (2n,) array
-        Variance of what the modes of a flow leave [(µas/yr)²]
-    hubble : float
-        H_ref [km/s/Mpc]
-    frame : str
-    notes : tuple of str
-    flow : FlowRows or None
-        Further columns of the sources that stand first, those within reach of the flow; computed when they are summed.
-    n_own : int
-        Sources whose distance is in Mpc whatever H0 is.
-    left_out : LeftOut or None
-        The flow that is in reach of the sources and not among the columns.
-    """
+    """Uncorrelated equations, two a source."""
 
     design: FloatArray
     motion: FloatArray
@@ -132,13 +94,7 @@ class ParallaxEquations:
         return float(self.rate.max())
 
     def most_sensitive(self, n_sources: int) -> ParallaxEquations:
-        """Those of so many sources whose motions tell most of peculiar velocities, by distance and error alone.
-
-        Parameters
-        ----------
-        n_sources : int
-            At most so many.
-        """
+        """Those of so many sources whose motions tell most of peculiar velocities, by distance and error alone."""
         n = self.n_data // 2
         if n <= n_sources:
             return self
@@ -152,24 +108,7 @@ class ParallaxEquations:
     def sums(
         self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, ratio: float = 1.0, threads: int | None = None
     ) -> ParallaxSums:
-        """Normal equations with variances V = σ² + (spread k)² + excess_noise², and what a flow's modes leave.
-
-        Parameters
-        ----------
-        spread : float or (m,) array
-            Of peculiar velocities, times H0/H_ref [km/s]
-        excess_noise : float or (m,) array
-            Noise beyond the catalogue's [µas/yr]
-        ratio : float
-            H0/H_ref, by which velocities of the flow are multiplied.
-        threads : int, optional
-            How many; one a core unless given.
-
-        Returns
-        -------
-        ParallaxSums
-            Its arrays with a leading axis m where spread or excess_noise has one.
-        """
+        """Normal equations with variances V = σ² + (spread k)² + excess_noise², and what a flow's modes leave."""
         spread, excess_noise = np.broadcast_arrays(spread, excess_noise)
         added = np.stack([np.ravel(spread), np.ravel(excess_noise)]) ** 2
         many, n = added.shape[1], self.n_data // 2
@@ -308,28 +247,7 @@ def _axes(field, calibration, k):
 
 @dataclass(frozen=True, eq=False)
 class ParallaxParts:
-    """The same of a catalogue in parts: the equations stay where the parts are, sums come back.
-
-    Attributes
-    ----------
-    sky : Parts
-    calibration : Calibration
-    options : dict
-        Of `equations_of`.
-    n_data : int
-    smallest_variance : float
-        Of all equations. [(µas/yr)²]
-    largest_rate : float
-        Of all equations. [µas/yr per km/s]
-    hubble : float
-        H_ref [km/s/Mpc]
-    frame : str
-    notes : tuple of str
-    n_own : int
-        Sources whose distance is in Mpc whatever H0 is.
-    left_out : LeftOut or None
-        The flow that is in reach of the sources and not among the columns.
-    """
+    """The same of a catalogue in parts: the equations stay where the parts are, sums come back."""
 
     sky: Parts
     calibration: Calibration

@@ -27,16 +27,6 @@ class FlowRows:
     two velocities that are not known, ours less the flow across, and the flow along: it is scatter, and stands among
     the errors of distances. Taken as v_⊥ V_r alone, with our own velocity known, it would tell the flow where it tells
     nothing: with 60 000 galaxies errors of v come out 1.5 times too small.
-
-    Attributes
-    ----------
-    modes : FlowModes
-    lon, lat, distance : (n,) arrays
-        [rad, Mpc/h]
-    rate : (n,) array
-        [µas/yr per km/s]
-    cos, sin : (n,) arrays
-        Of the ellipses' directions.
     """
 
     modes: FlowModes

@@ -28,26 +28,7 @@ _MODES_LEFT_OUT = 100
 
 
 class DistanceOptions(TypedDict, total=False):
-    """How distances follow from redshifts, and what flows galaxies share: keywords of the estimators.
-
-    Attributes
-    ----------
-    redshift_frame : str, optional
-        "heliocentric", "cmb", "local-group"; "true" for redshifts of the expansion alone, as simulations have them. The
-        field's own unless given. Redshifts of which nobody says it are taken as true, with a warning.
-    flows : "linear", LinearTheory or None
-        Velocities that galaxies share are unknowns, with the power of linear theory as their prior; it stands for H_ref
-        and weighs only. "linear", Planck's, unless given. With None every galaxy moves by itself, and errors are several
-        times too small on the real sky: reports then say what flows would add.
-    n_modes : int
-        Unknowns of the flow, 250 unless given.
-    reconstruction : VelocityGrid, optional
-        A flow that is known from the places of galaxies; the unknowns are then what it lacks.
-    reconstruction_error : float
-        How large that is, as a fraction of the flow of linear theory: 0.5 unless given.
-    density, luminosity, magnitudes
-        As for `fit.distances.calibrate`.
-    """
+    """How distances follow from redshifts, and what flows galaxies share: keywords of the estimators."""
 
     redshift_frame: str | None
     flows: Literal["linear"] | LinearTheory | None
@@ -78,18 +59,7 @@ def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -
 
 
 def flow_theory(options: DistanceOptions) -> LinearTheory | None:
-    """The theory of the flows that are fitted.
-
-    Parameters
-    ----------
-    options : DistanceOptions
-        As users say it.
-
-    Raises
-    ------
-    ParameterError
-        If it is none.
-    """
+    """The theory of the flows that are fitted."""
     flows = options.get("flows", "linear")
     if isinstance(flows, str) and flows == "linear":
         return PLANCK_2018
@@ -112,30 +82,7 @@ def parallax_equations(
     threads: int | None = None,
     **options: Any,
 ) -> ParallaxEquations | ParallaxParts:
-    """The equations of a field.
-
-    Parameters
-    ----------
-    field : Field or Parts
-        With redshifts. Parts are gone through once for every set of sums that is asked for, and up to three times before.
-    cosmology : astropy cosmology, optional
-        Flat, Ω_m = 0.315, H0 = 67.3 unless given.
-    peculiar_dispersion : float, optional
-        By which redshifts scatter, where they are not true ones. [km/s]
-    ratio : float
-        H0/H_ref, for distances in Mpc.
-    apart : bool
-        Whether sources that have those have v as columns of their own.
-    threads : int, optional
-        How many; one a core unless given.
-    **options
-        `DistanceOptions`.
-
-    Raises
-    ------
-    FieldError
-        If a redshift is missing, not positive or below the flow.
-    """
+    """The equations of a field."""
     unknown = set(options) - set(DistanceOptions.__annotations__)
     if unknown:
         raise ParameterError(

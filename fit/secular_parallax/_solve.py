@@ -26,22 +26,7 @@ from vsh.vector import Vector
 
 
 def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: str) -> ParallaxSums:
-    """The same with the acceleration known from elsewhere, from quasars say.
-
-    Parameters
-    ----------
-    sums : ParallaxSums
-        Of a catalogue.
-    acceleration : Vector or None
-        With its covariance. [µas/yr]
-    frame : str
-        Of the axes.
-
-    Raises
-    ------
-    ParameterError
-        If it is no Vector, or has no errors.
-    """
+    """The same with the acceleration known from elsewhere, from quasars say."""
     if acceleration is None:
         return sums
     if not isinstance(acceleration, Vector):
@@ -57,17 +42,7 @@ def with_acceleration(sums: ParallaxSums, acceleration: Vector | None, frame: st
 
 
 def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> ParallaxSums:
-    """The same with amplitudes of the modes that are `scale` on average.
-
-    Parameters
-    ----------
-    sums : ParallaxSums
-        Whose columns beyond `width` are modes.
-    width : int
-        How many columns there are before.
-    scale : float or array
-        H0/H_ref, times the flow's amplitude where that is not one; one for each of the sums.
-    """
+    """The same with amplitudes of the modes that are `scale` on average."""
     matrix = sums.matrix.copy()
     modes = np.arange(width, matrix.shape[-1])
     matrix[..., modes, modes] += 1 / np.asarray(scale)[..., None] ** 2
@@ -77,14 +52,7 @@ def with_flow(sums: ParallaxSums, width: int, scale: FloatArray | float) -> Para
 
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
-    """What the motions tell of a flow's modes, given the other parameters θ: mean − slope θ, and a covariance.
-
-    Attributes
-    ----------
-    mean : (p,) array
-    slope : (p, q) array
-    covariance : (p, p) array
-    """
+    """What the motions tell of a flow's modes, given the other parameters θ: mean − slope θ, and a covariance."""
 
     mean: FloatArray
     slope: FloatArray
@@ -92,19 +60,7 @@ class Amplitudes:
 
 
 def without_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitudes]:
-    """The modes marginalised: normal equations of what is left, and the modes given that.
-
-    Parameters
-    ----------
-    sums : ParallaxSums
-        With the flow's prior; perhaps several, along a leading axis.
-    width : int
-        How many columns there are before the modes.
-
-    Returns
-    -------
-    tuple[ParallaxSums, Amplitudes]
-    """
+    """The modes marginalised: normal equations of what is left, and the modes given that."""
     own, modes = slice(0, width), slice(width, None)
     matrix, rhs = sums.matrix, sums.rhs
     inner = matrix[..., modes, modes]
@@ -135,14 +91,6 @@ class LocalGroup:
     D the modes where we are and Σ what else there is in V. The motions tell amplitudes times h = H0/H_ref, so that their
     mean is h c; P stands for H_ref, as all variances of the flow. This is linear in h, and the Group's speed by itself
     says nothing of H0: had h been taken as known, or V as drawn from flows of known size, H_ref would come back.
-
-    Attributes
-    ----------
-    modes : FlowModes
-    velocity : (3,) array
-        V, in the frame of the microwave background, along the axes of the equations. [km/s]
-    covariance : (3, 3) array
-        Σ: of its measurement, of linear motions that the modes leave, and of motions that are none.
     """
 
     modes: FlowModes

@@ -10,7 +10,7 @@ from fit.shear._tensor import coefficients_of, tensor_of
 if TYPE_CHECKING:
     from fit.shear._plot import plot_shear
 
-__all__ = ["Shear", "coefficients_of", "expansion", "plot_shear", "tensor_of"]
+__all__ = ["Shear", "coefficients_of", "expansion", "tensor_of"]
 
 # matplotlib is imported when a figure is first asked for.
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_shear"]})

@@ -13,15 +13,7 @@ from vsh.sky.sphere import angles
 
 @styled
 def plot_shear(found: Any, *, ax: Any = None) -> SkyAxes:
-    """The motions of the fitted expansion, and where its principal axes point.
-
-    Parameters
-    ----------
-    found : Shear
-        What to draw.
-    ax : matplotlib axes, optional
-        Whose place the map takes; a new figure unless given.
-    """
+    """The motions of the fitted expansion, and where its principal axes point."""
     axes = sky_axes(found.frame, ax, below=0.55)
     lon, lat = arrow_grid(axes)
     motion = coefficients_of(found.tensor).at(lon, lat)

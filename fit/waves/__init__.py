@@ -9,7 +9,7 @@ from fit.waves._search import WaveSearch, search, search_in_time
 if TYPE_CHECKING:
     from fit.waves._map import plot_search
 
-__all__ = ["WaveSearch", "plot_search", "search", "search_in_time"]
+__all__ = ["WaveSearch", "search", "search_in_time"]
 
 # matplotlib is imported when a figure is first asked for.
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_map": ["plot_search"]})

@@ -23,17 +23,7 @@ from vsh.tools.types import BoolArray, FloatArray, Rng
 
 @dataclass(frozen=True, eq=False)
 class Whitened(Frozen):
-    """Equations of unit noise for some coefficients, all others free.
-
-    Attributes
-    ----------
-    kept : (p,) bool array
-        Which coefficients.
-    root : (q, q) array
-        R with RᵀR = N of those kept, less what the others take.
-    values : (q,) array
-        R⁻ᵀ b.
-    """
+    """Equations of unit noise for some coefficients, all others free."""
 
     kept: BoolArray
     root: FloatArray
@@ -97,15 +87,7 @@ def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: i
 
 @styled
 def plot_search(found: Any, *, ax: Any = None) -> Any:
-    """2F and the limit of every direction that a wave may travel to.
-
-    Parameters
-    ----------
-    found : WaveSearch
-        What to draw.
-    ax : two matplotlib axes, optional
-        Whose places the maps take; a new figure unless given.
-    """
+    """2F and the limit of every direction that a wave may travel to."""
     said = (
         f"largest 2F = {found.statistic.max():.1f}; p = {printed_p_value(found.p_value)} with all directions looked at"
     )

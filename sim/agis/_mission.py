@@ -173,20 +173,7 @@ def solve_mission(
 
 
 def in_own_frame(system: System, solution: AgisSolution) -> AgisSolution:
-    """The solution in the frame in which its sources do not turn, on average, against the truth.
-
-    Parameters
-    ----------
-    system : System
-        Whose solution it is.
-    solution : AgisSolution
-        In any frame.
-
-    Returns
-    -------
-    AgisSolution
-        The same where an attitude is known, and with it the frame.
-    """
+    """The solution in the frame in which its sources do not turn, on average, against the truth."""
     if not system.defect:
         return solution
     kept = np.where(system.solved[:, None], solution.sources, 0.0)[..., None]

@@ -18,17 +18,7 @@ LOW_DEGREES = 3
 
 
 class MotionFit:
-    """The weighted fit that takes sources for independent, with their formal covariances.
-
-    Parameters
-    ----------
-    equations : Equations
-        Whose sources.
-    modes : Modes
-        Of the fit.
-    sources : (m,) int array
-        Those that are fitted.
-    """
+    """The weighted fit that takes sources for independent, with their formal covariances."""
 
     def __init__(self, equations: Any, modes: Modes, sources: FloatArray) -> None:
         self.modes, self.equations = modes, equations

@@ -23,15 +23,6 @@ class Iteration:
 
     Sources and attitude solved in turn are a simple iteration with the preconditioner S⁻¹; with conjugate directions they are
     conjugate gradients with Gauss–Seidel's. The part of x along the null space stays what it was.
-
-    Parameters
-    ----------
-    equations : Equations
-        With `apply` and `precondition`.
-    r : (n, 5, K) array
-        The right-hand sides.
-    conjugate : bool
-        Or simple.
     """
 
     def __init__(self, equations: Any, r: FloatArray, conjugate: bool = True) -> None:

@@ -40,23 +40,7 @@ _LEAST = 1e-6
 
 
 class Equations(InNotebook):
-    """S, A factored, and what both do to vectors; those of sources are (n, 5, K).
-
-    Parameters
-    ----------
-    scans : Scans
-        The transits.
-    prior : float or None
-        To which the attitude's coefficients are known from elsewhere. [µas]
-    smoothing : float
-        To which their second differences are taken to vanish. [µas]
-    motion : GlobalMotion or None
-        A field that the motions of some sources follow.
-    threads : int or None
-        One a core if None.
-    compiled : bool or None
-        By numba, or by the sparse design matrix; whichever there is if None.
-    """
+    """S, A factored, and what both do to vectors; those of sources are (n, 5, K)."""
 
     def __init__(
         self, scans: Scans, prior: float | None, smoothing: float, motion: GlobalMotion | None,

@@ -17,18 +17,4 @@ from sim.signal._wave import wave
 from vsh.models.covariance import wave_fractions
 from vsh.tools.units import hubble_rate
 
-__all__ = [
-    "Signal",
-    "acceleration",
-    "anisotropic_expansion",
-    "from_coefficients",
-    "gravitational_waves",
-    "hubble_rate",
-    "off_centre_void",
-    "peculiar",
-    "random_field",
-    "secular_parallax",
-    "spin",
-    "systematics",
-    "wave",
-]
+__all__: list[str] = []

@@ -29,14 +29,7 @@ _BLOCK = 2048
 
 
 class Velocities:
-    """Base of signals that are velocities of the sources.
-
-    Attributes
-    ----------
-    cosmology : astropy cosmology or None
-    hubble : float or None
-        H0 in place of the cosmology's. [km/s/Mpc]
-    """
+    """Base of signals that are velocities of the sources."""
 
     cosmology: object
     hubble: float | None

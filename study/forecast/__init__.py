@@ -10,7 +10,7 @@ from study.forecast._surveys import SURVEYS, Survey
 if TYPE_CHECKING:
     from study.forecast._plot import plot_forecast
 
-__all__ = ["SURVEYS", "Forecast", "Survey", "forecast", "plot_forecast"]
+__all__ = ["SURVEYS", "Forecast", "Survey", "forecast"]
 
 # matplotlib is imported when a figure is first asked for.
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_forecast"]})

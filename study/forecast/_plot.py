@@ -14,15 +14,7 @@ _SHOWN = ("spin", "acceleration", "direction", "r0", "waves", "shear", "velocity
 
 @styled
 def plot_forecast(found: Any, *, ax: Any = None) -> Any:
-    """Eight quantities by survey, and what floor and flows leave of them.
-
-    Parameters
-    ----------
-    found : Forecast
-        What to draw.
-    ax : eight matplotlib axes, optional
-        Where to draw; a new figure unless given.
-    """
+    """Eight quantities by survey, and what floor and flows leave of them."""
     drawn = panels(ax, 4, 2, size=(WIDTH, 6.4), sharex=True)
     names = list(found.surveys)
     place = np.arange(len(names))

@@ -3,4 +3,4 @@
 from study.gaia._run import DegreeOrSubset, GaiaStudy, Sources, fit_sources, read_gaia, run_gaia, subsets
 from study.gaia._write import write_gaia
 
-__all__ = ["GaiaStudy", "Sources", "read_gaia", "run_gaia", "write_gaia"]
+__all__ = ["read_gaia", "run_gaia", "write_gaia"]

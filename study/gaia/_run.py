@@ -28,19 +28,7 @@ KAPPA = 3.0
 
 @dataclass(frozen=True, eq=False)
 class DegreeOrSubset(InNotebook):
-    """What one fit found, or why it found nothing.
-
-    Attributes
-    ----------
-    name : str
-    n_sources, n_clipped : int
-    solution : Solution or None
-        With the catalogue's errors.
-    resampled : Solution or None
-        With those of the bootstrap.
-    said : str
-        Why there is no solution.
-    """
+    """What one fit found, or why it found nothing."""
 
     name: str
     n_sources: int
@@ -78,21 +66,7 @@ PLANE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Sources(InNotebook):
-    """Sources that can be used.
-
-    Attributes
-    ----------
-    field : Field
-        Their motions, ICRS.
-    six : (n,) bool array
-        Which have six-parameter solutions; the others have five.
-    wavenumber : (n,) array or None
-        Effective, of those with five. [µm⁻¹]
-    for_spin : (n,) bool array or None
-        Which the release used for the spin of its frame.
-    label : str
-        Of the file.
-    """
+    """Sources that can be used."""
 
     field: Field
     six: BoolArray
@@ -200,18 +174,7 @@ SOURCES, CLIPPED = 1_215_942, 3800
 
 @dataclass(frozen=True, eq=False)
 class GaiaStudy(InNotebook):
-    """What was found.
-
-    Attributes
-    ----------
-    sources : Sources
-    degrees : list of DegreeOrSubset
-        Five-parameter sources, highest degree 1, 2, …
-    subsets : list of DegreeOrSubset
-        Degree 3 (degree 1 for halves of the sky, which cannot bear more).
-    check : CrossCheck
-        Both solvers on the five-parameter sources.
-    """
+    """What was found."""
 
     sources: Sources
     degrees: list[DegreeOrSubset]

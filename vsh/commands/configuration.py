@@ -19,19 +19,7 @@ NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
 
 @dataclass(frozen=True)
 class Configuration:
-    """What a run was asked for.
-
-    Attributes
-    ----------
-    command : str
-        "vsh-fit"
-    options : dict of str to str, True or a tuple of str
-        What was said, by the names of options without their dashes.
-    version : str
-        Of the package that ran it.
-    files, written : dict of str to str
-        SHA-256 of what it read, and of what it wrote beside this file, by name.
-    """
+    """What a run was asked for."""
 
     command: str
     options: Mapping[str, Any]

@@ -27,13 +27,7 @@ if TYPE_CHECKING:
 
 
 class Figures:
-    """The figures of a run, drawn when they are first asked for.
-
-    Parameters
-    ----------
-    draw : callable
-        Draws them: a dict of matplotlib axes by name of file.
-    """
+    """The figures of a run, drawn when they are first asked for."""
 
     def __init__(self, draw: Callable[[], Mapping[str, Any]]) -> None:
         self._draw = draw
@@ -102,19 +96,7 @@ _ESCAPED = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
 
 @dataclass(frozen=True)
 class Found:
-    """What a run found, however it is told.
-
-    Attributes
-    ----------
-    text : str
-        The report.
-    make_tables : function
-        Makes `tables`, which most runs do not need.
-    notes : iterable of str
-        What a reader should know of the data.
-    latex : callable, optional
-        The result as LaTeX; its tables unless given.
-    """
+    """What a run found, however it is told."""
 
     text: str
     make_tables: Callable[[], Mapping[str, Table]] = dict

@@ -28,7 +28,7 @@ from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray
 from vsh.tools.units import JULIAN_YEAR, UAS
 
-__all__ = ["degree_amplitudes", "strain_of", "wave_coefficients", "wave_motions", "wave_templates"]
+__all__ = ["wave_coefficients", "wave_motions"]
 
 
 def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: float, cross: float = 0.0) -> FloatArray:
@@ -81,11 +81,6 @@ def unit(direction: ArrayLike) -> FloatArray:
 def degree_amplitudes(lmax: int) -> FloatArray:
     """c_l = (−1)^l √(π α_l/6), the coefficients of a wave of unit rate along z, (lmax,), with α_l those of a background.
 
-    Parameters
-    ----------
-    lmax : int
-        The highest degree.
-
     Examples
     --------
     >>> degree_amplitudes(4).round(6)
@@ -119,15 +114,7 @@ def wave_coefficients(direction: ArrayLike, plus: float, cross: float = 0.0, *, 
 
 
 def wave_templates(directions: FloatArray, lmax: int) -> FloatArray:
-    """The coefficients of both polarisations for many directions, (2, p, n).
-
-    Parameters
-    ----------
-    directions : (3, n) array
-        Unit vectors k.
-    lmax : int
-        The highest degree.
-    """
+    """The coefficients of both polarisations for many directions, (2, p, n)."""
     modes, amplitude = Modes(lmax), degree_amplitudes(lmax)
     lon, lat = angles(directions)
     tilts, of = np.unique(np.pi / 2 - lat, return_inverse=True)
@@ -157,13 +144,6 @@ def _about_z(values, angle, l):
 
 def strain_of(rate: ArrayLike, frequency: float) -> FloatArray:
     """The amplitude of the strain of a wave of a frequency whose rate is seen, h = ḣ/2πf.
-
-    Parameters
-    ----------
-    rate : array
-        ḣ. [µas/yr]
-    frequency : float
-        f. [nHz]
 
     Examples
     --------

@@ -10,7 +10,7 @@ from vsh.tools.arguments import generator
 from vsh.tools.errors import FieldError
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, Rng
 
-__all__ = ["centres", "mean_map", "missing_pixels", "pixels_of", "random_positions", "smoothed"]
+__all__ = ["centres", "pixels_of"]
 
 
 @arguments.accepts(lon=arrays.dimension(1), lat=arrays.dimension(1), nside=arguments.whole)
@@ -65,27 +65,7 @@ def centres(nside: int) -> tuple[FloatArray, FloatArray]:
 
 @arguments.accepts(density=arrays.dimension(1), n=arguments.whole, rng=arguments.seed)
 def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
-    """n positions drawn with the density of a HEALPix map, evenly within each pixel.
-
-    Parameters
-    ----------
-    density : (12 nside²,) array, ring order
-        Not negative; pixels without a value (nan, masked, healpy's
-        UNSEEN) hold no sources.
-    n : int
-        How many.
-    rng : Generator or int
-        The source of all randomness.
-
-    Returns
-    -------
-    lon, lat : (n,) arrays [rad]
-
-    Raises
-    ------
-    FieldError
-        If it is no HEALPix map, or negative, infinite or empty.
-    """
+    """n positions drawn with the density of a HEALPix map, evenly within each pixel."""
     rng = generator(rng)
     density = np.ma.filled(np.ma.asarray(density, float), 0.0).ravel()
     if np.isinf(density).any():
@@ -107,13 +87,7 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
 
 
 def missing_pixels(values: ArrayLike) -> int:
-    """How many pixels of a map have no value: nan, masked, or healpy's UNSEEN.
-
-    Parameters
-    ----------
-    values : (12 nside²,) array
-        A map.
-    """
+    """How many pixels of a map have no value: nan, masked, or healpy's UNSEEN."""
     return int(_valueless(np.ma.filled(np.ma.asarray(values, float), np.nan)).sum())
 
 
@@ -122,30 +96,12 @@ def _valueless(values):
 
 
 def smoothed(values: ArrayLike, width: float) -> FloatArray:
-    """A map smoothed by a Gaussian; its sum stays, to a thousandth.
-
-    Parameters
-    ----------
-    values : (12 nside²,) array
-        In ring order, none missing.
-    width : float
-        Full width at half maximum. [deg]
-    """
+    """A map smoothed by a Gaussian; its sum stays, to a thousandth."""
     return np.asarray(healpy.smoothing(np.asarray(values, float), fwhm=np.radians(width)))
 
 
 def mean_map(lon: ArrayLike, lat: ArrayLike, values: ArrayLike, nside: int) -> FloatArray:
-    """The mean of the sources' values in each pixel, nan in empty ones.
-
-    Parameters
-    ----------
-    lon, lat : (n,) arrays
-        Positions [rad]
-    values : (n,) or (k, n) array
-        Of each source.
-    nside : int
-        Of the HEALPix pixels.
-    """
+    """The mean of the sources' values in each pixel, nan in empty ones."""
     pixel = pixels_of(lon, lat, nside)
     count = np.bincount(pixel, minlength=12 * nside**2)
     values = np.asarray(values, float)

@@ -33,22 +33,7 @@ def float_array(
 
 
 def covariance(name: str, value: Any, size: int) -> FloatArray:
-    """A symmetric (size, size) matrix with variances that are not negative, read-only.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument, for the message.
-    value : object
-        What was given.
-    size : int
-        Rows of the matrix.
-
-    Raises
-    ------
-    ParameterError
-        If it is not.
-    """
+    """A symmetric (size, size) matrix with variances that are not negative, read-only."""
     found = float_array(name, value, (size, size))
     scale = np.sqrt(np.maximum(np.diag(found), 0))
     if (np.diag(found) < 0).any():

@@ -20,14 +20,7 @@ _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2
 
 
 class CountedNote(str):
-    """A note with a count, which adds up where parts of a catalogue do.
-
-    Attributes
-    ----------
-    parts : dict of str to (dict of str to int, int, tuple of str)
-        For each table, told apart by a hash: how many rows there were for which reason, how many rows it had,
-        and the names of a few. A table that comes in by two ways counts once.
-    """
+    """A note with a count, which adds up where parts of a catalogue do."""
 
     parts: dict[str, Any]
     counts: dict[str, int]
@@ -107,13 +100,7 @@ class WithoutRedshift(CountedNote):
 
 
 class MoreNotes(str):
-    """A note that stands for others that are not listed.
-
-    Attributes
-    ----------
-    hashes : frozenset of str
-        Of the notes it stands for.
-    """
+    """A note that stands for others that are not listed."""
 
     hashes: frozenset[str]
 

@@ -68,17 +68,7 @@ def write(
 
 
 def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None) -> None:
-    """Write an astropy Table, with more metadata, to a new file, which takes the name `path` when it is complete.
-
-    Parameters
-    ----------
-    table : astropy Table
-        Any.
-    path : str or Path
-        The file.
-    meta : dict, optional
-        Provenance, plain values.
-    """
+    """Write an astropy Table, with more metadata, to a new file, which takes the name `path` when it is complete."""
     path = Path(path)
     check_writable(path)
     facts = {CREATOR: f"{MARK} {vsh.__version__}"} | {key: each for key, each in table.meta.items() if key != CREATOR}

@@ -17,17 +17,7 @@ from vsh.tools.types import FloatArray
 
 
 class CompiledPasses:
-    """Passes over the observations; sums of parts are added in their order, so that threads change no bit.
-
-    Parameters
-    ----------
-    scans : Scans
-        The transits.
-    table : (n, 6) float32 array
-        sin α, cos α, sin δ, cos δ and the two weights of each source.
-    threads : int, optional
-        One a core unless given.
-    """
+    """Passes over the observations; sums of parts are added in their order, so that threads change no bit."""
 
     def __init__(self, scans: Any, table: FloatArray, threads: int | None = None) -> None:
         self.coefficients, self.n = scans.intervals + 3, len(table)

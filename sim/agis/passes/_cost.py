@@ -40,17 +40,7 @@ _SAMPLE = 300
 
 @dataclass(frozen=True)
 class Plan(InNotebook):
-    """What a joint solution would take.
-
-    Attributes
-    ----------
-    transits, coefficients : float
-        How many observations (pairs along and across), and how many spline coefficients of each of three components.
-    memory : float
-        At its peak. [bytes]
-    setup_seconds, iteration_seconds : float
-        CPU time of one core; wall-clock time is about half of it on two cores. [s]
-    """
+    """What a joint solution would take."""
 
     transits: float
     coefficients: float

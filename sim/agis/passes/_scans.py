@@ -49,29 +49,7 @@ _COLUMNS = ("source", "knot", "frac", "sin", "cos", "along_factor", "across_fact
 
 @dataclass(frozen=True, eq=False)
 class Scans(Frozen):
-    """Transits in the order of time: 28 bytes each.
-
-    Attributes
-    ----------
-    lon, lat : (n,) arrays
-        Positions of the sources, in `frame`. [rad]
-    weights : (2, n) array
-        Of a transit along and across the scan, 1/σ². [1/µas²]
-    source, knot : (k,) int32 arrays
-        Whose transit it is, and in which interval between knots.
-    frac : (k,) float32 array
-        Where in that interval, from 0 to 1.
-    sin, cos : (k,) float32 arrays
-        Of the scan's position angle.
-    along_factor, across_factor : (k,) float32 arrays
-        Shift along and across the scan for a parallax of one.
-    intervals : int
-        Between knots of the attitude.
-    spacing, years : float
-        Of the knots; of the mission, whose middle is the reference epoch. [yr]
-    frame : str
-        Of the positions.
-    """
+    """Transits in the order of time: 28 bytes each."""
 
     lon: FloatArray
     lat: FloatArray
@@ -116,13 +94,7 @@ class Scans(Frozen):
         return self._found["counts"]
 
     def time(self, part: slice = slice(None)) -> FloatArray:
-        """Times of transits since the start of the mission. [yr]
-
-        Parameters
-        ----------
-        part : slice
-            Of the transits; all unless given.
-        """
+        """Times of transits since the start of the mission. [yr]"""
         return (self.knot[part] + self.frac[part].astype(float)) * self.spacing
 
 

@@ -15,15 +15,7 @@ MAX_TRANSITS = 3_000_000
 
 
 class SparsePasses:
-    """Passes over the observations of some transits.
-
-    Parameters
-    ----------
-    scans : Scans
-        The transits.
-    table : (n, 6) array
-        sin α, cos α, sin δ, cos δ and the two weights of each source.
-    """
+    """Passes over the observations of some transits."""
 
     def __init__(self, scans: Any, table: FloatArray) -> None:
         source, knot, frac, sin, cos, fal, fac, spacing, middle = (

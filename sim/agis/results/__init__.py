@@ -10,16 +10,7 @@ from sim.agis.results._statistics import correlation_by_angle, ratio_by
 if TYPE_CHECKING:
     from sim.agis.results._plot import plot_convergence, plot_correlation, plot_errors_by_magnitude, plot_ratio_map
 
-__all__ = [
-    "AgisSolution",
-    "correlation_by_angle",
-    "plot_convergence",
-    "plot_correlation",
-    "plot_errors_by_magnitude",
-    "plot_ratio_map",
-    "ratio_by",
-    "rotate_frame",
-]
+__all__: list[str] = []
 
 # matplotlib and healpy are imported when a figure is asked for.
 __getattr__, _, _ = lazy_loader.attach(

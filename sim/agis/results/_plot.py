@@ -18,17 +18,7 @@ _MARKS = "os^Dv"
 
 @styled
 def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Any = None) -> Axes:
-    """How far the low degrees are from where they end, iteration by iteration.
-
-    Parameters
-    ----------
-    solution : AgisSolution
-        With its history.
-    stop : float
-        The rule, in formal errors.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-    """
+    """How far the low degrees are from where they end, iteration by iteration."""
     away = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
     (axes,) = panels(ax)
     steps = np.arange(1, len(away) + 1)
@@ -47,19 +37,7 @@ def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Any = No
 def plot_errors_by_magnitude(
     solution: AgisSolution, magnitude: ArrayLike, sources: ArrayLike | None = None, *, ax: Any = None
 ) -> Axes:
-    """True over formal errors of the five parameters by magnitude, from this draw of the noise.
-
-    Parameters
-    ----------
-    solution : AgisSolution
-        Of noise alone.
-    magnitude : (n,) array
-        G of all sources.
-    sources : mask, optional
-        Which are looked at; all unless given.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-    """
+    """True over formal errors of the five parameters by magnitude, from this draw of the noise."""
     kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
     g = np.asarray(magnitude)[kept]
     edges = np.arange(np.floor(2 * g.min()) / 2, np.ceil(2 * g.max()) / 2 + 0.5, 0.5)
@@ -83,19 +61,7 @@ def plot_errors_by_magnitude(
 def plot_correlation(
     angle: FloatArray, correlation: FloatArray, pairs: FloatArray, draws: int = 1, *, ax: Any = None
 ) -> Axes:  # fmt: skip
-    """Correlation of errors by the angle between two sources.
-
-    Parameters
-    ----------
-    angle : (b + 1,) array
-        Edges of the bins. [rad]
-    correlation, pairs : (b,) arrays
-        Of `correlation_by_angle`.
-    draws : int
-        Of the noise.
-    ax : matplotlib axes, optional
-        Where to draw; a new figure unless given.
-    """
+    """Correlation of errors by the angle between two sources."""
     (axes,) = panels(ax)
     middle = np.degrees((angle[:-1] + angle[1:]) / 2)
     axes.errorbar(middle, correlation, 1 / np.sqrt(np.maximum(pairs, 1) * draws), marker="o", color=COLOURS[0])
@@ -109,19 +75,7 @@ def plot_correlation(
 def plot_ratio_map(
     solution: AgisSolution, nside: int = 8, sources: ArrayLike | None = None, *, ax: Any = None
 ) -> SkyAxes:  # fmt: skip
-    """True over formal errors of the motions over the sky, from this draw of the noise.
-
-    Parameters
-    ----------
-    solution : AgisSolution
-        Of noise alone.
-    nside : int
-        Of the HEALPix pixels.
-    sources : mask, optional
-        Which are looked at; all unless given.
-    ax : matplotlib axes, optional
-        Whose place the map takes; a new figure unless given.
-    """
+    """True over formal errors of the motions over the sky, from this draw of the noise."""
     kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
     pixel = pixels_of(solution.lon[kept], solution.lat[kept], nside)
     squares = []

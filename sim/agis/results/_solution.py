@@ -159,29 +159,6 @@ def rotate_frame(
 
     As Bachchan, Hobbs & Lindegren (2016, section 4): positions of VLBI quasars are known with an error, motions of quasars
     are zero but for a glide and a scatter of their own.
-
-    Parameters
-    ----------
-    solution : AgisSolution
-        Whose frame is arbitrary.
-    vlbi, quasars : indices or masks
-        Sources with radio positions; whose motions count (all unless given).
-    radio, own : float
-        Errors of a radio position, and scatter of true motions, in each component. [µas, µas/yr]
-    rng : Generator or int, optional
-        Draws the radio positions' errors; none unless given.
-
-    Returns
-    -------
-    solution : AgisSolution
-        In the rotated frame.
-    rotation, errors : (6,) arrays
-        ε₀ and ω that were taken away, and their formal errors.
-
-    Raises
-    ------
-    ParameterError
-        If fewer than two sources determine either.
     """
     arguments.a(AgisSolution)("solution", solution)
     found, sigma = [], []

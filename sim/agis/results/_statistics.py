@@ -20,30 +20,6 @@ def correlation_by_angle(
 ) -> tuple[FloatArray, IntArray]:
     """Correlation of the errors of one parameter, in bins of the angle between two sources.
 
-    Parameters
-    ----------
-    errors : (n,) or (draws, n) array
-        Estimate less truth, of one or several draws of the noise.
-    lon, lat : (n,) arrays
-        Positions. [rad]
-    edges : (b + 1,) array
-        Of the bins, rising. [rad]
-    sigma : (n,) array, optional
-        Standard errors that the errors are divided by; their rms over ten draws or more unless given.
-
-    Returns
-    -------
-    correlation : (b,) array
-        Mean product of two errors over their standard errors; nan in bins without pairs. Its own error is about
-        1/√(pairs · draws) where pairs are far from each other, and larger where they share sources.
-    pairs : (b,) int array
-        Pairs of sources in each bin.
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer than ten draws and no sigma, or edges do not rise.
-
     Notes
     -----
     Bins below 1.7° use all pairs, others those with at most 2000 of the sources, evenly picked.
@@ -87,31 +63,7 @@ def correlation_by_angle(
 def ratio_by(
     errors: ArrayLike, sigma: ArrayLike, group: ArrayLike, n_groups: int | None = None
 ) -> tuple[FloatArray, IntArray]:
-    """True over formal errors of groups of sources: the rms of error over standard error.
-
-    Parameters
-    ----------
-    errors : (n,) or (draws, n) array
-        Estimate less truth.
-    sigma : (n,) array
-        As quoted.
-    group : (n,) int array
-        Of each source, as a bin of magnitude or a pixel; negative for none.
-    n_groups : int, optional
-        How many; as many as there are unless given.
-
-    Returns
-    -------
-    ratio : (g,) array
-        nan for a group without sources.
-    counts : (g,) int array
-        Sources of each.
-
-    Raises
-    ------
-    ParameterError
-        If shapes disagree.
-    """
+    """True over formal errors of groups of sources: the rms of error over standard error."""
     labels: IntArray = _groups(group)
     values = np.atleast_2d(arrays.float_array("errors", errors))
     if values.shape[1:] != labels.shape:

@@ -23,4 +23,4 @@ from vsh.figures.page._page import (
     write_page,
 )
 
-__all__ = ["Panel", "figure", "page", "sky", "table", "write_page"]
+__all__ = ["Panel", "page", "sky", "write_page"]

@@ -65,19 +65,7 @@ def cards(items: Iterable[tuple[str, str, str]]) -> Panel:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
-    """A table of text.
-
-    Parameters
-    ----------
-    heads : sequence of str
-        Of the columns, plain.
-    rows : iterable of sequences of str
-        Plain.
-    sortable : bool
-        By a click on a heading, or Enter.
-    summary : str
-        Under which it is folded away, if any.
-    """
+    """A table of text."""
     cell = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>" if sortable else "<th scope='col'>{}</th>"  # fmt: skip
     head = "".join(cell.format(escape(each)) if each else "<td></td>" for each in heads)
     body = "".join(_row(row) for row in rows)
@@ -115,15 +103,7 @@ def cell(value: Any) -> str:
 
 
 def figure(picture: bytes, caption: str) -> Panel:
-    """A picture with its caption.
-
-    Parameters
-    ----------
-    picture : bytes
-        PNG, of `vsh.figures.plot.picture_of`.
-    caption : str
-        Said to those who cannot see it, too.
-    """
+    """A picture with its caption."""
     data = base64.b64encode(picture).decode()
     said = escape(caption)
     return Panel(f'<figure class="picture"><img alt="{said}" src="data:image/png;base64,{data}"><figcaption>{said}</figcaption></figure>')  # fmt: skip
@@ -291,23 +271,7 @@ _KINDS = ("TS", "T", "S")
 
 @dataclass(frozen=True)
 class Shown:
-    """A solution on the interactive sky.
-
-    Attributes
-    ----------
-    label : str
-        Under its map; none is needed where it is alone.
-    field : Field
-        The sources.
-    coefficients : Coefficients
-        What was fitted to them.
-    covariance : (p, p) array
-        Of the coefficients.
-    unit : str
-        Of the motions.
-    n_sources : int, optional
-        Of which `field` holds some; all of them unless given.
-    """
+    """A solution on the interactive sky."""
 
     label: str
     field: Field

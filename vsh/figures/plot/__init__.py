@@ -25,8 +25,6 @@ from vsh.figures.plot._style import (
 )
 
 __all__ = [
-    "FORMATS",
-    "PROJECTIONS",
     "SkyAxes",
     "draw_direction",
     "draw_map",

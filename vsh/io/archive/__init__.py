@@ -13,14 +13,4 @@ from vsh.io.archive._queries import (
 )
 from vsh.io.archive._tap import ESA, query
 
-__all__ = [
-    "DR3",
-    "DR4",
-    "GAIA_CRF3",
-    "GAIA_DR3_GALAXIES",
-    "GAIA_EDR3_QSO",
-    "QUERIES",
-    "RELEASES",
-    "DataRelease",
-    "query",
-]
+__all__ = ["DR3", "DR4", "GAIA_CRF3", "GAIA_EDR3_QSO", "QUERIES", "DataRelease", "query"]

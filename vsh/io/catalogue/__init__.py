@@ -14,7 +14,6 @@ __all__ = [
     "parts",
     "read_field",
     "read_icrf",
-    "read_positions",
     "read_scalars",
     "write_field",
 ]

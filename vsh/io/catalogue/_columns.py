@@ -203,27 +203,7 @@ def doubt_positions(found: Any, assumed: Any, at_least: int = 20) -> None:
 
 
 class Chosen:
-    """A condition on one table.
-
-    Parameters
-    ----------
-    where : str
-        The condition, as for `vsh.io.tables.Where`.
-    source : TableSource
-        The table.
-    roles : dict of str to str, optional
-        Columns by role.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of the columns it looks at.
-
-    Raises
-    ------
-    TableError
-        If it is no condition, or the table has not all of its columns.
-    """
+    """A condition on one table."""
 
     def __init__(self, where: str, source: tables.TableSource, roles: Mapping[str, str] | None = None) -> None:
         self._where = tables.Where(where)

@@ -21,8 +21,6 @@ from vsh.tools.notes import printable
 from vsh.tools.types import IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, MAS, UAS
 
-__all__ = ["Counterparts", "match"]
-
 
 class Counterparts(NamedTuple):
     """Which sources of two catalogues are the same.
@@ -275,35 +273,7 @@ def read_positions(
     where: str | None = None,
     format: str | None = None,
 ) -> Positions:
-    """Read positions of a reference frame.
-
-    Parameters
-    ----------
-    source : path or table
-        ICRF2 or ICRF3 as the IERS hands them round, or a table: ra and dec [deg], ra_error (of α cos δ) and dec_error [mas],
-        ra_dec_corr, and names where they are.
-    columns : dict of str to str, or "gaia", "icrf", optional
-        Other names of these columns, by role; "name" is source_id, name or designation unless given.
-    sigma : float, optional
-        One error for all, in place of the table's; needed where it has none. [µas]
-    on_bad : {"raise", "drop"}
-        What to do about rows that cannot be used.
-    frame : str
-        Of the positions of a table.
-    designation : {"iers", "icrf"}
-        Which names of ICRF's sources.
-    where : str, optional
-        A condition on a table's columns, as for `read_field`; on those of ICRF with `format="icrf"`.
-    format : str, optional
-        Of a file, as for `read_field`.
-
-    Raises
-    ------
-    TableError
-        If the file cannot be read, or a column is missing.
-    FieldError
-        If rows cannot be used.
-    """
+    """Read positions of a reference frame."""
     columns = {"names": columns} if isinstance(columns, str) else dict(columns or {})
     known = columns.pop("names", "gaia")
     if known not in ("gaia", "icrf"):

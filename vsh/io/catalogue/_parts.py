@@ -98,25 +98,7 @@ def parts(
 
 @dataclass(frozen=True)
 class Reader:
-    """From a piece to its fields, a block of sources at a time.
-
-    Attributes
-    ----------
-    columns, units, on_bad, frame
-        As for `read_field`.
-    rows : int
-        The largest number of sources in a block.
-    motions : bool
-        Whether there must be motions and errors.
-    sigma : float or None
-        One error for all, without motions.
-    like : (str, dict) or None
-        The first of several files and the columns it has with their units: the others must have the same.
-    where : str or None
-        A condition on the rows.
-    format : str or None
-        Of files.
-    """
+    """From a piece to its fields, a block of sources at a time."""
 
     columns: Columns
     units: Mapping[str, Any] | None
@@ -206,13 +188,7 @@ def _pieces(source, columns, motions, format):
 
 
 class OneStream:
-    """A stream that can be read once, and says so when it is asked again.
-
-    Parameters
-    ----------
-    stream : object
-        With `__arrow_c_stream__`.
-    """
+    """A stream that can be read once, and says so when it is asked again."""
 
     def __init__(self, stream: Any) -> None:
         self.stream: Any = stream

@@ -13,4 +13,4 @@ from vsh.io.parts._parts import (
     weighted_quantiles,
 )
 
-__all__ = ["Dask", "Engine", "Parts", "Processes", "as_parts"]
+__all__ = ["Dask", "Parts", "Processes"]

@@ -102,27 +102,11 @@ class Engine(InNotebook):
     threads: int | None = 1
 
     def total(self, work: Callable[[Any], Any], pieces: Sequence[Any], done: Callable[[], object]) -> Any:
-        """The sum of `work` over the pieces.
-
-        Parameters
-        ----------
-        work : function of a piece
-            To anything that adds.
-        pieces : sequence
-            What parts are read from.
-        done : function without arguments
-            Called after every part.
-        """
+        """The sum of `work` over the pieces."""
         raise NotImplementedError
 
     def fetched(self, piece: Any) -> Any:
-        """A piece as something that can be read in this process.
-
-        Parameters
-        ----------
-        piece : object
-            What a part is read from.
-        """
+        """A piece as something that can be read in this process."""
         return piece
 
 

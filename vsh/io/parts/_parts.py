@@ -184,20 +184,7 @@ class Parts(InNotebook):
 
 
 def as_parts(field: Any, kind: type = Field) -> Parts:
-    """Parts as they are; a Field, or Fields in a list, as parts.
-
-    Parameters
-    ----------
-    field : Parts, Field, or list or tuple of Fields
-        The sources.
-    kind : type
-        Of the fields; Weighed where a ScalarField will do as well.
-
-    Raises
-    ------
-    FieldError
-        If it is none of these.
-    """
+    """Parts as they are; a Field, or Fields in a list, as parts."""
     if isinstance(field, Parts):
         return field
     fields = (field,) if isinstance(field, kind) else tuple(field) if isinstance(field, list | tuple) else ()

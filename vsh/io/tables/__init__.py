@@ -9,4 +9,4 @@ from vsh.io.tables._source import TableSource, check_alike
 from vsh.io.tables._where import Where
 from vsh.tools.writing import CREATOR, FORMATS, check_writable, format_of, table_of, write, write_table
 
-__all__ = ["FORMATS", "INPUT_FORMATS", "open_table", "read", "write_table"]
+__all__ = ["open_table", "read", "write_table"]

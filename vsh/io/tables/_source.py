@@ -20,27 +20,7 @@ ROWS = 2**20
 
 @dataclass(frozen=True)
 class TableSource(InNotebook):
-    """What every format opens as; nothing but the columns that are asked for is read.
-
-    Attributes
-    ----------
-    label : str
-        Of the file or object, for messages.
-    names : tuple of str
-        Of the columns.
-    read : function
-        From (names, rows) to an iterator of dicts: column → (values, mask or None), at most `rows`
-        rows in each, at least one dict.
-    units : dict of str to str or unit
-        Of those columns that say theirs.
-    meta : dict
-    notes : tuple of str
-        What a user should know of how the table was read.
-    descriptions : dict of str to str
-        Of those columns that have one.
-    whole : int
-        Rows in a block where all are read at once: fewer where a block takes more memory than its numbers do.
-    """
+    """What every format opens as; nothing but the columns that are asked for is read."""
 
     label: str
     names: tuple[str, ...]

@@ -31,22 +31,6 @@ MAX_LENGTH, MAX_PARTS, MAX_POWER = 2000, 300, 20.0
 class Where(InNotebook):
     """A condition on the rows of a table.
 
-    Parameters
-    ----------
-    text : str
-        Numbers, text in quotes and names of columns, with + − * / % **, < <= > >= == != (also chained), `in` a list,
-        `and`, `or`, `not` (& | ~ between parentheses), and the functions of `FUNCTIONS`. Numbers are in the table's units.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of the columns it looks at.
-
-    Raises
-    ------
-    TableError
-        If it is no condition, or holds anything else.
-
     Examples
     --------
     >>> where = Where("phot_g_mean_mag < 19 and 0.5 < redshift < 2")

@@ -32,11 +32,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BACHCHAN_2016",
-    "LOCAL_GROUP",
     "PLANCK_2013",
     "PLANCK_2018",
     "distance_modulus",
-    "flat",
     "to_cmb",
     "transverse_distance",
     "velocity_from_apex",

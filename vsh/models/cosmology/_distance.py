@@ -104,13 +104,7 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
 
 
 def flat(omega_m: float) -> Cosmology:
-    """A flat cosmology with a cosmological constant.
-
-    Parameters
-    ----------
-    omega_m : float
-        Ω_m.
-    """
+    """A flat cosmology with a cosmological constant."""
     return FlatLambdaCDM(H0=hubble_value(PLANCK_2013), Om0=omega_m)
 
 

@@ -24,16 +24,4 @@ from vsh.models.covariance._spectrum import (
     wave_fractions,
 )
 
-__all__ = [
-    "LINDEGREN_2021",
-    "VASILIEV_BAUMGARDT_2021",
-    "Covariance",
-    "Spectrum",
-    "d_minus",
-    "d_plus",
-    "from_blocks",
-    "from_function",
-    "from_spectrum",
-    "read",
-    "wave_fractions",
-]
+__all__ = ["LINDEGREN_2021", "Covariance", "Spectrum", "from_function", "from_spectrum", "read"]

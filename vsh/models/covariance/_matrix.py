@@ -298,20 +298,6 @@ def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
 def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Covariance:
     """What groups of sources share: those of an experiment, of a station, of a field of view.
 
-    Parameters
-    ----------
-    blocks : iterable of (sources, covariance)
-        Indices or a mask of k sources, and what they share: a (2k, 2k) matrix, all east components first, or one
-        number, the variance of an error that all of them have in each component. Blocks may overlap; they add.
-        [(µas/yr)²]
-    n_sources : int
-        How many there are in all.
-
-    Raises
-    ------
-    ParameterError
-        If a matrix does not fit its sources, or a source is not there.
-
     Examples
     --------
     >>> from_blocks([([0, 1], 4.0)], 3).matrix[:3, :3]

@@ -31,13 +31,6 @@ _PANELS, _GRADING = 250, 3
 def d_plus(lmax: int, theta: ArrayLike) -> FloatArray:
     """d⁺_l = d^l_{11}(θ) = ½ (1 + x) P^{(0,2)}_{l−1}(x), x = cos θ, for l = 1 … lmax.
 
-    Parameters
-    ----------
-    lmax : int
-        The highest degree.
-    theta : (n,) array
-        Angles. [rad]
-
     Examples
     --------
     >>> d_plus(2, [0.0, np.pi]).round(12)
@@ -57,15 +50,7 @@ def d_plus(lmax: int, theta: ArrayLike) -> FloatArray:
 
 
 def d_minus(lmax: int, theta: ArrayLike) -> FloatArray:
-    """d⁻_l = ½ (1 − x) P^{(2,0)}_{l−1}(x) = (−1)^{l−1} d⁺_l(π − θ) for l = 1 … lmax.
-
-    Parameters
-    ----------
-    lmax : int
-        The highest degree.
-    theta : (n,) array
-        Angles. [rad]
-    """
+    """d⁻_l = ½ (1 − x) P^{(2,0)}_{l−1}(x) = (−1)^{l−1} d⁺_l(π − θ) for l = 1 … lmax."""
     signs = (-1.0) ** np.arange(lmax)
     return signs[:, None] * d_plus(lmax, np.pi - np.atleast_1d(np.asarray(theta, float)))
 
@@ -91,11 +76,6 @@ def values_of(function: Callable[[FloatArray], FloatArray], theta: FloatArray) -
 
 def VASILIEV_BAUMGARDT_2021(theta: ArrayLike) -> FloatArray:
     """V(θ) of Gaia EDR3: 400/(1 + θ/0.3°) + 300 exp(−θ/12°). [(µas/yr)²]
-
-    Parameters
-    ----------
-    theta : array
-        Angles. [rad]
 
     Notes
     -----
@@ -126,11 +106,6 @@ def wave_fractions(lmax: int) -> FloatArray:
 
     α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
     sum to 1. The fractions are those of Book & Flanagan (2011, PhRvD 83, 024024), table 1.
-
-    Parameters
-    ----------
-    lmax : int
-        The highest degree.
 
     Examples
     --------
