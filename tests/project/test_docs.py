@@ -1,6 +1,7 @@
 """The documentation is complete and true to the code; `make docs` builds it."""
 
 import importlib
+import inspect
 import re
 import subprocess
 import sys
@@ -48,6 +49,20 @@ def faces():
 def test_every_face_has_its_page():
     text = "".join(path.read_text(encoding="utf-8") for path in (DOCS / "api").glob("*.md"))
     assert {face for face in faces() if f".. automodule:: {face}\n" not in text} == INTERNAL | {"vsh.sky"}
+
+
+def test_every_promised_name_stands_on_a_page():
+    shown = set()
+    for path in (DOCS / "api").glob("*.md"):
+        for module, options in re.findall(r"automodule:: ([\w.]+)\n((?:   :.*\n)*)", path.read_text(encoding="utf-8")):
+            named = re.search(r":members: (.+)", options)
+            own = importlib.import_module(module)
+            names = named[1].split(", ") if named else own.__all__ if ":members:" in options else ()
+            shown |= {id(getattr(own, each)) for each in names}
+        shown |= {id(getattr(vsh, each.strip())) for each in re.findall(r"autoclass:: vsh\.(\w+)\n", path.read_text())}
+    promised = {f"{face}.{each}": getattr(importlib.import_module(face), each)
+                for face in faces() for each in getattr(importlib.import_module(face), "__all__", ())}  # fmt: skip
+    assert not [name for name, each in promised.items() if not inspect.ismodule(each) and id(each) not in shown]
 
 
 @pytest.mark.parametrize("face", sorted(faces()))
