@@ -17,7 +17,7 @@ import sim
 from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from sim.expected import errors_by_place
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 
 H0, GLIDE = 67.3, np.array([-0.235965, -3.755779, -2.080491])
 
@@ -26,7 +26,7 @@ def sky(seed, number, dispersion):
     """A catalogue of galaxies with its flow."""
     places, gaps, observed, noise = np.random.default_rng([7, seed]).spawn(4)
     galaxies = sim.galaxies(number, places, min_redshift=0.001, max_redshift=0.03)
-    signal = sim.acceleration(GLIDE) + sim.secular_parallax(PLANCK_2018.to_frame("icrs").value, hubble=H0)
+    signal = sim.acceleration(GLIDE) + sim.secular_parallax(CMB_VELOCITY_PLANCK18.to_frame("icrs").value, hubble=H0)
     signal += sim.peculiar(dispersion, noise, flow="linear", hubble=H0)
     mission = sim.Mission(sim.NominalScanningLaw(years=10.0, rng=gaps), "DR5")
     sigma, rho = errors_by_place(galaxies.magnitude, galaxies.lon, galaxies.lat, mission)
@@ -37,15 +37,15 @@ def sky(seed, number, dispersion):
 def main(skies: int = 100, number: int = 10_000, dispersion: int = 250, first: int = 0) -> None:
     """Print pulls and coverage of v and H0, and how often the bins contradict what is true."""
     warnings.simplefilter("ignore")
-    truth = PLANCK_2018.to_frame("icrs").value
+    truth = CMB_VELOCITY_PLANCK18.to_frame("icrs").value
     pulls, hubble, p_values = [], [], []
     for seed in range(first, first + skies):
         field = sky(seed, number, float(dispersion))
         v = observer_velocity(field, H0).velocity
         pulls.append((v.value - truth) / v.sigma)
-        h = hubble_constant(field, PLANCK_2018)
+        h = hubble_constant(field, CMB_VELOCITY_PLANCK18)
         hubble.append((h.hubble - H0) / h.hubble_error)
-        test = binned(field, 1, 3).secular_parallax(PLANCK_2018)[1]
+        test = binned(field, 1, 3).secular_parallax(CMB_VELOCITY_PLANCK18)[1]
         p_values.append([test.p_value, test.p_value_quoted])
         print(f"\r{seed - first + 1} of {skies} skies", end="", file=sys.stderr, flush=True)
     print(f"\r{skies} skies of {number} galaxies, linear flows and {dispersion} km/s beside them", flush=True)

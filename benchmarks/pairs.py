@@ -29,9 +29,9 @@ def speed():
     rng = np.random.default_rng(1)
     many = Field(*sky(1_000_000, rng), 100 * rng.normal(size=(2, 1_000_000)), np.full((2, 1_000_000), 100.0))
     few = many[:100_000]
-    pairs.correlation(few, EDGES, lmax=120, threads=1)  # imports and windows
+    pairs.correlation_function(few, EDGES, lmax=120, threads=1)  # imports and windows
     start = time.process_time()
-    pairs.correlation(many, EDGES, lmax=120, threads=1)
+    pairs.correlation_function(many, EDGES, lmax=120, threads=1)
     ours = time.process_time() - start
     catalogue = treecorr.Catalog(
         ra=few.lon, dec=few.lat, ra_units="rad", dec_units="rad", v1=-few.motion[0], v2=few.motion[1]
@@ -55,9 +55,9 @@ def waves(skies):
     factor = 6 / 5 / (4 * np.pi * hubble_rate(70) ** 2)
     found = []
     for _ in range(skies):
-        signal = sim.gravitational_waves(omega, rng, lmax=10)(lon, lat) + sim.spin((3, 0, 1))(lon, lat)
+        signal = sim.wave_background(omega, rng, lmax=10)(lon, lat) + sim.spin((3, 0, 1))(lon, lat)
         field = Field(lon, lat, signal + 30 * rng.normal(size=(2, 5000)), quoted)
-        fitted = pairs.correlation(field, edges, lmax=160).fit(("waves", "spin"))
+        fitted = pairs.correlation_function(field, edges, lmax=160).fit(("waves", "spin"))
         solution = fit.fit_field(field, 3)
         scaled = fit.fit_field(field.with_errors(quoted * np.sqrt(solution.reduced_chi2)), 3)
         found.append([*fitted["waves"], *(factor * (s.power("T", 2) + s.power("S", 2)) for s in (solution, scaled))])

@@ -12,7 +12,7 @@ import numpy as np
 import sim
 from fit.posterior import Flat, grid, sample
 from fit.secular_parallax import hubble_constant, observer_velocity
-from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2018
+from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18
 
 SKIES = int(sys.argv[1]) if len(sys.argv) > 1 else 100
 ACCELERATION = np.array([-0.236, -3.756, -2.080])
@@ -52,12 +52,14 @@ def main():
     for words, options in (("v and H0", {}), ("v, H0 and the dispersion", {"peculiar_dispersion": Flat(0, 2000)}),
                            ("v, H0, dispersion, excess noise", {"peculiar_dispersion": Flat(0, 2000), "excess_noise": Flat(0, 50)})):  # fmt: skip
         begin = time.perf_counter()
-        found = sample(field, PLANCK_2018, Flat(20, 150), n_samples=1_000_000, rng=6, progress=False, **options)
+        found = sample(
+            field, CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=1_000_000, rng=6, progress=False, **options
+        )
         seconds = time.perf_counter() - begin
         slowest = max(found.autocorrelation.values())
         print(f"10⁶ samples of {words}: {seconds:.1f} s; {len(found.chain) / slowest:.0f} autocorrelation times")
         if len(options) < 2:
-            on_grid = grid(field, PLANCK_2018, Flat(20, 150), **options)
+            on_grid = grid(field, CMB_VELOCITY_PLANCK18, Flat(20, 150), **options)
             h = found.samples["H0"]
             print(
                 f"   H0 {h.mean():.2f} ± {h.std():.2f}; on a grid {on_grid.mean('H0'):.2f} ± {on_grid.sigma('H0'):.2f}"

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import sim
-from fit.compare import compare
+from fit.compare import compare_catalogues
 from vsh.conventions import from_icrf3
 from vsh.figures.plot import plot_field
 from vsh.io.catalogue import read_icrf
@@ -38,7 +38,7 @@ def simulated(n=3000):
 # %%
 # Match them by name and fit the differences, both covariances added, without those beyond five errors.
 newer, older = (read_icrf(path, "iers") for path in sys.argv[1:3]) if len(sys.argv) > 2 else simulated()
-comparison, kept = compare(newer, older, 2, by="name", labels=("newer", "older"))
+comparison, kept = compare_catalogues(newer, older, 2, by="name", labels=("newer", "older"))
 for note in comparison.solution.notes:
     print(note)
 

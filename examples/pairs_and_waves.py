@@ -20,13 +20,13 @@ from vsh.tools.units import hubble_rate
 # 20 000 sources whose errors are quoted 30 per cent too small, in a background of waves of Ω = 0.05, far more than there is.
 rng = np.random.default_rng(3)
 lon, lat = rng.uniform(0, 2 * np.pi, 20_000), np.arcsin(rng.uniform(-0.6, 1, 20_000))
-waves = sim.gravitational_waves(0.05, rng=4)(lon, lat)
+waves = sim.wave_background(0.05, rng=4)(lon, lat)
 noise = 30 * rng.standard_normal((2, 20_000))
 field = Field(lon, lat, waves + noise, np.full((2, 20_000), 20.0))
 
 # %%
 # The correlation of pairs, and the curve that fits it.
-found = fit.pairs.correlation(field, np.radians(np.arange(0, 181, 9.0)))
+found = fit.pairs.correlation_function(field, np.radians(np.arange(0, 181, 9.0)))
 templates = found.fit(["waves"])
 omega, error = templates["waves"]
 
@@ -46,7 +46,7 @@ figure_of(found.plot(templates)).savefig("pairs.png", dpi=300)
 # %%
 # One wave in place of the background: where it travels to, and how strong waves from elsewhere can be.
 direction = np.array([1.0, 2.0, -0.5])
-one = Field(lon, lat, sim.wave(direction, 4.0, -2.0)(lon, lat) + noise, np.full((2, 20_000), 30.0))
+one = Field(lon, lat, sim.plane_wave(direction, 4.0, -2.0)(lon, lat) + noise, np.full((2, 20_000), 30.0))
 search = fit.waves.search(fit.fit_field(one, 5), n_skies=200)
 away = np.degrees(np.arccos(search.vector @ direction / np.linalg.norm(direction)))
 print(f"one wave: {away:.0f}° from where it travels to, p = {search.p_value:.3f}")

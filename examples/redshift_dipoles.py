@@ -13,7 +13,7 @@ import numpy as np
 import sim
 from fit.redshift import binned
 from vsh import Field
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 
 # %%
 # The truth: 5 µas/yr towards the Galactic centre, a spin, and Planck's velocity; errors are those
@@ -21,7 +21,7 @@ from vsh.models.cosmology import PLANCK_2018
 truth = (
     sim.acceleration((-0.28, -4.41, -2.44))
     + sim.spin((0.3, 0.0, -0.5))
-    + sim.secular_parallax(PLANCK_2018.to_frame("icrs").value)
+    + sim.secular_parallax(CMB_VELOCITY_PLANCK18.to_frame("icrs").value)
     + sim.peculiar(150.0, rng=5, flow="linear")
 )
 galaxies = sim.observe(sim.galaxies(100_000, rng=1), truth, rng=2, sigma=20.0)
@@ -45,7 +45,7 @@ print(bins.report())
 alone = binned(both, modes=1, edges=bins.edges, flows=None)
 for name, each in (("with flows", bins), ("without", alone)):
     spin, acceleration = each.equality("T").p_value, each.equality("S").p_value
-    true = each.secular_parallax(PLANCK_2018)[1].p_value
+    true = each.secular_parallax(CMB_VELOCITY_PLANCK18)[1].p_value
     print(
         f"{name:12} spin alike: p-value {spin:.2g}; acceleration alike: {acceleration:.2g}; constant ã − v/d, which is true: {true:.2g}"
     )

@@ -10,20 +10,20 @@ more; the Local Group's motion lowers the error of our velocity, not that of H0,
 import matplotlib.pyplot as plt
 
 import sim
-from fit.secular_parallax import forecast, observer_velocity
-from vsh.models.cosmology import PLANCK_2018
+from fit.secular_parallax import forecast_velocity, observer_velocity
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 
 # %%
 # Galaxies with the errors of three releases. Motions do not matter for a forecast.
 galaxies = sim.galaxies(4_000, rng=1)
 nothing = sim.spin((0, 0, 0))
 catalogues = {name: sim.observe(galaxies, nothing, rng=2, release=name) for name in ("DR3", "DR4", "DR5")}
-found = forecast(catalogues, n_modes=60)
+found = forecast_velocity(catalogues, n_modes=60)
 print(found.report())
 
 # %%
 # One sky of DR5, with flows in motions and in redshifts, fitted as if every galaxy moved by itself, and with flows.
-ours = PLANCK_2018.to_frame("icrs").value
+ours = CMB_VELOCITY_PLANCK18.to_frame("icrs").value
 truth = sim.secular_parallax(ours) + sim.peculiar(150.0, rng=3, flow="linear")
 field = sim.observe(galaxies, truth, rng=4, release="DR5", redshifts="cmb", redshift_error="spectroscopic")
 field = field[field.redshift > 0.002]

@@ -20,7 +20,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 import fit
-from fit.background import Spectrum, compare, floor, wave_limit
+from fit.background import Spectrum, compare_models, floor, wave_limit
 from vsh.io.catalogue import read_field
 
 if len(sys.argv) != 2:
@@ -53,4 +53,4 @@ plt.savefig("vlbi_waves.png", dpi=300)
 kept = field[fit.clip(field, 2, kappa=2).kept]
 normal = fit.normal_equations(kept, 4)
 expected, powers = Spectrum.power_law(0), {"amplitudes": (1, 1000)}
-print(compare({f"to degree {l}": (normal, expected, range(1, l + 1), powers) for l in (1, 2, 3, 4)}).report())
+print(compare_models({f"to degree {l}": (normal, expected, range(1, l + 1), powers) for l in (1, 2, 3, 4)}).report())

@@ -21,9 +21,10 @@ from vsh.modes import Modes, as_modes
 from vsh.sky.positions import Positions
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
+from vsh.tools.modules import old_names
 from vsh.tools.types import FloatArray, Table
 
-__all__ = ["FrameComparison", "compare"]
+__all__ = ["FrameComparison", "compare_catalogues"]
 
 
 #: Outliers that the report lists.
@@ -163,7 +164,7 @@ class FrameComparison(AboutSolution):
 
 
 @arguments.accepts(threshold=arguments.positive)
-def compare(
+def compare_catalogues(
     a: Positions | Field,
     b: Positions | Field,
     modes: Modes | int = 2,
@@ -240,3 +241,6 @@ def _distances(solution, field):
 def _with_own_errors(catalogue, chosen, kept):
     """The sources that were fitted, with the errors of one catalogue."""
     return kept.minus(kept.motion).with_errors(catalogue.sigma[:, chosen], catalogue.rho[chosen])
+
+
+__getattr__ = old_names(__name__, {"compare": "compare_catalogues"})

@@ -286,7 +286,7 @@ def read(path: PathName) -> Any:
         If the file holds none, or one that is not as it was written.
     """
     _check_format(path)
-    table, shown = tables.read(path), printable(path)
+    table, shown = tables.read_table(path), printable(path)
     try:
         rest = json.loads({key.upper(): value for key, value in table.meta.items()}["RESULT"])
         kind, module = str(rest.pop("type")), str(rest.pop("module"))

@@ -5,7 +5,10 @@ What is named in `__init__.pyi` is imported when it is first asked for.
 
 import lazy_loader
 
-__getattr__, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from vsh.tools.modules import old_names
+
+_lazy, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__ = old_names(__name__, {"gravitational_waves": "wave_background", "wave": "plane_wave"}, _lazy)
 
 
 def __dir__() -> list[str]:

@@ -22,14 +22,14 @@ from .signal import (
     acceleration,
     anisotropic_expansion,
     from_coefficients,
-    gravitational_waves,
     off_centre_void,
     peculiar,
+    plane_wave,
     random_field,
     secular_parallax,
     spin,
     systematics,
-    wave,
+    wave_background,
 )
 from .variability import Variability
 
@@ -52,12 +52,12 @@ __all__ = [
     "gaia",
     "gaia_errors",
     "galaxies",
-    "gravitational_waves",
     "observe",
     "observe_offsets",
     "off_centre_void",
     "peculiar",
     "plane_avoiding_sky",
+    "plane_wave",
     "plot",
     "population",
     "quasars",
@@ -72,5 +72,5 @@ __all__ = [
     "uniform_sky",
     "variability",
     "vlbi_quasars",
-    "wave",
+    "wave_background",
 ]

@@ -21,10 +21,11 @@ from sim.variability import Variability, markov_chain
 from vsh.io.epochs import design_row
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
+from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Release, Rng
 
-__all__ = ["Astrometry", "solve"]
+__all__ = ["Astrometry", "solve_astrometry"]
 
 #: Knots of the attitude, whose error all sources seen in between share. [yr]
 KNOT = 30.0 / (365.25 * 86400)
@@ -55,7 +56,7 @@ class Astrometry(Frozen):
         return np.isfinite(self.covariance[:, 0, 0])
 
 
-def solve(
+def solve_astrometry(
     transits: Transits,
     error: ArrayLike,
     rng: Rng,
@@ -129,7 +130,7 @@ def expected_solution_covariances(
     The true one adds A⁺ C A⁺ᵀ of the variability, and the attitude's error as if it were independent
     from transit to transit. nan where a source has too few transits.
     """
-    formal = solve(transits, error, 0, years=years).covariance
+    formal = solve_astrometry(transits, error, 0, years=years).covariance
     inverse = formal / error[:, None, None] ** 2
     true = formal + attitude**2 * inverse
     if variability is not None and variability.sigma > 0:
@@ -157,7 +158,7 @@ def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 
     """
     if (n, seed) not in law.remembered:
         rng = np.random.default_rng(seed)
-        found = solve(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, years=law.years)
+        found = solve_astrometry(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, years=law.years)
         if not found.solved.any():
             raise ParameterError(
                 f"in {law.years:g} years no source has transits enough for five parameters: a longer mission is needed"
@@ -181,3 +182,6 @@ def transit_error(
 def attitude_noise(law: NominalScanningLaw, sigma: float, rng: Rng) -> FloatArray:
     """Error of the attitude along scan in every interval between knots, (k,). [µas]"""
     return sigma * generator(rng).standard_normal(int(np.ceil(law.years / KNOT)) + 1)
+
+
+__getattr__ = old_names(__name__, {"solve": "solve_astrometry"})

@@ -162,15 +162,15 @@ def effects(redshift: float = 0.01) -> dict[str, Any]:
         That of the void is the paper's own, from a model that is not solved here.
     """
     from sim.signal import hubble_rate
-    from vsh.models.cosmology import PLANCK_2013, transverse_distance
+    from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 
-    distance = float(transverse_distance([redshift], PLANCK_2013)[0])
+    distance = float(transverse_distance([redshift], FLAT_PLANCK13)[0])
     galactic = float(circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc).value)
     parallax = 369.0 / (AU_PER_YEAR * distance)
     peculiar = tuple(speed / (AU_PER_YEAR * distance) for speed in (600.0, 1500.0))
     depth = lensing_depth(0.05 / u.Mpc**3, 1e11 * u.M_sun, 5 * u.Gpc, 10 * u.Gpc)
     lens = float(transverse_motion(600 * u.km / u.s, 5 * u.Gpc).value)
-    shear = 0.01 * hubble_rate(PLANCK_2013.H0.value)
+    shear = 0.01 * hubble_rate(FLAT_PLANCK13.H0.value)
     return {
         "acceleration of the Solar System": (galactic, galactic),
         "cosmological proper motion": (parallax, parallax),

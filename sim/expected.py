@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.astrometry import expected_solution_covariances, solve
+from sim.astrometry import expected_solution_covariances, solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
@@ -129,7 +129,9 @@ def errors_by_place(
 
     mission = as_mission(mission, release)
     pixel = pixels_of(lon, lat, nside)
-    there = solve(mission.scanning_law.transits(*centres(nside)), np.ones(12 * nside**2), 0, years=mission.years)
+    there = solve_astrometry(
+        mission.scanning_law.transits(*centres(nside)), np.ones(12 * nside**2), 0, years=mission.years
+    )
     covariance = there.covariance[pixel][:, 3:, 3:]
     lost = ~np.isfinite(covariance).all((1, 2))
     if lost.any():

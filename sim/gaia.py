@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.astrometry import solve
+from sim.astrometry import solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.population import CRF3_COUNTS, SIX_PARAMETERS, Population, crf3_magnitudes, quasar_redshifts
 from sim.scanning import NominalScanningLaw, sun_position
@@ -95,7 +95,7 @@ def crf3(
     magnitude = crf3_magnitudes(n_five, n - n_five, light)
     mission = Mission(NominalScanningLaw(years=_YEARS, rng=gaps), "DR3")
     pixel = pixels_of(lon, lat, _NSIDE)
-    there = solve(mission.scanning_law.transits(*centres(_NSIDE)), np.ones(12 * _NSIDE**2), 0, years=_YEARS)
+    there = solve_astrometry(mission.scanning_law.transits(*centres(_NSIDE)), np.ones(12 * _NSIDE**2), 0, years=_YEARS)
     unit = there.covariance[:, 2:, 2:]  # parallax, µ_α*, µ_δ for a transit's error of one
     unit = np.where(np.isfinite(unit), unit, np.nanmedian(unit, axis=0))
     # A little of its own for each source: transits are lost.

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from sim.agis import solve_mission
-from sim.astrometry import solve
+from sim.astrometry import solve_astrometry
 from sim.mission import Mission, as_mission
 from sim.noise import gaia_errors
 from sim.population import Population
@@ -231,7 +231,7 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
     def block(part):
         transits = mission.scanning_law.transits_of_block(population.lon[part], population.lat[part])
         seed = seeds[part.start // BLOCK]
-        found = solve(
+        found = solve_astrometry(
             transits,
             error[part],
             seed,

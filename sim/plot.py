@@ -9,7 +9,7 @@ import numpy as np
 from sim.population import Population
 from sim.variability import Variability, markov_chain
 from vsh.figures.plot import COLOURS, WIDTH, SkyAxes, draw_line, panels, plot_map, styled
-from vsh.models.cosmology import PLANCK_2013, transverse_distance
+from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import mean_map, pixels_of
 from vsh.sky.sphere import angles, triad
@@ -118,7 +118,7 @@ def plot_tracks(
 
 
 @styled
-def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = PLANCK_2013, *, ax: Any = None) -> Any:
+def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = FLAT_PLANCK13, *, ax: Any = None) -> Any:
     """Comoving distance and the secular parallax by our velocity, against redshift.
 
     Parameters

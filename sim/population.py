@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.models.flows import HUBBLE, PLANCK_2018, LinearTheory, VelocityGrid
+from vsh.models.flows import HUBBLE, LINEAR_PLANCK18, LinearTheory, VelocityGrid
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
@@ -375,7 +375,7 @@ def clustered_galaxies(
     absolute: float = -18.0,
     spread: float = 1.5,
     bias: float = 1.0,
-    theory: LinearTheory = PLANCK_2018,
+    theory: LinearTheory = LINEAR_PLANCK18,
     size: int = 160,
 ) -> tuple[Population, VelocityGrid]:
     """n galaxies whose density is log-normal in the matter of linear theory, and the velocities of that matter.
@@ -408,12 +408,12 @@ def clustered_galaxies(
     ParameterError
         If redshifts do not rise.
     """
-    from vsh.models.cosmology import PLANCK_2013, distance_modulus, hubble_value, redshift_of, transverse_distance
+    from vsh.models.cosmology import FLAT_PLANCK13, distance_modulus, hubble_value, redshift_of, transverse_distance
 
     if not min_redshift < max_redshift:
         raise ParameterError(f"redshifts must rise, not from {min_redshift} to {max_redshift}")
     rng = generator(rng)
-    h = hubble_value(PLANCK_2013) / 100
+    h = hubble_value(FLAT_PLANCK13) / 100
     near, far = transverse_distance(np.array([min_redshift, max_redshift])) * h
     half = 1.6 * far
     density, velocity = _linear(theory, rng, size, half, low=0.0)

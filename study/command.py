@@ -38,7 +38,8 @@ def _gaia(options):
         text = write_gaia(study, folder, truth=truth, provenance=meta, figures=drawn)
     written = sorted(Path(options.output).glob("*.ecsv"))
     finishing.tell(
-        options, finishing.Found(text, lambda: {path.stem: tables.read(path) for path in written}, sources.field.notes)
+        options,
+        finishing.Found(text, lambda: {path.stem: tables.read_table(path) for path in written}, sources.field.notes),
     )
     finishing.add(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
     if options.html:

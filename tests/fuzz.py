@@ -35,7 +35,7 @@ def make_files(folder):
     import study
     from fit import sampling as _checkpoint
     from fit import storage
-    from fit.correlation import correlation_matrices, leakage, predict
+    from fit.correlation import correlation_matrices, leakage, predict_covariance
     from fit.redshift import binned
     from fit.secular_parallax import observer_velocity
     from vsh.io import catalogue, maps
@@ -52,7 +52,7 @@ def make_files(folder):
     bins = binned(field, 1, 2)
     results = {
         "Solution": fit.fit_field(field, 2), "FrameSolution": fit.solve_frame(field), "BinnedSolution": bins,
-        "VelocitySolution": observer_velocity(field, 70.0), "Prediction": predict(field, 1),
+        "VelocitySolution": observer_velocity(field, 70.0), "Prediction": predict_covariance(field, 1),
         "CorrelationMatrices": correlation_matrices(field), "Leakage": leakage(field, 1, 2),
     }  # fmt: skip
     for name, result in results.items():
@@ -128,9 +128,9 @@ def _epochs(path):
 
 
 def _matrix(path):
-    from vsh.models.covariance import read
+    from vsh.models.covariance import read_covariance
 
-    return np.asarray(read(path).matrix)
+    return np.asarray(read_covariance(path).matrix)
 
 
 def _told(path, units, ending):
@@ -167,7 +167,7 @@ def _stream(path):
 def _table(path):
     from vsh.io import tables
 
-    return tables.read(path)
+    return tables.read_table(path)
 
 
 def _icrf(path):
@@ -218,12 +218,12 @@ def mutate(content, rng):
     return gzip.compress(bytes(data), mtime=0) if packed else bytes(data)
 
 
-def outcome(read, path, whole):
+def outcome(read_covariance, path, whole):
     """What a reader makes of a file: "refused", "same", "changed", or the name of what it should not raise."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = read(path)
+            found = read_covariance(path)
     except VshError as error:
         message = str(error)
         return "refused" if len(message) > 10 and "\x1b" not in message else f"bare: {message!r}"

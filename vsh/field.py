@@ -429,7 +429,7 @@ class Field(Tabled):
         Parameters
         ----------
         sources : Field, Population, or anything with lon and lat [rad], and perhaps sigma, rho, frame
-            As for `fit.correlation.predict`.
+            As for `fit.correlation.predict_covariance`.
         sigma : float or (2, n) array, optional
             Errors in place of the sources' own. [µas/yr]
 

@@ -28,11 +28,11 @@ from fit import (
 )
 from sim import agis
 from study.forecast import SURVEYS
-from study.forecast import forecast as survey_forecast
+from study.forecast import forecast_surveys as survey_forecast
 from vsh.io import archive, catalogue, tables
 from vsh.io.parts import Here
 from vsh.models import covariance, flows
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.sky.positions import Positions
 
 OBJECTS = []
@@ -92,7 +92,7 @@ coefficients = show(vsh.Coefficients.from_vectors(rotation=(1, 2, 3), glide=(0, 
 coefficients
 
 # %%
-show(PLANCK_2018)
+show(CMB_VELOCITY_PLANCK18)
 
 # %%
 # Tables
@@ -169,7 +169,7 @@ floor
 show(background.wave_limit(solution))
 
 # %%
-show(pairs.correlation(field, np.radians(np.linspace(0, 180, 8)), nside=1))
+show(pairs.correlation_function(field, np.radians(np.linspace(0, 180, 8)), nside=1))
 
 # %%
 show(shear.expansion(solution))
@@ -178,7 +178,7 @@ show(shear.expansion(solution))
 show(waves.search(normal, n_skies=50, nside=4))
 
 # %%
-comparison, _ = compare.compare(field, field, 1, by="position")
+comparison, _ = compare.compare_catalogues(field, field, 1, by="position")
 show(comparison)
 
 # %%
@@ -187,7 +187,7 @@ show(comparison)
 show(correlation.correlation_matrices([field], "spin+acceleration", labels=["this sky"]))
 
 # %%
-show(correlation.predict(field, 1))
+show(correlation.predict_covariance(field, 1))
 
 # %%
 show(correlation.leakage(field, 1, 3))
@@ -196,7 +196,7 @@ show(correlation.leakage(field, 1, 3))
 # Redshifts, our velocity, H0
 # ---------------------------
 galaxies = sim.galaxies(2000, rng=3, min_redshift=0.005)
-drift = sim.secular_parallax(PLANCK_2018.to_frame("icrs").value, hubble=70.0)
+drift = sim.secular_parallax(CMB_VELOCITY_PLANCK18.to_frame("icrs").value, hubble=70.0)
 nearby = show(sim.observe(galaxies, drift, rng=4, sigma=2.0))
 nearby
 
@@ -208,7 +208,7 @@ velocity = show(secular_parallax.observer_velocity(nearby, 70.0, redshift_frame=
 velocity
 
 # %%
-show(secular_parallax.hubble_constant(nearby, PLANCK_2018, redshift_frame="true"))
+show(secular_parallax.hubble_constant(nearby, CMB_VELOCITY_PLANCK18, redshift_frame="true"))
 
 # %%
 show(posterior.Flat(20, 150))
@@ -218,7 +218,9 @@ show(posterior.Normal(70, 5))
 
 # %%
 chain = show(
-    posterior.sample(nearby, PLANCK_2018, (70, 5), n_samples=150_000, rng=5, redshift_frame="true", progress=False)
+    posterior.sample(
+        nearby, CMB_VELOCITY_PLANCK18, (70, 5), n_samples=150_000, rng=5, redshift_frame="true", progress=False
+    )
 )
 chain
 
@@ -226,7 +228,7 @@ chain
 show(chain.kept())
 
 # %%
-show(posterior.grid(nearby, PLANCK_2018, (70, 5), redshift_frame="true"))
+show(posterior.grid(nearby, CMB_VELOCITY_PLANCK18, (70, 5), redshift_frame="true"))
 
 # %%
 modes = show(flows.flow_modes(20.0, 120.0, 60))

@@ -13,7 +13,7 @@ simulated, the older one turned, stretched, and with a few sources that moved be
 import numpy as np
 
 import sim
-from fit.compare import compare
+from fit.compare import compare_catalogues
 from vsh.conventions import from_icrf3
 from vsh.figures.plot import plot_field
 from vsh.sky.positions import Positions
@@ -38,7 +38,7 @@ newer
 #
 # Sources are matched by designation (``by="position"`` matches within a radius). Both covariances enter each difference. The fit leaves out what lies
 # beyond five errors and fits again, until nothing changes; whom it left out is a result, too.
-comparison, kept = compare(newer, older, 2, labels=("newer", "older"))
+comparison, kept = compare_catalogues(newer, older, 2, labels=("newer", "older"))
 print(comparison.report())
 
 # %%

@@ -5,11 +5,12 @@ equations, with whatever else is fitted marginalised.
 """
 
 from fit.background._amplitude import Amplitude, equations_of
-from fit.background._evidence import Comparison, compare, evidence
-from fit.background._fit import Background, fit
+from fit.background._evidence import Comparison, compare_models, evidence
+from fit.background._fit import Background, fit_amplitudes
 from fit.background._floor import Floor, add_floor, floor
 from fit.background._waves import WaveLimit, wave_limit
 from vsh.models.covariance import Spectrum
+from vsh.tools.modules import old_names
 
 __all__ = [
     "Amplitude",
@@ -18,9 +19,11 @@ __all__ = [
     "Floor",
     "WaveLimit",
     "add_floor",
-    "compare",
+    "compare_models",
     "evidence",
-    "fit",
+    "fit_amplitudes",
     "floor",
     "wave_limit",
 ]
+
+__getattr__ = old_names(__name__, {"compare": "compare_models", "fit": "fit_amplitudes"})

@@ -165,7 +165,7 @@ class Comparison(Result):
         return plot_comparison(self, ax=ax)
 
 
-def compare(models: Mapping[str, Any]) -> Comparison:
+def compare_models(models: Mapping[str, Any]) -> Comparison:
     """Compare models by their evidence.
 
     Parameters

@@ -264,7 +264,7 @@ class Background(Result):
         return plot_amplitudes(self, ax=ax)
 
 
-def fit(
+def fit_amplitudes(
     normal: NormalEquations | HarmonicSolution,
     spectra: Spectrum | Sequence[Spectrum],
     noise_scale: bool | None = None,

@@ -12,13 +12,13 @@ from vsh.tools.errors import TableError, VshError
 
 def _run(options):
     outputs.check(options)
-    from fit.compare import compare
+    from fit.compare import compare_catalogues
 
     paths = [options.catalogue, options.catalogue2]
     what = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
     one, two = (_read(path, what, options) for path in paths)
     labels = _labels(paths)
-    found, kept = compare(
+    found, kept = compare_catalogues(
         one, two, options.lmax, by=options.by, radius=options.radius, threshold=options.threshold, labels=labels
     )
 

@@ -82,7 +82,7 @@ def _labels(paths):
 
 def _sky(correlation, field, label, options):
     rows = correlation.lmax_table(field, max(5, options.lmax))
-    found = correlation.predict(field, options.lmax)
+    found = correlation.predict_covariance(field, options.lmax)
     lines = [f"{label}: {found.n_sources} sources", f"{'degree':>8}{'condition':>12}{'largest correlation':>22}"]
     lines += [f"{lmax:8d}{condition:12.4g}{largest:22.3f}" for lmax, condition, largest in rows]
     lines.append(
@@ -116,7 +116,7 @@ def _correlation_of(correlation, field, lmax, pair):
     from fit.correlation import named
     from vsh.vector import correlation_of
 
-    return correlation_of(named(pair, lmax).covariance(correlation.predict(field, lmax).covariance))[0, 1]
+    return correlation_of(named(pair, lmax).covariance(correlation.predict_covariance(field, lmax).covariance))[0, 1]
 
 
 def _leak(leak, label, options):

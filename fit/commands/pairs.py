@@ -22,7 +22,7 @@ def _run(options):
     else:
         field = catalogue.read_field(source, roles=(), **reading.arguments(options)).to_frame(options.frame)
     edges = np.radians(np.linspace(0, options.up_to, options.bins + 2))
-    found = pairs.correlation(field, edges, lmax=options.lmax, nside=options.nside)
+    found = pairs.correlation_function(field, edges, lmax=options.lmax, nside=options.nside)
     fitted = found.fit(options.templates) if options.templates else None
     text = found.report() + ("\n" + fitted.report() if fitted else "")
     power = pairs.power(field, options.powers, nside=options.nside) if options.powers else None

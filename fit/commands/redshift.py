@@ -11,7 +11,7 @@ import vsh
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import redshift as words
 from vsh.io.parts import Parts
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ConvergenceError, VshError
 from vsh.tools.notes import dropped, unselected
 from vsh.vector import Vector
@@ -193,7 +193,7 @@ def _p_values(field, bins, options):
 
     few = isinstance(field, vsh.Field) and len(field) <= 20_000
     wanted = bins.modes.lmax == 1 and len(bins) > 1 and few and bins.flow_share <= FLOW_MATTERS
-    known = PLANCK_2018 if np.isfinite(bins.mean_inverse_distance).all() else None
+    known = CMB_VELOCITY_PLANCK18 if np.isfinite(bins.mean_inverse_distance).all() else None
     return permutation_test(field, bins, velocity=known, **_frame(options)) if wanted else None
 
 
@@ -210,7 +210,7 @@ def _posterior(field, options, common):
     )
     if widest:
         common = common | {"peculiar_dispersion": Flat(0.0, widest)}
-    prior = reading.velocity_of(options.velocity) or PLANCK_2018
+    prior = reading.velocity_of(options.velocity) or CMB_VELOCITY_PLANCK18
     if not prior.covariance.any():  # a speed without an error is taken to a thousandth, a direction to 0.001°
         l, b = prior.direction
         prior = Vector.from_spherical(prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s")

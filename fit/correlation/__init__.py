@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 from fit.correlation._downweight import Downweighted, downweight
-from fit.correlation._forecast import Prediction, compare_cuts, predict
+from fit.correlation._forecast import Prediction, compare_cuts, predict_covariance
 from fit.correlation._influence import Eigenmodes, eigenmodes, gain_of_sources, influence_map, most_influential
 from fit.correlation._leakage import Leakage, leakage, lmax_table, recommend_lmax
 from fit.correlation._matrices import (
@@ -17,6 +17,7 @@ from fit.correlation._matrices import (
     parameters_of,
     without_motions,
 )
+from vsh.tools.modules import old_names
 
 if TYPE_CHECKING:
     from fit.correlation._plot import plot_influence, symbol
@@ -33,13 +34,14 @@ __all__ = [
     "eigenmodes",
     "influence_map",
     "leakage",
-    "predict",
+    "predict_covariance",
     "recommend_lmax",
     "without_motions",
 ]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_influence", "symbol"]})
+_lazy, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_influence", "symbol"]})
+__getattr__ = old_names(__name__, {"predict": "predict_covariance"}, _lazy)
 
 
 def __dir__() -> list[str]:

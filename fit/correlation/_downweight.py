@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from fit.correlation._forecast import Prediction, predict, reweighted
+from fit.correlation._forecast import Prediction, predict_covariance, reweighted
 from fit.solution import at_sources
 from fit.storage import Result
 from vsh import Coefficients
@@ -85,7 +85,7 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
     Parameters
     ----------
     sources : Field, or positions with errors
-        As for `fit.correlation.predict`.
+        As for `fit.correlation.predict_covariance`.
     max_correlation : float
         Between 0 and 1.
     nside : int
@@ -152,7 +152,9 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
         )
     full = np.full(12 * nside**2, np.nan)
     full[used] = keep
-    return Downweighted(full, keep[index], predict(field, 1), predict(reweighted(field, keep[index]), 1))
+    return Downweighted(
+        full, keep[index], predict_covariance(field, 1), predict_covariance(reweighted(field, keep[index]), 1)
+    )
 
 
 def _normal_by_pixel(field, index, count):

@@ -66,7 +66,7 @@ class Prediction(Solution):
     _alone: FloatArray = field(default_factory=lambda: np.eye(6))
 
 
-def predict(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = None) -> Prediction:
+def predict_covariance(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike | None = None) -> Prediction:
     """The covariance that a fit to these sources would have.
 
     Parameters
@@ -143,7 +143,7 @@ def compare_cuts(
     field = Field.without_motions(sources, sigma)
     rows = []
     for name, case in cases.items():
-        found = predict(reweighted(field, case), modes)
+        found = predict_covariance(reweighted(field, case), modes)
         worst, pair = found.largest
         rows.append((
             name, found.n_sources, *(np.sqrt(np.mean(getattr(found, v).sigma ** 2)) for v in ("spin", "acceleration")),

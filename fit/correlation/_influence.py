@@ -38,8 +38,8 @@ def influence_map(
 
     Parameters
     ----------
-    sources : Field, or positions with errors as for `fit.correlation.predict`
-        As for `fit.correlation.predict`.
+    sources : Field, or positions with errors as for `fit.correlation.predict_covariance`
+        As for `fit.correlation.predict_covariance`.
     modes : Modes, or the degree lmax, or "spin+acceleration" (degree 1)
         What to fit, or the degree lmax.
     parameters : (str, str) or str

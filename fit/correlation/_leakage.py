@@ -170,8 +170,8 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
 
     Parameters
     ----------
-    sources : Field, Parts, or positions with errors as for `fit.correlation.predict`
-        As for `fit.correlation.predict`.
+    sources : Field, Parts, or positions with errors as for `fit.correlation.predict_covariance`
+        As for `fit.correlation.predict_covariance`.
     fitted, unmodelled : Modes, or degrees
         Fitted to the first, with a true field up to the second.
     sigma : float or (2, n) array, optional

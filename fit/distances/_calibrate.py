@@ -27,7 +27,7 @@ from fit.distances._density import (
 )
 from vsh.field import Field
 from vsh.io.parts import DISTANCES, Parts, as_parts
-from vsh.models.cosmology import FLOW_LIMIT, PLANCK_2013, distance_modulus, transverse_distance, with_redshift
+from vsh.models.cosmology import FLAT_PLANCK13, FLOW_LIMIT, distance_modulus, transverse_distance, with_redshift
 from vsh.sky.redshift_frames import TRUE, check_redshift_frame
 from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
 from vsh.tools.types import Cosmology, FloatArray
@@ -73,7 +73,7 @@ def calibrate(
     FieldError
         If the dispersion is larger than c z of most sources, some magnitudes are missing, or redshifts cannot be used.
     """
-    cosmology = PLANCK_2013 if cosmology is None else cosmology
+    cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     sky = as_parts(field)
     bare = bare_calibration(field, redshift_frame, dispersion, cosmology)
     facts = sky.sum(partial(_facts, calibration=bare), roles=DISTANCES, words="redshifts")

@@ -4,17 +4,19 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from fit.pairs._correlation import Correlation, correlation
+from fit.pairs._correlation import Correlation, correlation_function
 from fit.pairs._power import PairPower, power
 from fit.pairs._templates import TEMPLATES, TemplateFit, waves_curve
+from vsh.tools.modules import old_names
 
 if TYPE_CHECKING:
     from fit.pairs._plot import plot_pairs, plot_power
 
-__all__ = ["Correlation", "PairPower", "TemplateFit", "correlation", "power"]
+__all__ = ["Correlation", "PairPower", "TemplateFit", "correlation_function", "power"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_pairs", "plot_power"]})
+_lazy, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_pairs", "plot_power"]})
+__getattr__ = old_names(__name__, {"correlation": "correlation_function"}, _lazy)
 
 
 def __dir__() -> list[str]:

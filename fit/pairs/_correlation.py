@@ -158,7 +158,7 @@ class Correlation(Result):
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), edges=lambda _, value: checked_edges(value), nside=arguments.whole, lmax=arguments.whole)  # fmt: skip
-def correlation(
+def correlation_function(
     field: Field | Parts,
     edges: ArrayLike,
     *,

@@ -103,7 +103,7 @@ def power(
     Parameters
     ----------
     field, nside, weights, threads
-        As for `fit.pairs.correlation`.
+        As for `fit.pairs.correlation_function`.
     lmax : int
         The highest degree.
 
@@ -150,7 +150,7 @@ def _inverse(matrix):
     if not 1 / np.linalg.cond(matrix) > 1e-6:
         raise DegeneracyError(
             f"pairs of these sources cannot tell {len(matrix)} degrees apart: lower lmax, or take more of the sky "
-            "(fit.pairs.correlation asks for no pairs at all angles)"
+            "(fit.pairs.correlation_function asks for no pairs at all angles)"
         )
     return np.linalg.inv(matrix)
 

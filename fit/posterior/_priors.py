@@ -10,7 +10,7 @@ import numpy as np
 
 from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, named_function
 from fit.secular_parallax import DistanceOptions, dispersion_of
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import FloatArray
@@ -56,7 +56,7 @@ def velocity_prior(value: Any, frame: str) -> VelocityPrior:
     if isinstance(value, str) and value in ("flat", "flat-product"):
         return VelocityPrior(value, np.zeros(3), np.zeros((3, 3)))
     if isinstance(value, str) and value == "planck":
-        value = PLANCK_2018
+        value = CMB_VELOCITY_PLANCK18
     if isinstance(value, Vector):
         turned = value.to_frame(frame)
         if not np.linalg.eigvalsh(turned.covariance)[0] > 0:

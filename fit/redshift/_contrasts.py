@@ -22,7 +22,7 @@ from vsh.basis import harmonics
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, as_parts
-from vsh.models.cosmology import FLOW_LIMIT, PLANCK_2013, hubble_value, usable
+from vsh.models.cosmology import FLAT_PLANCK13, FLOW_LIMIT, hubble_value, usable
 from vsh.models.flows import FlowModes, LinearTheory
 from vsh.modes import Modes
 from vsh.tools.types import FloatArray, Table
@@ -167,7 +167,7 @@ class SharedFlow:
     def of(self, field: Field, rate: FloatArray, modes: Modes) -> tuple[Field, FloatArray]:
         """Sources with errors that hold their own motions, and X (p, m) of those within reach of the flow."""
         near = np.flatnonzero(rate > 0)
-        distance = hubble_value(PLANCK_2013) / 100 / (AU_PER_YEAR * rate[near])
+        distance = hubble_value(FLAT_PLANCK13) / 100 / (AU_PER_YEAR * rate[near])
         left = np.full(near.size, self.theory.sigma**2)
         reach = distance <= self.modes.radii[-1]
         left[reach] = self.modes.left(distance[reach])[0]
@@ -203,5 +203,5 @@ def shared_flow(
         counts = as_parts(field).sum(partial(_counts, low=low, high=high), roles=("redshift",), words="redshifts")
         if np.any(counts):
             low, high = flow_limits(counts)
-    modes = modes_within((low, high), PLANCK_2013, theory, n_modes)
+    modes = modes_within((low, high), FLAT_PLANCK13, theory, n_modes)
     return None if modes is None else SharedFlow(theory, modes, LEFT_DISPERSION if dispersion is None else dispersion)

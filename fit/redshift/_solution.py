@@ -17,7 +17,7 @@ from fit.storage import Result
 from vsh import Modes
 from vsh.coefficients import FIRST_DEGREE
 from vsh.io import tables
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.modes import KINDS
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, Kind, Table
@@ -283,7 +283,9 @@ class BinnedSolution(Result):
         units = {name: "uas / yr" for name in columns if name.startswith(("spin", "acceleration"))}
         return tables.table_of(columns, {"frame": self.frame, "notes": list(self.notes)}, units)
 
-    def report(self, velocity: Vector | None = PLANCK_2018, p_values: Mapping[str, float] | None = None) -> str:
+    def report(
+        self, velocity: Vector | None = CMB_VELOCITY_PLANCK18, p_values: Mapping[str, float] | None = None
+    ) -> str:
         """Spin and acceleration in each bin, and whether the bins differ, as text.
 
         Parameters

@@ -3,7 +3,7 @@
 from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, ParallaxParts, ParallaxSums, U
 from fit.secular_parallax._estimate import hubble_constant, observer_velocity
 from fit.secular_parallax._flow import Flow
-from fit.secular_parallax._forecast import Forecast, forecast, predict
+from fit.secular_parallax._forecast import VelocityForecast, forecast_velocity, predict_errors
 from fit.secular_parallax._setup import (
     LEFT_DISPERSION,
     DistanceOptions,
@@ -17,15 +17,20 @@ from fit.secular_parallax._setup import (
 )
 from fit.secular_parallax._solution import HubbleSolution, ParallaxSolution, VelocitySolution
 from fit.secular_parallax._solve import check_determined, flow_covariance, with_acceleration, with_flow, without_flow
+from vsh.tools.modules import old_names
 
 __all__ = [
     "Flow",
-    "Forecast",
     "HubbleSolution",
     "ParallaxSolution",
+    "VelocityForecast",
     "VelocitySolution",
-    "forecast",
+    "forecast_velocity",
     "hubble_constant",
     "observer_velocity",
-    "predict",
+    "predict_errors",
 ]
+
+__getattr__ = old_names(
+    __name__, {"Forecast": "VelocityForecast", "forecast": "forecast_velocity", "predict": "predict_errors"}
+)

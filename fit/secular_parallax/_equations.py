@@ -22,7 +22,7 @@ from fit.distances import Calibration, inverse_distances
 from fit.secular_parallax._flow import FlowRows, known_flow
 from vsh.field import Field
 from vsh.io.parts import DISTANCES, Parts
-from vsh.models.cosmology import PLANCK_2018, hubble_value, parallax_factor
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, hubble_value, parallax_factor
 from vsh.models.flows import FlowModes, LinearTheory, VelocityGrid
 from vsh.sky.sphere import triad
 from vsh.tools.errors import FrameError
@@ -194,7 +194,7 @@ def equations_of(
         columns[0].append(-seen * own * p)
         columns[1].append(-seen * own * q)
     east, north = map(np.concatenate, columns)
-    ours = PLANCK_2018.to_frame(field.frame).value
+    ours = CMB_VELOCITY_PLANCK18.to_frame(field.frame).value
     unsure, flow, left, order = ours @ ours / 3, None, np.zeros(len(field)), np.arange(len(field))
     if theory is not None:
         unsure += theory.sigma**2

@@ -18,7 +18,7 @@ from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from fit.secular_parallax._solve import LocalGroup, solve_for
 from vsh.field import Field
 from vsh.io.parts import Parts
-from vsh.models.cosmology import LOCAL_GROUP, PLANCK_2013, hubble_value, velocity_along
+from vsh.models.cosmology import FLAT_PLANCK13, LOCAL_GROUP, hubble_value, velocity_along
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.types import ArrayLike, Cosmology
@@ -104,7 +104,7 @@ def observer_velocity(
     def as_frame(frame):
         return _in_words(estimate(peculiar_dispersion=dispersion, redshift_frame=frame).velocity)
 
-    ratio = hubble / hubble_value(PLANCK_2013 if cosmology is None else cosmology)
+    ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
     rows = noted(parallax_equations(field, ratio=ratio, **given), field, distances.get("redshift_frame"), as_frame)
     return velocity_from(rows, hubble, dispersion, spin, acceleration, excess_noise)
 

@@ -15,13 +15,13 @@ from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from fit.storage import Result
 from vsh.field import Field
 from vsh.io import tables
-from vsh.models.cosmology import PLANCK_2013, hubble_value
+from vsh.models.cosmology import FLAT_PLANCK13, hubble_value
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, Table
 from vsh.vector import Vector
 
 
-def predict(
+def predict_errors(
     sources: Any,
     hubble: float = 67.3,
     velocity: str | Vector | ArrayLike = "planck",
@@ -35,7 +35,7 @@ def predict(
     Parameters
     ----------
     sources, sigma
-        As for `fit.correlation.predict`, with redshifts: true ones unless the sources or the options say another frame.
+        As for `fit.correlation.predict_covariance`, with redshifts: true ones unless the sources or the options say another frame.
     hubble : float
         For the velocity, and the scale of H0's error [km/s/Mpc]
     velocity
@@ -55,7 +55,7 @@ def predict(
     apart = {name: options[name] for name in ("spin", "acceleration", "excess_noise") if name in options}
     rest = {name: value for name, value in options.items() if name not in apart}
     cosmology = rest.get("cosmology")
-    ratio = hubble / hubble_value(PLANCK_2013 if cosmology is None else cosmology)
+    ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
     rows = parallax_equations(still, ratio=ratio, **rest)
     dispersion = dispersion_of(rest.get("peculiar_dispersion"), rest)  # type: ignore[arg-type]
     ours = velocity_from(rows, hubble, dispersion, **apart, local_group=local_group)
@@ -68,7 +68,7 @@ def predict(
 
 
 @dataclass(frozen=True, eq=False)
-class Forecast(Result):
+class VelocityForecast(Result):
     """Errors of our velocity and of H0 by catalogue, redshift limit and what is known besides.
 
     Attributes
@@ -152,14 +152,14 @@ KNOWN: dict[str, dict[str, Any]] = {
 }
 
 
-def forecast(
+def forecast_velocity(
     catalogues: Mapping[str, Field],
     limits: Sequence[float] = (0.01, 0.02, 0.03),
     *,
     hubble: float = 67.3,
     n_modes: int = 250,
     redshift_frame: str = "cmb",
-) -> Forecast:
+) -> VelocityForecast:
     """Errors of our velocity and of H0 for catalogues to come, with and without the flows that galaxies share.
 
     Parameters
@@ -197,11 +197,11 @@ def forecast(
                 given = (
                     {"redshift_frame": redshift_frame} | options | ({"n_modes": n_modes} if options["flows"] else {})
                 )
-                ours, h = predict(chosen, hubble, **given)
+                ours, h = predict_errors(chosen, hubble, **given)
                 velocity.append(np.sqrt(np.trace(ours.velocity.covariance) / 3))
                 constant.append(h.hubble_error)
     shape = len(catalogues), len(limits)
-    return Forecast(
+    return VelocityForecast(
         tuple(catalogues), tuple(map(float, limits)), tuple(KNOWN), np.reshape(sources, shape),
         np.reshape(velocity, (*shape, len(KNOWN))), np.reshape(constant, (*shape, len(KNOWN))),
     )  # fmt: skip

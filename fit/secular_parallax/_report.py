@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from fit.output import WIDTH, amplitude, components, direction, note_lines, p_value, pulls
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.notes import printable
 
 
@@ -104,7 +104,7 @@ def _correlations(solution):
 def _velocity(solution, quality):
     v = solution.velocity
     galactic = v.to_frame("galactic")
-    from_planck = solution.against(PLANCK_2018)[0]
+    from_planck = solution.against(CMB_VELOCITY_PLANCK18)[0]
     from_none = float(v.value @ np.linalg.solve(v.covariance, v.value))
     return [
         f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (galaxies move toward the antapex) [km/s]",
@@ -112,7 +112,7 @@ def _velocity(solution, quality):
         f"{'galactic':14}{_cells(components(galactic, 1))}",
         f"{'apex':14}{direction(galactic)}; noise-debiased |v| {v.debiased_amplitude:.1f}",
         f"zero velocity: {_both(from_none, 3, quality)}",
-        f"the microwave background's {PLANCK_2018.amplitude:.1f} km/s: {_both(from_planck, 3, quality)}",
+        f"the microwave background's {CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s: {_both(from_planck, 3, quality)}",
     ]
 
 

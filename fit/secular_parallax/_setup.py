@@ -15,8 +15,8 @@ from fit.secular_parallax._equations import ParallaxEquations, ParallaxParts, eq
 from fit.secular_parallax._solve import LeftOut
 from vsh.field import Field
 from vsh.io.parts import Parts
-from vsh.models.cosmology import PLANCK_2013, hubble_value, transverse_distance
-from vsh.models.flows import FARTHEST, PLANCK_2018, FlowModes, LinearTheory, VelocityGrid, flow_modes
+from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, transverse_distance
+from vsh.models.flows import FARTHEST, LINEAR_PLANCK18, FlowModes, LinearTheory, VelocityGrid, flow_modes
 from vsh.tools.arguments import not_negative
 from vsh.tools.errors import ParameterError, VshError, VshWarning
 from vsh.tools.types import Cosmology, FloatArray
@@ -62,7 +62,7 @@ def flow_theory(options: DistanceOptions) -> LinearTheory | None:
     """The theory of the flows that are fitted."""
     flows = options.get("flows", "linear")
     if isinstance(flows, str) and flows == "linear":
-        return PLANCK_2018
+        return LINEAR_PLANCK18
     if flows is not None and not isinstance(flows, LinearTheory):
         raise ParameterError(f'flows are "linear", a vsh.models.flows.LinearTheory or None, not {flows!r}')
     if flows is None and options.get("reconstruction") is not None:
@@ -89,7 +89,7 @@ def parallax_equations(
             f"no argument is called {', '.join(sorted(unknown))}; there are {', '.join(DistanceOptions.__annotations__)}"
         )
     given = DistanceOptions(**options)  # type: ignore[typeddict-item]
-    cosmology = PLANCK_2013 if cosmology is None else cosmology
+    cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     dispersion = dispersion_of(peculiar_dispersion, given)
     flows, grid = _theory_left(given), given.get("reconstruction")
     radial = dispersion if flows is None else float(np.hypot(dispersion, flows.sigma))
@@ -103,7 +103,7 @@ def parallax_equations(
     how = {"ratio": ratio, "apart": apart, "threads": threads}
     rows = equations(field, calibration, theory=flows, modes=modes, reconstruction=grid, **how)
     if flows is None:
-        reach = modes_within(calibration.flow_limits, calibration.cosmology, PLANCK_2018, _MODES_LEFT_OUT)
+        reach = modes_within(calibration.flow_limits, calibration.cosmology, LINEAR_PLANCK18, _MODES_LEFT_OUT)
         rows = replace(rows, left_out=None if reach is None else LeftOut(field, calibration, reach, how))
     return rows
 

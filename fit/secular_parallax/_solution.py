@@ -14,7 +14,7 @@ from fit.secular_parallax._flow import Flow
 from fit.secular_parallax._report import text_of
 from vsh import Coefficients
 from vsh.field import Field
-from vsh.models.cosmology import PLANCK_2018, transverse_distance
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, transverse_distance
 from vsh.sky.sphere import triad
 from vsh.tools.types import FloatArray
 from vsh.tools.units import AU_PER_YEAR
@@ -116,7 +116,7 @@ class VelocitySolution(ParallaxSolution):
         galactic = self.velocity.to_frame("galactic")
         return galactic.direction, galactic.direction_error
 
-    def against(self, velocity: Vector = PLANCK_2018) -> tuple[float, float]:
+    def against(self, velocity: Vector = CMB_VELOCITY_PLANCK18) -> tuple[float, float]:
         """χ² of the difference from another velocity (its own errors included), and its p-value.
 
         Parameters
@@ -135,7 +135,7 @@ class VelocitySolution(ParallaxSolution):
 class HubbleSolution(ParallaxSolution):
     """The Hubble constant, for the velocity in `assumed_velocity` (a Vector, km/s)."""
 
-    assumed_velocity: Vector = PLANCK_2018
+    assumed_velocity: Vector = CMB_VELOCITY_PLANCK18
 
     def model(self, field: Field) -> FloatArray:
         """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]

@@ -7,14 +7,17 @@ from sim.signal._signal import (
     anisotropic_expansion,
     as_signal,
     from_coefficients,
-    gravitational_waves,
     off_centre_void,
     random_field,
     spin,
     systematics,
+    wave_background,
 )
-from sim.signal._wave import wave
+from sim.signal._wave import plane_wave
 from vsh.models.covariance import wave_fractions
+from vsh.tools.modules import old_names
 from vsh.tools.units import hubble_rate
 
 __all__: list[str] = []
+
+__getattr__ = old_names(__name__, {"gravitational_waves": "wave_background", "wave": "plane_wave"})

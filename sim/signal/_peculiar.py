@@ -13,7 +13,7 @@ import numpy as np
 
 from sim.signal._signal import Observer, Signal, direction_of
 from vsh.models.cosmology import parallax_factor
-from vsh.models.flows import PLANCK_2018, LinearTheory, VelocityGrid, flow_modes
+from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, flow_modes
 from vsh.sky.sphere import across_and_along, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator, not_negative, positive, whole
@@ -188,7 +188,7 @@ def peculiar(
         if isinstance(flow, str):
             if flow != "linear":
                 raise ParameterError(f'a flow is "linear", a LinearTheory or a VelocityGrid, not {flow!r}')
-            flow = PLANCK_2018
+            flow = LINEAR_PLANCK18
         # A stream of its own: with a flow the random velocities are those without.
         own = int(np.random.default_rng([seed, 1]).integers(2**63))
         shared = LinearFlow(flow, own, cosmology, hubble, whole("n_modes", n_modes), bool(exact))
@@ -206,16 +206,16 @@ def _root(theory, lon, lat, far):
 
 def distance_of(redshift: ArrayLike, cosmology: Any, hubble: float | None) -> FloatArray:
     """Transverse comoving distances [Mpc]; flat, Ω_m = 0.315, H0 = 67.3 unless given."""
-    from vsh.models.cosmology import PLANCK_2013, transverse_distance
+    from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 
-    return transverse_distance(redshift, PLANCK_2013 if cosmology is None else cosmology, hubble=hubble)
+    return transverse_distance(redshift, FLAT_PLANCK13 if cosmology is None else cosmology, hubble=hubble)
 
 
 def _little_h(cosmology, hubble):
     """H0/100 of the distances: in Mpc/h they are the same whatever it is."""
-    from vsh.models.cosmology import PLANCK_2013, hubble_value
+    from vsh.models.cosmology import FLAT_PLANCK13, hubble_value
 
-    return (hubble or hubble_value(PLANCK_2013 if cosmology is None else cosmology)) / 100
+    return (hubble or hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)) / 100
 
 
 @dataclass(frozen=True)

@@ -294,7 +294,7 @@ def random_field(power: ArrayLike, rng: Rng) -> Signal:
     return systematics(Spectrum.given(power), rng, lmax=np.size(power))
 
 
-def gravitational_waves(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: int = 12) -> Signal:
+def wave_background(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: int = 12) -> Signal:
     """One draw of a stochastic background of gravitational waves longer than the observations.
 
     Its mean square motion is H0² Ω_GW, so that the quadrupole obeys

@@ -22,7 +22,7 @@ class PlaneWave:
         return wave_motions(lon, lat, self.direction, self.plus, self.cross)
 
 
-def wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
+def plane_wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
     """One plane gravitational wave, much longer than the observations: its motions at the Earth, exactly.
 
     Parameters

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
-from fit.correlation import predict
+from fit.correlation import predict_covariance
 from fit.galaxy import R0, circular_speed, distance_of_centre, expected_acceleration
-from fit.secular_parallax import predict as predict_velocity
+from fit.secular_parallax import predict_errors as predict_velocity
 from fit.shear import tensor_of
 from sim.population import galaxies
 from study.forecast._surveys import QUANTITIES, SURVEYS, Survey
 from vsh import Coefficients, Field
-from vsh.models.cosmology import PLANCK_2013, transverse_distance
+from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
@@ -36,7 +36,7 @@ _ALONE, _BEYOND, _NONE = 300.0, 150.0, 1e-3
 
 
 @dataclass(frozen=True)
-class Forecast(InNotebook):
+class SurveyForecast(InNotebook):
     """Errors to come.
 
     Attributes
@@ -113,9 +113,9 @@ class Forecast(InNotebook):
 
 
 @arguments.accepts(rng=arguments.seed)
-def forecast(
+def forecast_surveys(
     surveys: Mapping[str, Survey] | None = None, *, sky: str = "even", flows: bool = True, rng: Rng = 1
-) -> Forecast:
+) -> SurveyForecast:
     """Errors to come of surveys, side by side, in a few seconds.
 
     Parameters
@@ -156,7 +156,7 @@ def forecast(
         | _of_galaxies(survey, some, flows)
         for name, survey in surveys.items()
     }
-    return Forecast(surveys, values, sky)
+    return SurveyForecast(surveys, values, sky)
 
 
 def _places(sky, rng):
@@ -171,7 +171,7 @@ def _places(sky, rng):
 
 
 def _of_quasars(field, survey, power):
-    found = predict(field, 2)
+    found = predict_covariance(field, 2)
     spin, acceleration = (float(np.sqrt(np.mean(each.sigma**2))) for each in (found.spin, found.acceleration))
     known = expected_acceleration(R0[0])
     # Noise in degree 2, both kinds: on an even sky 4π/(n w) a coefficient, T and S alike.
@@ -218,7 +218,7 @@ def _of_galaxies(survey, some, flows):
 
 def _errors(survey, some, dispersion, times):
     """Errors of galaxies that stand for several each, their peculiar velocities included. [µas/yr]"""
-    scatter = dispersion / (AU_PER_YEAR * transverse_distance(some.redshift, PLANCK_2013))
+    scatter = dispersion / (AU_PER_YEAR * transverse_distance(some.redshift, FLAT_PLANCK13))
     return np.hypot(survey.galaxy_errors(some.magnitude), scatter) / np.sqrt(times * survey.n_galaxies / _GALAXIES)
 
 

@@ -11,7 +11,7 @@ from vsh.tools.errors import VshError
 
 def _run(options):
     outputs.check(options)
-    from study.forecast import SURVEYS, Survey, forecast
+    from study.forecast import SURVEYS, Survey, forecast_surveys
 
     surveys = dict(SURVEYS)
     for name in options.only or ():
@@ -20,7 +20,7 @@ def _run(options):
     surveys = {name: surveys[name] for name in options.only or surveys}
     for name, (n, sigma) in (options.survey or {}).items():
         surveys[name] = Survey(n, sigma=sigma, says="as given")
-    found = forecast(surveys, sky=options.sky, flows=not options.no_flows)
+    found = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
     finishing.finish(
         options, finishing.Found(found.report(), lambda: {"Errors to come": found.to_table()}), provenance=lambda: running.provenance([], options),
         draw=lambda: {"forecast": found.plot()}, write=lambda folder, meta: _write(folder, found, meta), title="What catalogues to come will tell",

@@ -14,7 +14,7 @@ from fit.sums import leverage, sandwich, weighted_matrix
 from vsh import Field, Modes
 from vsh.basis import harmonics
 from vsh.io.parts import as_parts
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError
 
 
@@ -150,9 +150,9 @@ def test_p_values_of_bins(case, skies):
         field, rng = quasars(seed, case)
         # The scale is one for each bin: where it depends on redshift and brightness, an edge is where it changes.
         bins = binned(field, 1, [0, 0.8, 1.2, 1.5, 2, 7] if case.startswith("faint") else 5)
-        permuted = permutation_test(field, bins, n_permutations=199, rng=rng, velocity=PLANCK_2018)
+        permuted = permutation_test(field, bins, n_permutations=199, rng=rng, velocity=CMB_VELOCITY_PLANCK18)
         plain = {"T": bins.equality("T", 1).p_value, "S": bins.equality("S", 1).p_value, "trend": bins.trend().test.p_value,
-                 "secular_parallax": bins.secular_parallax(PLANCK_2018)[1].p_value}  # fmt: skip
+                 "secular_parallax": bins.secular_parallax(CMB_VELOCITY_PLANCK18)[1].p_value}  # fmt: skip
         for name, p in plain.items():
             found.setdefault(name, []).append(p)
             found.setdefault(f"{name} permuted", []).append(permuted[name])

@@ -10,7 +10,7 @@ from conftest import real_catalogue
 import fit
 import sim
 from fit.commands.compare import main
-from fit.compare import compare
+from fit.compare import compare_catalogues
 from vsh import Coefficients, ConvergenceError, Field, FieldError, ParameterError, TableError
 from vsh.conventions import from_icrf3
 from vsh.io.catalogue import read_icrf, read_positions
@@ -38,10 +38,10 @@ def two(n=1500, seed=1, truth=TRUTH, outliers=0):
 def test_what_was_done_is_found():
     pulls, p = [], []
     for seed in range(40):
-        found, kept = compare(*two(seed=seed))
+        found, kept = compare_catalogues(*two(seed=seed))
         pulls.append([(value - TRUTH.get(name, 0.0)) / error for name, (value, error) in found.parameters.items()])
         assert found.solution.unit == "µas"
-        nothing, _ = compare(*two(300, seed, truth={"R1": 30.0, "D3": 5.0}))
+        nothing, _ = compare_catalogues(*two(300, seed, truth={"R1": 30.0, "D3": 5.0}))
         p.append(nothing.deformation_p_value)
     assert np.std(pulls) == pytest.approx(1, abs=0.08)
     assert np.abs(np.mean(pulls, 0)).max() < 0.7
@@ -50,7 +50,7 @@ def test_what_was_done_is_found():
 
 
 def test_outliers_are_left_out_and_listed():
-    found, kept = compare(*two(outliers=7), labels=("new", "old"))
+    found, kept = compare_catalogues(*two(outliers=7), labels=("new", "old"))
     assert set(found.names) == {f"S{i:04d}" for i in range(7)}
     assert (np.diff(found.distances) <= 0).all()
     assert len(kept) == 1493
@@ -70,7 +70,7 @@ def test_motions():
     b = Field(lon, lat, sigma * rng.normal(size=(2, 2000)), sigma, name=name)
     turn = Coefficients.from_vectors(rotation=(3, -2, 5)).at(lon, lat)
     a = Field(lon, lat, b.motion + turn + sigma * rng.normal(size=(2, 2000)), sigma, name=name)[::-1]
-    found, _ = compare(a, b, 1)
+    found, _ = compare_catalogues(a, b, 1)
     assert found.solution.unit == "µas/yr"
     assert np.abs((found.solution.spin.value - [3, -2, 5]) / found.solution.spin.sigma).max() < 3.5
     assert np.isnan(found.deformation_p_value)
@@ -82,15 +82,15 @@ def test_motions():
 def test_messages():
     new, old = two(200)
     with pytest.raises(ParameterError, match="labels are two names"):
-        compare(new, old, labels=("a",))
+        compare_catalogues(new, old, labels=("a",))
     with pytest.raises(ParameterError, match="threshold must be above zero"):
-        compare(new, old, threshold=0)
+        compare_catalogues(new, old, threshold=0)
     with pytest.raises(ConvergenceError, match="keeps"):
-        compare(new, old, threshold=0.01)
+        compare_catalogues(new, old, threshold=0.01)
     with pytest.raises(FieldError, match="match two Positions or two Fields"):
-        compare(new, Field.without_motions(old))
+        compare_catalogues(new, Field.without_motions(old))
     with pytest.raises(TableError, match="no source in common"):
-        compare(new[:100], old[100:])
+        compare_catalogues(new[:100], old[100:])
 
 
 def table(positions, path, **columns):
@@ -108,8 +108,8 @@ def test_tables_of_positions(tmp_path):
     np.testing.assert_allclose(read.sigma, old.sigma)
     np.testing.assert_allclose(read.rho, old.rho)
     assert list(read.name) == list(old.name)
-    whole = compare(new, old)[0].parameters
-    again = compare(read_positions(table(new, tmp_path / "new.ecsv")), read)[0].parameters
+    whole = compare_catalogues(new, old)[0].parameters
+    again = compare_catalogues(read_positions(table(new, tmp_path / "new.ecsv")), read)[0].parameters
     assert again["D3"] == pytest.approx(whole["D3"], abs=0.2)  # positions as doubles in degrees
     broken = table(old, tmp_path / "broken.fits", ra_error=np.where(np.arange(300) < 3, np.nan, 1.0))
     with pytest.raises(FieldError, match="3 of 300 rows cannot be used: ra_error"):
@@ -151,7 +151,7 @@ def test_command(tmp_path, capsys):
 def test_icrf3_against_icrf2():
     """Charlot et al. (2020) found a glide of some −95 µas towards the north and E20 of 45 between the two."""
     new, old = (read_icrf(real_catalogue(name), "iers") for name in ("icrf3sx.txt", "icrf2-all.txt"))
-    found, _ = compare(new, old)
+    found, _ = compare_catalogues(new, old)
     for name, value in TRUTH.items():
         got, error = found.parameters[name]
         assert abs(got - value) < 2 * error, name
@@ -185,7 +185,7 @@ def test_p_values_of_catalogues_that_share_noise():
             Field(lon, lat, shared + 50 * np.sqrt(0.5) * rng.normal(size=(2, 300)), sigma, name=np.arange(300))
             for _ in range(2)
         )
-        comparison, _ = compare(a, b, 2)
+        comparison, _ = compare_catalogues(a, b, 2)
         quoted.append(comparison.deformation_p_value)
         scaled.append(comparison.deformation_p_value_scaled)
     assert min(quoted) > 0.05

@@ -14,7 +14,7 @@ from fit.robust import clip, excess_noise, permissive, student_t
 from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Field, Modes
 from vsh.io.parts import as_parts
-from vsh.models.cosmology import PLANCK_2018, with_redshift
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ModesError, NothingLeftError, ParameterError
 
 RNG = np.random.default_rng(20)
@@ -221,7 +221,7 @@ def test_the_frame_solver_and_the_cross_check():
 def galaxies():
     rng = np.random.default_rng(3)
     population = sim.galaxies(2000, rng)
-    signal = sim.signal.acceleration((3.0, -4.0, 0.0)) + sim.signal.secular_parallax(PLANCK_2018.value)
+    signal = sim.signal.acceleration((3.0, -4.0, 0.0)) + sim.signal.secular_parallax(CMB_VELOCITY_PLANCK18.value)
     return with_redshift(sim.observe(population, signal, rng=rng, release="DR4"))
 
 

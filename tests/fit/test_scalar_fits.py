@@ -183,7 +183,7 @@ def test_units_do_not_mix():
         (lambda f: fit.solve_matrix_free(f, 3), "not ScalarField"),
         (lambda f: fit.background.floor(fit.normal_equations(f, 3)), "a scalar field has neither"),
         (lambda f: fit.background.wave_limit(fit.fit_field(f, 3)), "a scalar field has neither"),
-        (lambda f: fit.correlation.predict(f, 2), "has no motions"),
+        (lambda f: fit.correlation.predict_covariance(f, 2), "has no motions"),
         (lambda f: fit.correlation.leakage(f, 1, 3), "has no motions"),
         (lambda f: fit.redshift.binned(f, 2, 2), "not ScalarField"),
         (lambda f: fit.secular_parallax.observer_velocity(f, 70), "holds numbers, not motions"),
@@ -191,7 +191,7 @@ def test_units_do_not_mix():
         (lambda f: fit.normal_equations(f, 2, covariance=np.eye(4000)), "not of ScalarField"),
         (lambda f: fit.fit_field(f, Modes(2)), "expanded in ScalarModes"),
         (lambda f: write_field(f, "scalars.fits"), "holds numbers, not motions"),
-        (lambda f: fit.pairs.correlation(f, [0, 1, 2]), "holds numbers, not motions"),
+        (lambda f: fit.pairs.correlation_function(f, [0, 1, 2]), "holds numbers, not motions"),
         (lambda f: fit.fit_field(f, 1).spin, "no spin and no acceleration"),
     ],
 )  # fmt: skip

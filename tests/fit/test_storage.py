@@ -9,14 +9,14 @@ from conftest import random_field
 
 import fit
 import sim
-from fit.correlation import correlation_matrices, downweight, eigenmodes, leakage, predict
+from fit.correlation import correlation_matrices, downweight, eigenmodes, leakage, predict_covariance
 from fit.posterior import grid, sample
 from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.storage import _KINDS, read
 from vsh import Field, ScalarField, Vector
 from vsh.figures.plot import figure_of
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.models.covariance import Spectrum
 from vsh.tools.errors import TableError
 
@@ -37,32 +37,32 @@ def results():
     return {
         "solution": fit.fit_field(field.add_note("left out µ"), 3),
         "clipped": fit.robust.clip(field, fit.fit_field(field, 2).modes).solution,
-        "prediction": predict(field, 2),
+        "prediction": predict_covariance(field, 2),
         "frame": fit.solve_frame(field, random_field(50, 2)),
         "velocity": observer_velocity(galaxies, 67.3, spin=spin),
         "velocity and spin": observer_velocity(galaxies, 67.3, spin="free"),
-        "hubble": hubble_constant(galaxies, PLANCK_2018),
-        "forecast": fit.secular_parallax.forecast({"one": galaxies}, (0.03,), n_modes=9),
+        "hubble": hubble_constant(galaxies, CMB_VELOCITY_PLANCK18),
+        "forecast": fit.secular_parallax.forecast_velocity({"one": galaxies}, (0.03,), n_modes=9),
         "velocity and flow": observer_velocity(galaxies, 67.3, flows="linear", n_modes=30),
         "flow": observer_velocity(galaxies, 67.3, flows="linear", n_modes=30).flow,
-        "velocity to come": fit.secular_parallax.predict(galaxies)[0],
-        "hubble to come": fit.secular_parallax.predict(galaxies)[1],
+        "velocity to come": fit.secular_parallax.predict_errors(galaxies)[0],
+        "hubble to come": fit.secular_parallax.predict_errors(galaxies)[1],
         "bins": binned(binning, 2, 2),
         "with a floor": fit.solve(
             fit.normal_equations(field, 3), floor=fit.background.floor(fit.normal_equations(field, 3))
         ),
         "scalars": fit.fit_field(ScalarField(field.lon, field.lat, field.motion[0], field.sigma[0], "mag"), 2),
-        "pairs": fit.pairs.correlation(field, np.radians([0, 40, 80, 120, 180]), nside=1),
-        "templates": fit.pairs.correlation(field, np.radians([0, 40, 80, 120, 180]), nside=1).fit(),
+        "pairs": fit.pairs.correlation_function(field, np.radians([0, 40, 80, 120, 180]), nside=1),
+        "templates": fit.pairs.correlation_function(field, np.radians([0, 40, 80, 120, 180]), nside=1).fit(),
         "shear": fit.shear.expansion(fit.fit_field(field, 2)),
         "orbit": fit.galaxy.orbit(Vector([5.0, 0.1, 0.2], 0.1 * np.eye(3), "galactic")),
-        "frames": fit.compare.compare(*two_catalogues(field), 1, labels=("one", "two"))[0],
+        "frames": fit.compare.compare_catalogues(*two_catalogues(field), 1, labels=("one", "two"))[0],
         "one wave": fit.waves.search(fit.fit_field(field, 2), nside=2, n_skies=5),
         "power of pairs": fit.pairs.power(field, 2, nside=1),
         "floor": fit.background.floor(fit.normal_equations(field, 3)),
-        "background": fit.background.fit(fit.normal_equations(field, 3), [Spectrum.odd(), Spectrum.waves()]),
+        "background": fit.background.fit_amplitudes(fit.normal_equations(field, 3), [Spectrum.odd(), Spectrum.waves()]),
         "waves": fit.background.wave_limit(fit.normal_equations(field, 2)),
-        "comparison": fit.background.compare({"one": 1.0, "two": 2.5}),
+        "comparison": fit.background.compare_models({"one": 1.0, "two": 2.5}),
         "common": binned(binning, 2, 2, shared_higher_degrees=True),
         "correlations": correlation_matrices({"one": field, "two": random_field(300, 3)}, 2),
         "leakage": leakage(field, 1, 3),
@@ -76,8 +76,10 @@ def results():
         "keeping": downweight(random_field(2000, 1), 0.3),
         "moments": fit.Moments.of(field, 2),
         "without a matrix": fit.solve_matrix_free(field, 3),
-        "grid": grid(galaxies, PLANCK_2018, n_points=12),
-        "samples": sample(galaxies, PLANCK_2018, n_samples=20_000, rng=1, n_walkers=20, progress=False).kept(),
+        "grid": grid(galaxies, CMB_VELOCITY_PLANCK18, n_points=12),
+        "samples": sample(
+            galaxies, CMB_VELOCITY_PLANCK18, n_samples=20_000, rng=1, n_walkers=20, progress=False
+        ).kept(),
     }
 
 

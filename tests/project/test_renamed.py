@@ -32,3 +32,24 @@ def test_the_warning_names_the_line_that_asked(tmp_path):
     done = subprocess.run([sys.executable, script], cwd=ROOT, capture_output=True, text=True, check=True)
     for line, name in ((2, "catalogue"), (3, "cosmology"), (4, "archive")):
         assert f"mine.py:{line}: DeprecationWarning: vsh.{name} is now" in done.stderr
+
+
+@pytest.mark.parametrize(("module", "old", "new"), [
+    ("vsh.models.cosmology", "PLANCK_2018", "CMB_VELOCITY_PLANCK18"), ("vsh.models.cosmology", "PLANCK_2013", "FLAT_PLANCK13"),
+    ("vsh.models.flows", "PLANCK_2018", "LINEAR_PLANCK18"), ("vsh.models.covariance", "read", "read_covariance"),
+    ("vsh.io.tables", "read", "read_table"), ("fit.compare", "compare", "compare_catalogues"),
+    ("fit.background", "compare", "compare_models"), ("fit.background", "fit", "fit_amplitudes"),
+    ("fit.correlation", "predict", "predict_covariance"), ("fit.pairs", "correlation", "correlation_function"),
+    ("fit.secular_parallax", "predict", "predict_errors"), ("fit.secular_parallax", "forecast", "forecast_velocity"),
+    ("fit.secular_parallax", "Forecast", "VelocityForecast"), ("study.forecast", "Forecast", "SurveyForecast"),
+    ("study.forecast", "forecast", "forecast_surveys"), ("sim", "wave", "plane_wave"),
+    ("sim", "gravitational_waves", "wave_background"), ("sim.signal", "wave", "plane_wave"),
+    ("sim.astrometry", "solve", "solve_astrometry"),
+])  # fmt: skip
+def test_a_name_by_its_old_name(module, old, new):
+    home = importlib.import_module(module)
+    with pytest.warns(DeprecationWarning, match=f"{module}.{old} is now {module}.{new};"):
+        assert getattr(home, old) is getattr(home, new)
+    assert old not in dir(home) or module in ("fit.compare",)
+    with pytest.raises(AttributeError):
+        home.what_nobody_wrote  # noqa: B018

@@ -7,7 +7,7 @@ from scipy import stats
 import fit
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
-from sim.astrometry import PARAMETERS, errors_of_unit_transits, solve, transit_error
+from sim.astrometry import PARAMETERS, errors_of_unit_transits, solve_astrometry, transit_error
 from sim.expected import errors_by_place
 from sim.noise import parallax_error
 from sim.variability import Variability, markov_chain
@@ -71,7 +71,7 @@ def one_source(n, lon=1.0, lat=0.4):
 
 def test_errors_have_the_covariance_that_is_quoted():
     n = 5000
-    found = solve(one_source(n), np.full(n, 50.0), rng=1)
+    found = solve_astrometry(one_source(n), np.full(n, 50.0), rng=1)
     measured, quoted = np.cov(found.errors.T), found.covariance[0]
     scale = np.sqrt(np.outer(np.diag(quoted), np.diag(quoted)))
     np.testing.assert_allclose(measured / scale, quoted / scale, atol=4 * np.sqrt(2 / n))
@@ -82,8 +82,8 @@ def test_variability_spreads_motions_as_predicted():
     """A⁺ C A⁺ᵀ to 2 %, and quoted on request."""
     n, variability = 40_000, Variability(100.0, 2.0)
     transits = one_source(n)
-    found = solve(transits, np.full(n, 1e-3), rng=1, variability=variability)
-    few = solve(one_source(2), np.full(2, 1e-3), rng=1, variability=variability, quote_variability=True)
+    found = solve_astrometry(transits, np.full(n, 1e-3), rng=1, variability=variability)
+    few = solve_astrometry(one_source(2), np.full(2, 1e-3), rng=1, variability=variability, quote_variability=True)
     np.testing.assert_allclose(found.errors.std(0), np.sqrt(np.diag(few.covariance[0])), rtol=0.02)
     # The prediction once more, by its definition.
     first = slice(0, len(transits) // n)
@@ -98,7 +98,9 @@ def test_variability_spreads_motions_as_predicted():
 
 def test_attitude_noise_is_shared():
     """Two sources at one place, without noise of their own, have the same errors."""
-    found = solve(one_source(2), np.full(2, 1e-9), rng=1, attitude=sim.astrometry.attitude_noise(LAW, 10.0, rng=2))
+    found = solve_astrometry(
+        one_source(2), np.full(2, 1e-9), rng=1, attitude=sim.astrometry.attitude_noise(LAW, 10.0, rng=2)
+    )
     np.testing.assert_allclose(found.errors[0], found.errors[1], atol=1e-6)
     assert np.abs(found.errors[0]).max() > 0.1
 
@@ -108,7 +110,7 @@ def test_too_few_transits_are_no_solution():
     few = type(transits)(
         *(getattr(transits, name)[:5] for name in ("source", "time", "angle", "parallax_factor", "view", "across"))
     )
-    found = solve(few, np.ones(1), rng=1)
+    found = solve_astrometry(few, np.ones(1), rng=1)
     assert not found.solved[0]
     field = sim.observe(sim.quasars(3000, 1), sim.spin((0, 0, 0)), 2, mission=sim.NominalScanningLaw(years=0.4))
     assert 0 < len(field) < 3000

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import sim
-from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2013, to_cmb, transverse_distance
-from vsh.models.flows import PLANCK_2018, VelocityGrid
+from vsh.models.cosmology import BACHCHAN_2016, FLAT_PLANCK13, to_cmb, transverse_distance
+from vsh.models.flows import LINEAR_PLANCK18, VelocityGrid
 from vsh.sky.sphere import triad
 from vsh.tools.errors import ParameterError
 from vsh.tools.units import AU_PER_YEAR
@@ -63,7 +63,7 @@ def test_redshifts_may_err():
 @pytest.mark.parametrize("exact", [True, pytest.param(False, id="modes")])
 def test_linear_flows_have_the_correlations_of_the_theory(exact):
     """Pairs on a line, 5 to 80 Mpc/h apart, over many skies: Ψ∥, Ψ⊥ within 2 % of σ²."""
-    h = PLANCK_2013.H0.value / 100
+    h = FLAT_PLANCK13.H0.value / 100
     steps = np.array([0.0, 5.0, 10.0, 20.0, 40.0, 80.0])
     first = np.array([-40.0, 25.0, 8.0])
     xyz = first[:, None] + np.array([1.0, 0, 0])[:, None] * steps
@@ -78,11 +78,11 @@ def test_linear_flows_have_the_correlations_of_the_theory(exact):
     found = np.array(found)  # (skies, 3, places)
     along = np.mean(found[:, 0, :1] * found[:, 0], 0)
     across = np.mean(found[:, 1, :1] * found[:, 1] + found[:, 2, :1] * found[:, 2], 0) / 2
-    expected = PLANCK_2018.correlation(steps)
+    expected = LINEAR_PLANCK18.correlation(steps)
     bound = 0.02 if exact else 0.12
-    scatter = PLANCK_2018.sigma**2 * np.sqrt(2 / len(found))
+    scatter = LINEAR_PLANCK18.sigma**2 * np.sqrt(2 / len(found))
     for one, two in zip((along, across), expected, strict=True):
-        assert np.abs(one - two).max() < max(bound * PLANCK_2018.sigma**2, 3.5 * scatter)
+        assert np.abs(one - two).max() < max(bound * LINEAR_PLANCK18.sigma**2, 3.5 * scatter)
 
 
 def test_a_flow_from_a_grid():

@@ -107,7 +107,7 @@ def test_waves_have_their_power():
     solver = np.linalg.pinv(basis.T)
     powers = []
     for seed in range(400):
-        c = Coefficients(modes, solver @ sim.gravitational_waves(omega, seed, lmax=4)(lon, lat).ravel())
+        c = Coefficients(modes, solver @ sim.wave_background(omega, seed, lmax=4)(lon, lat).ravel())
         powers.append([c.power("T", 2), c.power("S", 2), c.power("S", 1)])
     t, s, dipole = np.mean(powers, 0)
     expected = 5 / 12 * 4 * np.pi * omega * hubble_rate(70) ** 2
@@ -117,7 +117,7 @@ def test_waves_have_their_power():
     assert dipole < 1e-20
     assert 1.2 / (4 * np.pi * hubble_rate(70) ** 2) == pytest.approx(4.37944e-4, rel=1e-5)
     with pytest.raises(ValueError, match="omega must be zero or more, not -1"):
-        sim.gravitational_waves(-1, 1)
+        sim.wave_background(-1, 1)
 
 
 def test_anisotropic_expansion_is_a_quadrupole():

@@ -17,14 +17,14 @@ from fit.correlation import (
     influence_map,
     leakage,
     lmax_table,
-    predict,
+    predict_covariance,
     recommend_lmax,
 )
 from fit.posterior import Flat, Normal, grid
 from fit.redshift import binned, equal_information, permutation_test
 from fit.secular_parallax import hubble_constant, observer_velocity
 from sim import agis
-from study.forecast import Survey, forecast
+from study.forecast import Survey, forecast_surveys
 from vsh import Coefficients, Field, Modes, ScalarCoefficients, ScalarField, ScalarModes, Vector
 from vsh.basis import harmonics
 from vsh.io.catalogue import match, read_field, read_positions, read_scalars
@@ -47,7 +47,7 @@ SCANS = agis.scans(LAW, FIELD.lon, FIELD.lat, 100.0, 500.0, 4 * 86400.0)
 SYSTEM = agis.System(SCANS)
 NOISE = agis.observations(SCANS, 1)
 SOLVED = SYSTEM.solve(*NOISE)
-PAIRS = fit.pairs.correlation(FIELD, np.radians([0, 60, 120, 180]), nside=1)
+PAIRS = fit.pairs.correlation_function(FIELD, np.radians([0, 60, 120, 180]), nside=1)
 NAMED = Field(FIELD.lon, FIELD.lat, FIELD.motion, FIELD.sigma, name=np.arange(60))
 #: A call that works; each of its arguments is replaced by each of the values below.
 CALLS = {
@@ -57,7 +57,7 @@ CALLS = {
     fit.resample.bootstrap: (FIELD, 1, 3, 1), fit.resample.jackknife: (FIELD, 1, 1), fit.resample.block_bootstrap: (FIELD, 1, 1, 3, 1),
     fit.resample.parametric_bootstrap: (FIELD, 1, 3, 1), fit.solve_matrix_free: (FIELD, 2), binned: (FIELD, 1, 2),
     permutation_test: (FIELD, BINS, 3, 1), equal_information: (FIELD, 2), observer_velocity: (FIELD, 70.0),
-    hubble_constant: (FIELD, "planck"), grid: (FIELD, "planck", Flat(20, 150)), predict: (FIELD, 1), correlation_matrices: (FIELD,),
+    hubble_constant: (FIELD, "planck"), grid: (FIELD, "planck", Flat(20, 150)), predict_covariance: (FIELD, 1), correlation_matrices: (FIELD,),
     influence_map: (FIELD, 1, "a_x", 1), gain_of_sources: (FIELD, 1, "a_x", 1), leakage: (FIELD, 1, 2), lmax_table: (FIELD, 2),
     recommend_lmax: (FIELD, 1e9, 0.99, 2), eigenmodes: (FIELD, 1), compare_cuts: (FIELD, {"all": None}), downweight: (FIELD, 0.9, 1),
     Coefficients: (1, np.zeros(6)), Coefficients.from_vectors: ((1, 2, 3), (1, 2, 3), 1), Modes: (1,), Vector: ([1, 2, 3], np.eye(3)),
@@ -67,11 +67,11 @@ CALLS = {
     transverse_distance: (FIELD.redshift,), match: (FIELD, FIELD, "position"), Field: (FIELD.lon, FIELD.lat, FIELD.motion, FIELD.sigma),
     Field.from_columns: tuple(np.ones(3) for _ in range(6)), read_field: ({"ra": [1.0]},), cosmology.velocity_along: ("planck", "icrs"),
     cosmology.velocity_from_apex: (300, 10, 20), sim.quasars: (10, 1, "uniform", 20.0), sim.galaxies: (10, 1), sim.observe: (sim.quasars(10, 1), sim.spin((1, 2, 3)), 1, 10.0),
-    sim.spin: ((1, 2, 3),), sim.secular_parallax: ((1, 2, 3),), sim.peculiar: (300.0, 1), sim.random_field: (np.ones(2), 1), sim.gravitational_waves: (1e-3, 1),
+    sim.spin: ((1, 2, 3),), sim.secular_parallax: ((1, 2, 3),), sim.peculiar: (300.0, 1), sim.random_field: (np.ones(2), 1), sim.wave_background: (1e-3, 1),
     sim.off_centre_void: ((1, 0, 0),), sim.anisotropic_expansion: (np.zeros((3, 3)),), sim.NominalScanningLaw: (2014.73, 0.2),
     sim.Variability: (100.0, 2.0), sim.uniform_sky: (10, 1), sim.vlbi_quasars: (sim.quasars(10, 1), 3, 1), sim.gaia_errors: (np.ones(3),),
-    background.floor: (NORMAL_3, (2, 3)), background.fit: (NORMAL_3, [Spectrum.flat()], True), background.wave_limit: (NORMAL_3, (2,)),
-    background.evidence: (NORMAL_3, Spectrum.flat(), (1, 2)), background.compare: ({"one": 1.0},), sim.systematics: (Spectrum.flat(), 1),
+    background.floor: (NORMAL_3, (2, 3)), background.fit_amplitudes: (NORMAL_3, [Spectrum.flat()], True), background.wave_limit: (NORMAL_3, (2,)),
+    background.evidence: (NORMAL_3, Spectrum.flat(), (1, 2)), background.compare_models: ({"one": 1.0},), sim.systematics: (Spectrum.flat(), 1),
     Spectrum.given: (np.ones(3), np.ones(3)), Spectrum.power_law: (-1.0,), Spectrum.waves: (70.0,), Covariance: (np.eye(4),),
     covariance.of_errors: (FIELD,), covariance.from_function: (FIELD, np.cos), covariance.from_spectrum: (FIELD, Spectrum.flat(), 2),
     covariance.from_blocks: ([([0, 1], 1.0)], 3),
@@ -82,12 +82,12 @@ CALLS = {
     SYSTEM.solve: NOISE, SYSTEM.predict: (np.zeros((60, 5)), np.zeros((SYSTEM.coefficients, 3))), SYSTEM.adjoint: NOISE,
     SYSTEM.formal_covariance: (1, FIELD.lon, FIELD.lat), SYSTEM.true_covariance: (1, FIELD.lon, FIELD.lat),
     SYSTEM.covariance_of: (np.ones((60, 5, 1)),), agis.rotate_frame: (SOLVED, np.arange(20)), SOLVED.rotated: ((1, 2, 3), (1, 2, 3)),
-    fit.pairs.correlation: (FIELD, np.radians([0, 60, 120, 180])), fit.pairs.power: (FIELD, 1), PAIRS.fit: (("waves",),), fit.pairs.waves_curve: ([0.1],),
-    sim.wave: ((0, 0, 1), 1.0), wave_coefficients: ((0, 0, 1), 1.0), strain_of: (1.0, 1.0), fit.waves.search: (NORMAL_3,),
+    fit.pairs.correlation_function: (FIELD, np.radians([0, 60, 120, 180])), fit.pairs.power: (FIELD, 1), PAIRS.fit: (("waves",),), fit.pairs.waves_curve: ([0.1],),
+    sim.plane_wave: ((0, 0, 1), 1.0), wave_coefficients: ((0, 0, 1), 1.0), strain_of: (1.0, 1.0), fit.waves.search: (NORMAL_3,),
     fit.shear.expansion: (fit.solve(NORMAL_3),), fit.shear.coefficients_of: (np.eye(3),), fit.galaxy.orbit: (fit.solve(NORMAL),),
-    fit.galaxy.circular_speed: (5.0, 0.3), fit.galaxy.distance_of_centre: (5.0, 0.3), fit.galaxy.expected_acceleration: (8.2,), fit.compare.compare: (NAMED, NAMED, 1),
+    fit.galaxy.circular_speed: (5.0, 0.3), fit.galaxy.distance_of_centre: (5.0, 0.3), fit.galaxy.expected_acceleration: (8.2,), fit.compare.compare_catalogues: (NAMED, NAMED, 1),
     ScalarField: (FIELD.lon, FIELD.lat, FIELD.lat, FIELD.rho + 1), ScalarCoefficients: (1, np.zeros(4)), ScalarModes: (1,),
-    ScalarCoefficients.from_moments: (1.0, (1, 2, 3)), forecast: ({"one": Survey(100, sigma=1.0)},), Survey: (100, None, 1.0, 2.0), read_scalars: ({"ra": [1.0]},), read_positions: ({"ra": [1.0]},),
+    ScalarCoefficients.from_moments: (1.0, (1, 2, 3)), forecast_surveys: ({"one": Survey(100, sigma=1.0)},), Survey: (100, None, 1.0, 2.0), read_scalars: ({"ra": [1.0]},), read_positions: ({"ra": [1.0]},),
     positive: ("x", 1), not_negative: ("x", 1), number: ("x", 1), between: ("x", 1, 0, 2), whole: ("x", 1), choice: ("x", 1, (1,)),
 }  # fmt: skip
 BAD = [None, np.nan, np.inf, -1, 0, 0.5, "word", b"bytes", [], [1, 2], {}, object(), True, np.nan * np.ones(3),

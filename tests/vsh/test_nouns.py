@@ -9,7 +9,7 @@ from gaia_table import table
 
 import fit
 import sim
-from fit.correlation import correlation_matrices, eigenmodes, leakage, predict
+from fit.correlation import correlation_matrices, eigenmodes, leakage, predict_covariance
 from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.storage import same
@@ -47,7 +47,7 @@ NOUNS = {
     "CorrelationMatrices": correlation_matrices(FIELD),
     "Leakage": leakage(FIELD, 1, 2),
     "Eigenmodes": eigenmodes(FIELD, 1),
-    "Prediction": predict(FIELD, 1),
+    "Prediction": predict_covariance(FIELD, 1),
     "Resampled": fit.resample.bootstrap(FIELD, 1, 5, 1),
     "Student": fit.robust.student_t(FIELD, 1),
     "ExcessNoise": fit.robust.excess_noise(FIELD, 1),
@@ -56,7 +56,7 @@ NOUNS = {
     + sim.secular_parallax((300, 0, 0))
     + sim.peculiar(300, 1)
     + sim.off_centre_void((1, 0, 0))
-    + sim.gravitational_waves(1e-3, 1),
+    + sim.wave_background(1e-3, 1),
     "Shear": sim.anisotropic_expansion(np.diag([1, -1, 0])),
     "NominalScanningLaw": LAW,
     "Transits": LAW.transits([1.0], [0.5]),
@@ -173,7 +173,7 @@ def test_frame_solutions_carry_notes_and_quality():
         lambda m: fit.robust.permissive(FIELD, m).weights,
         lambda m: fit.robust.excess_noise(FIELD, m).solution.sigma,
         lambda m: binned(FIELD, m, 2).covariance,
-        lambda m: predict(FIELD, m).covariance,
+        lambda m: predict_covariance(FIELD, m).covariance,
         lambda m: leakage(FIELD, m, 3).matrix,
         lambda m: eigenmodes(FIELD, m).information,
         lambda m: __import__("vsh.basis", fromlist=["x"]).harmonics(FIELD.lon, FIELD.lat, m),

@@ -40,11 +40,12 @@ from vsh.tools.arguments import positive
 from vsh.tools.arrays import float_array
 from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.files import write_arrays
+from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.notes import printable
 from vsh.tools.types import ArrayLike, FloatArray, PathName
 
-__all__ = ["PLANCK_2018", "FlowModes", "LinearTheory", "VelocityGrid", "flow_modes", "read_velocity_grid"]
+__all__ = ["LINEAR_PLANCK18", "FlowModes", "LinearTheory", "VelocityGrid", "flow_modes", "read_velocity_grid"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -279,7 +280,7 @@ class LinearTheory(Frozen):
 
         Examples
         --------
-        >>> [round(PLANCK_2018.bulk_flow(radius)) for radius in (20, 45, 100)]
+        >>> [round(LINEAR_PLANCK18.bulk_flow(radius)) for radius in (20, 45, 100)]
         [406, 316, 215]
         """
         k, log_step = self._fine
@@ -324,7 +325,7 @@ def _planck() -> LinearTheory:
 
 
 #: Flat, Ω_m = 0.3111, σ_8 = 0.8102: Planck Collaboration (2020, A&A 641, A6), with f = Ω_m^0.55.
-PLANCK_2018 = _planck()
+LINEAR_PLANCK18 = _planck()
 
 
 #: Beyond this distance flows move nobody's estimate: sources there have independent velocities. [Mpc/h]
@@ -455,7 +456,7 @@ class FlowModes(Frozen):
     theory=arguments.a(LinearTheory),
 )
 def flow_modes(
-    nearest: float, farthest: float, n_modes: int = 250, theory: LinearTheory = PLANCK_2018, *, max_degree: int = 60
+    nearest: float, farthest: float, n_modes: int = 250, theory: LinearTheory = LINEAR_PLANCK18, *, max_degree: int = 60
 ) -> FlowModes:
     """The modes that hold most of the power of linear flows between two distances.
 
@@ -527,3 +528,6 @@ def _wave_numbers(farthest, highest=0.6):
     step = min(0.004, 0.6 / farthest)
     large = np.arange(0.02 + step / 2, highest, step)
     return np.r_[small, large], np.r_[np.diff(np.r_[small[0] ** 2 / edges[0], edges, 0.02]), np.full(large.size, step)]
+
+
+__getattr__ = old_names(__name__, {"PLANCK_2018": "LINEAR_PLANCK18"})

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 import fit
 import sim
 from fit.background import Spectrum
-from fit.background import fit as fit_background
+from fit.background import fit_amplitudes as fit_background
 from fit.background._fit import posteriors
 from fit.background._likelihood import Likelihood
 from vsh import Field, Modes

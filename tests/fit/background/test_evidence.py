@@ -7,7 +7,7 @@ from scipy.integrate import quad
 
 import fit
 import sim
-from fit.background import Spectrum, compare, evidence
+from fit.background import Spectrum, compare_models, evidence
 from vsh import Modes
 from vsh.basis import harmonics
 from vsh.io.catalogue import read_field
@@ -88,7 +88,7 @@ def test_odds_are_true():
         signal = sim.systematics(Spectrum.given([100.0, 100.0 * quadrupole]), seed, lmax=2)
         normal = fit.normal_equations(sim.observe(quasars, signal, seed + 999, sigma=60.0), 2)
         models = {"two": (normal, 100 * PER_DEGREE, (1, 2)), "one": (normal, 100 * PER_DEGREE, (1,))}
-        said.append(compare(models).probability[0])
+        said.append(compare_models(models).probability[0])
         true.append(quadrupole)
     said, true = np.array(said), np.array(true)
     for low, high in ((0, 0.4), (0.4, 0.6), (0.6, 1)):
@@ -98,13 +98,13 @@ def test_odds_are_true():
 
 
 def test_comparisons():
-    found = compare({"nothing": 0.0, "a dipole": (fit.normal_equations(FIELD, 1), 10 * PER_DEGREE),
+    found = compare_models({"nothing": 0.0, "a dipole": (fit.normal_equations(FIELD, 1), 10 * PER_DEGREE),
                      "any power": (fit.normal_equations(FIELD, 1), PER_DEGREE, (1,), {"amplitudes": (1, 100)})})  # fmt: skip
     assert found.probability.sum() == pytest.approx(1)
     assert found.best in found.report().splitlines()[1]
     for bad in ({}, {"x": "y"}, {"x": np.nan}, 3):
         with pytest.raises(ParameterError):
-            compare(bad)
+            compare_models(bad)
 
 
 def test_messages():

@@ -43,7 +43,7 @@ def test_more_degrees_make_a_false_detection_larger_without_systematics():
 
 
 def injected(omega, seed, n=2000, sigma=50.0, lmax=3):
-    signal = sim.gravitational_waves(omega, seed, lmax=lmax) + sim.spin((3, -2, 1))
+    signal = sim.wave_background(omega, seed, lmax=lmax) + sim.spin((3, -2, 1))
     return fit.normal_equations(sim.observe(sim.quasars(n, 7), signal, seed + 10_000, sigma=sigma), lmax)
 
 

@@ -11,7 +11,7 @@ from fit.commands.redshift import main
 from vsh import Field
 from vsh.io import catalogue
 from vsh.io.catalogue import write_field
-from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2018
+from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18
 
 
 @pytest.fixture(scope="module")
@@ -202,7 +202,7 @@ def test_the_truth_of_a_simulated_table_stands_beside_the_result(tmp_path, capsy
         assert max(abs(float(x)) for x in re.findall(r"\(([+-][0-9.]+)σ\)", line)) < 4
     assert main([path, "--h0", "140"]) == 0
     text = capsys.readouterr().out
-    assert f"{PLANCK_2018.to_frame('icrs').value[0] / 2:+.1f}" in text
+    assert f"{CMB_VELOCITY_PLANCK18.to_frame('icrs').value[0] / 2:+.1f}" in text
     assert "(simulated with H0 = 70)" in text
 
 

@@ -4,7 +4,7 @@ from conftest import nonuniform
 
 import fit
 import sim
-from fit.correlation import eigenmodes, leakage, lmax_table, predict, recommend_lmax
+from fit.correlation import eigenmodes, leakage, lmax_table, predict_covariance, recommend_lmax
 from vsh import Field, Modes
 from vsh.tools.errors import DegeneracyError
 
@@ -53,7 +53,7 @@ def test_an_even_sky_leaks_nothing():
     field = Field(lon, lat, np.zeros((2, lon.size)), np.ones((2, lon.size)))
     assert np.abs(leakage(field, 2, 4).matrix).max() < 2e-3
     np.testing.assert_allclose(eigenmodes(field, 2).information, 1, atol=5e-3)
-    assert predict(field, 1).efficiency == pytest.approx(1, abs=1e-3)
+    assert predict_covariance(field, 1).efficiency == pytest.approx(1, abs=1e-3)
     assert recommend_lmax(field, max_lmax=4) == 4
 
 

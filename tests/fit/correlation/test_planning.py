@@ -6,10 +6,10 @@ from conftest import nonuniform
 
 import fit
 import sim
-from fit.correlation import compare_cuts, correlation_matrices, downweight, predict
+from fit.correlation import compare_cuts, correlation_matrices, downweight, predict_covariance
 from fit.correlation._forecast import reweighted
 from fit.secular_parallax import hubble_constant, observer_velocity
-from fit.secular_parallax import predict as predict_parallax
+from fit.secular_parallax import predict_errors as predict_parallax
 from vsh import Field
 from vsh.sky.pixels import pixels_of
 from vsh.tools.errors import FieldError
@@ -17,7 +17,7 @@ from vsh.tools.errors import FieldError
 
 def test_a_prediction_is_the_covariance_of_the_fit_to_come():
     field = nonuniform()
-    found, solution = predict(field, 3), fit.fit_field(field, 3)
+    found, solution = predict_covariance(field, 3), fit.fit_field(field, 3)
     np.testing.assert_array_equal(found.covariance, solution.covariance)
     np.testing.assert_allclose(found.spin.sigma, solution.spin.sigma)
     assert np.isnan(found.coefficients.values).all()
@@ -27,10 +27,10 @@ def test_a_prediction_is_the_covariance_of_the_fit_to_come():
     even = np.diag(np.r_[1, 2, 2, 1, 2, 2] * field.information.sum() / (8 * np.pi))
     ratio = np.linalg.slogdet(alone.matrix)[1] - np.linalg.slogdet(even)[1]
     assert found.efficiency == pytest.approx(np.exp(ratio / 6), rel=1e-6)
-    evenly = fit.correlation.predict(sim.Population(*sim.uniform_sky(50_000, 1), None), 1, sigma=1.0)
+    evenly = fit.correlation.predict_covariance(sim.Population(*sim.uniform_sky(50_000, 1), None), 1, sigma=1.0)
     assert evenly.efficiency == pytest.approx(1, abs=1e-3)
     assert "Prediction: degree 3" in repr(found)
-    value, pair = predict(field, 1).largest
+    value, pair = predict_covariance(field, 1).largest
     assert value == pytest.approx(correlation_matrices(field).largest(0)[0])
     assert pair == correlation_matrices(field).largest(0)[1]
 
@@ -72,7 +72,7 @@ def test_thinning_reaches_its_bound_at_little_cost(bound):
     pixels = pixels_of(field.lon, field.lat, 4)
     weight = np.bincount(pixels, field.weights[:2].sum(0), 192)
     flat = np.minimum(1, np.quantile(weight[weight > 0], 0.5) / weight[pixels])
-    plain = predict(reweighted(field, flat), 1)
+    plain = predict_covariance(reweighted(field, flat), 1)
     assert ratio < 1.35
     if abs(plain.largest[0]) >= bound:
         assert ratio < np.sqrt(np.mean(plain.acceleration.sigma**2) / np.mean(found.before.acceleration.sigma**2)) * 1.2

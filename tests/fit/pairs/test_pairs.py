@@ -54,10 +54,10 @@ def noisy(n=1500, seed=2, signal=None):
 
 def test_brute_force():
     """Pairs of 1500 sources one by one: ξ+ to 1e-4 of its largest at degree 120, ξ− to 3e-4, better at 240."""
-    field = noisy(signal=sim.gravitational_waves(0.5, 1))
+    field = noisy(signal=sim.wave_background(0.5, 1))
     plus, minus, weight, count = brute(field, 1 / field.sigma[0] ** 2, EDGES)
     for lmax, tolerance in ((120, 1e-4), (240, 4e-5)):
-        found = pairs.correlation(field, EDGES, lmax=lmax)
+        found = pairs.correlation_function(field, EDGES, lmax=lmax)
         assert_allclose(found.plus, plus, atol=tolerance * np.abs(plus).max())
         assert_allclose(found.minus, minus, atol=3 * tolerance * np.abs(minus).max())
         assert_allclose(found.weight, weight, rtol=tolerance)
@@ -70,7 +70,7 @@ def test_other_weights():
     field = noisy(300)
     weights = np.random.default_rng(1).uniform(0, 1, 300)
     expected = brute(field, weights, EDGES)
-    found = pairs.correlation(field, EDGES, weights=weights, lmax=200)
+    found = pairs.correlation_function(field, EDGES, weights=weights, lmax=200)
     assert_allclose(found.plus, expected[0], atol=1e-3 * np.abs(expected[0]).max())
     assert_allclose(found.minus, expected[1], atol=1e-3 * np.abs(expected[1]).max())
 
@@ -84,7 +84,7 @@ def test_a_dipole_follows_its_law(kind):
     products = []
     for axis in np.eye(3):  # over the three axes the law holds on any sky
         motion = Coefficients.from_vectors(**{vector: 3 * axis}).at(lon, lat)
-        products.append(pairs.correlation(Field(lon, lat, motion, np.ones((2, 20000))), EDGES, lmax=90))
+        products.append(pairs.correlation_function(Field(lon, lat, motion, np.ones((2, 20000))), EDGES, lmax=90))
     theta = products[0].theta
     plus, minus = (sum(getattr(each, name) for each in products) for name in ("plus", "minus"))
     sign = 1 if kind == "spin" else -1
@@ -117,7 +117,7 @@ def test_errors_that_are_wrong_bias_nothing():
     for seed in range(40):
         field = noisy(600, seed)
         field = field.with_errors(field.sigma / np.where(field.lat > 0.3, 10, 3))
-        fitted = pairs.correlation(field, WIDE, lmax=40).fit()
+        fitted = pairs.correlation_function(field, WIDE, lmax=40).fit()
         found.append(fitted.values / fitted.sigma)
         power = pairs.power(field, 3)
         powers.append(np.concatenate([power.toroidal, power.spheroidal]) / power.errors.ravel())
@@ -131,13 +131,13 @@ def test_errors_of_motions_that_neighbours_share():
     rng, spread, errors = np.random.default_rng(3), [], []
     for seed in range(40):
         signal = sim.systematics(Spectrum.given(np.where(np.arange(1, 11) > 3, 3000.0, 0.0)), rng, lmax=10)
-        found = pairs.correlation(noisy(800, seed, signal), WIDE, lmax=40)
+        found = pairs.correlation_function(noisy(800, seed, signal), WIDE, lmax=40)
         spread.append(np.concatenate([found.plus, found.minus]))
         errors.append(np.diag(found.covariance))
     ratio = np.sqrt(np.mean(errors, 0)) / np.std(spread, 0)
     assert np.median(ratio) == pytest.approx(1, abs=0.17)
-    wide = pairs.correlation(noisy(1500, 1, sim.acceleration((0, 60, 0))), EDGES, lmax=60)
-    alone = pairs.correlation(noisy(1500, 1), EDGES, lmax=60)
+    wide = pairs.correlation_function(noisy(1500, 1, sim.acceleration((0, 60, 0))), EDGES, lmax=60)
+    alone = pairs.correlation_function(noisy(1500, 1), EDGES, lmax=60)
     assert (wide.sigma_plus > alone.sigma_plus).all()
 
 
@@ -170,16 +170,16 @@ def test_what_errors_come_from_is_zero_for_all_sources_together(name, monkeypatc
     seen = []
     monkeypatch.setattr(f"fit.pairs.{name}.covariance_of", lambda *arguments: seen.append(arguments) or np.eye(2))
     with contextlib.suppress(ValueError, ParameterError):
-        pairs.power(noisy(400), 3) if name == "_power" else pairs.correlation(noisy(400), WIDE, lmax=40)
+        pairs.power(noisy(400), 3) if name == "_power" else pairs.correlation_function(noisy(400), WIDE, lmax=40)
     between = _between(*seen[0])
     assert np.abs(between.sum((1, 2))).max() < 1e-9 * np.abs(between).sum((1, 2)).max()
 
 
 def test_parts_and_threads_give_the_same():
     field = noisy(900)
-    one = pairs.correlation(field, EDGES, lmax=60, threads=1)
-    assert pairs.correlation(field, EDGES, lmax=60, threads=3) == one
-    parts = pairs.correlation(as_parts([field[:300], field[300:].add_note("of the second")]), EDGES, lmax=60)
+    one = pairs.correlation_function(field, EDGES, lmax=60, threads=1)
+    assert pairs.correlation_function(field, EDGES, lmax=60, threads=3) == one
+    parts = pairs.correlation_function(as_parts([field[:300], field[300:].add_note("of the second")]), EDGES, lmax=60)
     assert "of the second" in parts.notes
     assert_allclose(parts.plus, one.plus, atol=1e-10 * np.abs(one.plus).max())
     assert_allclose(parts.covariance, one.covariance, atol=1e-9 * np.abs(one.covariance).max())
@@ -187,7 +187,7 @@ def test_parts_and_threads_give_the_same():
 
 def test_own_templates():
     field = noisy(800)
-    found = pairs.correlation(field, EDGES, lmax=60)
+    found = pairs.correlation_function(field, EDGES, lmax=60)
     own = {"mine": lambda theta: np.stack([hubble_rate(70) ** 2 * pairs.waves_curve(theta), 0 * theta])}
     assert found.fit(own).values == pytest.approx(found.fit(["waves"]).values, rel=1e-9)
     with pytest.raises(ParameterError, match="no template is called 'strings'"):
@@ -205,21 +205,21 @@ def test_messages():
     for edges, said in (([0.1, 0.2], "three angles"), ([0.3, 0.2, 0.1], "ascend"), (np.arange(0.0, 181, 12), "np.radians"),
                         ([0.0, 0.1, np.nan], "not finite")):  # fmt: skip
         with pytest.raises(ParameterError, match=said):
-            pairs.correlation(field, edges)
+            pairs.correlation_function(field, edges)
     with pytest.raises(ParameterError, match="do not resolve bins of 1°: lmax of 1432 or more"):
-        pairs.correlation(field, np.radians([0, 1, 2]), lmax=60)
+        pairs.correlation_function(field, np.radians([0, 1, 2]), lmax=60)
     with pytest.raises(FieldError, match="two sources"):
-        pairs.correlation(field[:1], EDGES)
+        pairs.correlation_function(field[:1], EDGES)
     with pytest.raises(ParameterError, match="5 are below zero"):
-        pairs.correlation(field, EDGES, weights=np.where(np.arange(50) < 5, -1.0, 1.0))
+        pairs.correlation_function(field, EDGES, weights=np.where(np.arange(50) < 5, -1.0, 1.0))
     with pytest.raises(ParameterError, match="of the sources of a Field in memory"):
-        pairs.correlation(as_parts([field, field]), EDGES, weights=np.ones(100))
+        pairs.correlation_function(as_parts([field, field]), EDGES, weights=np.ones(100))
     with pytest.raises(DegeneracyError, match="cannot tell 8 degrees apart"):
         pairs.power(Field(0.1 * field.lon, 0.1 * field.lat, field.motion, field.sigma), 8)
-    blurred = pairs.correlation(field, EDGES, lmax=30)
+    blurred = pairs.correlation_function(field, EDGES, lmax=30)
     assert "blur bins" in blurred.notes[-1]
     near = Field(0.001 * field.lon, 0.001 * field.lat, field.motion, field.sigma)
-    found = pairs.correlation(near, EDGES, lmax=130)
+    found = pairs.correlation_function(near, EDGES, lmax=130)
     assert np.isnan(found.plus[-1])
     assert any("have no pairs" in note for note in found.notes)
     assert any("tell no errors" in note for note in found.notes)
@@ -239,7 +239,7 @@ def test_treecorr():
     # Their narrow bins, summed under our hat, are our bin.
     edges = np.radians([30.0, 60, 90])
     hat = np.sin(np.pi / 2 * np.interp(np.radians(theirs.meanr), edges, [0, 1, 0])) ** 2 * theirs.weight
-    found = pairs.correlation(field, edges, lmax=120)
+    found = pairs.correlation_function(field, edges, lmax=120)
     assert found.plus[0] == pytest.approx(np.sum(hat * theirs.xip) / hat.sum(), rel=1e-4)
     assert found.minus[0] == pytest.approx(np.sum(hat * theirs.xim) / hat.sum(), rel=1e-3)
     assert found.weight[0] == pytest.approx(hat.sum(), rel=1e-4)
@@ -253,7 +253,7 @@ def test_intervals_of_templates_hold_as_squares_scatter():
         lon, lat = sim.uniform_sky(800, rng)
         omega = np.array([0.0, 0.0, 3.0])
         motion = 30 * rng.normal(size=(2, 800)) + Coefficients.from_vectors(omega, np.zeros(3)).at(lon, lat)
-        found = pairs.correlation(
+        found = pairs.correlation_function(
             Field(lon, lat, motion, np.full((2, 800), 30.0)), np.radians([0, 30, 60, 90, 120, 150, 180])
         )
         templates = found.fit(["spin", "glide", "waves"])

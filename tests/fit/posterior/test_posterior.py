@@ -8,7 +8,7 @@ from fit.posterior._model import parallax_model
 from fit.posterior._priors import Priors, checked_priors
 from fit.secular_parallax import observer_velocity, parallax_equations
 from vsh import Vector
-from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2018
+from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError
 
 VELOCITY = BACHCHAN_2016.to_frame("icrs").value
@@ -91,7 +91,11 @@ def test_the_ridge_with_flat_priors():
 @pytest.mark.slow
 def test_a_chain_with_free_dispersion_against_the_grid():
     field = galaxies(sigma=2.0, spread=700.0)
-    settings = {"velocity_prior": PLANCK_2018, "hubble_prior": Normal(67, 5), "peculiar_dispersion": Flat(100, 1500)}
+    settings = {
+        "velocity_prior": CMB_VELOCITY_PLANCK18,
+        "hubble_prior": Normal(67, 5),
+        "peculiar_dispersion": Flat(100, 1500),
+    }
     found, on_grid = sample(field, n_samples=1_500_000, **settings, **SETTINGS), grid(field, **settings, flows=None)
     for name in ("H0", "peculiar_dispersion"):
         x = found.samples[name]
@@ -105,7 +109,9 @@ def test_a_chain_with_free_dispersion_against_the_grid():
 def test_excess_noise_is_found():
     field = galaxies(sigma=3.0)
     quieter = field.with_errors(field.sigma / 2)  # 3 in truth, 1.5 as told: √(9 − 2.25) is missing
-    on_grid = grid(quieter, PLANCK_2018, Flat(20, 150), peculiar_dispersion=0.0, excess_noise=Flat(0, 20), flows=None)
+    on_grid = grid(
+        quieter, CMB_VELOCITY_PLANCK18, Flat(20, 150), peculiar_dispersion=0.0, excess_noise=Flat(0, 20), flows=None
+    )
     assert on_grid.mean("excess_noise") == pytest.approx(np.sqrt(6.75), abs=4 * on_grid.sigma("excess_noise"))
     assert on_grid.sigma("excess_noise") < 0.1
 
@@ -142,9 +148,11 @@ def test_outliers_are_told_apart():
     rng = np.random.default_rng(1)
     wrong = rng.uniform(size=400) < 0.1
     dirty = field.minus(np.where(wrong, rng.normal(0, 60, (2, 400)), 0.0))
-    found = sample(dirty, PLANCK_2018, Flat(20, 150), n_samples=200_000, peculiar_dispersion=0.0, outliers=Flat(0, 0.5), outlier_width=60.0,
+    found = sample(dirty, CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=200_000, peculiar_dispersion=0.0, outliers=Flat(0, 0.5), outlier_width=60.0,
                    n_walkers=64, **SETTINGS)  # fmt: skip
-    clean = sample(field[~wrong], PLANCK_2018, Flat(20, 150), n_samples=400_000, peculiar_dispersion=0.0, **SETTINGS)
+    clean = sample(
+        field[~wrong], CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=400_000, peculiar_dispersion=0.0, **SETTINGS
+    )
     dirty_row, clean_row = (x.summary()["H0"] for x in (found, clean))
     assert abs(dirty_row.mean - clean_row.mean) < clean_row.sigma
     assert dirty_row.sigma < 1.4 * clean_row.sigma
@@ -156,7 +164,7 @@ def test_outliers_are_told_apart():
 
 def test_a_callable_prior_is_the_gaussian_it_computes():
     field = galaxies()
-    turned = Vector(PLANCK_2018.value, 1600 * np.eye(3), "galactic", "km/s").to_frame("icrs")
+    turned = Vector(CMB_VELOCITY_PLANCK18.value, 1600 * np.eye(3), "galactic", "km/s").to_frame("icrs")
 
     def by_hand(v):
         return -np.sum((v - turned.value) ** 2, axis=1) / 3200
@@ -204,7 +212,7 @@ def test_a_spin_with_errors_is_a_prior():
 
 
 def test_a_short_chain_reports_nothing_but_keeps_its_samples():
-    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=5000, max_samples=5000, **SETTINGS)
+    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=5000, max_samples=5000, **SETTINGS)
     assert found.chain.shape == (40, 128, 4)
     for report in (found.summary, found.report, found.to_arviz, found.corner, lambda: found.samples):
         with pytest.raises(ConvergenceError, match=r"40 steps are .*; 50 times are needed.*n_samples=\d+"):
@@ -212,13 +220,13 @@ def test_a_short_chain_reports_nothing_but_keeps_its_samples():
 
 
 def test_walkers_that_never_moved_report_nothing():
-    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=256, max_samples=256, **SETTINGS)
+    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=256, max_samples=256, **SETTINGS)
     with pytest.raises(ConvergenceError, match="2 steps are"):
         found.report()
 
 
 def test_figures_and_tables():
-    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=500_000, **SETTINGS)
+    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=500_000, **SETTINGS)
     text = found.report()
     assert "toward the apex" in text
     assert "H0" in text
@@ -247,7 +255,7 @@ def test_figures_and_tables():
 
 @pytest.mark.parametrize("ending", ["fits", "ecsv"])
 def test_samples_travel(ending, tmp_path):
-    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=300_000, **SETTINGS)
+    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=300_000, **SETTINGS)
     found.write(tmp_path / f"samples.{ending}")
     back = read_samples(tmp_path / f"samples.{ending}")
     assert set(back) == set(found.samples)
@@ -257,7 +265,7 @@ def test_samples_travel(ending, tmp_path):
 
 @pytest.mark.filterwarnings("ignore")
 def test_arviz():
-    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=500_000, **SETTINGS)
+    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=500_000, **SETTINGS)
     data = found.to_arviz()
     posterior = data["posterior"]
     assert float(posterior["H0"].mean()) == pytest.approx(found.summary()["H0"].mean)
@@ -276,7 +284,7 @@ def test_arviz():
 
 def test_a_posterior_without_limits_says_so():
     field = galaxies(30, sigma=200.0)
-    found = sample(field, PLANCK_2018, "flat", n_samples=400_000, **SETTINGS)
+    found = sample(field, CMB_VELOCITY_PLANCK18, "flat", n_samples=400_000, **SETTINGS)
     assert "next to H0 = 1000, a limit of the sampler" in found.report()
 
 
@@ -294,7 +302,7 @@ def test_a_posterior_without_limits_says_so():
         ({"peculiar_dispersion": -1}, ParameterError, "peculiar_dispersion cannot be -1"),
         ({"peculiar_dispersion": Flat(0)}, ParameterError, "needs an upper limit"),
         ({"outliers": Flat(0, 2)}, ParameterError, "between 0 and 1"),
-        ({"outliers": Flat(0, 0.5), "spin": PLANCK_2018}, ParameterError, "take a known one away"),
+        ({"outliers": Flat(0, 0.5), "spin": CMB_VELOCITY_PLANCK18}, ParameterError, "take a known one away"),
         ({"n_walkers": 6}, ParameterError, "6 walkers are too few"),
         ({"n_samples": 100}, ParameterError, "fewer than two steps"),
         ({"velocity_prior": lambda v: np.full(len(v), -np.inf)}, ParameterError, "zero wherever it was tried"),
@@ -355,17 +363,17 @@ def test_simulation_based_calibration():
 
 def test_a_chain_that_is_too_short_goes_on():
     field = galaxies(300)
-    found = sample(field, PLANCK_2018, Flat(20, 150), n_samples=6000, **SETTINGS)
+    found = sample(field, CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=6000, **SETTINGS)
     steps = len(found.chain)
     assert steps > 6000 / 128
     assert steps >= 50 * max(found.autocorrelation.values())
-    again = sample(field, PLANCK_2018, Flat(20, 150), n_samples=6000, **SETTINGS)
+    again = sample(field, CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=6000, **SETTINGS)
     assert (again.chain == found.chain).all()
 
 
 def test_digits_are_those_that_the_sample_has():
     """15.31 was printed of a sample whose own exact line says 15.23, with a Monte Carlo error of 0.06."""
-    found = sample(galaxies(300), PLANCK_2018, Flat(20, 150), n_samples=200_000, **SETTINGS)
+    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=200_000, **SETTINGS)
     text = found.report()
     assert "independent samples at least, R̂ 1.0" in text
     row = next(line for line in text.splitlines() if line.startswith("H0   ")).split()

@@ -8,10 +8,10 @@ import sim
 from fit.posterior import Flat, Normal, grid, sample
 from fit.secular_parallax import hubble_constant
 from vsh import Field, Vector
-from vsh.models.cosmology import PLANCK_2018, to_cmb
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, to_cmb
 from vsh.tools.errors import ParameterError, VshWarning
 
-OURS = PLANCK_2018.to_frame("icrs")
+OURS = CMB_VELOCITY_PLANCK18.to_frame("icrs")
 GLIDE = np.array([-0.236, -3.756, -2.080])
 
 

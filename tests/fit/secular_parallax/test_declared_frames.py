@@ -6,7 +6,7 @@ import pytest
 import sim
 from fit.secular_parallax import hubble_constant, observer_velocity
 from vsh import Field
-from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2018, to_cmb
+from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18, to_cmb
 from vsh.sky.sphere import triad
 from vsh.tools.errors import VshWarning
 
@@ -35,7 +35,7 @@ def test_a_frame_that_nobody_told_is_asked_for_once():
     declared = observer_velocity(bare, 67.3, redshift_frame="cmb")
     assert not any("nobody says" in str(note) for note in declared.notes)
     with pytest.warns(VshWarning, match="as cmb ones they give H0 ="):
-        hubble_constant(bare, PLANCK_2018)
+        hubble_constant(bare, CMB_VELOCITY_PLANCK18)
 
 
 def test_heliocentric_redshifts_on_half_a_sky():

@@ -9,7 +9,7 @@ import sim
 from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
 from vsh import Vector
 from vsh.io.parts import as_parts
-from vsh.models.cosmology import BACHCHAN_2016, PLANCK_2013, transverse_distance
+from vsh.models.cosmology import BACHCHAN_2016, FLAT_PLANCK13, transverse_distance
 from vsh.models.flows import VelocityGrid
 from vsh.sky.sphere import triad
 from vsh.tools.errors import ParameterError
@@ -17,7 +17,7 @@ from vsh.tools.units import AU_PER_YEAR
 
 OURS = BACHCHAN_2016.to_frame("icrs").value
 ACCELERATION = np.array([-0.236, -3.756, -2.080])
-LITTLE_H = PLANCK_2013.H0.value / 100
+LITTLE_H = FLAT_PLANCK13.H0.value / 100
 
 
 def galaxies(n=400, seed=1, hubble=67.3, sigma=2.0, **flow):
@@ -53,7 +53,7 @@ def test_the_velocity_errs_as_under_the_whole_covariance():
     found = observer_velocity(field, 67.3, flows="linear")
     rows = parallax_equations(field, flows="linear", n_modes=3)
     n = len(field)
-    from vsh.models.flows import PLANCK_2018 as THEORY
+    from vsh.models.flows import LINEAR_PLANCK18 as THEORY
 
     full = THEORY.covariance(u * r).reshape(n, 3, n, 3)
     flow = rows.flow

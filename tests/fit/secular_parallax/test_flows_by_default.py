@@ -8,10 +8,10 @@ import sim
 from fit.redshift import binned, permutation_test
 from fit.secular_parallax import hubble_constant, observer_velocity, parallax_equations
 from vsh.io.parts import as_parts
-from vsh.models.cosmology import PLANCK_2018
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
 
-OURS = PLANCK_2018.to_frame("icrs").value
+OURS = CMB_VELOCITY_PLANCK18.to_frame("icrs").value
 GLIDE = np.array([-0.236, -3.756, -2.080])
 
 
@@ -28,9 +28,9 @@ def skies():
     pulls, p_values = [], []
     for seed in range(40):
         field = galaxies(seed)
-        v, h = observer_velocity(field, 67.3).velocity, hubble_constant(field, PLANCK_2018)
+        v, h = observer_velocity(field, 67.3).velocity, hubble_constant(field, CMB_VELOCITY_PLANCK18)
         pulls.append([*((v.value - OURS) / v.sigma), (h.hubble - 67.3) / h.hubble_error])
-        p_values.append(binned(field, 1, 3).secular_parallax(PLANCK_2018)[1].p_value)
+        p_values.append(binned(field, 1, 3).secular_parallax(CMB_VELOCITY_PLANCK18)[1].p_value)
     return np.array(pulls), np.array(p_values)
 
 
@@ -57,7 +57,7 @@ def test_what_flows_would_add_is_said_where_they_are_left_out():
     np.testing.assert_allclose(np.hypot(added, without.velocity.sigma), with_flow.velocity.sigma, rtol=0.35)
     assert "flows of linear theory, which galaxies share, add ±" in without.report()
     assert "not in the errors above" not in with_flow.report()
-    h = hubble_constant(field, PLANCK_2018, flows=None)
+    h = hubble_constant(field, CMB_VELOCITY_PLANCK18, flows=None)
     assert "km/s/Mpc in H0" in h.report()
     parts = observer_velocity(as_parts([field[:300], field[300:]]), 67.3, flows=None)
     np.testing.assert_allclose(parts.flow_covariance, without.flow_covariance, rtol=1e-6)
@@ -170,9 +170,9 @@ def test_a_curved_space_moves_sources_by_the_parallax_distance():
     field = sim.observe(population, truth, rng=2, sigma=1e-9)
     found = observer_velocity(field, 67.3, cosmology=curved)
     np.testing.assert_allclose(found.values, [*OURS, *GLIDE], rtol=1e-6)
-    assert hubble_constant(field, PLANCK_2018, cosmology=curved).hubble == pytest.approx(67.3, rel=1e-6)
+    assert hubble_constant(field, CMB_VELOCITY_PLANCK18, cosmology=curved).hubble == pytest.approx(67.3, rel=1e-6)
     with pytest.raises(ParameterError, match=r"cosmology is one of astropy's.*not a Vector"):
-        observer_velocity(field, 67.3, cosmology=PLANCK_2018)
+        observer_velocity(field, 67.3, cosmology=CMB_VELOCITY_PLANCK18)
 
 
 def test_a_cut_in_heliocentric_redshifts_leaves_densities_unbiased():

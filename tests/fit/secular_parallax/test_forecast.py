@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import sim
-from fit.secular_parallax import forecast, predict
+from fit.secular_parallax import forecast_velocity, predict_errors
 from fit.storage import read
 from vsh.figures.plot import figure_of
 from vsh.tools.errors import ParameterError
@@ -14,7 +14,7 @@ from vsh.tools.errors import ParameterError
 @pytest.fixture(scope="module")
 def found():
     galaxies = sim.galaxies(3000, 1)
-    return forecast(
+    return forecast_velocity(
         {name: sim.observe(galaxies, sim.spin((0, 0, 0)), 2, release=name) for name in ("DR3", "DR5")},
         (0.015, 0.03),
         n_modes=60,
@@ -48,7 +48,7 @@ def test_it_is_a_result_like_any_other(found, tmp_path):
 def test_the_published_table():
     """Errors of 100 000 galaxies at z < 0.03, within 5 %: worked out before in another program."""
     galaxies = sim.galaxies(100_000, 1)
-    found = forecast(
+    found = forecast_velocity(
         {name: sim.observe(galaxies, sim.spin((0, 0, 0)), 1, release=name) for name in ("DR3", "DR4", "DR5")}, (0.03,)
     )
     expected = [[66, 281, 218, 183, 154, 120], [32, 268, 213, 163, 142, 113], [16, 250, 209, 151, 137, 108]]
@@ -58,9 +58,9 @@ def test_the_published_table():
 
 def test_a_prediction_is_the_covariance_of_the_fit_to_come():
     galaxies = sim.observe(sim.galaxies(300, 1), sim.spin((0, 0, 0)), 2, sigma=3.0)
-    velocity, hubble = predict(galaxies, 67.3, flows="linear", n_modes=30)
+    velocity, hubble = predict_errors(galaxies, 67.3, flows="linear", n_modes=30)
     assert velocity.flow is not None
     assert np.isnan(velocity.values).all()
     assert hubble.hubble_error > 0
     with pytest.raises(ParameterError, match="one catalogue at least"):
-        forecast({})
+        forecast_velocity({})

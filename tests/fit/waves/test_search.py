@@ -54,13 +54,15 @@ def test_all_other_coefficients_are_free():
 
 
 def test_a_wave_is_found():
-    found = [search(fit.fit_field(sky(seed=seed, signal=sim.wave(K, 15.0, -8.0)), 5), n_skies=200) for seed in range(8)]
+    found = [
+        search(fit.fit_field(sky(seed=seed, signal=sim.plane_wave(K, 15.0, -8.0)), 5), n_skies=200) for seed in range(8)
+    ]
     assert all(each.p_value == pytest.approx(1 / 201) for each in found)
     assert np.median([np.degrees(np.arccos(each.vector @ K)) for each in found]) < 12
     best = np.argmin(np.sum((np.array([each.vector for each in found]) - K) ** 2, axis=1))
     assert found[best].amplitude == pytest.approx(17, rel=0.25)
     # At its own direction the amplitudes are without bias.
-    white, modes = whitened(sky(signal=sim.wave((0, 0, 1), 15.0, -8.0)), 5)
+    white, modes = whitened(sky(signal=sim.plane_wave((0, 0, 1), 15.0, -8.0)), 5)
     at = 0  # the first pixel is next to the pole
     _, amplitudes, spread = map_of(white, modes, 64)
     assert abs(np.linalg.norm(amplitudes[:, at]) - 17) < 4 * spread[at]

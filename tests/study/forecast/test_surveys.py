@@ -5,7 +5,7 @@ import pytest
 
 import fit
 import sim
-from study.forecast import SURVEYS, Survey, forecast
+from study.forecast import SURVEYS, Survey, forecast_surveys
 from study.forecast._surveys import QUANTITIES
 from study.forecast.command import main
 from vsh import Field, ParameterError
@@ -14,7 +14,7 @@ from vsh.figures.plot import figure_of
 
 @pytest.fixture(scope="module")
 def found():
-    return forecast()
+    return forecast_surveys()
 
 
 def test_numbers_of_even_skies(found):
@@ -45,7 +45,7 @@ def test_what_follows_from_the_acceleration(found):
 def test_a_survey_of_few_sources_beside_its_own_fit():
     """400 simulated skies of the same sources: scatter as forecast."""
     survey = Survey(500, sigma=20.0)
-    values = forecast({"mine": survey}).values["mine"]
+    values = forecast_surveys({"mine": survey}).values["mine"]
     rng, seen, shears = np.random.default_rng(1), [], []
     for _ in range(400):
         lon, lat = sim.uniform_sky(500, rng)
@@ -60,7 +60,9 @@ def test_a_survey_of_few_sources_beside_its_own_fit():
 
 
 def test_errors_scale_as_they_must():
-    one, four = (forecast({"s": Survey(n, sigma=10.0, n_galaxies=n)}, flows=False).values["s"] for n in (1000, 4000))
+    one, four = (
+        forecast_surveys({"s": Survey(n, sigma=10.0, n_galaxies=n)}, flows=False).values["s"] for n in (1000, 4000)
+    )
     for name in ("spin", "acceleration", "shear", "wave", "velocity"):
         assert four[name] == pytest.approx(one[name] / 2, rel=1e-6)
     assert four["waves"] == pytest.approx(one["waves"] / 4, rel=1e-6)
@@ -68,7 +70,7 @@ def test_errors_scale_as_they_must():
 
 
 def test_other_skies_are_worse():
-    even, plane = (forecast({"s": Survey(1000, sigma=10.0)}, sky=sky).values["s"] for sky in ("even", "gums"))
+    even, plane = (forecast_surveys({"s": Survey(1000, sigma=10.0)}, sky=sky).values["s"] for sky in ("even", "gums"))
     assert plane["spin"] > 1.005 * even["spin"]
 
 
@@ -84,11 +86,11 @@ def test_report_table_and_figure(found):
 
 def test_messages(capsys):
     with pytest.raises(ParameterError, match="at least, by name"):
-        forecast({})
+        forecast_surveys({})
     with pytest.raises(ParameterError, match="at least, by name"):
-        forecast({"a": 3})
+        forecast_surveys({"a": 3})
     with pytest.raises(ParameterError, match="sky must be one of"):
-        forecast(sky="flat")
+        forecast_surveys(sky="flat")
     with pytest.raises(ParameterError, match="one of the two"):
         Survey(100)
     with pytest.raises(ParameterError, match="n_quasars must be a whole number"):

@@ -164,14 +164,14 @@ def test_vectors_and_velocities_from_the_shell():
     """Three meanings of --velocity, and negative numbers behind a space."""
     from vsh.commands.options import simulate
     from vsh.commands.reading import velocity_of
-    from vsh.models.cosmology import PLANCK_2018
+    from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 
     def parsed(*words):
         return parsing.parse(simulate, ["galaxies", "--output", "x.fits", *words])
 
     assert parsed("--spin", "-1,2,-3").spin == (-1, 2, -3)
     assert parsed("--spin", "-.5,2,3").spin == (-0.5, 2, 3)
-    assert velocity_of(parsed("--velocity", "planck").velocity) is PLANCK_2018
+    assert velocity_of(parsed("--velocity", "planck").velocity) is CMB_VELOCITY_PLANCK18
     found = velocity_of(parsed("--velocity", "369,264,48").velocity)
     assert found.amplitude == pytest.approx(369)
     assert found.direction == pytest.approx((264, 48))
@@ -308,7 +308,7 @@ def test_twenty_kills_of_other_commands(name, tmp_path):
             mark = json.loads((out / "provenance.json").read_text())
             assert set(mark["files"]) | {"provenance.json"} == {x.name for x in out.iterdir()}
             assert (out / "samples.fits").read_bytes() == samples
-    assert len(tables.read(galaxies)) == 20_000
+    assert len(tables.read_table(galaxies)) == 20_000
     if name == "vsh-redshift":
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
         assert (out / "samples.fits").read_bytes() == samples

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vsh.models.flows import PLANCK_2018, LinearTheory, VelocityGrid, flow_modes, read_velocity_grid
+from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, flow_modes, read_velocity_grid
 from vsh.sky.sphere import triad
 from vsh.tools.errors import ParameterError, TableError
 
@@ -15,24 +15,24 @@ def places(n=400, seed=2, near=6.0, far=90.0):
 
 
 def test_the_dispersion_and_bulk_flows():
-    assert pytest.approx(306.0, abs=0.1) == PLANCK_2018.sigma
-    found = [PLANCK_2018.bulk_flow(radius) for radius in (20, 45, 100)]
+    assert pytest.approx(306.0, abs=0.1) == LINEAR_PLANCK18.sigma
+    found = [LINEAR_PLANCK18.bulk_flow(radius) for radius in (20, 45, 100)]
     np.testing.assert_allclose(found, [406, 316, 215], atol=0.6)
 
 
 def test_correlations_by_separation():
-    along, across = PLANCK_2018.correlation([5, 10, 20, 40, 80, 120])
+    along, across = LINEAR_PLANCK18.correlation([5, 10, 20, 40, 80, 120])
     np.testing.assert_allclose(along, [75981, 60171, 38364, 16075, 1609, -2998], atol=2)
     np.testing.assert_allclose(across, [85240, 76494, 62429, 44023, 25567, 16748], atol=2)
-    assert [float(each) for each in PLANCK_2018.correlation(1e5)] == [0, 0]
+    assert [float(each) for each in LINEAR_PLANCK18.correlation(1e5)] == [0, 0]
 
 
 def test_a_potential_flow_has_correlations_that_belong_together():
     """Ψ∥ = d(r Ψ⊥)/dr for any power spectrum (Górski 1988)."""
     r = np.linspace(2, 150, 400)
-    along, across = PLANCK_2018.correlation(r)
+    along, across = LINEAR_PLANCK18.correlation(r)
     slope = np.gradient(r * across, r)
-    np.testing.assert_allclose(slope[2:-2], along[2:-2], atol=0.002 * PLANCK_2018.sigma**2)
+    np.testing.assert_allclose(slope[2:-2], along[2:-2], atol=0.002 * LINEAR_PLANCK18.sigma**2)
 
 
 def test_the_power_is_that_of_colossus():
@@ -40,16 +40,16 @@ def test_the_power_is_that_of_colossus():
     planck = cosmology.setCosmology("planck18", persistence="")
     k = np.geomspace(1e-4, 10, 300)
     np.testing.assert_allclose(
-        PLANCK_2018.power_at(k), planck.matterPowerSpectrum(k, 0.0, model="eisenstein98"), rtol=1e-3
+        LINEAR_PLANCK18.power_at(k), planck.matterPowerSpectrum(k, 0.0, model="eisenstein98"), rtol=1e-3
     )
-    assert PLANCK_2018.growth_rate == pytest.approx(planck.Om0**0.55)
+    assert LINEAR_PLANCK18.growth_rate == pytest.approx(planck.Om0**0.55)
 
 
 def test_sums_over_waves_have_those_correlations():
     """By drawing plane waves, which share no formula with the spherical ones."""
     rng = np.random.default_rng(1)
     k = np.geomspace(1e-3, 3, 4000)
-    weight = PLANCK_2018.power_at(k) * np.gradient(k)
+    weight = LINEAR_PLANCK18.power_at(k) * np.gradient(k)
     waves = rng.choice(k, 400_000, p=weight / weight.sum())
     direction = rng.standard_normal((3, waves.size))
     direction /= np.linalg.norm(direction, axis=0)
@@ -57,7 +57,7 @@ def test_sums_over_waves_have_those_correlations():
         phase = np.cos(waves * direction[2] * r)
         along = 3 * np.mean(direction[2] ** 2 * phase)
         across = 3 * np.mean(direction[0] ** 2 * phase)
-        expected = [float(each) / PLANCK_2018.sigma**2 for each in PLANCK_2018.correlation(r)]
+        expected = [float(each) / LINEAR_PLANCK18.sigma**2 for each in LINEAR_PLANCK18.correlation(r)]
         np.testing.assert_allclose([along, across], expected, atol=0.01, err_msg=str(i))
 
 
@@ -65,7 +65,7 @@ def dense(lon, lat, r):
     """The covariance of (east, north, outwards) of all sources, (3n, 3n)."""
     p, q, u = triad(lon, lat)
     n = len(lon)
-    full = PLANCK_2018.covariance(u * r).reshape(n, 3, n, 3)
+    full = LINEAR_PLANCK18.covariance(u * r).reshape(n, 3, n, 3)
     axes = np.stack([p, q, u])
     return np.einsum("aim,minj,bjn->ambn", axes, full, axes, optimize=True).reshape(3 * n, 3 * n)
 
@@ -87,7 +87,7 @@ def test_modes_hold_the_covariance(n_modes, bound):
     # Velocities across and along the line of sight belong to one field: their signs would show.
     cross = slice(2 * n, None), slice(0, 2 * n)
     assert np.linalg.norm(found[cross] - whole[cross]) < 1.4 * bound * np.linalg.norm(whole[cross])
-    assert np.allclose(np.diag(found), PLANCK_2018.sigma**2, rtol=0.06)
+    assert np.allclose(np.diag(found), LINEAR_PLANCK18.sigma**2, rtol=0.06)
 
 
 def test_the_flow_where_we_are_is_the_limit_of_small_distances():
@@ -99,7 +99,7 @@ def test_the_flow_where_we_are_is_the_limit_of_small_distances():
     np.testing.assert_allclose(here[:, one], radial[:, one], atol=0.02 * np.abs(here).max())
     assert not np.delete(here, np.r_[one], axis=1).any()
     total = (here @ here.T)[0, 0] + modes.left_at_origin()
-    assert total == pytest.approx(PLANCK_2018.sigma**2)
+    assert total == pytest.approx(LINEAR_PLANCK18.sigma**2)
 
 
 def test_far_sources_are_left_to_the_dispersion():
@@ -107,7 +107,7 @@ def test_far_sources_are_left_to_the_dispersion():
     tangential, radial = modes.at(np.zeros(1), np.zeros(1), np.array([300.0]))
     assert not tangential.any()
     assert not radial.any()
-    assert modes.left(np.array([300.0]))[0][0] == pytest.approx(PLANCK_2018.sigma**2)
+    assert modes.left(np.array([300.0]))[0][0] == pytest.approx(LINEAR_PLANCK18.sigma**2)
 
 
 def test_bad_theories_and_modes():

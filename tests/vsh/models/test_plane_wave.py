@@ -41,7 +41,7 @@ def test_motions_are_those_of_the_coefficients(direction, amplitudes):
     motion = wave_motions(lon, lat, direction, *amplitudes)
     projected = adjoint(8, lon, lat, motion) * 4 * np.pi / lon.size / wave.modes.norm2
     assert_allclose(projected, wave.values, atol=3e-4)
-    assert_allclose(sim.wave(direction, *amplitudes)(lon, lat), motion)
+    assert_allclose(sim.plane_wave(direction, *amplitudes)(lon, lat), motion)
     power = np.sum(motion**2, axis=0).mean() * 4 * np.pi
     assert power == pytest.approx(2 * np.pi / 3 * np.hypot(*amplitudes) ** 2, rel=1e-3)
 
@@ -58,8 +58,8 @@ def test_where_the_wave_comes_from_and_goes_to(direction):
 def test_messages():
     for bad, said in (((0, 0, 0), "some length"), ((1, 2), "has shape"), ((np.nan, 0, 1), "not finite")):
         with pytest.raises(ParameterError, match=said):
-            sim.wave(bad, 1.0)
+            sim.plane_wave(bad, 1.0)
     with pytest.raises(ParameterError, match="plus must be a finite number"):
-        sim.wave((0, 0, 1), "strong")
+        sim.plane_wave((0, 0, 1), "strong")
     with pytest.raises(ParameterError, match="frequency must be above zero"):
         strain_of(1.0, 0.0)

@@ -4,9 +4,12 @@ Every way a file can be unreadable ends in a TableError that names it.
 """
 
 from vsh.io.tables._fits import fits_checked, fits_rows
-from vsh.io.tables._open import INPUT_FORMATS, STANDARD_INPUT, as_table, files_of, open_table, read
+from vsh.io.tables._open import INPUT_FORMATS, STANDARD_INPUT, as_table, files_of, open_table, read_table
 from vsh.io.tables._source import TableSource, check_alike
 from vsh.io.tables._where import Where
+from vsh.tools.modules import old_names
 from vsh.tools.writing import CREATOR, FORMATS, check_writable, format_of, table_of, write, write_table
 
-__all__ = ["open_table", "read", "write_table"]
+__all__ = ["open_table", "read_table", "write_table"]
+
+__getattr__ = old_names(__name__, {"read": "read_table"})

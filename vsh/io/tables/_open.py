@@ -196,7 +196,7 @@ def _main_table(path, label):
     return path / name
 
 
-def read(path: PathName) -> Table:
+def read_table(path: PathName) -> Table:
     """Read a whole table; `open_table` reads columns and blocks.
 
     Parameters
@@ -221,7 +221,7 @@ def as_table(source: Any) -> Table:
     """A path or any table in memory as an astropy Table."""
     from astropy.table import Table
 
-    return source if isinstance(source, Table) else read(source)
+    return source if isinstance(source, Table) else read_table(source)
 
 
 def _read_ecsv(path, label):

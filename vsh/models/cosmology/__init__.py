@@ -9,8 +9,8 @@ import lazy_loader
 
 from vsh.models.cosmology._apex import (
     BACHCHAN_2016,
+    CMB_VELOCITY_PLANCK18,
     LOCAL_GROUP,
-    PLANCK_2018,
     REDSHIFT_FRAMES,
     VELOCITIES,
     to_cmb,
@@ -18,10 +18,11 @@ from vsh.models.cosmology._apex import (
     velocity_from_apex,
 )
 from vsh.models.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable, with_redshift
+from vsh.tools.modules import old_names
 
 if TYPE_CHECKING:
     from vsh.models.cosmology._distance import (
-        PLANCK_2013,
+        FLAT_PLANCK13,
         distance_modulus,
         flat,
         hubble_value,
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BACHCHAN_2016",
-    "PLANCK_2013",
-    "PLANCK_2018",
+    "CMB_VELOCITY_PLANCK18",
+    "FLAT_PLANCK13",
     "distance_modulus",
     "to_cmb",
     "transverse_distance",
@@ -42,7 +43,7 @@ __all__ = [
 ]
 
 _DISTANCE = [
-    "PLANCK_2013",
+    "FLAT_PLANCK13",
     "distance_modulus",
     "flat",
     "hubble_value",
@@ -50,7 +51,8 @@ _DISTANCE = [
     "redshift_of",
     "transverse_distance",
 ]
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_distance": _DISTANCE})
+_lazy, _, _ = lazy_loader.attach(__name__, submod_attrs={"_distance": _DISTANCE})
+__getattr__ = old_names(__name__, {"PLANCK_2013": "FLAT_PLANCK13", "PLANCK_2018": "CMB_VELOCITY_PLANCK18"}, _lazy)
 
 
 def __dir__() -> list[str]:

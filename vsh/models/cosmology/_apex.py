@@ -24,7 +24,7 @@ from vsh.tools.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
 
 #: Planck Collaboration (2020, A&A 641, A1), table 3: toward the apex. [km/s]
-PLANCK_2018 = Vector.from_spherical(369.82, 264.021, 48.253, (0.11, 0.011, 0.005), "galactic", "km/s")
+CMB_VELOCITY_PLANCK18 = Vector.from_spherical(369.82, 264.021, 48.253, (0.11, 0.011, 0.005), "galactic", "km/s")
 
 
 #: What Bachchan, Hobbs & Lindegren (2016, A&A 589, A71) put into their simulations. [km/s]
@@ -32,7 +32,7 @@ BACHCHAN_2016 = Vector.from_spherical(369.0, 263.99, 48.26, frame="galactic", un
 
 
 #: Velocities that have names, in every command and study.
-VELOCITIES = {"planck": PLANCK_2018, "paper": BACHCHAN_2016}
+VELOCITIES = {"planck": CMB_VELOCITY_PLANCK18, "paper": BACHCHAN_2016}
 
 
 def velocity_along(value: Any, frame: str) -> Vector:
@@ -101,7 +101,7 @@ _NONE = Vector(np.zeros(3), np.zeros((3, 3)), "galactic", "km/s")
 
 
 #: The Sun's velocity with respect to the observer at rest in each frame of redshifts. [km/s]
-REDSHIFT_FRAMES = {"heliocentric": _NONE, "cmb": PLANCK_2018, "local-group": SUN_IN_LOCAL_GROUP}
+REDSHIFT_FRAMES = {"heliocentric": _NONE, "cmb": CMB_VELOCITY_PLANCK18, "local-group": SUN_IN_LOCAL_GROUP}
 
 
 def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, redshift_frame: str) -> FloatArray:
@@ -122,7 +122,7 @@ def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, r
 
     Examples
     --------
-    >>> apex = PLANCK_2018.to_frame("icrs").direction
+    >>> apex = CMB_VELOCITY_PLANCK18.to_frame("icrs").direction
     >>> float(to_cmb(np.array([0.01]), *np.radians([[apex[0]], [apex[1]]]), "icrs", "heliocentric")[0].round(6))
     0.011246
     """

@@ -13,7 +13,7 @@ from vsh.tools.types import ArrayLike, Cosmology, FloatArray
 from vsh.tools.units import SPEED_OF_LIGHT
 
 #: Flat, Ω_m = 0.315, H0 = 67.3 km/s/Mpc: Bachchan, Hobbs & Lindegren (2016).
-PLANCK_2013 = FlatLambdaCDM(H0=67.3, Om0=0.315)
+FLAT_PLANCK13 = FlatLambdaCDM(H0=67.3, Om0=0.315)
 #: More redshifts than this are interpolated.
 _EXACT = 1000
 
@@ -50,7 +50,7 @@ def transverse_distance(
     """
     if redshift is None:
         raise FieldError("these sources have no redshifts, which a distance needs")
-    cosmology = PLANCK_2013 if cosmology is None else _checked(cosmology)
+    cosmology = FLAT_PLANCK13 if cosmology is None else _checked(cosmology)
     redshift = float_array("redshift", redshift, finite=False)
     if not redshift.size:
         raise FieldError("there are no redshifts to take distances of")
@@ -93,7 +93,7 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
     >>> redshift_of(transverse_distance(np.array([0.01, 1.0]))).round(6)
     array([0.01, 1.  ])
     """
-    cosmology = PLANCK_2013 if cosmology is None else cosmology
+    cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     grid = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
     known = _exact(grid, cosmology)
     rising = slice(0, int(np.argmax(known)) + 1)
@@ -105,7 +105,7 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
 
 def flat(omega_m: float) -> Cosmology:
     """A flat cosmology with a cosmological constant."""
-    return FlatLambdaCDM(H0=hubble_value(PLANCK_2013), Om0=omega_m)
+    return FlatLambdaCDM(H0=hubble_value(FLAT_PLANCK13), Om0=omega_m)
 
 
 def hubble_value(cosmology: Cosmology) -> float:
@@ -135,7 +135,7 @@ def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> 
 def _checked(cosmology):
     if not (hasattr(cosmology, "H0") and hasattr(cosmology, "comoving_transverse_distance")):
         raise ParameterError(
-            f"cosmology is one of astropy's, FlatLambdaCDM(H0=70, Om0=0.3) say, not a {type(cosmology).__name__} (PLANCK_2018 of "
+            f"cosmology is one of astropy's, FlatLambdaCDM(H0=70, Om0=0.3) say, not a {type(cosmology).__name__} (CMB_VELOCITY_PLANCK18 of "
             "vsh.models.cosmology is our velocity, that of vsh.models.flows a theory of flows)"
         )
     return cosmology

@@ -13,7 +13,7 @@ from vsh.models.covariance._matrix import (
     from_function,
     from_spectrum,
     of_errors,
-    read,
+    read_covariance,
 )
 from vsh.models.covariance._spectrum import (
     LINDEGREN_2021,
@@ -23,5 +23,8 @@ from vsh.models.covariance._spectrum import (
     d_plus,
     wave_fractions,
 )
+from vsh.tools.modules import old_names
 
-__all__ = ["LINDEGREN_2021", "Covariance", "Spectrum", "from_function", "from_spectrum", "read"]
+__all__ = ["LINDEGREN_2021", "Covariance", "Spectrum", "from_function", "from_spectrum", "read_covariance"]
+
+__getattr__ = old_names(__name__, {"read": "read_covariance"})

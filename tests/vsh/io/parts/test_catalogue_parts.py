@@ -56,7 +56,7 @@ def test_every_source_of_parts_gives_the_same(folder, whole):
     paths = sorted(folder.iterdir())
     arrow = pyarrow.parquet.read_table(paths)
     sources = {
-        "folder": folder, "its name": str(folder), "files": paths, "tables": [tables.read(path) for path in paths],
+        "folder": folder, "its name": str(folder), "files": paths, "tables": [tables.read_table(path) for path in paths],
         "Arrow table": arrow, "Arrow stream": arrow.to_reader(), "DataFrame": arrow.to_pandas(), "fields": FIELDS,
         "frames": [pandas.read_parquet(path) for path in paths], "mixed": [*paths[:5], *FIELDS[5:]],
     }  # fmt: skip
@@ -208,14 +208,14 @@ def test_rows_that_cannot_be_used(tmp_path):
 
 def test_empty_parts_are_nothing(tmp_path):
     write_field(FIELDS[0], tmp_path / "1.parquet")
-    tables.read(tmp_path / "1.parquet")[:0].write(tmp_path / "0.parquet")
+    tables.read_table(tmp_path / "1.parquet")[:0].write(tmp_path / "0.parquet")
     assert parts(tmp_path).sum(len) == 300
 
 
 def test_files_that_differ_are_refused(tmp_path):
     """As when they are read whole: a column or a unit that one of them lacks is not filled in silently."""
     write_field(FIELDS[0], tmp_path / "a.fits")
-    plain = tables.read(tmp_path / "a.fits")
+    plain = tables.read_table(tmp_path / "a.fits")
     for change, said in [
         (
             lambda table: table.remove_column("pmra_pmdec_corr"),
@@ -234,7 +234,7 @@ def test_files_that_differ_are_refused(tmp_path):
 
 
 def test_errors_name_the_part(folder, tmp_path):
-    bad = tables.read(folder / "part03.parquet")
+    bad = tables.read_table(folder / "part03.parquet")
     bad["pmra"][5] = np.nan
     paths = sorted(folder.iterdir())
     bad.write(tmp_path / "bad.parquet")

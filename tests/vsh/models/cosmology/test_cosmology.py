@@ -4,8 +4,8 @@ from astropy.cosmology import FlatLambdaCDM, Flatw0waCDM, LambdaCDM
 
 from vsh.models.cosmology import (
     BACHCHAN_2016,
-    PLANCK_2013,
-    PLANCK_2018,
+    CMB_VELOCITY_PLANCK18,
+    FLAT_PLANCK13,
     redshift_of,
     transverse_distance,
     with_redshift,
@@ -29,7 +29,7 @@ def test_distances_and_parallaxes_of_the_conventions():
 
 @pytest.mark.parametrize(
     "cosmology",
-    [PLANCK_2013, FlatLambdaCDM(70, 0.3), LambdaCDM(70, 0.3, 0.8), Flatw0waCDM(70, 0.3, w0=-0.8, wa=-0.4)],
+    [FLAT_PLANCK13, FlatLambdaCDM(70, 0.3), LambdaCDM(70, 0.3, 0.8), Flatw0waCDM(70, 0.3, w0=-0.8, wa=-0.4)],
     ids=lambda c: type(c).__name__,
 )
 @pytest.mark.parametrize("limits", [(1e-4, 0.03), (1e-3, 7.0), (0.5, 0.51)])
@@ -48,11 +48,11 @@ def test_no_distance_is_asked_for_what_has_none(n):
     seen = []
 
     class Spy:
-        H0 = PLANCK_2013.H0
+        H0 = FLAT_PLANCK13.H0
 
         def comoving_transverse_distance(self, z):
             seen.append(np.asarray(z))
-            return PLANCK_2013.comoving_transverse_distance(z)
+            return FLAT_PLANCK13.comoving_transverse_distance(z)
 
         comoving_distance = comoving_transverse_distance
 
@@ -92,10 +92,10 @@ def test_sources_without_redshift_are_left_out_by_name():
 
 
 def test_our_velocity():
-    assert PLANCK_2018.amplitude == pytest.approx(369.82)
-    np.testing.assert_allclose(PLANCK_2018.direction, (264.021, 48.253))
-    np.testing.assert_allclose(PLANCK_2018.direction_error, (0.011, 0.005), rtol=1e-6)
-    assert PLANCK_2018.amplitude_error == pytest.approx(0.11)
+    assert CMB_VELOCITY_PLANCK18.amplitude == pytest.approx(369.82)
+    np.testing.assert_allclose(CMB_VELOCITY_PLANCK18.direction, (264.021, 48.253))
+    np.testing.assert_allclose(CMB_VELOCITY_PLANCK18.direction_error, (0.011, 0.005), rtol=1e-6)
+    assert CMB_VELOCITY_PLANCK18.amplitude_error == pytest.approx(0.11)
     # The paper tabulates the antapex.
     np.testing.assert_allclose(-BACHCHAN_2016.value, (25.7, 244.3, -275.3), atol=0.06)
 

@@ -10,7 +10,7 @@ from astropy.table import Table
 import sim
 from vsh import Field
 from vsh.io import catalogue
-from vsh.models.cosmology import LOCAL_GROUP, PLANCK_2018, REDSHIFT_FRAMES, to_cmb, with_redshift
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, LOCAL_GROUP, REDSHIFT_FRAMES, to_cmb, with_redshift
 from vsh.sky.redshift_frames import check_redshift_frame, redshift_frame_in
 from vsh.tools.errors import FieldError, ParameterError
 
@@ -18,7 +18,7 @@ C = 299792.458
 
 
 def test_heliocentric_redshifts_grow_toward_the_apex():
-    apex = PLANCK_2018.to_frame("icrs").direction
+    apex = CMB_VELOCITY_PLANCK18.to_frame("icrs").direction
     lon, lat = np.radians([[apex[0], apex[0] + 180], [apex[1], -apex[1]]])
     found = to_cmb(np.array([0.01, 0.01]), lon, lat, "icrs", "heliocentric")
     expected = 1.01 * (1 + np.array([1, -1]) * 369.82 / C) - 1
@@ -40,7 +40,7 @@ def test_the_frame_of_the_positions_does_not_matter():
 def test_the_local_group_by_the_sun_in_it():
     """The Sun's velocity in the Local Group and the Group's in the background add up to the Sun's."""
     sun, group = REDSHIFT_FRAMES["local-group"].value, LOCAL_GROUP.value
-    assert np.abs(sun + group - PLANCK_2018.value).max() < 80  # two measurements, some tens of km/s apart
+    assert np.abs(sun + group - CMB_VELOCITY_PLANCK18.value).max() < 80  # two measurements, some tens of km/s apart
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_the_description_of_a_column_tells_the_frame(ending, tmp_path):
 
 
 def test_usable_redshifts_are_those_in_the_frame_of_the_background():
-    apex = np.radians(PLANCK_2018.to_frame("icrs").direction)
+    apex = np.radians(CMB_VELOCITY_PLANCK18.to_frame("icrs").direction)
     lon, lat = np.array([apex[0], apex[0] + np.pi]), np.array([apex[1], -apex[1]])
     field = Field(
         lon, lat, np.zeros((2, 2)), np.ones((2, 2)), redshift=[-0.0005, 0.0005], redshift_frame="heliocentric"

@@ -52,18 +52,18 @@ def test_files(ending, tmp_path):
     matrix = shared.of_errors(FIELD).matrix
     path = tmp_path / f"matrix.{ending}"
     {"npy": np.save, "txt": np.savetxt, "fits": fits.writeto}[ending](path, matrix)
-    np.testing.assert_allclose(shared.read(path).matrix, matrix, rtol=1e-15)
+    np.testing.assert_allclose(shared.read_covariance(path).matrix, matrix, rtol=1e-15)
     path.write_bytes(b"nothing of the kind")
     with pytest.raises(TableError, match="holds no matrix that can be read"):
-        shared.read(path)
+        shared.read_covariance(path)
     with pytest.raises(TableError, match="holds no matrix that can be read"):
-        shared.read(tmp_path / "none.npy")
+        shared.read_covariance(tmp_path / "none.npy")
 
 
 def test_a_large_file_is_refused_before_it_is_read(tmp_path):
     np.lib.format.open_memmap(tmp_path / "large.npy", "w+", float, (40_000, 40_000))
     with pytest.raises(ParameterError, match="of 20000 sources takes 12 GiB"):
-        shared.read(tmp_path / "large.npy")
+        shared.read_covariance(tmp_path / "large.npy")
 
 
 def test_what_is_no_covariance_is_refused():
