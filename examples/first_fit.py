@@ -28,7 +28,7 @@ field = sim.observe(quasars, sim.spin(TRUE_SPIN) + sim.acceleration(TRUE_ACCELER
 # solution.
 solution = fit.solve(fit.normal_equations(field, Modes(3)))
 check = fit.cross_check(field)
-print(fit.report(solution, check=check))
+print(solution.report(check=check))
 
 for name, found, true in (
     ("spin", solution.spin, TRUE_SPIN),

@@ -53,7 +53,7 @@ field = read_field(sys.argv[1], columns=Columns(), on_bad="drop")
 # than three times the median.
 clipped = fit.robust.clip(field, Modes(1), kappa=3)
 kept = field[clipped.kept]
-print(fit.report(clipped.solution, check=fit.cross_check(kept), source=Path(sys.argv[1]).name))
+print(clipped.solution.report(check=fit.cross_check(kept), source=Path(sys.argv[1]).name))
 
 acceleration = clipped.solution.acceleration
 lon, lat = acceleration.to_frame("galactic").direction

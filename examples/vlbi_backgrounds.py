@@ -37,7 +37,7 @@ print(shared.report())
 # %%
 # Put into the errors of the fit:
 solution = fit.solve(fit.background.equations_of(robust), floor=shared)
-print(fit.report(solution, source=Path(sys.argv[1]).name))
+print(solution.report(source=Path(sys.argv[1]).name))
 
 # %%
 # Gravitational waves longer than the observations move sources in degree 2. The scale of the errors is marginalised; the

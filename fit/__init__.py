@@ -5,9 +5,10 @@ What is named in `__init__.pyi` is imported when it is first asked for.
 
 import lazy_loader
 
-import vsh  # which knows modules by their old names, too
+from vsh.tools.modules import old_names
 
-__getattr__, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_lazy, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__ = old_names(__name__, {"report": ("fit.output.report", "the method `solution.report()`")}, _lazy)
 
 
 def __dir__() -> list[str]:

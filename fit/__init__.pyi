@@ -22,7 +22,6 @@ from .check import CrossCheck, cross_check
 from .frame import FrameSolution, solve_frame
 from .matrix_free import MatrixFreeSolution, solve_matrix_free
 from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
-from .output import report
 from .robust import Clipped, clip
 from .solution import Solution
 from .solving import fit_field, solve
@@ -49,7 +48,6 @@ __all__ = [
     "pairs",
     "posterior",
     "redshift",
-    "report",
     "resample",
     "robust",
     "secular_parallax",

@@ -9,7 +9,7 @@ from fit.solution import LinearSolution
 from fit.storage import count, decoded, encoded
 from vsh.io import tables
 from vsh.sky.frames import check_frame
-from vsh.tools.arrays import covariance, float_array
+from vsh.tools.arguments import covariance, float_array
 from vsh.tools.errors import TableError
 from vsh.tools.types import FloatArray, Table
 from vsh.vector import Vector

@@ -18,7 +18,7 @@ from vsh.io import tables
 from vsh.modes import Modes
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
-from vsh.tools.arrays import covariance, float_array
+from vsh.tools.arguments import covariance, float_array
 from vsh.tools.types import FloatArray, Kind, Table
 from vsh.vector import Vector, correlation_of
 
@@ -259,7 +259,7 @@ class Solution(HarmonicSolution):
         return f"<{type(self).__name__}: degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors from {self.errors_from}>"
 
     def report(self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
-        """A page of text, as `fit.report` makes it.
+        """A page of text.
 
         Parameters
         ----------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, Release
 
@@ -30,7 +30,7 @@ def parallax_error(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray
     return np.sqrt(40 + 800 * z + 30 * z**2) * RELEASES[release][0]
 
 
-@arguments.accepts(magnitude=arrays.float_array)
+@arguments.accepts(magnitude=arguments.float_array)
 def gaia_errors(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
     """Sky-mean standard errors of µ_α* and µ_δ, (2, n). [µas/yr]
 

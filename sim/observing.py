@@ -17,7 +17,7 @@ from sim.signal import Signal, as_signal
 from sim.variability import Variability
 from vsh import Field
 from vsh.coefficients import Coefficients
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
 from vsh.tools.logs import told
@@ -126,8 +126,8 @@ def observe(
         if population.magnitude is None:
             raise ParameterError("Gaia's errors need magnitudes: give sigma=, or a population that has them")
         sigma = gaia_errors(population.magnitude, release)
-    sigma = arrays.float_array("sigma", sigma, (2, n), broadcast=True)
-    rho = arrays.float_array("rho", rho, (n,), broadcast=True)
+    sigma = arguments.float_array("sigma", sigma, (2, n), broadcast=True)
+    rho = arguments.float_array("rho", rho, (n,), broadcast=True)
     if not ((sigma > 0).all() and (np.abs(rho) < 1).all()):
         raise ParameterError("sigma must be above zero, and rho between −1 and 1")
     unit = rng.standard_normal((2, n))
@@ -158,7 +158,7 @@ def _with_redshifts(field, signal, frame, error, rng):
             raise ParameterError(f"errors of redshifts are called {', '.join(REDSHIFT_ERRORS)}, not {error!r}")
         constant, slope = REDSHIFT_ERRORS[error]
         error = constant + slope * field.redshift
-    error = arrays.float_array("redshift_error", error, (len(field),), broadcast=True)
+    error = arguments.float_array("redshift_error", error, (len(field),), broadcast=True)
     if (error < 0).any():
         raise ParameterError("redshift_error must be zero or more")
     sure = None
@@ -211,7 +211,7 @@ def observe_offsets(
     errors, covariance, keep, notes = _through_mission(
         population, rng, as_mission(mission, release), variability, 0.0, False, threads, progress, (0, 1)
     )
-    error = arrays.float_array("radio", radio, (len(population),), broadcast=True)[keep]
+    error = arguments.float_array("radio", radio, (len(population),), broadcast=True)[keep]
     errors = errors + error * rng.standard_normal(errors.shape)
     covariance = covariance + error[:, None, None] ** 2 * np.eye(2)
     return _field(population[keep], as_signal(signal), errors, covariance, notes)

@@ -24,8 +24,7 @@ from scipy.optimize import brentq
 
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
-from vsh.tools.arguments import between, generator, number, positive
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import between, float_array, generator, number, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import map_blocks

@@ -38,16 +38,16 @@ def make_files(folder):
     from fit.correlation import correlation_matrices, leakage, predict_covariance
     from fit.redshift import binned
     from fit.secular_parallax import observer_velocity
-    from vsh.io import catalogue, maps
+    from vsh.io import maps
 
     field = sim.observe(sim.galaxies(ROWS, 1), sim.spin((1, 2, 3)), rng=2, sigma=50.0)
     files = {}
 
     for ending in ("fits", "fits.gz", "ecsv", "ecsv.gz", "csv", "csv.gz", "vot", "parquet"):
         path = folder / f"field.{ending}"
-        catalogue.write_field(field, path, {"SPIN_X": 1.0})
+        field.write(path, {"SPIN_X": 1.0})
         files[f"read_field {ending}"] = path, _field
-        files[f"iter_fields {ending}"] = path, _stream
+        files[f"stream_fields {ending}"] = path, _stream
         files[f"tables.read {ending}"] = path, _table
     bins = binned(field, 1, 2)
     results = {
@@ -159,9 +159,9 @@ def _field(path):
 
 
 def _stream(path):
-    from vsh.io.catalogue import iter_fields
+    from vsh.io.catalogue import stream_fields
 
-    return list(iter_fields(path, rows=16))
+    return list(stream_fields(path, rows=16))
 
 
 def _table(path):

@@ -17,12 +17,12 @@ import numpy as np
 
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.sphere import multiples, sin_cos
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray
 
 
-@arguments.accepts(lon=arrays.dimension(1), lat=arrays.dimension(1))
+@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1))
 def harmonics(lon: FloatArray, lat: FloatArray, modes: Modes | int) -> FloatArray:
     """The field of each mode at each source: the design matrix.
 

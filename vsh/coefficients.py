@@ -8,7 +8,7 @@ import numpy as np
 
 from vsh.basis import harmonics
 from vsh.modes import Modes, as_modes
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array
 from vsh.tools.errors import ModesError
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import map_blocks

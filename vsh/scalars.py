@@ -13,8 +13,7 @@ from vsh.field import Tabled
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.sky.frames import FRAME_KEY, check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
-from vsh.tools.arguments import number
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array, number
 from vsh.tools.bad_rows import as_floats, check_shapes, invalid_rows, select_usable
 from vsh.tools.types import ArrayLike, FloatArray, OnBad
 from vsh.tools.units import DEGREE

@@ -15,7 +15,7 @@ from vsh.coefficients import Coefficients
 from vsh.conventions import from_healpy, scalar_from_healpy, scalar_to_healpy, to_healpy
 from vsh.modes import Modes, ScalarModes, as_modes
 from vsh.scalars import ScalarCoefficients
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.errors import FieldError
 from vsh.tools.parallel import cores
 from vsh.tools.types import ArrayLike, FloatArray
@@ -26,7 +26,7 @@ __all__ = ["adjoint", "synthesis"]
 EPSILON = 5e-13
 
 
-@arguments.accepts(coefficients=arguments.a(Coefficients), lon=arrays.float_array, lat=arrays.float_array)
+@arguments.accepts(coefficients=arguments.a(Coefficients), lon=arguments.float_array, lat=arguments.float_array)
 def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, threads: int | None = None) -> FloatArray:
     """The field at each position, as `Coefficients.at` gives it, to 1e-12 of its size.
 
@@ -63,7 +63,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
     return found[0] if scalar else np.stack([found[1], -found[0]])
 
 
-@arguments.accepts(lon=arrays.float_array, lat=arrays.float_array, motion=arrays.float_array)
+@arguments.accepts(lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array)
 def adjoint(
     modes: Modes | int, lon: ArrayLike, lat: ArrayLike, motion: ArrayLike, *, threads: int | None = None
 ) -> FloatArray:

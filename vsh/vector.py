@@ -10,8 +10,7 @@ from scipy.special import chdtr, chdtrc, chndtr, log_ndtr
 
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
-from vsh.tools.arguments import between, number
-from vsh.tools.arrays import covariance, float_array, read_only
+from vsh.tools.arguments import between, covariance, float_array, number, read_only
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, Quantity

@@ -49,7 +49,7 @@ field
 # Degree 1 holds just what we are after: three components of the spin (toroidal), three of the acceleration (spheroidal). The report puts
 # their errors beside them, and a second solver, which shares no formula with the first, checks the result.
 solution = fit.fit_field(field, 1)
-print(fit.report(solution, check=fit.cross_check(field), source="crf3.fits"))
+print(solution.report(check=fit.cross_check(field), source="crf3.fits"))
 
 # %%
 # What the catalogue does not say

@@ -17,7 +17,7 @@ import numpy as np
 
 import fit
 import sim
-from vsh.io.catalogue import iter_fields, parts, read_field
+from vsh.io.catalogue import parts, read_field
 
 folder = Path(mkdtemp())
 truth = sim.spin((1.0, -2.0, 0.5)) + sim.acceleration((-0.277, -4.411, -2.443))
@@ -34,7 +34,7 @@ print(*(f"{path.name}: {path.stat().st_size / 1e6:.1f} MB" for path in sorted(fo
 sky = parts(folder, rows=20_000)
 normal = fit.normal_equations(sky, 3)
 solution = fit.solve(normal)
-print(fit.report(solution, check=fit.cross_check(sky), source="four files"))
+print(solution.report(check=fit.cross_check(sky), source="four files"))
 
 # %%
 # It is the fit to the whole catalogue, to the last digits that sums of floating-point numbers have:
@@ -66,8 +66,8 @@ print(f"{(folder / 'moments.ecsv').stat().st_size / 1e6:.2f} MB keep what the ca
 # A stream
 # --------
 #
-# Where a file is too large even for its own folder, ``iter_fields`` hands it out in blocks.
-counts = [len(field) for field in iter_fields(folder / "part-0.fits", rows=15_000)]
+# Where a file is too large even for its own folder, ``parts`` hands it out in blocks.
+counts = [len(field) for field in parts(folder / "part-0.fits", rows=15_000)]
 print(counts)
 
 # %%

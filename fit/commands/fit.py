@@ -33,7 +33,7 @@ def _run(options):
     solution = fit.background.add_floor(backgrounds.solution)
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
-    text = "\n".join([fit.report(solution, check=check, truth=truth, source=name), *backgrounds.texts])
+    text = "\n".join([solution.report(check=check, truth=truth, source=name), *backgrounds.texts])
     said = [f"{label or 'warning'}: {words}" for label, words in fit.output.warnings_of(solution)]
 
     def sheets():

@@ -18,7 +18,7 @@ from vsh.coefficients import FIRST_DEGREE
 from vsh.io.parts import as_parts
 from vsh.modes import KINDS, Modes, as_modes
 from vsh.tools import arguments
-from vsh.tools.arrays import covariance
+from vsh.tools.arguments import covariance
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of

@@ -19,7 +19,7 @@ from vsh.basis import harmonics
 from vsh.field import Field
 from vsh.io import tables
 from vsh.modes import Modes, as_modes
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Table
 
@@ -160,7 +160,7 @@ def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
 
     Those with the largest influence of the sign that prevails, until they hold `fraction` of it.
     """
-    m = arrays.float_array("influence", influence, finite=False)
+    m = arguments.float_array("influence", influence, finite=False)
     if not 0 < fraction <= 1:
         raise ParameterError(f"a fraction lies between 0 and 1, not at {fraction}")
     positive, negative = m[m > 0].sum(), -m[m < 0].sum()

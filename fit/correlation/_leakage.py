@@ -17,7 +17,7 @@ from vsh.io import tables
 from vsh.modes import as_modes
 from vsh.sky.frames import check_frame
 from vsh.tools import arguments
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array
 from vsh.tools.errors import DegeneracyError, ParameterError, TableError
 from vsh.tools.types import ArrayLike, FloatArray, Table
 from vsh.vector import correlation_of

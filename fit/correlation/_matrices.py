@@ -19,8 +19,7 @@ from vsh.io.parts import Parts, as_parts
 from vsh.modes import KINDS, Modes, as_modes
 from vsh.sky.frames import check_frame
 from vsh.sky.sphere import triad
-from vsh.tools.arguments import positive
-from vsh.tools.arrays import covariance, float_array
+from vsh.tools.arguments import covariance, float_array, positive
 from vsh.tools.errors import FrameError, ModesError, ParameterError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, FloatArray, Table

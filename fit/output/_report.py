@@ -38,7 +38,9 @@ def report(solution: Any, *, check: Any = None, truth: dict[str, Any] | None = N
     solution = getattr(solution, "solution", solution)  # of a result about one
     if not hasattr(solution, "errors_from"):  # coefficients with a covariance say where it is from
         own = ": use its own, .report()" if hasattr(solution, "report") else ""
-        raise ParameterError(f"fit.report is for solutions for coefficients, not a {type(solution).__name__}{own}")
+        raise ParameterError(
+            f"fit.output.report is for solutions for coefficients, not a {type(solution).__name__}{own}"
+        )
     sections = [_heading(solution, source)]
     if np.isnan(solution.coefficients.values).all():
         sections.append(_predicted(solution))

@@ -17,7 +17,7 @@ from vsh.io import tables
 from vsh.io.parts import Parts
 from vsh.models.covariance import d_minus, d_plus
 from vsh.tools import arguments
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.notes import note_lines
 from vsh.tools.types import ArrayLike, FloatArray, Table

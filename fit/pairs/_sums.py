@@ -25,7 +25,7 @@ from vsh.field import Field
 from vsh.io.parts import Parts
 from vsh.modes import Modes, ScalarModes
 from vsh.sky.pixels import pixels_of
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notes import merge_notes, spoken
 from vsh.tools.parallel import map_blocks

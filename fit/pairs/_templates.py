@@ -14,8 +14,7 @@ from fit.pairs._power import windows
 from fit.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import d_minus, d_plus
-from vsh.tools.arguments import between
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import between, float_array
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, Table
 from vsh.tools.units import hubble_rate

@@ -130,7 +130,7 @@ def grid(
     velocity_prior, hubble_prior : as in `Priors`, optional
         "planck" and "flat" unless given; the velocity's prior must be Gaussian or flat.
     priors : Priors, optional
-        All of them in one noun.
+        Goes with the next release.
     cosmology : astropy cosmology, optional
         The shape of the distance.
     n_points : int

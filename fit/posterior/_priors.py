@@ -12,6 +12,7 @@ from fit.sampling import Flat, Normal, Prior, as_prior, integrable_over_cube, na
 from fit.secular_parallax import DistanceOptions, dispersion_of
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ParameterError
+from vsh.tools.modules import warn
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import FloatArray
 from vsh.vector import Vector
@@ -168,7 +169,9 @@ def as_priors(
     """The Priors that `sample` and `grid` were given, in one way or the other."""
     single = {"velocity": velocity_prior, "hubble": hubble_prior} | options
     single = {name: value for name, value in single.items() if value is not None and name not in DISTANCES}
-    if priors is None:
+    if priors is not None:
+        warn("sample(…, priors=Priors(…))", "sample(…, velocity_prior, hubble_prior, peculiar_dispersion=…)")
+    else:
         unknown = set(single) - set(Priors.__dataclass_fields__)
         if unknown:
             raise ParameterError(f"no prior is called {', '.join(sorted(unknown))}; there are those of Priors")

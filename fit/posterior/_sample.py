@@ -103,7 +103,7 @@ def sample(
     velocity_prior, hubble_prior : as in `Priors`, optional
         "planck" and "flat" unless given.
     priors : Priors, optional
-        All of them in one noun, in place of `velocity_prior`, `hubble_prior` and `noise`.
+        Goes with the next release: all of them in one noun, in place of `velocity_prior`, `hubble_prior` and `noise`.
     n_samples : int
         Steps times walkers, before burn-in and thinning, at least.
     max_samples : int, optional

@@ -14,7 +14,7 @@ from fit.sampling import autocorrelation, inference_data, split_r_hat
 from fit.storage import Result, count, words
 from vsh.io import tables
 from vsh.sky.frames import check_frame
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray, Table
 from vsh.vector import Vector

@@ -24,7 +24,7 @@ from vsh.models.cosmology import usable, velocity_along, with_redshift
 from vsh.models.flows import LinearTheory
 from vsh.modes import KINDS, Modes, as_modes
 from vsh.sky.sphere import triad
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError, NothingLeftError, ParameterError
 from vsh.tools.notes import merge_notes, spoken
@@ -87,7 +87,7 @@ def binned(
         if not isinstance(field, Field | Parts):
             raise ParameterError("bins of equal information need the whole field, or parts: give their edges")
         edges = equal_information(field, cast(int, edges))
-    edges = arrays.float_array("edges", edges)
+    edges = arguments.float_array("edges", edges)
     if edges.ndim != 1 or len(edges) < 2:
         raise ParameterError(
             f"the edges of redshift bins rise from one to the next: two at least, not {edges.tolist()}"

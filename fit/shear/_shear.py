@@ -16,8 +16,7 @@ from vsh.io import tables
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles
 from vsh.tools import arguments
-from vsh.tools.arguments import between, positive
-from vsh.tools.arrays import covariance, float_array, read_only
+from vsh.tools.arguments import between, covariance, float_array, positive, read_only
 from vsh.tools.notes import note_lines
 from vsh.tools.types import ArrayLike, FloatArray, Table
 from vsh.tools.units import hubble_rate

@@ -6,7 +6,7 @@ import numpy as np
 
 from vsh.coefficients import Coefficients
 from vsh.modes import Modes
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.types import ArrayLike, FloatArray
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from vsh.basis import harmonics
 from vsh.modes import Modes, as_modes
-from vsh.tools import arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray
@@ -139,9 +139,9 @@ def global_motion(
     ParameterError
         If a scatter is not above zero, or shapes disagree.
     """
-    lon, modes = arrays.dimension(1)("lon", lon), as_modes(modes)
-    lat = arrays.float_array("lat", lat, lon.shape)
-    spread = arrays.float_array("scatter", scatter, lon.shape, finite=False, broadcast=True)
+    lon, modes = arguments.dimension(1)("lon", lon), as_modes(modes)
+    lat = arguments.float_array("lat", lat, lon.shape)
+    spread = arguments.float_array("scatter", scatter, lon.shape, finite=False, broadcast=True)
     if not (spread > 0).all():
         raise ParameterError(f"{np.sum(~(spread > 0))} scatters of motions are not above zero")
     field = harmonics(lon, lat, modes)
@@ -152,7 +152,7 @@ def global_motion(
         field, names = field[keep], [name for name, kept in zip(names, keep, strict=True) if kept]
     if factors is not None:
         glide = harmonics(lon, lat, 1)[3:]
-        field = np.concatenate([field, glide * arrays.float_array("factors", factors, lon.shape)])
+        field = np.concatenate([field, glide * arguments.float_array("factors", factors, lon.shape)])
         names += ["v(1,0)", "v(1,1,re)", "v(1,1,im)"]
     weights = 1 / spread**2
     return GlobalMotion(field.transpose(2, 1, 0) * (weights > 0)[:, None, None], weights, tuple(names), bool(spin))

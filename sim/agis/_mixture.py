@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.mission import Mission
 from sim.population import Population
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray
@@ -94,5 +94,5 @@ def mixture(
         for name, column in zip(columns, (population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)), strict=True):  # fmt: skip
             columns[name].append(column)
     joined = {name: np.concatenate(parts) for name, parts in columns.items()}
-    arrays.float_array("sigma", joined["sigma"])
+    arguments.float_array("sigma", joined["sigma"])
     return Mixture(**joined)

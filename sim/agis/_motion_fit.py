@@ -9,7 +9,7 @@ import numpy as np
 from sim.agis.passes import Scans
 from vsh.basis import harmonics
 from vsh.modes import Modes
-from vsh.tools import arrays
+from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
@@ -63,8 +63,8 @@ def sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> In
     """Indices of the sources at given positions; all where none are given."""
     if lon is None and lat is None:
         return np.arange(scans.n_sources)
-    lon = arrays.dimension(1)("lon", lon)
-    lat = arrays.float_array("lat", lat, lon.shape)
+    lon = arguments.dimension(1)("lon", lon)
+    lat = arguments.float_array("lat", lat, lon.shape)
     if lon.shape == scans.lon.shape and (lon == scans.lon).all() and (lat == scans.lat).all():
         return np.arange(scans.n_sources)
     places = {place: i for i, place in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}

@@ -28,7 +28,7 @@ from sim.agis.passes import Scans, check_memory, make_passes, smooth, system_mem
 from sim.agis.results import AgisSolution
 from sim.variability import Variability, chain_products
 from vsh.modes import Modes, as_modes
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ParameterError, VshWarning
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import blas_for, progress_bar
@@ -233,7 +233,7 @@ class ExactErrors(Equations):
         tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False,
     ) -> FloatArray:  # fmt: skip
         """Covariance of any linear functionals Σ g x of the sources' parameters."""
-        g = arrays.float_array("functionals", functionals)
+        g = arguments.float_array("functionals", functionals)
         if g.ndim != 3 or g.shape[:2] != (self.scans.n_sources, 5):
             raise ParameterError(f"functionals have the shape ({self.scans.n_sources}, 5, K), not {g.shape}")
         return self._covariance(g, tolerance, iterations, progress, variability, variable)
@@ -476,13 +476,13 @@ class System(ExactErrors):
         if known is not None:
             if self.prior is None:
                 raise ParameterError("known= is what a prior says of the attitude: give System a prior")
-            known = arrays.float_array("known", known, (self.coefficients, 3))
+            known = arguments.float_array("known", known, (self.coefficients, 3))
         arguments.choice("first", first, ("sources", "attitude"))
         arguments.choice("method", method, ("conjugate", "simple"))
         found = solve_observations(
             self, *observed, start=shaped[0], attitude=shaped[1], known=known, first=first, conjugate=method == "conjugate",
             iterations=arguments.whole("iterations", iterations),
-            stop=None if stop is None else arguments.positive("stop", stop), fit=low_fit(self, arrays.indices("sources", sources, n)),
+            stop=None if stop is None else arguments.positive("stop", stop), fit=low_fit(self, arguments.indices("sources", sources, n)),
             watch=watch, checkpoint=checkpoint, progress=progress,
         )  # fmt: skip
         if not found.converged and stop is not None:
@@ -496,8 +496,8 @@ class System(ExactErrors):
 
     def _observed(self, along, across):
         shape = (len(self.scans),)
-        return arrays.float_array("along", along, shape), arrays.float_array("across", across, shape)
+        return arguments.float_array("along", along, shape), arguments.float_array("across", across, shape)
 
     def _shaped(self, sources, attitude):
-        x = arrays.float_array("sources", sources, (self.scans.n_sources, 5))
-        return x, arrays.float_array("attitude", attitude, (self.coefficients, 3))
+        x = arguments.float_array("sources", sources, (self.scans.n_sources, 5))
+        return x, arguments.float_array("attitude", attitude, (self.coefficients, 3))

@@ -81,14 +81,14 @@ def write(
     folder: Path, solution: agis.AgisSolution, mixture: agis.Mixture, found: Mapping[str, Table], options: Any
 ) -> None:
     """Write motions, sources and convergence."""
-    from vsh.io import catalogue, tables
+    from vsh.io import tables
 
     truth = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     motions = solution.field(
         truth, sources=mixture.are("quasars"), redshift=mixture.redshift, magnitude=mixture.magnitude
     )
     meta = {f"{name}_{axis}": float(v) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration)) for axis, v in zip("XYZ", vector, strict=True)}  # fmt: skip
-    catalogue.write_field(motions, folder / "motions.fits", meta | {"PROGRAM": f"vsh-agis {vsh.__version__}"})
+    motions.write(folder / "motions.fits", meta | {"PROGRAM": f"vsh-agis {vsh.__version__}"})
     tables.write_table(found["sources"], folder / "sources.fits", {"UNITS": "muas, muas/yr"})
     tables.write_table(found["convergence"], folder / "convergence.ecsv")
 

@@ -17,7 +17,7 @@ from vsh.tools.files import atomic_write, digest
 
 
 def _run(options):
-    from vsh.io import catalogue, tables
+    from vsh.io import tables
 
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     outputs.check_file(options.output, options.overwrite, recorded=True)
@@ -61,7 +61,7 @@ def _run(options):
     if options.kind == "galaxies":
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = options.h0
-    catalogue.write_field(field, options.output, meta)
+    field.write(options.output, meta)
     notes = list(field.notes)
     if tables.format_of(options.output) == "ascii.csv":
         notes.append("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")

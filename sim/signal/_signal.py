@@ -13,8 +13,7 @@ from vsh.models.covariance import Spectrum
 from vsh.modes import as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.arguments import generator, not_negative, number, positive
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array, generator, not_negative, number, positive
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notebook import InNotebook

@@ -202,7 +202,7 @@ def test_notes_travel_from_the_field_to_the_report():
     field = random_field(100, seed=1).add_note("measured at noon")
     solution = fit.solve(fit.normal_equations(field, Modes(1)) + fit.normal_equations(field, Modes(1)))
     assert solution.notes == ("measured at noon",)
-    assert "measured at noon" in fit.report(solution)
+    assert "measured at noon" in solution.report()
 
 
 def test_wrong_nouns_are_told_the_right_ones():

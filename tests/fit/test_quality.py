@@ -46,13 +46,13 @@ def test_reports_warn_and_give_both_p_values():
     rng = np.random.default_rng(2)
     lon, lat = sim.uniform_sky(400, rng)
     field = Field(lon, lat, 13 * rng.normal(size=(2, 400)), np.full((2, 400), 10.0))
-    text = fit.report(fit.fit_field(field, 1))
+    text = fit.fit_field(field, 1).report()
     assert "the residuals suggest errors 1.3" in text
     assert "p scaled" in text
-    good = fit.report(fit.fit_field(field.with_errors(field.sigma * 1.3), 1))
+    good = fit.fit_field(field.with_errors(field.sigma * 1.3), 1).report()
     assert "warning" not in good
     assert "p scaled" not in good
-    large = fit.report(fit.fit_field(field.with_errors(field.sigma * 3), 1))
+    large = fit.fit_field(field.with_errors(field.sigma * 3), 1).report()
     assert "the errors seem too large" in large
 
 
@@ -61,8 +61,8 @@ def test_few_degrees_of_freedom_are_said():
     rng = np.random.default_rng(3)
     lon, lat = sim.uniform_sky(20, rng)
     field = Field(lon, lat, rng.normal(size=(2, 20)), np.ones((2, 20)))
-    assert "10 degrees of freedom for 30 coefficients" in fit.report(fit.fit_field(field, 3))
-    assert "degrees of freedom for" not in fit.report(fit.fit_field(field, 1))
+    assert "10 degrees of freedom for 30 coefficients" in fit.fit_field(field, 3).report()
+    assert "degrees of freedom for" not in fit.fit_field(field, 1).report()
 
 
 def test_lost_chi2_is_said():

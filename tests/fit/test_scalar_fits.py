@@ -20,7 +20,6 @@ from vsh import (
     ScalarField,
     ScalarModes,
 )
-from vsh.io.catalogue import write_field
 
 
 def sky(n=2000, seed=1, lmax=2, tails=False, unit="µas"):
@@ -190,7 +189,6 @@ def test_units_do_not_mix():
         (lambda f: fit.resample.compare_blocks(f, 1), "holds numbers, not motions"),
         (lambda f: fit.normal_equations(f, 2, covariance=np.eye(4000)), "not of ScalarField"),
         (lambda f: fit.fit_field(f, Modes(2)), "expanded in ScalarModes"),
-        (lambda f: write_field(f, "scalars.fits"), "holds numbers, not motions"),
         (lambda f: fit.pairs.correlation_function(f, [0, 1, 2]), "holds numbers, not motions"),
         (lambda f: fit.fit_field(f, 1).spin, "no spin and no acceleration"),
     ],

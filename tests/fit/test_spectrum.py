@@ -46,7 +46,7 @@ def test_deviates_of_a_strong_signal_do_not_overflow():
     assert rows[3].p_value == 0
     assert rows[3].z == pytest.approx(1831.1, abs=0.1)  # √W, with a probability far below the smallest double
     assert rows[3].mk_z > 100
-    assert "<1e-300" in fit.report(solution)
+    assert "<1e-300" in solution.report()
 
 
 def test_mignard_and_klioners_w_is_power_over_the_zonal_variance():

@@ -59,7 +59,7 @@ def test_robust_fits_find_the_acceleration(vlba):
 def test_clipped_residuals_suggest_larger_errors(vlba):
     field = read_field(vlba)
     clipped = fit.robust.clip(field, Modes(1), kappa=3)
-    text = fit.report(clipped.solution)
+    text = clipped.solution.report()
     assert "the residuals suggest errors 2." in text
     assert fit.cross_check(field[clipped.kept]).largest < 1e-9
 
@@ -177,9 +177,8 @@ def test_redshifts_and_places_of_a_survey(tmp_path, capsys):
     field = sim.observe(
         population[good], sim.secular_parallax(velocity) + sim.acceleration((-0.236, -3.756, -2.08)), 1, sigma=3.0
     )
-    from vsh.io.catalogue import write_field
 
-    write_field(field, tmp_path / "simulated.fits")
+    field.write(tmp_path / "simulated.fits")
     arguments = [
         str(tmp_path / "simulated.fits"),
         "--bins",

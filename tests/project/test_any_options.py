@@ -13,7 +13,6 @@ import pytest
 
 import sim
 from vsh.__main__ import COMMANDS, options_of, run
-from vsh.io.catalogue import write_field
 from vsh.tools.files import digest
 
 #: Values that make sense, by option; others are given any of `ODD`.
@@ -41,10 +40,10 @@ def precious(tmp_path_factory):
     folder = tmp_path_factory.mktemp("precious")
     field = sim.observe(sim.galaxies(60, 1), sim.spin((1, 2, 3)), rng=2, sigma=50.0)
     for name in ("g.fits", "g.ecsv"):
-        write_field(field, folder / name)
+        field.write(folder / name)
     for place in ("dir", "theirs"):
         (folder / place).mkdir()
-    write_field(field, folder / "dir" / "a.parquet")
+    field.write(folder / "dir" / "a.parquet")
     healpy.write_map(str(folder / "map.fits"), np.arange(12.0), dtype=float)
     for name in ("mine.txt", "mine.html", "mine.npz", "theirs/notes.txt", "o.fits.run.toml", "o.fits.json", "q.adql"):
         (folder / name).write_text("SELECT 1" if name == "q.adql" else f"precious: {name}")

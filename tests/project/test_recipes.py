@@ -11,7 +11,6 @@ from conftest import ROOT
 from tap_server import serving
 
 from vsh import Field
-from vsh.io.catalogue import write_field
 
 PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md")]
 RECIPES = {
@@ -36,8 +35,8 @@ def home(tmp_path_factory):
     home = tmp_path_factory.mktemp("recipes")
     (home / "folder").mkdir()
     for i in range(3):
-        write_field(field(i), home / "folder" / f"{i}.parquet")
-    write_field(field(9), home / "whole.fits")
+        field(i).write(home / "folder" / f"{i}.parquet")
+    field(9).write(home / "whole.fits")
     return home
 
 

@@ -53,3 +53,28 @@ def test_a_name_by_its_old_name(module, old, new):
     assert old not in dir(home) or module in ("fit.compare",)
     with pytest.raises(AttributeError):
         home.what_nobody_wrote  # noqa: B018
+
+
+def test_priors_in_one_noun_still_work():
+    import sim
+    from fit.posterior import Flat, Priors, grid
+
+    field = sim.observe(sim.galaxies(40, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
+    with pytest.warns(DeprecationWarning, match="is now sample"):
+        old = grid(field, priors=Priors("planck", Flat(20, 150)), flows=None, n_points=20)
+    assert old == grid(field, "planck", Flat(20, 150), flows=None, n_points=20)
+
+
+def test_older_ways_of_reading_and_writing_still_work(tmp_path):
+    import fit
+    import sim
+    from vsh.io import catalogue
+
+    field = sim.observe(sim.quasars(40, 1), sim.spin((1, 2, 3)), rng=1, sigma=5.0)
+    with pytest.warns(DeprecationWarning, match=r"is now `field\.write"):
+        catalogue.write_field(field, tmp_path / "q.fits")
+    with pytest.warns(DeprecationWarning, match=r"is now `for field in vsh\.io\.catalogue\.parts"):
+        parts = list(catalogue.iter_fields(tmp_path / "q.fits", rows=15))
+    assert [len(each) for each in parts] == [15, 15, 10]
+    with pytest.warns(DeprecationWarning, match=r"solution\.report"):
+        assert fit.report(fit.fit_field(field, 1)) == fit.fit_field(field, 1).report()

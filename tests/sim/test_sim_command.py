@@ -105,7 +105,7 @@ def test_bad_usage_is_status_2(arguments, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--output", "x.dat"], "what format is this"),
+        (["--output", "x.dat"], "unrecognised format"),
         (["--output", "none/x.fits"], "there is no such folder"),
         (["--selection", "none.fits", "--output", "x.fits"], "cannot be read as a HEALPix map|No such file"),
         (["--years", "0.05", "--output", "x.fits"], "a longer mission is needed"),

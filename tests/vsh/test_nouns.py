@@ -14,7 +14,8 @@ from fit.redshift import binned
 from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.storage import same
 from vsh import Coefficients, Field, Modes, Vector
-from vsh.io.catalogue import iter_fields, match, read_field
+from vsh.io.catalogue import match, read_field
+from vsh.io.catalogue._read import stream_fields
 from vsh.tools.errors import VshError
 from vsh.tools.notes import DroppedRows, merge_notes
 
@@ -133,7 +134,7 @@ def test_a_process_pool_takes_fields_with_bad_rows(tmp_path):
     t = table()
     t["pmra"][3] = np.nan
     t.write(tmp_path / "c.fits")
-    parts = list(iter_fields(tmp_path / "c.fits", rows=15, on_bad="drop"))
+    parts = list(stream_fields(tmp_path / "c.fits", rows=15, on_bad="drop"))
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         total = sum(pool.map(fit.normal_equations, parts, [1, 1]))
     assert total.notes == ("left out 1 of 30 rows: proper motion not finite: 1",)

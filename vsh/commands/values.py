@@ -6,6 +6,8 @@ import argparse
 import math
 from collections.abc import Callable
 
+from vsh.tools.formats import BY_NAME, TITLES
+
 #: `vsh.sky.frames.FRAMES`
 FRAMES = ("icrs", "galactic", "ecliptic")
 
@@ -18,8 +20,8 @@ REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
 COLUMNS = ("gaia", "vizier", "icrf")
 
 
-#: `vsh.io.tables.INPUT_FORMATS`, and the IERS's lists
-INPUT_FORMATS = ("fits", "votable", "ecsv", "csv", "parquet", "hdf5", "mrt", "cds", "ascii", "icrf")
+#: Formats of tables, and the IERS's lists.
+INPUT_FORMATS = (*BY_NAME, "icrf")
 
 
 #: `vsh.models.cosmology.VELOCITIES`
@@ -44,6 +46,10 @@ QUERIES = ("gaia-crf3", "gaia-edr3-qso", "gaia-dr3-galaxies")
 
 #: `vsh.io.archive.ESA`
 ESA = "https://gea.esac.esa.int/tap-server/tap"
+
+
+#: What a catalogue may be, for help texts.
+A_TABLE = f"a table ({TITLES}), a folder of them, or - for standard input"
 
 
 def count(least: int, most: int = 10**12) -> Callable[[str], int]:

@@ -36,8 +36,7 @@ from vsh.basis import scalar_harmonics, spheroidal_twin, toroidal_harmonics
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.arguments import positive
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array, positive
 from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.files import write_arrays
 from vsh.tools.modules import old_names

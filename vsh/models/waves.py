@@ -22,8 +22,7 @@ from vsh.modes import Modes
 from vsh.rotate import degree_matrix
 from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
-from vsh.tools.arguments import number, positive
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array, number, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray
 from vsh.tools.units import JULIAN_YEAR, UAS

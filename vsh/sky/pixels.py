@@ -5,7 +5,7 @@ from __future__ import annotations
 import healpy
 import numpy as np
 
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import FieldError
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, Rng
@@ -13,7 +13,7 @@ from vsh.tools.types import ArrayLike, FloatArray, IntArray, Rng
 __all__ = ["centres", "pixels_of"]
 
 
-@arguments.accepts(lon=arrays.dimension(1), lat=arrays.dimension(1), nside=arguments.whole)
+@arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), nside=arguments.whole)
 def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = False) -> IntArray:
     """The HEALPix pixel of each position, (n,), in ring order unless told otherwise.
 
@@ -63,7 +63,7 @@ def centres(nside: int) -> tuple[FloatArray, FloatArray]:
     return phi, np.pi / 2 - theta
 
 
-@arguments.accepts(density=arrays.dimension(1), n=arguments.whole, rng=arguments.seed)
+@arguments.accepts(density=arguments.dimension(1), n=arguments.whole, rng=arguments.seed)
 def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     """n positions drawn with the density of a HEALPix map, evenly within each pixel."""
     rng = generator(rng)

@@ -120,17 +120,21 @@ def install() -> None:
         sys.meta_path.append(_Finder)
 
 
-def old_names(module: str, renamed: Mapping[str, str], otherwise: Callable[[str], Any] | None = None) -> Any:
+def old_names(
+    module: str, renamed: Mapping[str, str | tuple[str, str]], otherwise: Callable[[str], Any] | None = None
+) -> Any:
     """A module's `__getattr__`: what goes by other names now, and whatever else it gives.
 
-    `renamed` has the new names by the old: of the same module, or with a module before them.
+    `renamed` has the new names by the old: of the same module, or with a module before them; or what still answers to
+    the old name, and what to use instead.
     """
 
     def getattribute(name):
         if name in renamed:
-            new = renamed[name]
+            known = renamed[name]
+            new, instead = known if isinstance(known, tuple) else (known, "")
             home, _, attribute = new.rpartition(".")
-            warn(f"{module}.{name}", new if home else f"{module}.{new}")
+            warn(f"{module}.{name}", instead or (new if home else f"{module}.{new}"))
             return getattr(import_module(home or module), attribute)
         if otherwise is not None:
             return otherwise(name)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from vsh.tools.arrays import read_only
+from vsh.tools.arguments import read_only
 
 #: Longer texts are cut.
 _WIDTH = 160

@@ -12,35 +12,23 @@ import numpy as np
 import vsh
 from vsh.tools.errors import TableError
 from vsh.tools.files import MARK, atomic_write
+from vsh.tools.formats import WRITTEN
 from vsh.tools.notes import printable
 from vsh.tools.types import PathName, Table
 
 #: In the metadata of every table that is written: by what.
 CREATOR = "CREATOR"
-#: File name endings and astropy's formats; a further .gz is understood by all but Parquet.
-FORMATS = {
-    ".fits": "fits",
-    ".fit": "fits",
-    ".vot": "votable",
-    ".votable": "votable",
-    ".xml": "votable",
-    ".ecsv": "ascii.ecsv",
-    ".csv": "ascii.csv",
-    ".parquet": "parquet",
-    ".pq": "parquet",
-}
 
 
-def format_of(path: PathName, further: Mapping[str, str] | None = None) -> str:
+def format_of(path: PathName, known: Mapping[str, str] = WRITTEN) -> str:
     """astropy's name of the format that the ending of a name tells; TableError where it tells none."""
-    known = FORMATS | dict(further or {})
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
     if suffixes and suffixes[-1] == ".gz":
         suffixes.pop()
     if not suffixes or suffixes[-1] not in known:
         raise TableError(
-            f"{printable(path)}: what format is this? Known endings: {', '.join(known)}, each also with .gz"
+            f"{printable(path)}: unrecognised format. Known endings: {', '.join(known)}, each also with .gz"
         )
     return known[suffixes[-1]]
 

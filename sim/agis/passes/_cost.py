@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.scanning import NominalScanningLaw
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import GIB, free_memory
@@ -62,7 +62,10 @@ class Plan(InNotebook):
 
 
 @arguments.accepts(
-    law=arguments.a(NominalScanningLaw), lon=arrays.dimension(1), lat=arrays.dimension(1), knots=arguments.positive
+    law=arguments.a(NominalScanningLaw),
+    lon=arguments.dimension(1),
+    lat=arguments.dimension(1),
+    knots=arguments.positive,
 )
 def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float = 30.0, *, ccds: int = 1) -> Plan:
     """What the joint solution of some sources would take.
@@ -88,8 +91,8 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
     ParameterError
         If there are no sources, or positions do not match.
     """
-    lon = arrays.float_array("lon", lon)
-    arrays.float_array("lat", lat, lon.shape)
+    lon = arguments.float_array("lon", lon)
+    arguments.float_array("lat", lat, lon.shape)
     if not len(lon):
         raise ParameterError("a plan needs a source at least")
     arguments.choice("ccds", ccds, (1, 9))

@@ -21,7 +21,7 @@ from sim.agis.passes._cost import check_memory, expected_transits
 from sim.scanning import NominalScanningLaw
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import atomic_folder
 from vsh.tools.notebook import Frozen
@@ -99,7 +99,10 @@ class Scans(Frozen):
 
 
 @arguments.accepts(
-    law=arguments.a(NominalScanningLaw), lon=arrays.dimension(1), lat=arrays.dimension(1), knots=arguments.positive
+    law=arguments.a(NominalScanningLaw),
+    lon=arguments.dimension(1),
+    lat=arguments.dimension(1),
+    knots=arguments.positive,
 )
 def scans(
     law: NominalScanningLaw,
@@ -142,11 +145,11 @@ def scans(
     ParameterError
         If an error is not above zero, knots are longer than the mission, or the memory would not do.
     """
-    lon = arrays.float_array("lon", lon)
-    lat, n, shape = arrays.float_array("lat", lat, lon.shape), len(lon), lon.shape
-    along = arrays.float_array("sigma_along", sigma_along, shape, broadcast=True)
+    lon = arguments.float_array("lon", lon)
+    lat, n, shape = arguments.float_array("lat", lat, lon.shape), len(lon), lon.shape
+    along = arguments.float_array("sigma_along", sigma_along, shape, broadcast=True)
     across = np.inf if sigma_across is None else sigma_across
-    across = arrays.float_array("sigma_across", across, shape, finite=False, broadcast=True)
+    across = arguments.float_array("sigma_across", across, shape, finite=False, broadcast=True)
     if not ((along > 0).all() and (across > 0).all()):
         bad = int(np.sum(~(along > 0)) + np.sum(~(across > 0)))
         raise ParameterError(f"{bad} errors of transits are not above zero")

@@ -12,7 +12,7 @@ from vsh import Field
 from vsh.coefficients import Coefficients
 from vsh.modes import Modes
 from vsh.sky.sphere import triad
-from vsh.tools import arguments, arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray
@@ -105,7 +105,7 @@ class AgisSolution(Frozen):
         """
         columns = _COLUMNS[arguments.choice("kind", kind, tuple(_COLUMNS))]
         n = len(self.lon)
-        chosen = arrays.indices("sources", sources, n)
+        chosen = arguments.indices("sources", sources, n)
         kept = chosen[self.solved[chosen]]
         if not len(kept):
             raise ParameterError(f"none of {len(chosen)} sources is solved")
@@ -117,7 +117,7 @@ class AgisSolution(Frozen):
                 f"left out {len(chosen) - len(kept)} of {len(chosen)} sources: too few transits for five parameters"
             )
         z, g = (
-            None if each is None else arrays.float_array(name, each, (n,), finite=False)[kept]
+            None if each is None else arguments.float_array(name, each, (n,), finite=False)[kept]
             for name, each in (("redshift", redshift), ("magnitude", magnitude))
         )
         covariance = self.formal[kept][:, columns, columns]
@@ -141,7 +141,7 @@ class AgisSolution(Frozen):
         p, q, _ = triad(self.lon, self.lat)
         sources = self.sources.copy()
         for columns, name, given in ((slice(0, 2), "orientation", orientation), (slice(3, 5), "spin", spin)):
-            vector = arrays.float_array(name, given, (3,))
+            vector = arguments.float_array(name, given, (3,))
             sources[:, columns] -= np.stack([vector @ q, -(vector @ p)], axis=1)
         return replace(self, sources=sources, notes=(*self.notes, note) if note else self.notes)
 
@@ -163,7 +163,7 @@ def rotate_frame(
     arguments.a(AgisSolution)("solution", solution)
     found, sigma = [], []
     n = len(solution.lon)
-    chosen = arrays.indices("vlbi", vlbi, n), arrays.indices("quasars", quasars, n)
+    chosen = arguments.indices("vlbi", vlbi, n), arguments.indices("quasars", quasars, n)
     for columns, which, spread in zip((slice(0, 2), slice(3, 5)), chosen, (radio, own), strict=True):
         which = which[solution.solved[which]]
         if len(which) < 3:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vsh.sky.sphere import triad
-from vsh.tools import arrays
+from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
@@ -24,8 +24,8 @@ def correlation_by_angle(
     -----
     Bins below 1.7° use all pairs, others those with at most 2000 of the sources, evenly picked.
     """
-    lon, lat, edges = (arrays.dimension(1)(*each) for each in (("lon", lon), ("lat", lat), ("edges", edges)))
-    scaled = np.atleast_2d(arrays.float_array("errors", errors))
+    lon, lat, edges = (arguments.dimension(1)(*each) for each in (("lon", lon), ("lat", lat), ("edges", edges)))
+    scaled = np.atleast_2d(arguments.float_array("errors", errors))
     if scaled.shape[1:] != lon.shape or lat.shape != lon.shape:
         raise ParameterError(f"errors have shape {scaled.shape}, expected (draws, {len(lon)})")
     if len(edges) < 2 or (np.diff(edges) <= 0).any():
@@ -34,7 +34,7 @@ def correlation_by_angle(
         if len(scaled) < 10:
             raise ParameterError(f"{len(scaled)} draws do not tell the size of errors: give sigma")
         sigma = np.sqrt(np.mean(scaled**2, axis=0))
-    scaled = scaled / arrays.float_array("sigma", sigma, lon.shape)
+    scaled = scaled / arguments.float_array("sigma", sigma, lon.shape)
     place = triad(lon, lat)[2].T
     total, pairs = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1, int)
 
@@ -65,10 +65,10 @@ def ratio_by(
 ) -> tuple[FloatArray, IntArray]:
     """True over formal errors of groups of sources: the rms of error over standard error."""
     labels: IntArray = _groups(group)
-    values = np.atleast_2d(arrays.float_array("errors", errors))
+    values = np.atleast_2d(arguments.float_array("errors", errors))
     if values.shape[1:] != labels.shape:
         raise ParameterError(f"errors of {values.shape[-1]} sources, and groups of {labels.size}")
-    square = np.mean((values / arrays.float_array("sigma", sigma, labels.shape)) ** 2, axis=0)
+    square = np.mean((values / arguments.float_array("sigma", sigma, labels.shape)) ** 2, axis=0)
     used = labels >= 0
     counts = np.bincount(labels[used], minlength=n_groups or 0)
     total = np.bincount(labels[used], square[used], len(counts))
@@ -76,7 +76,7 @@ def ratio_by(
 
 
 def _groups(group):
-    found = arrays.dimension(1)("group", group)
+    found = arguments.dimension(1)("group", group)
     if not (np.isfinite(found).all() and (found == np.floor(found)).all() and (found < 1e9).all()):
         raise ParameterError("groups are whole numbers")
     return found.astype(int)

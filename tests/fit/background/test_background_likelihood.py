@@ -223,7 +223,7 @@ def test_messages():
     with pytest.raises(DegeneracyError, match="the residuals are zero: they do not tell the scale"):
         fit_background(still, Spectrum.flat())
     assert (fit_background(still, Spectrum.flat(), noise_scale=False).amplitudes == 0).all()
-    assert "the residuals are zero" in fit.report(fit.solve(still))
+    assert "the residuals are zero" in fit.solve(still).report()
     two = Field(FIELD.lon[:2], FIELD.lat[:2], FIELD.motion[:, :2], FIELD.sigma[:, :2])
     with pytest.raises(DegeneracyError, match="2 sources do not determine the 6 coefficients"):
         fit_background(fit.normal_equations(two, 3), Spectrum.flat())

@@ -169,14 +169,14 @@ def test_coverage_where_errors_are_wrong_by_place(power):
 def test_reports():
     found = floor(LOUD)
     assert "the two parities differ with a p-value of 0." in found.report()
-    assert "Errors that sources share were not estimated" in fit.report(fit.solve(LOUD))
-    text = fit.report(add_floor(fit.solve(LOUD)))
+    assert "Errors that sources share were not estimated" in fit.solve(LOUD).report()
+    text = add_floor(fit.solve(LOUD)).report()
     assert "Errors that sources share, from the power of degrees 2 to 5; not in the errors above" in text
     assert f"± {found.spin_error:.3f} µas/yr in each component" in text
-    with_it = fit.report(fit.solve(LOUD, floor=found))
+    with_it = fit.solve(LOUD, floor=found).report()
     assert "not in the errors above" not in with_it
     assert "with the floor of degrees 2 to 5" in with_it
-    assert "Errors that sources share" not in fit.report(fit.solve(fit.normal_equations(sky(), 2)))
+    assert "Errors that sources share" not in fit.solve(fit.normal_equations(sky(), 2)).report()
     field = sky()
     assert fit.fit_field(field, 3).floor == add_floor(fit.fit_field(field, 3, floor=False)).floor
 

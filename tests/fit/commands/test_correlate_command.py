@@ -4,7 +4,6 @@ from astropy.table import Table
 
 import sim
 from fit.commands.correlate import main
-from vsh.io import catalogue
 from vsh.io.catalogue import read_sources
 
 
@@ -13,7 +12,7 @@ def paths(tmp_path_factory):
     folder = tmp_path_factory.mktemp("catalogues")
     for sky in ("gums", "igql"):
         field = sim.observe(sim.quasars(2000, 1, sky), sim.spin((0, 0, 0)), rng=2, release="DR5")
-        catalogue.write_field(field, folder / f"{sky}.fits")
+        field.write(folder / f"{sky}.fits")
     return [str(folder / "gums.fits"), str(folder / "igql.fits")]
 
 

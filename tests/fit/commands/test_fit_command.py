@@ -16,7 +16,6 @@ import vsh
 from fit.commands.fit import main
 from fit.solution import Solution
 from vsh import Field
-from vsh.io.catalogue import write_field
 
 
 def test_demo_finds_its_truth(tmp_path, capsys):
@@ -166,7 +165,7 @@ def test_a_catalogue_in_parts(tmp_path, capsys):
     home.mkdir()
     for i in range(3):
         lon, lat = rng.uniform(0, 6, 300), rng.uniform(-1.2, 1.2, 300)
-        write_field(Field(lon, lat, rng.normal(size=(2, 300)) * 2, np.ones((2, 300))), home / f"{i}.fits")
+        Field(lon, lat, rng.normal(size=(2, 300)) * 2, np.ones((2, 300))).write(home / f"{i}.fits")
     for name, options in (("whole", []), ("parts", ["--workers", "2"])):
         assert main([str(home), "--lmax", "2", "--clip", "2.5", "--output", str(tmp_path / name), *options]) == 0
     one, two = (Solution.read(tmp_path / name / "solution.ecsv") for name in ("whole", "parts"))

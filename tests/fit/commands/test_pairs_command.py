@@ -6,13 +6,12 @@ from conftest import random_field, real_catalogue
 
 import fit
 from fit.commands.pairs import main
-from vsh.io.catalogue import write_field
 
 
 @pytest.fixture(scope="module")
 def catalogue(tmp_path_factory):
     path = tmp_path_factory.mktemp("pairs") / "sky.fits"
-    write_field(random_field(600, 1), path)
+    random_field(600, 1).write(path)
     return str(path)
 
 

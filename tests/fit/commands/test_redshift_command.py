@@ -9,8 +9,6 @@ from conftest import ROOT, real_catalogue
 import sim
 from fit.commands.redshift import main
 from vsh import Field
-from vsh.io import catalogue
-from vsh.io.catalogue import write_field
 from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18
 
 
@@ -19,7 +17,7 @@ def path(tmp_path_factory):
     truth = sim.secular_parallax(BACHCHAN_2016.to_frame("icrs").value) + sim.acceleration((-0.236, -3.756, -2.08))
     field = sim.observe(sim.galaxies(2000, rng=1), truth, rng=2, sigma=5.0)
     path = tmp_path_factory.mktemp("catalogue") / "galaxies.fits"
-    catalogue.write_field(field, path)
+    field.write(path)
     return path
 
 
@@ -167,7 +165,7 @@ def test_simulate_and_bin_on_real_redshifts(name, column, edges, tmp_path, capsy
     velocity = BACHCHAN_2016.to_frame("icrs").value * (1 if "galaxies" in name else 1000)
     truth = sim.secular_parallax(velocity) + sim.acceleration((-0.236, -3.756, -2.08))
     field = sim.observe(population[good], truth, rng=1, sigma=3.0)
-    catalogue.write_field(field, tmp_path / "simulated.fits")
+    field.write(tmp_path / "simulated.fits")
     arguments = [tmp_path / "simulated.fits", "--bins", edges, "--h0", "67.3", "--peculiar-dispersion", "0"]
     assert main([str(each) for each in [*arguments, "--output", tmp_path / "out"]]) == 0
     found = Table.read(tmp_path / "out" / "velocity.ecsv")
@@ -214,7 +212,7 @@ def test_bins_with_notes_that_count_are_written(tmp_path, options):
     field = Field(
         rng.uniform(0, 6, 900), rng.uniform(-1.2, 1.2, 900), rng.normal(size=(2, 900)), np.ones((2, 900)), redshift=z
     )
-    write_field(field, tmp_path / "sky.fits")
+    field.write(tmp_path / "sky.fits")
     given = [str(tmp_path / "sky.fits"), "--bins", "0.1,0.5,1,2", "--on-bad", "drop", "--output", str(tmp_path / "out")]
     assert main([*given, *options]) == 0
     written = "".join(path.read_text(encoding="utf-8") for path in (tmp_path / "out").glob("*.ecsv"))
@@ -230,7 +228,7 @@ def seen(tmp_path_factory):
     )
     field = sim.observe(sim.galaxies(1500, rng), signal, rng, sigma=5.0, redshifts="heliocentric", redshift_error=1e-4)
     folder = tmp_path_factory.mktemp("seen")
-    write_field(field, folder / "told.fits")
+    field.write(folder / "told.fits")
     table = Table.read(folder / "told.fits")
     del table.meta["ZFRAME"]
     table.write(folder / "untold.ecsv")

@@ -8,7 +8,7 @@ from conftest import random_field
 
 import fit
 import sim
-from fit.output import amplitude, direction, html_report, pulls, vector_rows, vectors_of
+from fit.output import amplitude, direction, html_report, pulls, report, vector_rows, vectors_of
 from vsh import Field, Vector
 from vsh.tools.errors import ParameterError
 
@@ -29,7 +29,7 @@ def numbers(text):
 
 def test_all_forms_say_the_same(solution):
     """The page had every pull with the wrong sign; a survivor multiplied it by seven."""
-    text = fit.report(solution, truth=TRUTH)
+    text = solution.report(truth=TRUTH)
     page = html_report(solution, {}, truth=TRUTH)
     signs = [float(x) for x in re.findall(r"\(([+-]\d+\.\d)σ\)", text)]
     assert [float(x) for x in re.findall(r"\(([+-]\d+\.\d)σ\)", page)] == signs
@@ -71,10 +71,10 @@ def test_the_cross_check_takes_one_line_unless_it_fails(solution):
     rng = np.random.default_rng(2)
     lon, lat = sim.uniform_sky(100, rng)
     check = fit.cross_check(Field(lon, lat, rng.normal(size=(2, 100)), np.ones((2, 100))))
-    text = fit.report(solution, check=check)
+    text = solution.report(check=check)
     assert "they agree to" in text
     assert "frame, QR" not in text
-    failed = fit.report(solution, check=replace(check, largest=1e-3))
+    failed = solution.report(check=replace(check, largest=1e-3))
     assert "CROSS-CHECK FAILED" in failed
     assert "frame, QR" in failed
     assert "THEY DO NOT AGREE" in html_report(solution, {}, check=replace(check, largest=1e-3))
@@ -84,15 +84,15 @@ def test_a_report_is_for_coefficients():
     """Each ended in an AttributeError; Clipped has a solution to report."""
     field = random_field(200, 1)
     clipped = fit.clip(field, 1)
-    assert fit.report(clipped) == clipped.report()
+    assert report(clipped) == clipped.report()
     for other in (fit.solve_frame(field), fit.solve_matrix_free(field, 2, progress=False)):
         with pytest.raises(ParameterError, match=f"not a {type(other).__name__}: use its own"):
-            fit.report(other)
+            report(other)
     with pytest.raises(ParameterError, match="not a Field"):
-        fit.report(field)
+        report(field)
 
 
 def test_large_values_do_not_run_together():
     field = random_field(200, 1)
-    text = fit.report(fit.fit_field(field._with(motion=field.motion * 1e5), 1))
+    text = fit.fit_field(field._with(motion=field.motion * 1e5), 1).report()
     assert re.search(r"^spin( +[+-]\d+\.\d+ ± \d+\.\d+){3}  +\d", text, re.M)

@@ -11,13 +11,13 @@ from astropy.table import Table
 from conftest import ROOT, random_field
 
 from fit.commands.fit import main
-from vsh.io.catalogue import read_field, write_field
+from vsh.io.catalogue import read_field
 from vsh.tools.errors import TableError
 
 
 @pytest.fixture
 def catalogue(tmp_path):
-    write_field(random_field(80, 1), tmp_path / "q.fits")
+    random_field(80, 1).write(tmp_path / "q.fits")
     return str(tmp_path / "q.fits")
 
 

@@ -13,7 +13,7 @@ from conftest import ROOT, random_field
 import fit
 from vsh import WriteError
 from vsh.figures.page import is_page, write_page
-from vsh.io import catalogue, tables
+from vsh.io import tables
 from vsh.models.flows import VelocityGrid
 from vsh.tools.files import MARK, as_recorded, atomic_write, check_not_read, exclusive, is_ours, read_arrays, reading
 
@@ -72,7 +72,7 @@ def test_other_writers_leave_the_mark_as_well(tmp_path):
 def test_nothing_is_written_to_what_is_read(tmp_path):
     source = tmp_path / "folder" / "q.fits"
     source.parent.mkdir()
-    catalogue.write_field(random_field(5, 1), source)
+    random_field(5, 1).write(source)
     before = source.read_bytes()
     with reading([source]):
         with pytest.raises(WriteError, match="is what is read"):

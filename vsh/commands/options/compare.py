@@ -15,9 +15,7 @@ def make_parser() -> argparse.ArgumentParser:
         "against the other, drifts and is deformed, and which sources do not fit.",
         epilog="Example: vsh-compare icrf3sx.txt icrf2-all.txt --lmax 2 --output comparison --html comparison.html",
     )
-    parser.add_argument(
-        "catalogue", help="ICRF2 or ICRF3 as the IERS hands them round, or FITS, VOTable, ECSV, CSV, Parquet"
-    )
+    parser.add_argument("catalogue", help=f"ICRF2 or ICRF3 as the IERS distributes them, or {values.A_TABLE}")
     parser.add_argument("catalogue2", help="the one that is subtracted")
     parser.add_argument("--lmax", type=values.count(1), default=2, help="highest degree of the fit (default: 2)")
     parser.add_argument(

@@ -17,9 +17,7 @@ def make_parser() -> argparse.ArgumentParser:
         "a fit from degrees that were left out. Positions and errors are enough; no motions are needed.",
         epilog="Example: vsh-correlate gums.fits igql.fits --influence omega_y,a_x --leakage 6 --frame galactic --output results",
     )
-    parser.add_argument(
-        "catalogue", help="a table (FITS, VOTable, ECSV, CSV, Parquet, HDF5, MRT), or - for standard input"
-    )
+    parser.add_argument("catalogue", help=values.A_TABLE)
     parser.add_argument("catalogue2", nargs="?", help="a second one, for the other triangle of the matrix")
     parser.add_argument("--lmax", type=values.count(1), default=1, help="highest degree of the fit (default: 1)")
     parser.add_argument(

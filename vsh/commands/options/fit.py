@@ -15,11 +15,7 @@ def make_parser() -> argparse.ArgumentParser:
         "acceleration of the Solar System, and the power of every degree.",
         epilog="Example: vsh-fit catalogue.fits --lmax 3 --clip 3 --frame galactic --output results",
     )
-    parser.add_argument(
-        "catalogue",
-        nargs="?",
-        help="a table (FITS, VOTable, ECSV, CSV, Parquet, HDF5, MRT), a folder of them, or - for standard input",
-    )
+    parser.add_argument("catalogue", nargs="?", help=values.A_TABLE)
     parser.add_argument("--demo", action="store_true", help="run on a simulated catalogue that comes with the package")
     parser.add_argument("--lmax", type=values.count(1), default=3, help="highest degree (default: 3)")
     clips = parser.add_mutually_exclusive_group()

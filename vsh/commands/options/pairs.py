@@ -16,10 +16,7 @@ def make_parser() -> argparse.ArgumentParser:
         "errors, whatever these are. Spin, glide and gravitational waves are fitted to the curves.",
         epilog="Example: vsh-pairs crf3.fits --bins 18 --powers 5 --output results",
     )
-    parser.add_argument(
-        "catalogue",
-        help="a table (FITS, VOTable, ECSV, CSV, Parquet, HDF5, MRT), a folder of them, or - for standard input",
-    )
+    parser.add_argument("catalogue", help=values.A_TABLE)
     parser.add_argument("--bins", type=values.count(1, 2000), default=14, help="of angle (default: 14)")
     parser.add_argument(
         "--up-to", type=_angle, default=180.0, metavar="DEG", help="the largest angle, degrees (default: 180)"

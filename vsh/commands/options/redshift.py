@@ -18,10 +18,7 @@ def make_parser() -> argparse.ArgumentParser:
         "both, and spin and acceleration in bins of redshift, from a catalogue of proper motions and redshifts.",
         epilog="Example: vsh-redshift galaxies.fits --h0 67.4 --velocity planck --bins 0.001,0.01,0.03 --output results",
     )
-    parser.add_argument(
-        "catalogue",
-        help="a table (FITS, VOTable, ECSV, CSV, Parquet, HDF5, MRT), a folder of them, or - for standard input",
-    )
+    parser.add_argument("catalogue", help=values.A_TABLE)
     parser.add_argument("--h0", type=values.positive, metavar="H0", help="km/s/Mpc: fit our velocity")
     parser.add_argument(
         "--velocity",

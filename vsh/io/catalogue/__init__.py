@@ -3,17 +3,12 @@
 from vsh.io.catalogue._columns import GAIA, Columns, as_columns, missing_column, unit_factor
 from vsh.io.catalogue._match import Counterparts, counterparts, match, open_icrf, read_icrf, read_positions
 from vsh.io.catalogue._parts import parts
-from vsh.io.catalogue._read import iter_fields, read_field, read_scalars, read_sources, truth_of, write_field
+from vsh.io.catalogue._read import read_field, read_scalars, read_sources, truth_of
+from vsh.tools.modules import old_names
 
-__all__ = [
-    "GAIA",
-    "Columns",
-    "Counterparts",
-    "iter_fields",
-    "match",
-    "parts",
-    "read_field",
-    "read_icrf",
-    "read_scalars",
-    "write_field",
-]
+__all__ = ["GAIA", "Columns", "Counterparts", "match", "parts", "read_field", "read_icrf", "read_scalars"]
+
+__getattr__ = old_names(__name__, {
+    "iter_fields": ("vsh.io.catalogue._read.stream_fields", "`for field in vsh.io.catalogue.parts(source)`"),
+    "write_field": ("vsh.io.catalogue._read.write_field", "`field.write(path)`"),
+})  # fmt: skip

@@ -11,7 +11,7 @@ from typing import Any
 from vsh.field import Field
 from vsh.io.catalogue._columns import REQUIRED, Columns, as_columns
 from vsh.io.catalogue._match import open_icrf
-from vsh.io.catalogue._read import iter_fields, without_motions
+from vsh.io.catalogue._read import stream_fields, without_motions
 from vsh.io.parts import Dask, Engine, Here, Parts, Processes, is_delayed
 from vsh.io.tables import TableSource, Where, check_alike, files_of, open_table
 from vsh.tools.arguments import whole
@@ -124,7 +124,7 @@ class Reader:
         said: tuple[str, ...] = ()
         if not self.motions:
             piece, columns, said = without_motions(open_table(piece), columns, self.sigma)
-        fields = iter_fields(
+        fields = stream_fields(
             piece, self.rows, columns=columns, units=self.units, on_bad=self.on_bad, frame=self.frame, roles=roles, where=self.where
         )  # fmt: skip
         for field in ahead(fields):

@@ -112,7 +112,7 @@ def read_field(
     return field
 
 
-def iter_fields(
+def stream_fields(
     source: Any,
     rows: int = 1_000_000,
     *,
@@ -140,7 +140,7 @@ def iter_fields(
     Returns
     -------
     Field
-        ``fit.normal_equations(iter_fields(path), modes)`` fits them all in one pass.
+        ``fit.normal_equations(stream_fields(path), modes)`` fits them all in one pass.
 
     Raises
     ------
@@ -244,22 +244,7 @@ def _other_solutions(name, values, mask):
 
 
 def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None) -> None:
-    """Write a field as a table in Gaia's names and units, which `read_field` reads.
-
-    Parameters
-    ----------
-    field : Field
-        The sources.
-    path : str or Path
-        Its ending tells the format.
-    meta : dict, optional
-        Plain values, kept with the table (not by CSV and VOTable)
-
-    Raises
-    ------
-    ParameterError
-        If it is no Field.
-    """
+    """`field.write(path, meta)`, which it was called before."""
     arguments.a(Field)("field", field)
     field.write(path, meta)
 

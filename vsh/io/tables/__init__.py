@@ -8,7 +8,7 @@ from vsh.io.tables._open import INPUT_FORMATS, STANDARD_INPUT, as_table, files_o
 from vsh.io.tables._source import TableSource, check_alike
 from vsh.io.tables._where import Where
 from vsh.tools.modules import old_names
-from vsh.tools.writing import CREATOR, FORMATS, check_writable, format_of, table_of, write, write_table
+from vsh.tools.writing import CREATOR, check_writable, format_of, table_of, write, write_table
 
 __all__ = ["open_table", "read_table", "write_table"]
 

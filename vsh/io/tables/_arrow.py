@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -13,8 +14,9 @@ from vsh.tools.errors import TableError, first_line
 from vsh.tools.types import PathName
 
 
-def open_parquet(paths: Sequence[PathName], label: str) -> TableSource:
-    """Parquet files with the same columns as one table."""
+def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSource:
+    """A Parquet file, or files with the same columns as one table."""
+    paths = [paths] if isinstance(paths, (str, os.PathLike)) else paths
     arrow, dataset_module = _arrow(label)
     try:
         options = dataset_module.ParquetFragmentScanOptions(page_checksum_verification=True)

@@ -3,52 +3,31 @@
 from __future__ import annotations
 
 import os
-import re
 import zlib
-from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from vsh.io.tables._arrow import open_parquet, open_stream
-from vsh.io.tables._fits import open_fits
-from vsh.io.tables._source import TableSource, chained, is_frame, open_astropy, open_frame, open_other, open_whole
-from vsh.io.tables._text import open_text
-from vsh.io.tables._votable import open_votable
+from vsh.io.tables._source import TableSource, chained, is_frame, open_astropy, open_frame, open_other
 from vsh.tools.errors import TableError, first_line
+from vsh.tools.formats import BY_KIND, FORMATS, READ
 from vsh.tools.notes import printable
 from vsh.tools.types import PathName, Table
-from vsh.tools.writing import FORMATS, format_of
+from vsh.tools.writing import format_of
 
 #: The name of the file in which a command keeps what came in on standard input; where it lies is nobody's business.
 STANDARD_INPUT = "standard input"
 
 
-#: Those that are read and not written.
-_READ_ONLY = {".hdf5": "hdf5", ".h5": "hdf5", ".mrt": "ascii.mrt"}
+#: astropy's names of formats by those that a user tells.
+INPUT_FORMATS = {row.name: row.kind for row in FORMATS}
 
 
-#: The names by which a user tells a format where the name of a file does not, and astropy's.
-INPUT_FORMATS = {name: name for name in ("fits", "votable", "parquet", "hdf5", "ascii")} | {
-    name: f"ascii.{name}" for name in ("ecsv", "csv", "mrt", "cds")
-}
-
-
-_READERS = {"fits": open_fits, "votable": open_votable, "ascii.ecsv": open_text, "ascii.csv": open_text}
-
-
-_READERS |= {kind: partial(open_whole, kind=kind) for kind in ("hdf5", "ascii.mrt", "ascii.cds", "ascii")}
-
-
-#: How files begin. VOTables are XML, which may begin with a comment.
-_BEGINNINGS = (
-    (re.compile(rb"SIMPLE  ="), "fits"),
-    (re.compile(rb"PAR1"), "parquet"),
-    (re.compile(rb"\x89HDF\r\n"), "hdf5"),
-    (re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml|<!--|<VOTABLE)"), "votable"),
-    (re.compile(rb"(\xef\xbb\xbf)?#\s*%ECSV", re.IGNORECASE), "ascii.ecsv"),
-    (re.compile(rb"[\s\S]*^Byte-by-byte Description", re.MULTILINE), "ascii.mrt"),
-    (re.compile(rb"(\xef\xbb\xbf)?[^,\n\0]+(,[^,\n\0]+){4,}\r?\n"), "ascii.csv"),
-)
+def _open_file(path, label, kind):
+    """A file of a known format, by the reader that its row names."""
+    module, _, name = BY_KIND[kind].opens.partition(":")
+    return getattr(import_module(module), name)(path, label)
 
 
 def open_table(source: Any, format: str | None = None) -> TableSource:
@@ -100,9 +79,7 @@ def _open_path(path, format):
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
         kind = INPUT_FORMATS[format] if format else _kind(path, label)
-        if kind == "parquet":
-            return open_parquet([path], label)
-        return _READERS[kind](path, label)
+        return _open_file(path, label, kind)
     except (OSError, ValueError) as error:
         if isinstance(error, TableError):
             raise
@@ -112,7 +89,7 @@ def _open_path(path, format):
 def _kind(path, label):
     """The format of a file by its ending, or by its first bytes."""
     try:
-        return format_of(path, _READ_ONLY)
+        return format_of(path, READ)
     except TableError:
         with path.open("rb") as file:
             begin = file.read(2**14)
@@ -121,14 +98,12 @@ def _kind(path, label):
                 begin = zlib.decompressobj(31).decompress(begin, 2**14)
             except zlib.error:
                 begin = b""
-        for pattern, kind in _BEGINNINGS:
-            if pattern.match(begin):
-                return kind
-        known = (
-            "" if label == STANDARD_INPUT else f" Known endings: {', '.join(FORMATS | _READ_ONLY)}, each also with .gz."
-        )
+        for row in FORMATS:
+            if row.begins is not None and row.begins.match(begin):
+                return row.kind
+        known = "" if label == STANDARD_INPUT else f" Known endings: {', '.join(READ)}, each also with .gz."
         raise TableError(
-            f"{label}: what format is this?{known} Say it: --input-format {'|'.join(INPUT_FORMATS)}, where ascii is any text in "
+            f"{label}: unrecognised format.{known} Name it: --input-format {'|'.join(INPUT_FORMATS)}, where ascii is any text in "
             "columns (format=…)"
         ) from None
 
@@ -136,8 +111,8 @@ def _kind(path, label):
 def _open_folder(path, label, format):
     kind, files = _tables_in(path, label, format)
     if kind == "parquet":
-        return open_parquet(files, label)
-    return chained(label, [_READERS[kind](file, printable(file)) for file in files])
+        return open_parquet(files, label)  # one dataset
+    return chained(label, [_open_file(file, printable(file), kind) for file in files])
 
 
 def files_of(path: PathName, format: str | None = None) -> list[Path]:
@@ -167,11 +142,11 @@ def _tables_in(path, label, format=None):
             kinds.setdefault(INPUT_FORMATS[format], []).append(file)
             continue
         try:
-            kinds.setdefault(format_of(file, _READ_ONLY), []).append(file)
+            kinds.setdefault(format_of(file, READ), []).append(file)
         except TableError:
             continue
     if not kinds:
-        raise TableError(f"{label} is a folder without tables: known endings are {', '.join(FORMATS)}")
+        raise TableError(f"{label} is a folder without tables: known endings are {', '.join(READ)}")
     if len(kinds) > 1:
         said = ", ".join(f"{len(files)} of {kind.removeprefix('ascii.')}" for kind, files in kinds.items())
         raise TableError(f"{label} holds tables of several formats ({said}): name a folder with those of one")

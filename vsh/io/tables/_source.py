@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -281,3 +282,9 @@ def _with_degrees(table):
 
     table.add_columns([MaskedColumn(ra, unit="deg"), MaskedColumn(dec, unit="deg")], names=["ra", "dec"])
     return table
+
+
+open_hdf5 = partial(open_whole, kind="hdf5")
+open_mrt = partial(open_whole, kind="ascii.mrt")
+open_cds = partial(open_whole, kind="ascii.cds")
+open_ascii = partial(open_whole, kind="ascii")

@@ -19,7 +19,7 @@ from vsh.models.covariance._spectrum import Spectrum, values_of
 from vsh.modes import as_modes
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.arrays import float_array, read_only
+from vsh.tools.arguments import float_array, read_only
 from vsh.tools.errors import CovarianceError, ParameterError, TableError, first_line
 from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import map_blocks

@@ -18,7 +18,7 @@ import numpy as np
 
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
-from vsh.tools.arrays import float_array
+from vsh.tools.arguments import float_array
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import ArrayLike, FloatArray, IntArray

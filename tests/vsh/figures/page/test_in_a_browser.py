@@ -52,7 +52,7 @@ def pages(tmp_path_factory):
         made["vlba"] = [str(TD), "--lmax", "3", "--clip", "3"]
     made["beside"] = ["--demo", "--lmax", "2", "--clip", "3", "--beside"]
     many = random_field(20_000, seed=1)
-    catalogue.write_field(many, folder / "many.fits")
+    many.write(folder / "many.fits")
     made["many"] = [str(folder / "many.fits"), "--lmax", "10"]
     for name, words in made.items():
         assert main([*words, "--html", str(folder / f"{name}.html")]) == 0

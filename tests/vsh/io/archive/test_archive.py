@@ -11,7 +11,7 @@ from vsh import Field
 from vsh.commands.archive import main
 from vsh.io import archive
 from vsh.io.archive import DR3, DR4, GAIA_CRF3, GAIA_DR3_GALAXIES, GAIA_EDR3_QSO, of_table, query
-from vsh.io.catalogue import read_field, write_field
+from vsh.io.catalogue import read_field
 from vsh.tools.errors import ArchiveError
 
 ADQL = "SELECT * FROM sky"
@@ -22,7 +22,7 @@ def table(tmp_path_factory):
     rng = np.random.default_rng(1)
     path = tmp_path_factory.mktemp("table") / "sky.fits"
     lon, lat = rng.uniform(0, 6, 400), rng.uniform(-1, 1, 400)
-    write_field(Field(lon, lat, rng.normal(size=(2, 400)), np.ones((2, 400))), path)
+    Field(lon, lat, rng.normal(size=(2, 400)), np.ones((2, 400))).write(path)
     return path.read_bytes()
 
 

@@ -144,7 +144,7 @@ RAGGED = b"ra,dec,pmra,pmdec,pmra_error,pmdec_error\n1,2,3,4,5,6\n1,2,3,4,5,6,7\
 FILES = {
     "no such file": (lambda tmp: tmp / "none.fits", "none.fits: no such file"),
     "a folder": (lambda tmp: tmp, "is a folder without tables"),
-    "unknown ending": (file_with("a.dat", b"1 2 3"), "what format is this. Known endings: .fits"),
+    "unknown ending": (file_with("a.dat", b"1 2 3"), "unrecognised format. Known endings: .fits"),
     "not FITS": (file_with("a.fits", b"hello"), "a.fits is damaged or not FITS: a header begins with 'hello'"),
     "an empty file": (file_with("a.csv", b""), "a.csv is empty"),
     "an empty FITS": (file_with("a.fits", b""), "a.fits is empty"),

@@ -138,7 +138,7 @@ def test_by_its_first_bytes(tmp_path):
             assert len(catalogue.read_field(path, units=units)) == len(made())
     (tmp_path / "notes.txt").write_text("dear diary,\n")
     with pytest.raises(
-        TableError, match=r"notes.txt: what format is this\? Known endings: .* Say it: --input-format fits"
+        TableError, match=r"notes.txt: unrecognised format\. Known endings: .* Name it: --input-format fits"
     ):
         tables.open_table(tmp_path / "notes.txt")
     with pytest.raises(TableError, match="no format is called 'excel'"):

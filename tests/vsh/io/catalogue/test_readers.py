@@ -13,7 +13,8 @@ from astropy.io import fits
 from gaia_table import N, check, table
 
 from vsh.io import tables
-from vsh.io.catalogue import iter_fields, read_field, read_icrf, read_sources
+from vsh.io.catalogue import read_field, read_icrf, read_sources
+from vsh.io.catalogue._read import stream_fields
 from vsh.tools.errors import FieldError, NothingLeftError, TableError
 
 
@@ -48,7 +49,7 @@ def test_gaia_bulk_files_are_known_by_their_first_bytes(tmp_path):
     check(field)
     assert field.notes == ()  # units came with the file
     gaia_bulk(tmp_path / "GaiaSource_003112-005263.csv.gz", wide=False, first=100)
-    folder = list(iter_fields(tmp_path, rows=25))
+    folder = list(stream_fields(tmp_path, rows=25))
     assert [len(part) for part in folder] == [25, 5, 25, 5]
     assert len(read_field(tmp_path)) == 2 * N
 
@@ -57,7 +58,7 @@ def test_gaia_bulk_files_are_known_by_their_first_bytes(tmp_path):
 def test_the_stream_is_the_whole(tmp_path, ending):
     path = tmp_path / f"c.{ending}"
     tables.write_table(table(), path)
-    whole, parts = read_field(path), list(iter_fields(path, rows=7))
+    whole, parts = read_field(path), list(stream_fields(path, rows=7))
     check(whole)
     assert [len(part) for part in parts] == [7, 7, 7, 7, 2]
     for name in ("lon", "lat", "motion", "sigma", "rho", "name", "redshift", "magnitude"):
@@ -76,7 +77,7 @@ def test_nulls_of_scaled_columns_are_missing(tmp_path, scaled):
     fits.BinTableHDU.from_columns(columns).writeto(tmp_path / "c.fits")
     for key, value in {"TSCAL6": 0.5, "TZERO6": 1.0}.items() if scaled else ():
         fits.setval(tmp_path / "c.fits", key, value=value, ext=1)
-    for read in (lambda p: [read_field(p, on_bad="drop")], lambda p: list(iter_fields(p, rows=11, on_bad="drop"))):
+    for read in (lambda p: [read_field(p, on_bad="drop")], lambda p: list(stream_fields(p, rows=11, on_bad="drop"))):
         parts = read(tmp_path / "c.fits")
         motion = np.concatenate([part.motion[0] for part in parts])
         np.testing.assert_allclose(motion, 1000 * np.delete(values.astype(float), 4))
@@ -100,7 +101,7 @@ def test_units_in_every_spelling_by_every_way(tmp_path, unit):
         warnings.simplefilter("ignore")
         fits.BinTableHDU.from_columns(columns).writeto(tmp_path / "c.fits")
     factor = 1 if unit == "uas/yr" else 1000
-    for field in (read_field(tmp_path / "c.fits"), next(iter_fields(tmp_path / "c.fits"))):
+    for field in (read_field(tmp_path / "c.fits"), next(stream_fields(tmp_path / "c.fits"))):
         np.testing.assert_allclose(field.motion[0], factor * t["pmra"])
 
 
@@ -166,7 +167,7 @@ def test_a_velocity_is_no_redshift():
 def test_the_first_of_several_tables_is_said(tmp_path):
     hdus = [fits.table_to_hdu(table(units=False)) for _ in range(3)]
     fits.HDUList([fits.PrimaryHDU(), *hdus]).writeto(tmp_path / "c.fits")
-    for field in (read_field(tmp_path / "c.fits"), next(iter_fields(tmp_path / "c.fits"))):
+    for field in (read_field(tmp_path / "c.fits"), next(stream_fields(tmp_path / "c.fits"))):
         assert "holds 3 tables; the first was read (extension 1)" in field.notes[0]
 
 
@@ -190,7 +191,7 @@ def test_a_lowered_count_of_rows_is_seen(tmp_path):
     (tmp_path / "c.fits").write_bytes(
         content.replace(b"NAXIS2  =                   30", b"NAXIS2  =                   20")
     )
-    for read in (read_field, lambda path: list(iter_fields(path))):
+    for read in (read_field, lambda path: list(stream_fields(path))):
         with pytest.raises(TableError, match="data behind the last of the declared rows"):
             read(tmp_path / "c.fits")
 
@@ -263,7 +264,7 @@ def arrow_table():
 def test_objects_in_memory(make):
     """Module names of types were compared."""
     check(read_field(make()))
-    assert [len(part) for part in iter_fields(make(), rows=20)] == [20, 10]
+    assert [len(part) for part in stream_fields(make(), rows=20)] == [20, 10]
 
 
 def test_only_the_columns_that_are_needed_are_read(tmp_path):
@@ -284,7 +285,7 @@ def test_a_block_without_a_usable_row_is_no_end(tmp_path):
     t["pmra"][10:20] = np.nan
     t["pmra"][25:] = np.nan
     tables.write_table(t, tmp_path / "c.fits")
-    parts = list(iter_fields(tmp_path / "c.fits", rows=5, on_bad="drop"))
+    parts = list(stream_fields(tmp_path / "c.fits", rows=5, on_bad="drop"))
     assert sum(map(len, parts)) == 15
     import fit
 
@@ -293,7 +294,7 @@ def test_a_block_without_a_usable_row_is_no_end(tmp_path):
     t["pmra"] = np.nan
     tables.write_table(t, tmp_path / "none.fits")
     with pytest.raises(NothingLeftError, match="No row is left"):
-        list(iter_fields(tmp_path / "none.fits", rows=5, on_bad="drop"))
+        list(stream_fields(tmp_path / "none.fits", rows=5, on_bad="drop"))
 
 
 def test_rows_are_numbered_through_the_file(tmp_path):
@@ -301,7 +302,7 @@ def test_rows_are_numbered_through_the_file(tmp_path):
     t["pmra"][17] = np.nan
     tables.write_table(t, tmp_path / "c.fits")
     with pytest.raises(FieldError, match=r"\(row 17\)"):
-        list(iter_fields(tmp_path / "c.fits", rows=5))
+        list(stream_fields(tmp_path / "c.fits", rows=5))
 
 
 def test_an_address_is_no_file():

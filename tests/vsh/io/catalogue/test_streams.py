@@ -10,7 +10,8 @@ from gaia_table import N, table
 
 import fit
 from vsh import Modes
-from vsh.io.catalogue import iter_fields, read_field
+from vsh.io.catalogue import read_field
+from vsh.io.catalogue._read import stream_fields
 from vsh.tools.errors import FieldError, TableError, VshError
 
 
@@ -36,7 +37,7 @@ def parquet_file(tmp_path):
 @pytest.mark.parametrize("rows", [7, 10, 1000])
 def test_blocks_are_the_whole(tmp_path, make, rows):
     whole = read_field(table())
-    parts = list(iter_fields(make(tmp_path), rows=rows))
+    parts = list(stream_fields(make(tmp_path), rows=rows))
     assert [len(part) for part in parts[:-1]] == [rows] * (len(parts) - 1)
     for name in ("lon", "lat", "motion", "sigma", "rho", "name", "redshift", "magnitude"):
         np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts], -1), getattr(whole, name))
@@ -53,8 +54,8 @@ def test_rows_left_out_are_added_up(tmp_path, ending):
     t["pmdec_error"][12] = -1
     t.write(tmp_path / f"c.{ending}")
     with pytest.raises(FieldError, match="1 of 10 rows cannot be used"):
-        list(iter_fields(tmp_path / f"c.{ending}", rows=10))
-    normal = fit.normal_equations(iter_fields(tmp_path / f"c.{ending}", rows=10, on_bad="drop"), Modes(1))
+        list(stream_fields(tmp_path / f"c.{ending}", rows=10))
+    normal = fit.normal_equations(stream_fields(tmp_path / f"c.{ending}", rows=10, on_bad="drop"), Modes(1))
     notes = fit.solve(normal).notes
     assert notes == ("left out 3 of 30 rows: proper motion not finite: 2; σ ≤ 0: 1",)
 
@@ -66,7 +67,7 @@ def test_masked_integers_stay_integers(tmp_path):
     arrow = pyarrow.table({name: t[name].tolist() for name in t.colnames})  # a null in their place
     pyarrow.parquet.write_table(arrow, tmp_path / "arrow.parquet")
     for writer in ("astropy", "arrow"):
-        names = next(iter(iter_fields(tmp_path / f"{writer}.parquet"))).name
+        names = next(iter(stream_fields(tmp_path / f"{writer}.parquet"))).name
         assert (names[3], names[29]) == ("", "4000000000000000030")
 
 
@@ -74,7 +75,7 @@ def test_masked_integers_stay_integers(tmp_path):
     ("name", "content", "message"),
     [
         ("none.fits", None, "no such file"),
-        ("a.txt", b"ra,dec\n", "what format is this"),
+        ("a.txt", b"ra,dec\n", "unrecognised format"),
         ("a.fits", b"SIMPLE", "header at byte 0 does not end"),
         ("a.parquet", b"PAR1", "cannot be read as Parquet"),
     ],
@@ -83,17 +84,17 @@ def test_bad_files(tmp_path, name, content, message):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(TableError, match=message):
-        list(iter_fields(tmp_path / name))
+        list(stream_fields(tmp_path / name))
 
 
 def test_bad_folders(tmp_path):
     with pytest.raises(TableError, match="is a folder without tables"):
-        list(iter_fields(tmp_path))
+        list(stream_fields(tmp_path))
     (tmp_path / "collection.properties").write_text("hats")
     with pytest.raises(TableError, match="HATS collection, whose margin cache repeats sources"):
-        list(iter_fields(tmp_path))
+        list(stream_fields(tmp_path))
     with pytest.raises(VshError, match="rows must be a whole number of at least 1"):
-        list(iter_fields(tmp_path, rows=0))
+        list(stream_fields(tmp_path, rows=0))
     Table({"a": []}).write(tmp_path / "image.fits")
 
 
@@ -101,4 +102,4 @@ def test_parquet_without_pyarrow_says_what_to_install(tmp_path, monkeypatch):
     path = parquet_file(tmp_path)
     monkeypatch.setitem(sys.modules, "pyarrow.dataset", None)
     with pytest.raises(TableError, match=r"pip install 'vsh-astrometry\[parquet\]'"):
-        list(iter_fields(path))
+        list(stream_fields(path))

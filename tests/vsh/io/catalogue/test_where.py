@@ -9,7 +9,8 @@ from astropy.table import MaskedColumn, Table
 import fit
 from fit.commands.fit import main
 from vsh import NothingSelectedError, TableError, VshError
-from vsh.io.catalogue import iter_fields, parts, read_field, read_positions, read_sources
+from vsh.io.catalogue import parts, read_field, read_positions, read_sources
+from vsh.io.catalogue._read import stream_fields
 from vsh.io.tables import Where
 from vsh.tools.notes import NotSelected, unselected
 
@@ -156,7 +157,7 @@ def test_parts_and_blocks_give_what_the_whole_gives(tmp_path):
         TABLE[50 * i : 50 * (i + 1)].write(tmp_path / f"{i}.fits")
     text = "g < 19 and (z > 1 or flag)"
     whole = read_field(TABLE, where=text)
-    blocks = list(iter_fields(TABLE, 7, where=text))
+    blocks = list(stream_fields(TABLE, 7, where=text))
     np.testing.assert_array_equal(np.concatenate([block.lon for block in blocks]), whole.lon)
     one = fit.normal_equations(whole, 1)
     for fields in (blocks, parts(tmp_path, where=text), parts(tmp_path, where=text, rows=9)):

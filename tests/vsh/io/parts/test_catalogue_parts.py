@@ -13,7 +13,7 @@ import fit
 from fit import Moments
 from vsh import Field
 from vsh.io import tables
-from vsh.io.catalogue import parts, read_field, write_field
+from vsh.io.catalogue import parts, read_field
 from vsh.io.parts import Processes, Tree, as_parts, median, weighted_quantiles
 from vsh.tools.errors import FieldError, NothingLeftError, ParameterError, TableError
 
@@ -34,7 +34,7 @@ FIELDS = [sky(300 + 7 * i, i) for i in range(20)]
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("sky")
     for i, field in enumerate(FIELDS):
-        write_field(field, path / f"part{i:02}.parquet")
+        field.write(path / f"part{i:02}.parquet")
     return path
 
 
@@ -207,14 +207,14 @@ def test_rows_that_cannot_be_used(tmp_path):
 
 
 def test_empty_parts_are_nothing(tmp_path):
-    write_field(FIELDS[0], tmp_path / "1.parquet")
+    FIELDS[0].write(tmp_path / "1.parquet")
     tables.read_table(tmp_path / "1.parquet")[:0].write(tmp_path / "0.parquet")
     assert parts(tmp_path).sum(len) == 300
 
 
 def test_files_that_differ_are_refused(tmp_path):
     """As when they are read whole: a column or a unit that one of them lacks is not filled in silently."""
-    write_field(FIELDS[0], tmp_path / "a.fits")
+    FIELDS[0].write(tmp_path / "a.fits")
     plain = tables.read_table(tmp_path / "a.fits")
     for change, said in [
         (
@@ -286,8 +286,8 @@ def test_a_hats_folder_is_read_without_its_thumbnail(tmp_path):
     home = tmp_path / "sky" / "dataset" / "Norder=0" / "Dir=0"
     home.mkdir(parents=True)
     for i, field in enumerate(FIELDS[:3]):
-        write_field(field, home / f"Npix={i}.parquet")
-    write_field(FIELDS[0], tmp_path / "sky" / "dataset" / "data_thumbnail.parquet")
+        field.write(home / f"Npix={i}.parquet")
+    FIELDS[0].write(tmp_path / "sky" / "dataset" / "data_thumbnail.parquet")
     (tmp_path / "sky" / "hats.properties").write_text("hats_nrows=3\n")
     (tmp_path / "sky" / "skymap.fits").touch()
     assert len(parts(tmp_path / "sky")) == 3

@@ -70,7 +70,7 @@ def test_a_table_keeps_the_frame_and_what_is_known_of_distances(ending, tmp_path
     distance = np.where(np.arange(20) < 5, 30.0, np.nan)
     field = replace(field, distance=distance, distance_error=0.1 * distance)
     path = tmp_path / f"galaxies.{ending}"
-    catalogue.write_field(field, path)
+    field.write(path)
     back = catalogue.read_field(path, {"distance": "distance", "distance_error": "distance_error"})
     assert back.redshift_frame == "heliocentric"
     for column in ("redshift", "redshift_error", "distance", "distance_error"):
@@ -81,7 +81,7 @@ def test_a_table_keeps_the_frame_and_what_is_known_of_distances(ending, tmp_path
 @pytest.mark.parametrize("ending", ["ecsv", "vot", "parquet", "fits"])
 def test_the_description_of_a_column_tells_the_frame(ending, tmp_path):
     field = sim.observe(sim.galaxies(20, 1), sim.spin((0, 0, 1)), 2)
-    catalogue.write_field(field, tmp_path / "galaxies.ecsv")
+    field.write(tmp_path / "galaxies.ecsv")
     table = Table.read(tmp_path / "galaxies.ecsv")
     del table.meta["ZFRAME"]
     table["redshift"].description = "Spectroscopic redshift (heliocentric)"

@@ -1,0 +1,55 @@
+"""The formats of tables, a row each: what a reader, a writer, a command and a message know of them."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+
+class Format(NamedTuple):
+    """A row of `FORMATS`; docs/extending.md says what else another format takes."""
+
+    #: The name by which a user tells it where the name of a file does not (`--input-format`).
+    name: str
+    #: astropy's name of it.
+    kind: str
+    #: Endings of file names; a further .gz is understood by all but Parquet and HDF5.
+    endings: tuple[str, ...]
+    #: How its files begin; None where that says nothing.
+    begins: re.Pattern[bytes] | None
+    #: module:function that opens a file: (path, label) → TableSource. It is imported when the first such file is.
+    opens: str
+    #: What it is called among the formats in help texts; "" where it is not listed.
+    title: str = ""
+    #: Whether it is written, too.
+    written: bool = False
+    #: The extra of setup.cfg that installs its library; "" where none is needed.
+    extra: str = ""
+
+
+_TABLES = "vsh.io.tables."
+#: In the order in which beginnings are tried. VOTables are XML, which may begin with a comment.
+FORMATS = (
+    Format("fits", "fits", (".fits", ".fit"), re.compile(rb"SIMPLE  ="), _TABLES + "_fits:open_fits", "FITS", True),
+    Format("votable", "votable", (".vot", ".votable", ".xml"),
+           re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml|<!--|<VOTABLE)"), _TABLES + "_votable:open_votable", "VOTable", True),
+    Format("ecsv", "ascii.ecsv", (".ecsv",), re.compile(rb"(\xef\xbb\xbf)?#\s*%ECSV", re.IGNORECASE),
+           _TABLES + "_text:open_text", "ECSV", True),
+    Format("mrt", "ascii.mrt", (".mrt",), re.compile(rb"[\s\S]*^Byte-by-byte Description", re.MULTILINE),
+           _TABLES + "_source:open_mrt", "MRT"),
+    Format("csv", "ascii.csv", (".csv",), re.compile(rb"(\xef\xbb\xbf)?[^,\n\0]+(,[^,\n\0]+){4,}\r?\n"),
+           _TABLES + "_text:open_text", "CSV", True),
+    Format("parquet", "parquet", (".parquet", ".pq"), re.compile(rb"PAR1"), _TABLES + "_arrow:open_parquet", "Parquet",
+           True, "parquet"),
+    Format("hdf5", "hdf5", (".hdf5", ".h5"), re.compile(rb"\x89HDF\r\n"), _TABLES + "_source:open_hdf5", "HDF5", False, "hdf5"),
+    Format("cds", "ascii.cds", (), None, _TABLES + "_source:open_cds"),
+    Format("ascii", "ascii", (), None, _TABLES + "_source:open_ascii"),
+)  # fmt: skip
+
+#: The formats of a table in a sentence of help.
+TITLES = ", ".join(row.title for row in FORMATS if row.title)
+BY_KIND = {row.kind: row for row in FORMATS}
+BY_NAME = {row.name: row for row in FORMATS}
+#: Kinds by the endings of what is written, and of what is read.
+WRITTEN = {ending: row.kind for row in FORMATS if row.written for ending in row.endings}
+READ = WRITTEN | {ending: row.kind for row in FORMATS for ending in row.endings}
