@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vsh.commands import configuration, finishing, outputs, running
 from vsh.commands import finishing as figures
-from vsh.commands.options import study as words
+from vsh.commands.options import study as options_module
 from vsh.io import tables
 from vsh.tools.files import atomic_write
 from vsh.tools.notes import dropped
@@ -37,15 +37,17 @@ def _gaia(options):
         drawn = None if options.no_figures else {"format": options.format, "dpi": options.dpi}
         text = write_gaia(study, folder, truth=truth, provenance=meta, figures=drawn)
     written = sorted(Path(options.output).glob("*.ecsv"))
-    finishing.tell(
+    finishing.print_result(
         options,
-        finishing.Found(text, lambda: {path.stem: tables.read_table(path) for path in written}, sources.field.notes),
+        finishing.RunResult(
+            text, lambda: {path.stem: tables.read_table(path) for path in written}, sources.field.notes
+        ),
     )
-    finishing.add(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
+    finishing.print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
     if options.html:
         with atomic_write(options.html) as new:
             shutil.copyfile(Path(options.output) / "gaia.html", new)
-        finishing.add(options, figures.of_page(options.html))
+        finishing.print_line(options, figures.of_page(options.html))
 
 
 def _run(options):
@@ -68,16 +70,16 @@ def _run(options):
     with atomic_write(folder / configuration.NAME) as new:
         new.write_text(outputs.repeats(options), encoding="utf-8")
     text = (folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, rows)
-    found = finishing.Found(text, lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)})
-    finishing.tell(options, found)
-    finishing.add(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
+    found = finishing.RunResult(text, lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)})
+    finishing.print_result(options, found)
+    finishing.print_line(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
     if options.html:
         figures.write_page(
             options.html, f"A simulation study: {study.settings['name']}", _text(study, rows), drawn, captions=_CAPTIONS,
             sheets=found.tables, provenance=running.provenance([], options), command=options.command,
             lead=f"{count} realisations of each case, {study.settings['frame']} axes",
         )  # fmt: skip
-        finishing.add(options, f"written to {options.html}")
+        finishing.print_line(options, f"written to {options.html}")
 
 
 def _draw(rows):
@@ -99,7 +101,7 @@ def _text(study, rows):
     return "\n".join(lines)
 
 
-main, run = running.entry(words, _act)
+main, run = running.make_entry(options_module, _act)
 
 if __name__ == "__main__":
     sys.exit(main())

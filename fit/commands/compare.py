@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from vsh.commands import finishing, outputs, reading, running
-from vsh.commands.options import compare as words
+from vsh.commands.options import compare as options_module
 from vsh.tools.errors import TableError, VshError
 
 
@@ -30,7 +30,7 @@ def _run(options):
         return tables | ({"Sources that were left out": found.outliers_table()} if found.names else {})
 
     finishing.finish(
-        options, finishing.Found(found.report(), sheets, found.solution.notes, found.solution.latex),
+        options, finishing.RunResult(found.report(), sheets, found.solution.notes, found.solution.latex),
         provenance=lambda: running.provenance(paths, options, matched=len(kept) + len(found.names), left_out=len(found.names)),
         draw=lambda: _draw(found, kept), write=lambda folder, meta: _write(folder, found, meta),
         page=lambda drawn, meta: _page(found, kept, options, meta, drawn),
@@ -101,7 +101,7 @@ def _labels(paths):
     return names if names[0] != names[1] else [f"{names[0]} (first)", f"{names[1]} (second)"]
 
 
-main, run = running.entry(words, _run)
+main, run = running.make_entry(options_module, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vsh.commands import finishing, outputs, reading, running
-from vsh.commands.options import correlate as words
+from vsh.commands.options import correlate as options_module
 from vsh.commands.values import FRAME
 from vsh.io.parts import Parts
 from vsh.tools.errors import VshError
@@ -17,7 +17,7 @@ from vsh.tools.errors import VshError
 def _run(options):
     outputs.check(options)
     paths = [path for path in (options.catalogue, options.catalogue2) if path]
-    sources = [reading.opened(path, options) for path in paths]
+    sources = [reading.open_catalogue(path, options) for path in paths]
     from fit import correlation
 
     if reading.in_parts(options) and options.influence:
@@ -50,7 +50,7 @@ def _run(options):
         return {"Correlations": found.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
 
     finishing.finish(
-        options, finishing.Found(text, sheets, [note.removeprefix("  - ") for note in notes]),
+        options, finishing.RunResult(text, sheets, [note.removeprefix("  - ") for note in notes]),
         provenance=lambda: running.provenance(paths, options, sources=[_count(f) for f in fields]),
         draw=lambda: _draw(found, influences, leaks), write=lambda folder, meta: _write(folder, found, influences, leaks, meta),
         title=f"What the sky of {' and '.join(labels)} cannot tell apart", captions=_caption,
@@ -173,7 +173,7 @@ def _draw(found, influences, leaks):
     return drawn | {f"leakage_{label}": leak.plot() for label, leak in leaks}
 
 
-main, run = running.entry(words, _run)
+main, run = running.make_entry(options_module, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

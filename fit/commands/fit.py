@@ -11,7 +11,7 @@ import fit
 import vsh
 from fit.commands import backgrounds as shared
 from vsh.commands import finishing, outputs, reading, running
-from vsh.commands.options import fit as words
+from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
 
 DEMO = "demo.fits"
@@ -20,7 +20,7 @@ DEMO = "demo.fits"
 def _run(options):
     outputs.check(options)
     path = files("fit") / DEMO if options.demo else options.catalogue
-    source = reading.opened(str(path), options)
+    source = reading.open_catalogue(str(path), options)
     from vsh.io import catalogue
 
     if reading.in_parts(options):
@@ -69,7 +69,7 @@ def _run(options):
         )  # fmt: skip
 
     finishing.finish(
-        options, finishing.Found(text, sheets, [*said, *solution.notes], solution.latex), provenance=provenance, write=write, page=page,
+        options, finishing.RunResult(text, sheets, [*said, *solution.notes], solution.latex), provenance=provenance, write=write, page=page,
         draw=lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw(),
     )  # fmt: skip
 
@@ -101,7 +101,7 @@ def _fit(field, modes, options):
     return replace(solution, covariance=solution.covariance * chosen), field, lost
 
 
-main, run = running.entry(words, _run)
+main, run = running.make_entry(options_module, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

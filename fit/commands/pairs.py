@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from vsh.commands import finishing, outputs, reading, running
-from vsh.commands.options import pairs as words
+from vsh.commands.options import pairs as options_module
 
 
 def _run(options):
     outputs.check(options)
-    source = reading.opened(options.catalogue, options)
+    source = reading.open_catalogue(options.catalogue, options)
     from fit import pairs
     from vsh.io import catalogue
 
@@ -29,7 +29,7 @@ def _run(options):
     text += "\n" + power.report() if power else ""
     tabled = {"Correlation by angle": found, "Templates": fitted, "Power by degree": power}
     finishing.finish(
-        options, finishing.Found(text, lambda: {name: each.to_table() for name, each in tabled.items() if each}, found.notes), provenance=lambda: running.provenance(options.catalogue, options, sources=found.n_data // 2),
+        options, finishing.RunResult(text, lambda: {name: each.to_table() for name, each in tabled.items() if each}, found.notes), provenance=lambda: running.provenance(options.catalogue, options, sources=found.n_data // 2),
         draw=lambda: _draw(found, fitted, power), write=lambda folder, meta: _write(folder, found, fitted, power, meta),
         title=f"Pairs of {Path(options.catalogue).name}",
     )  # fmt: skip
@@ -47,7 +47,7 @@ def _draw(found, fitted, power):
     return {"pairs": found.plot(fitted)} | ({} if power is None else {"power": power.plot()})
 
 
-main, run = running.entry(words, _run)
+main, run = running.make_entry(options_module, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -9,7 +9,7 @@ import numpy as np
 
 import vsh
 from vsh.commands import finishing, outputs, reading, running
-from vsh.commands.options import redshift as words
+from vsh.commands.options import redshift as options_module
 from vsh.io.parts import Parts
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ConvergenceError, VshError
@@ -34,7 +34,7 @@ _CAPTIONS = {
 
 def _run(options):
     outputs.check(options)
-    source = reading.opened(options.catalogue, options)
+    source = reading.open_catalogue(options.catalogue, options)
     from fit.secular_parallax import hubble_constant, observer_velocity
     from vsh.io import catalogue
     from vsh.models.cosmology import with_redshift
@@ -91,7 +91,7 @@ def _run(options):
     if flow is not None:
         texts.append(flow.report())
     for text in texts:
-        finishing.add(options, text)
+        finishing.print_line(options, text)
     unfinished = None
     if options.posterior:
         try:
@@ -101,10 +101,10 @@ def _run(options):
         except ConvergenceError as error:  # what else was found is written all the same
             unfinished = error
             texts.append(f"posterior: {error}\n")
-        finishing.add(options, texts[-1])
+        finishing.print_line(options, texts[-1])
     text = "\n".join(texts)
     finishing.finish(
-        options, finishing.Found(text, lambda: {_HEADINGS[name]: result.to_table() for name, result in results.items()}, () if isinstance(whole, Parts) else whole.notes),
+        options, finishing.RunResult(text, lambda: {_HEADINGS[name]: result.to_table() for name, result in results.items()}, () if isinstance(whole, Parts) else whole.notes),
         told=not (options.json or options.latex),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
         draw=lambda: _draw(results, truth), write=lambda folder, meta: _write(results, folder, meta),
@@ -261,7 +261,7 @@ def _draw(results, truth):
     return drawn
 
 
-main, run = running.entry(words, _run)
+main, run = running.make_entry(options_module, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

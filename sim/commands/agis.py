@@ -15,7 +15,7 @@ import sim
 import vsh
 from sim import agis
 from vsh.commands import finishing, outputs, running
-from vsh.commands.options import agis as words
+from vsh.commands.options import agis as options_module
 from vsh.tools.files import exclusive
 from vsh.tools.types import Table
 from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR
@@ -147,7 +147,9 @@ def _run(options):
     full = agis.FULL if options.scale else None
     if options.plan:
         wide, knots, _ = agis.as_whole(law, options.quasars, options.knots, full)
-        finishing.tell(options, finishing.Found(agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds)))
+        finishing.print_result(
+            options, finishing.RunResult(agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds))
+        )
         return
     # What a killed run goes on from.
     work = Path(f"{options.output}.unfinished")
@@ -183,7 +185,7 @@ def _solve(options, law, mixture, full, work, streams):
     solution, rotated = _framed(system, solution, options, quasars, chosen, radio)
     exact = _exact(system, mixture) if options.exact else {}
     text = report(system, solution, notes + rotated, mixture, options, exact)
-    found = finishing.Found(text, lambda: tables_of(system, solution, mixture), notes + rotated)
+    found = finishing.RunResult(text, lambda: tables_of(system, solution, mixture), notes + rotated)
     finishing.finish(
         options, found, provenance=lambda: running.provenance([], options),
         draw=lambda: draw(system, solution, mixture), write=lambda folder, meta: write(folder, solution, mixture, found.tables, options),
@@ -237,7 +239,7 @@ def _framed(system, solution, options, quasars, chosen, radio):
     return turned, list(turned.notes[len(solution.notes) :])
 
 
-main, run = running.entry(words, _run)
+main, run = running.make_entry(options_module, _run)
 
 
 if __name__ == "__main__":

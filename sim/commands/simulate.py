@@ -12,7 +12,7 @@ import sim
 import vsh
 from sim.expected import errors_by_place
 from vsh.commands import configuration, finishing, outputs, reading, running
-from vsh.commands.options import simulate as words
+from vsh.commands.options import simulate as options_module
 from vsh.tools.files import atomic_write, digest
 
 
@@ -96,7 +96,7 @@ def _finish(options, notes, meta, what):
             "truth": table_of({"name": np.array(list(numbers), str), "value": np.array(list(numbers.values()), float)})
         }
 
-    finishing.tell(options, finishing.Found(text, truth, notes))
+    finishing.print_result(options, finishing.RunResult(text, truth, notes))
 
 
 def _repeats(options):
@@ -124,7 +124,7 @@ def _population(options, rng, chosen):
         sky, named = read_map(options.selection)
         empty = missing_pixels(sky)
         if empty:
-            finishing.add(
+            finishing.print_line(
                 options, f"note: {empty} of {sky.size} pixels of {options.selection} have no value and hold no sources"
             )
         frame = options.map_frame or named or "icrs"
@@ -142,7 +142,7 @@ def _plain(options):
     """All options but those that change nothing."""
     other = (*running.NOT_TOLD, "threads")
     if options.kind == "crf3":
-        other += (*words.NOT_OF_CRF3, "h0", "tau")
+        other += (*options_module.NOT_OF_CRF3, "h0", "tau")
     kept = {key: value for key, value in vars(options).items() if key not in other}
     if options.velocity is not None:
         ours = reading.velocity_of(options.velocity)
@@ -150,7 +150,7 @@ def _plain(options):
     return kept
 
 
-main, run = running.entry(words, _run)
+main, run = running.make_entry(options_module, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from vsh.commands import finishing, outputs, running
-from vsh.commands.options import forecast as words
+from vsh.commands.options import forecast as options_module
 from vsh.tools.errors import VshError
 
 
@@ -22,7 +22,7 @@ def _run(options):
         surveys[name] = Survey(n, sigma=sigma, says="as given")
     found = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
     finishing.finish(
-        options, finishing.Found(found.report(), lambda: {"Errors to come": found.to_table()}), provenance=lambda: running.provenance([], options),
+        options, finishing.RunResult(found.report(), lambda: {"Errors to come": found.to_table()}), provenance=lambda: running.provenance([], options),
         draw=lambda: {"forecast": found.plot()}, write=lambda folder, meta: _write(folder, found, meta), title="What catalogues to come will tell",
     )  # fmt: skip
 
@@ -33,7 +33,7 @@ def _write(folder, found, meta):
     tables.write_table(found.to_table(), folder / "forecast.ecsv", meta)
 
 
-main, run = running.entry(words, _run)
+main, run = running.make_entry(options_module, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from vsh.commands import configuration, finishing, outputs, running
-from vsh.commands.options import archive as words
+from vsh.commands.options import archive as options_module
 from vsh.io.archive import QUERIES, query
 from vsh.tools.errors import ArchiveError
 from vsh.tools.files import atomic_write, check_not_read
@@ -16,7 +16,7 @@ from vsh.tools.notes import printable
 def _run(options):
     adql = QUERIES[options.what] if options.what in QUERIES else _text(options.what)
     if options.show:
-        finishing.tell(options, finishing.Found(adql))
+        finishing.print_result(options, finishing.RunResult(adql))
         return
     there = Path(options.output).exists() and not options.overwrite
     check_not_read(options.output, f"--output {printable(options.output)}")
@@ -32,7 +32,7 @@ def _run(options):
     beside = Path(f"{path}.{configuration.NAME}")
     with atomic_write(beside) as new:
         new.write_text(outputs.repeats(options, name=beside.name), encoding="utf-8")
-    finishing.tell(options, finishing.Found(was if there else f"written to {path}"))
+    finishing.print_result(options, finishing.RunResult(was if there else f"written to {path}"))
 
 
 def _text(path):
@@ -45,7 +45,7 @@ def _text(path):
         ) from None
 
 
-main, run = running.entry(words, _run)
+main, run = running.make_entry(options_module, _run)
 
 if __name__ == "__main__":
     sys.exit(main())

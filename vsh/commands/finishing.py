@@ -95,7 +95,7 @@ _ESCAPED = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
 
 
 @dataclass(frozen=True)
-class Found:
+class RunResult:
     """What a run found, however it is told."""
 
     text: str
@@ -109,25 +109,25 @@ class Found:
         return self.make_tables()
 
 
-def tell(options: argparse.Namespace, found: Found) -> None:
+def print_result(options: argparse.Namespace, found: RunResult) -> None:
     """Print the report, or with --json or --latex what other programs read, or nothing."""
     if options.json:
         print(as_json(options, found), flush=True)  # who reads may have seen enough
     elif options.latex:
-        running.say((found.latex or (lambda: "\n\n".join(map(as_latex, found.tables.values()))))())
+        running.print_text((found.latex or (lambda: "\n\n".join(map(as_latex, found.tables.values()))))())
     elif not options.quiet:
-        running.say(found.text)
+        running.print_text(found.text)
 
 
-def add(options: argparse.Namespace, text: str) -> None:
+def print_line(options: argparse.Namespace, text: str) -> None:
     """Print a line besides the report, where nobody asked for something else."""
     if not (options.json or options.latex or options.quiet):
-        running.say(text)
+        running.print_text(text)
 
 
 def finish(
     options: argparse.Namespace,
-    found: Found,
+    found: RunResult,
     *,
     provenance: Callable[[], dict[str, Any]],
     draw: Callable[[], Mapping[str, Any]],
@@ -139,7 +139,7 @@ def finish(
 ) -> None:
     """Tell what was found, and write what was asked for: a folder, a page."""
     if not told:
-        tell(options, found)
+        print_result(options, found)
     if not (options.output or options.html):
         return
     meta = provenance()
@@ -149,21 +149,21 @@ def finish(
             (folder / "report.txt").write_text(found.text, encoding="utf-8")
             write(folder, meta)
             drawn.write(folder, options)
-        add(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
+        print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
     if options.html:
         if page is not None:
             page(drawn, meta)
             drawn.close()
-            add(options, of_page(options.html))
+            print_line(options, of_page(options.html))
         else:
             said = {name: captions(name) for name in drawn.drawn} if callable(captions) else captions
             write_page(
                 options.html, title, found.text, drawn, sheets=found.tables, captions=said, provenance=meta, command=options.command
             )  # fmt: skip
-            add(options, f"written to {options.html}")
+            print_line(options, f"written to {options.html}")
 
 
-def as_json(options: argparse.Namespace, found: Found) -> str:
+def as_json(options: argparse.Namespace, found: RunResult) -> str:
     """A result as one JSON object: command, version, what was asked, notes, and tables column by column; what is no number is null."""
     told = {
         "command": options.program,

@@ -23,14 +23,14 @@ class Words(Protocol):
         """The parser of its options."""
 
 
-def parse(words: Any, arguments: Sequence[str] | None = None) -> argparse.Namespace:
+def parse(options_module: Any, arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The options of a command; a negative number behind an option is its value, with or without an equals sign.
 
     Among them `program`, its name; `given`, what was said by name, as `--config` takes it; `expected`,
     hashes of the files that a configuration was written for; and `command`, the words that repeat the run as a
     page may hold them: names of files, not where they lie.
     """
-    parser = words.make_parser()
+    parser = options_module.make_parser()
     said = list(sys.argv[1:] if arguments is None else map(str, arguments))
     joined: list[str] = []
     for word in said:
@@ -44,16 +44,16 @@ def parse(words: Any, arguments: Sequence[str] | None = None) -> argparse.Namesp
     kept = None
     asks = {"-h", "--help", "--version"} & set(joined)
     if _says("--citation", joined) and not asks:
-        print(citing.bibtex(parser.prog, configuration.given(words.make_parser(), joined)))
+        print(citing.bibtex(parser.prog, configuration.given(options_module.make_parser(), joined)))
         parser.exit()
     if _says("--config", joined) and not asks:
-        joined, kept = configuration.merged(parser, words.make_parser, joined)
+        joined, kept = configuration.merged(parser, options_module.make_parser, joined)
     options = parser.parse_args(joined)
-    if hasattr(words, "check"):
-        words.check(parser, options)
+    if hasattr(options_module, "check"):
+        options_module.check(parser, options)
     options.program = parser.prog
     options.expected = {} if kept is None else dict(kept.files)
-    options.given = configuration.given(words.make_parser(), joined)
+    options.given = configuration.given(options_module.make_parser(), joined)
     options.command = [parser.prog, *map(_told, said if kept is None else _without_config(joined))]
     return options
 
@@ -73,7 +73,7 @@ def without_folder(text: str) -> str:
 
 
 def _says(option, words):
-    """Whether an option is among words, perhaps shortened."""
+    """Whether an option is among the words, perhaps shortened."""
     heads = {word.partition("=")[0] for word in words}
     return any(len(head) > 4 and option.startswith(head) for head in heads)
 

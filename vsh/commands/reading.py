@@ -68,7 +68,7 @@ def arguments(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def opened(path: str, options: argparse.Namespace) -> TableSource:
+def open_catalogue(path: str, options: argparse.Namespace) -> TableSource:
     """A catalogue that is open; of a file that cannot be read that is said at once, before all that reads and fits is imported."""
     from vsh.io import tables
 

@@ -47,22 +47,22 @@ class _OneLine(logging.Formatter):
         return super().formatMessage(record)
 
 
-def entry(
-    words: Any, act: Callable[[argparse.Namespace], object]
+def make_entry(
+    options_module: Any, act: Callable[[argparse.Namespace], object]
 ) -> tuple[Callable[..., int], Callable[[argparse.Namespace], int]]:
     """The two ways into a command: `main(arguments)`, and `run(options)` for options that are parsed already."""
 
     def run(options: argparse.Namespace) -> int:
-        return guarded(options, lambda: act(options))
+        return run_safely(options, lambda: act(options))
 
     def main(arguments: Sequence[str] | None = None) -> int:
         with printing():
-            return run(parse(words, arguments))
+            return run(parse(options_module, arguments))
 
     return main, run
 
 
-def guarded(options: argparse.Namespace, action: Callable[[], object]) -> int:
+def run_safely(options: argparse.Namespace, action: Callable[[], object]) -> int:
     """Run an action; returns the exit status: 0, or 1 with one line that says what was wrong."""
     program = options.program
     os.environ["MPLBACKEND"] = "agg"  # a command writes files only, where there may be no screen
@@ -182,7 +182,7 @@ def _failed(program, said):
     return 1
 
 
-def say(text: object) -> None:
+def print_text(text: object) -> None:
     """Print text without the control characters that file and column names may bring along."""
     print("\n".join(printable(line) for line in str(text).split("\n")))
 

@@ -13,7 +13,7 @@ from sim.commands.simulate import main as simulate
 from vsh.commands import configuration, parsing
 from vsh.commands.options import agis, redshift
 from vsh.commands.options import correlate as correlate_words
-from vsh.commands.options import fit as words
+from vsh.commands.options import fit as options_module
 
 TABLE = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"]
 
@@ -72,13 +72,13 @@ def test_options_that_come_several_times(catalogue, tmp_path):
 
 
 CASES = [
-    (words, ["c.fits", "--jackknife"], {"catalogue": "c.fits", "jackknife": True}),
-    (words, ["c.fits", "--jackknife=4"], {"catalogue": "c.fits", "jackknife": "4"}),
-    (words, ["c.fits", "--excess-noise", "scale"], {"catalogue": "c.fits", "excess-noise": "scale"}),
-    (words, ["c.fits", "--columns", "pmra=mu,z=zsp", "--dpi", "1e2"], {"catalogue": "c.fits", "columns": "pmra=mu,z=zsp", "dpi": "1e2"}),
-    (words, ["--demo"], {"demo": True}),
-    (words, ["c.fits", "--where", 'name == "a\\b"'], {"catalogue": "c.fits", "where": 'name == "a\\b"'}),
-    (words, ["c.fits", "--where", "x > 1\ny\x7f"], {"catalogue": "c.fits", "where": "x > 1\ny\x7f"}),
+    (options_module, ["c.fits", "--jackknife"], {"catalogue": "c.fits", "jackknife": True}),
+    (options_module, ["c.fits", "--jackknife=4"], {"catalogue": "c.fits", "jackknife": "4"}),
+    (options_module, ["c.fits", "--excess-noise", "scale"], {"catalogue": "c.fits", "excess-noise": "scale"}),
+    (options_module, ["c.fits", "--columns", "pmra=mu,z=zsp", "--dpi", "1e2"], {"catalogue": "c.fits", "columns": "pmra=mu,z=zsp", "dpi": "1e2"}),
+    (options_module, ["--demo"], {"demo": True}),
+    (options_module, ["c.fits", "--where", 'name == "a\\b"'], {"catalogue": "c.fits", "where": 'name == "a\\b"'}),
+    (options_module, ["c.fits", "--where", "x > 1\ny\x7f"], {"catalogue": "c.fits", "where": "x > 1\ny\x7f"}),
     (redshift, ["g.fits", "--h0", "67.40", "--redshift-frame", "true"], {"catalogue": "g.fits", "h0": "67.40", "redshift-frame": "true"}),
     (agis, ["--plan", "--no-scaling", "--workers", "2", "--start", "0,5"], {"plan": True, "no-scaling": True, "workers": "2", "start": "0,5"}),
     (correlate_words, ["a", "b", "--influence", "x", "--influence", "y,z"], {"catalogue": "a", "catalogue2": "b", "influence": ("x", "y,z")}),
@@ -100,7 +100,7 @@ def test_from_words_to_a_file_and_back(module, said, wanted, tmp_path):
 
 
 def test_written_by_hand(tmp_path):
-    """Arrays and tables where the words have commas."""
+    """Arrays and tables where the options_module have commas."""
     path = tmp_path / "mine.toml"
     path.write_text('[options]\ncatalogue = "g.fits"\nbins = [0.001, 0.010]\nh0 = 70\ncolumns = {redshift = "zq"}\n')
     options = parsing.parse(redshift, ["--config", str(path)])
@@ -130,7 +130,7 @@ def test_what_is_wrong_with_it(text, words_of_it, tmp_path, capsys):
     if text is not None:
         path.write_text(text, encoding="latin-1")
     with pytest.raises(SystemExit) as end:
-        parsing.parse(words, ["c.fits", "--config", str(path)])
+        parsing.parse(options_module, ["c.fits", "--config", str(path)])
     assert end.value.code == 2
     assert words_of_it in capsys.readouterr().err
 
@@ -138,7 +138,7 @@ def test_what_is_wrong_with_it(text, words_of_it, tmp_path, capsys):
 def test_a_shortened_option_is_seen(tmp_path):
     path = tmp_path / "run.toml"
     path.write_text("[options]\ndemo = true\nlmax = 2\n")
-    assert parsing.parse(words, ["--conf", str(path)]).lmax == 2
+    assert parsing.parse(options_module, ["--conf", str(path)]).lmax == 2
 
 
 def test_another_file_under_the_name_is_told(catalogue, tmp_path, capsys):
