@@ -13,7 +13,9 @@ from conftest import ROOT
 from vsh import Field
 
 BLOCKS = re.findall(
-    r"^```python\n(.*?)^```", (ROOT / "docs" / "extending.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    r"^```(?:python|text)\n(.*?)^```",
+    (ROOT / "docs" / "extending.md").read_text(encoding="utf-8"),
+    re.MULTILINE | re.DOTALL,
 )
 
 
@@ -79,7 +81,7 @@ def test_a_format(house, tmp_path):
     for words in (["sky.bars"], ["noname"], ["noname", "--input-format", "bars"]):
         report = run(house, "-m", "vsh", "fit", str(tmp_path / words[0]), "--lmax", "1", *words[1:])
         assert report.split("\n")[3:] == expected
-    assert "HDF5, bars)" in " ".join(run(house, "-m", "vsh", "fit", "--help").split())
+    assert "a table (bars, FITS, " in " ".join(run(house, "-m", "vsh", "fit", "--help").split())
     broken = tmp_path / "broken.bars"
     broken.write_text((tmp_path / "sky.bars").read_text().replace("0.00", "zero", 3))
     done = subprocess.run(
