@@ -201,7 +201,9 @@ def full(sky, n=agis.FULL):
 def paper(n=20_000, draws=100):
     """Cases A to D: rms over components of the acceleration, scaled to half a million quasars [µas/yr]."""
     from sim.agis._motion_fit import MotionFit
-    from study.published import published
+
+    sys.path.insert(0, str(Path(__file__).parents[1] / "papers" / "bachchan2016"))
+    from published import published
 
     cases = {"A": ("gums", 0.0, 2.0), "B": ("gums", 100.0, 2.0), "C": ("gums", 100.0, 10.0), "D": ("igql", 0.0, 2.0)}
     modes, scale = Modes(1), np.sqrt(n / agis.FULL)

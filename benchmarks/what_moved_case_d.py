@@ -6,14 +6,17 @@ Its mean acceleration is (5.58, 1.66, −1.65) µas/yr for a truth of (4.3, 0, 0
 """
 
 import sys
+from pathlib import Path
 
 import numpy as np
 
 import sim
 from sim import agis
 from sim.agis._motion_fit import MotionFit
-from study.published import CORRELATIONS, EXPERIMENTS, published
 from vsh import Modes
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "papers" / "bachchan2016"))
+from published import CORRELATIONS, EXPERIMENTS, published
 
 N = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
 DRAWS = int(sys.argv[2]) if len(sys.argv) > 2 else 12

@@ -18,7 +18,7 @@ from vsh.tools.types import ArrayLike, FloatArray, Release
 
 __all__ = ["errors_by_place"]
 
-_COLUMNS = {"motion": [3, 4], "position": [0, 1]}
+_COLUMNS = {"motion": slice(3, 5), "position": slice(0, 2)}
 
 
 def expected_covariances(
@@ -71,10 +71,11 @@ def expected_covariances(
     mission.check_frame(population.frame)
     if isinstance(mission.attitude, str):
         raise ParameterError(
-            "with an attitude that is solved sources share errors, which no covariance of one tells: see sim.agis.System"
+            "if the attitude is solved with the sources, the errors of different sources are correlated: use sim.agis.System"
         )
-    first, last = _COLUMNS[kind]
-    columns = slice(first, last + 1)
+    columns = _COLUMNS[kind]
+    if not len(population):
+        return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
     error = mission.transit_error(population.magnitude, excess_noise)
 
     def block(part):
@@ -84,7 +85,7 @@ def expected_covariances(
         )
 
     parts = list(map_blocks(block, len(population), BLOCK, threads, "transits" if progress else None))
-    formal, true = (np.concatenate(each)[:, columns, columns] for each in zip(*parts, strict=True))
+    formal, true = (np.concatenate(blocks)[:, columns, columns] for blocks in zip(*parts, strict=True))
     return formal, true
 
 
@@ -97,28 +98,28 @@ def errors_by_place(
     release: Release = "DR3",
     nside: int = 16,
 ) -> tuple[FloatArray, FloatArray]:
-    """Errors and correlation of µ_α* and µ_δ by magnitude and place, without simulating each transit.
+    """Standard errors and correlation of µ_α* and µ_δ by magnitude and position, without simulating each transit.
 
-    The scanning law is followed for the centre of every HEALPix pixel; a source has the errors
-    of its pixel, scaled by its magnitude.
+    The scanning law is evaluated at the centre of every HEALPix pixel; each source gets the errors of its pixel, scaled
+    with its magnitude. The errors are formal ones: those of the mission's attitude are not included.
 
     Parameters
     ----------
     magnitude, lon, lat : (n,) arrays
-        G, and positions in the mission's frame [rad].
+        G magnitudes, and positions in the mission's frame. [rad]
     mission : Mission or NominalScanningLaw
         As for `sim.observe`.
     release : {"DR3", "DR4", "DR5", "paper"}
-        Whose sky-mean parallax error, where the mission does not say it.
+        The data release that sets the sky-mean parallax error if the mission does not specify one.
     nside : int
-        Of the pixels.
+        Resolution of the HEALPix pixels.
 
     Returns
     -------
     sigma : (2, n) array
         [µas/yr]
     rho : (n,) array
-        Their correlation.
+        Correlation of the two errors.
 
     Raises
     ------

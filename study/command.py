@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-from importlib.resources import files
 from pathlib import Path
 
 from vsh.commands import configuration, finishing, outputs, running
@@ -57,20 +56,15 @@ def _run(options):
     from study.results import read_realisations, summary, table_of
     from study.run import run
 
-    study = load(files("study") / "paper.toml" if options.paper else options.configuration)
+    study = load(options.configuration)
     count = options.n_realisations or study.n_realisations
     folder = run(study, options.output, n_realisations=count, workers=options.workers)
-    if options.paper:
-        from study.paper import write_paper
-
-        write_paper(study, folder, count, draw=not options.no_figures)
     rows = summary(study, read_realisations(study, Path(folder), count))
     drawn = figures.Figures(lambda: _draw(rows))
     drawn.write(folder, options)
     with atomic_write(folder / configuration.NAME) as new:
         new.write_text(outputs.repeats(options), encoding="utf-8")
-    text = (folder / "tables.md").read_text(encoding="utf-8") if options.paper else _text(study, rows)
-    found = finishing.RunResult(text, lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)})
+    found = finishing.RunResult(_text(study, rows), lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)})
     finishing.print_result(options, found)
     finishing.print_line(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
     if options.html:

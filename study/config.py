@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from sim.noise import RELEASES
+from vsh.commands.values import SKIES
 from vsh.models.cosmology import VELOCITIES, velocity_from_apex
 from vsh.sky.frames import FRAMES
 from vsh.tools.errors import ParameterError, VshError
@@ -49,6 +51,9 @@ _SOURCES = {
 }
 
 
+_TYPES = {int: "a whole number", float: "a number", str: "a string"}
+
+
 @dataclass(frozen=True)
 class Study(InNotebook):
     """A checked configuration.
@@ -68,16 +73,11 @@ class Study(InNotebook):
 
     @property
     def n_realisations(self) -> int:
-        """How many skies of each case."""
+        """Number of simulated skies of each case."""
         return self.settings["n_realisations"]
 
     def plain(self) -> dict[str, Any]:
-        """All that determines a result, as plain values; the number of realisations does not.
-
-        Returns
-        -------
-        dict[str, object]
-        """
+        """The settings that determine each realisation, as values of JSON; their number is not among them."""
         study = {key: value for key, value in self.settings.items() if key != "n_realisations"}
         return json.loads(
             json.dumps({"study": study, "mission": self.mission, "truth": self.truth, "case": self.cases})
@@ -90,12 +90,12 @@ def load(source: PathName | dict[str, Any]) -> Study:
     Parameters
     ----------
     source : path of a TOML file, or a dict
-        The configuration.
+        The configuration, as a file or as its content.
 
     Raises
     ------
     StudyError
-        If the file cannot be read, or a key is unknown, missing or of the wrong kind; the message names it.
+        If the file cannot be read, or a key is unknown, missing or of the wrong type; the message names it.
     """
     if not isinstance(source, dict):
         try:
@@ -106,11 +106,11 @@ def load(source: PathName | dict[str, Any]) -> Study:
             raise StudyError(f"{printable(source)} is not TOML: {error}") from error
     unknown = set(source) - {*_SECTIONS, "case"}
     if unknown:
-        raise StudyError(f"unknown sections {', '.join(sorted(unknown))}: there are {', '.join(_SECTIONS)}, case")
+        raise StudyError(f"unknown sections {', '.join(sorted(unknown))}; known sections: {', '.join(_SECTIONS)}, case")
     sections = {name: _section(name, source.get(name, {}), keys) for name, keys in _SECTIONS.items()}
     cases = source.get("case", [])
     if not isinstance(cases, list) or not all(isinstance(case, dict) for case in cases):
-        raise StudyError("cases are written [[case]], in double brackets")
+        raise StudyError("cases must be tables [[case]], in double brackets")
     if not cases:
         raise StudyError("a study needs at least one [[case]]")
     checked = [_case(case) for case in cases]
@@ -127,18 +127,38 @@ def _case(case):
         raise StudyError(f"every [[case]] needs a name of letters and digits, not {name!r}")
     unknown = set(case) - {"name", *_SOURCES}
     if unknown:
-        raise StudyError(f"case {name}: unknown {', '.join(sorted(unknown))}; there are {', '.join(_SOURCES)}")
+        raise StudyError(f"case {name}: unknown {', '.join(sorted(unknown))}; known: {', '.join(_SOURCES)}")
     if "quasars" not in case:
-        raise StudyError(f"case {name} has no quasars: [case.quasars] with number")
+        raise StudyError(f"case {name}: [case.quasars] with a number is required")
     checked = {"name": name} | {
         kind: _section(f"case {name}, {kind}", case[kind], _SOURCES[kind]) for kind in _SOURCES if kind in case
     }
-    told = checked.get("galaxies", {}).get("redshifts", "true")
-    if told not in ("true", "both"):
+    redshifts = checked.get("galaxies", {}).get("redshifts", "true")
+    if redshifts not in ("true", "both"):
         raise StudyError(
-            f'case {name}, galaxies: redshifts are "true", or "both": as they are seen as well, not {told!r}'
+            f'case {name}, galaxies: redshifts must be "true", or "both" (observed ones, too), not {redshifts!r}'
         )
+    for kind, values in checked.items():
+        if kind != "name":
+            _check_sources(f"case {name}, {kind}", values)
     return checked
+
+
+def _check_sources(place, values):
+    """Numbers that would fail much later, or never."""
+    for key, least in (
+        ("number", 1),
+        ("variability", 0),
+        ("tau", 1e-9),
+        ("excess_noise", 0),
+        ("peculiar_dispersion", 0),
+    ):
+        if not values.get(key, least) >= least:
+            raise StudyError(f"{place}: {key} must be at least {least:g}, not {values[key]}")
+    if values.get("sky", "uniform") not in SKIES:
+        raise StudyError(f"{place}: sky must be one of {', '.join(SKIES)}, not {values['sky']!r}")
+    if not values.get("min_redshift", 0) < values.get("max_redshift", 1):
+        raise StudyError(f"{place}: max_redshift must exceed min_redshift")
 
 
 def _section(name, given, keys):
@@ -146,14 +166,16 @@ def _section(name, given, keys):
         raise StudyError(f"{name} is a section, [{name}], not {given!r}")
     unknown = set(given) - set(keys)
     if unknown:
-        raise StudyError(f"{name}: unknown key {', '.join(sorted(unknown))}; there are {', '.join(keys)}")
+        raise StudyError(f"{name}: unknown key {', '.join(sorted(unknown))}; known: {', '.join(keys)}")
     missing = [key for key, default in keys.items() if default is None and key not in given]
     if missing:
         raise StudyError(f"{name}: {', '.join(missing)} must be given")
     section = {key: given.get(key, default) for key, default in keys.items()}
     for key, value in tuple(section.items()):
         default = keys[key]
-        wanted = int if key == "number" or isinstance(default, int) else type(default) if default is not None else str
+        expected_type = (
+            int if key == "number" or isinstance(default, int) else type(default) if default is not None else str
+        )
         if key == "velocity":
             section[key] = _velocity(value)
             continue
@@ -161,14 +183,14 @@ def _section(name, given, keys):
             if value != "solved":
                 raise StudyError(f'{name}: attitude is its error in µas, or "solved" with the sources, not {value!r}')
             continue
-        if wanted is float and isinstance(value, int) and not isinstance(value, bool):
+        if expected_type is float and isinstance(value, int) and not isinstance(value, bool):
             section[key] = value = float(value)
-        if wanted is float and isinstance(value, float) and not np.isfinite(value):
+        if expected_type is float and isinstance(value, float) and not np.isfinite(value):
             raise StudyError(f"{name}: {key} is a finite number, not {value!r}")
-        if wanted is list:
+        if expected_type is list:
             section[key] = _three(name, key, value)
-        elif not isinstance(value, wanted) or isinstance(value, bool):
-            raise StudyError(f"{name}: {key} is a {wanted.__name__}, not {value!r}")
+        elif not isinstance(value, expected_type) or isinstance(value, bool):
+            raise StudyError(f"{name}: {key} must be {_TYPES[expected_type]}, not {value!r}")
     return section
 
 
@@ -196,9 +218,14 @@ def _velocity(value):
 def _check(sections):
     if sections["mission"]["years"] > 100 or sections["mission"]["dead_time"] >= 1:
         raise StudyError("mission: years are at most 100, and dead_time is a fraction below 1")
+    if sections["mission"]["release"] not in RELEASES:
+        raise StudyError(
+            f"mission: release must be one of {', '.join(RELEASES)}, not {sections['mission']['release']!r}"
+        )
     if sections["study"]["frame"] not in FRAMES:
         raise StudyError(f"study: frame is one of {', '.join(FRAMES)}, not {sections['study']['frame']!r}")
     for section, key, least in (
+        ("study", "seed", 0),
         ("study", "n_realisations", 1),
         ("study", "lmax", 1),
         ("truth", "hubble", 1e-9),

@@ -290,7 +290,7 @@ class Field(Tabled):
     frame : str
         "icrs", "galactic" or "ecliptic".
     redshift_frame : str or None
-        "heliocentric", "cmb", "local-group"; "true" for redshifts of the expansion alone; None where nobody says it.
+        "heliocentric", "cmb", "local-group"; "true" for redshifts of the expansion alone; None where it is not given.
     notes : tuple of str
         What a reader of any result should know: units that were assumed, rows that were left out.
 

@@ -159,7 +159,7 @@ def _ask_for_frame(field, options, common, label):
     frames = ("heliocentric", "cmb", "true")
     lines = [f"{frame}: {said}" for frame, (_, said) in by_frame(found, frames).items()]
     raise VshError(
-        f"nobody says in which frame the redshifts of {label} stand: say --redshift-frame heliocentric, cmb, "
+        f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
         "local-group, or true (of the expansion alone, as simulations have them). What it changes here, for "
         f"H0 = {hubble:g}: " + "; ".join(lines)
     )

@@ -169,7 +169,7 @@ def floor_lines(solution: Any) -> tuple[str, ...]:
         ("acceleration", floor.acceleration_error, floor.acceleration_interval),
     ):
         lines.append(f"{name:14}± {error:.3f} µas/yr in each component ({low:.3f} … {high:.3f}, 68 %)")
-    return (*lines, "fit.solve(normal, floor=fit.background.floor(normal)), or --floor, puts them in")
+    return (*lines, "--floor, or fit.solve(normal, floor=fit.background.floor(normal)) in Python, includes them")
 
 
 def _degrees(solution):
@@ -195,9 +195,8 @@ def report_check(check: Any) -> str:
     """Whether two solvers agree, as text."""
     if check.largest < AGREE:
         return (
-            f"Cross-check: plain least squares of degree 1 by two solvers without a common formula, on the same "
-            f"{check.frame.n_sources} sources,\nwith the catalogue's errors: they agree to {check.largest:.0e} σ. "
-            "It tests the solvers, not the errors above."
+            f"Cross-check: two independent least-squares solvers of degree 1, on the same {check.frame.n_sources} sources with the\n"
+            f"catalogue's errors, agree to {check.largest:.0e} σ. This tests the solvers, not the errors above."
         )
     lines = [
         f"CROSS-CHECK FAILED: degree 1 on the same {check.frame.n_sources} sources by two solvers differs by {check.largest:.1e} σ",

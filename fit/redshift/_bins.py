@@ -60,7 +60,7 @@ def binned(
     shared_higher_degrees : bool
         Fit one set of coefficients above degree 1 to all bins.
     redshift_frame : str, optional
-        "heliocentric", "cmb", "local-group", or "true" as redshifts are taken where nobody says it; the field's own
+        "heliocentric", "cmb", "local-group", or "true" as redshifts are taken where it is not given; the field's own
         unless given. It bears on the mean of 1/d of each bin, not on which sources a bin holds.
     peculiar_dispersion : float, optional
         Of the velocities of galaxies beside flows, in their redshifts (where they are not true ones) and errors: 150 unless

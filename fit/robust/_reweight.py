@@ -28,32 +28,33 @@ from vsh.tools.errors import ConvergenceError, ParameterError
 from vsh.tools.logs import told
 from vsh.tools.types import FloatArray, IntArray
 
-#: Newton's steps to a source's share in its own fit, at most; with thousands of sources three are enough.
+#: The largest number of Newton steps for a source's leverage; with thousands of sources three suffice.
 _STEPS = 10
 
 
-#: Where the likelihood of ν is looked at; between them it is a polynomial of ln ν, exact to 1e-12.
+#: Chebyshev nodes in ln ν at which the likelihood is evaluated; interpolation is accurate to 1e-12.
 _NODES = chebyshev.chebpts1(36)
 
 
+#: The range of ln ν.
 _LOW, _HIGH = np.log([0.5, 200.0])
 
 
 @dataclass(frozen=True)
 class StudentT:
-    """Weights of the t distribution of so many components, and their slopes by X²."""
+    """Weights of the multivariate t distribution, and their derivatives with respect to X²."""
 
     nu: float
     estimated: bool
     components: int = 2
 
     def __call__(self, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """u and its slope, (n,) each."""
+        """The weights u and du/dX², both of shape (n,)."""
         u = (self.nu + self.components) / (self.nu + x2)
         return u, -u / (self.nu + x2)
 
     def fitted(self, sky: Parts, share: Share, words: str) -> StudentT:
-        """The same with the likeliest ν, from residuals and shares by the ν that was."""
+        """These weights with the likeliest ν, from the residuals and leverages at the current ν."""
         if not self.estimated:
             return self
         n, logs = sky.sum(partial(_log_terms, share=share), roles=(), words=words)
@@ -62,19 +63,20 @@ class StudentT:
 
 @dataclass(frozen=True)
 class Permissive:
-    """Weights of Sivia's likelihood and their slopes by X²."""
+    """Weights of Sivia's likelihood (all quoted errors are lower limits), and their derivatives with respect to X²."""
 
     nu: None = None
     components: int = 2
 
     def __call__(self, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """u and its slope, (n,) each."""
+        """The weights u and du/dX², both of shape (n,)."""
         q = np.maximum(x2 / 2, 1e-8)
+        # i_a = ∫₀¹ t^(a−1) exp(−q t) dt for a = (k+1)/2, (k+3)/2, (k+5)/2
         i2, i4, i6 = (gamma(a) * gammainc(a, q) / q**a for a in (self.components + 1) / 2 + np.arange(3))
         return i4 / i2, (np.square(i4 / i2) - i6 / i2) / 2
 
     def fitted(self, sky: Parts, share: Share, words: str) -> Permissive:
-        """The same: it has nothing to fit."""
+        """The same: there is no parameter to fit."""
         return self
 
 

@@ -138,7 +138,7 @@ def modes_within(
 
 
 def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
-    """Whether nobody says in which frame the redshifts stand."""
+    """Whether the frame of the redshifts is not given."""
     if redshift_frame is not None:
         return False
     first = field if isinstance(field, Field) else next(iter(field))
@@ -160,7 +160,7 @@ def by_frame(words: Callable[[str], str], frames: Sequence[str]) -> dict[str, tu
 def noted(
     rows: Any, field: Field | Parts, redshift_frame: str | None, words: Callable[[str], str] | None = None
 ) -> Any:
-    """The equations, with a note and a warning where nobody says in which frame redshifts stand."""
+    """The equations, with a note and a warning where the frame of the redshifts is not given."""
     if not undeclared(field, redshift_frame):
         return rows
     changes = ["what it would change fit.secular_parallax.observer_velocity tells"]
@@ -171,7 +171,7 @@ def noted(
             for frame, (good, said) in found.items()
         ]
     note = (
-        "nobody says in which frame the redshifts stand, so they are taken as true ones, without velocities or "
+        "the frame of the redshifts is not given, so they are taken as true ones, without velocities or "
         "errors in them. " + "; ".join(changes) + ". Say which: redshift_frame= (--redshift-frame)"
     )
     warn(note, VshWarning, stacklevel=4)

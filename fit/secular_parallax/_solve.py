@@ -98,13 +98,14 @@ class LocalGroup:
     covariance: FloatArray
 
     def added(self, sums: ParallaxSums, width: int, ratio: float, ours: FloatArray | None) -> ParallaxSums:
-        """Normal equations, the flow's prior among them, with this measurement as well."""
+        """Normal equations with this measurement as well; they hold the flow's prior already. `ratio` is H0/H_ref."""
         here = self.modes.at_origin()
-        across = here.T @ np.linalg.inv(self.covariance) / ratio**2
+        gain = here.T @ np.linalg.inv(self.covariance) / ratio**2
         mean = here.T @ np.linalg.solve(here @ here.T + self.covariance, self.velocity)
-        pull, size = across @ self.velocity, self.velocity @ across.T @ mean
+        pull = gain @ self.velocity
+        size = pull @ mean
         matrix, rhs, chi2_null = sums.matrix.copy(), sums.rhs.copy(), sums.chi2_null
-        matrix[width:, width:] += across @ here
+        matrix[width:, width:] += gain @ here
         if ours is None:
             rhs[width:] += pull * ratio
             chi2_null = chi2_null + size * ratio**2
@@ -116,13 +117,13 @@ class LocalGroup:
         return replace(sums, matrix=matrix, rhs=rhs, chi2_null=chi2_null)
 
 
-#: So many sources tell the size of what is left out to a few per cent.
+#: Size of the subsample; it determines the omitted flow to a few per cent.
 _SOURCES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """A catalogue whose flow is left out of its equations, and the modes that would hold it."""
+    """A catalogue that is fitted without a flow, and the modes that would describe it."""
 
     field: Field | Parts
     calibration: Calibration
@@ -130,23 +131,26 @@ class LeftOut:
     options: dict[str, Any]
 
     def sums(self, spread: float, excess_noise: float, n_sources: int) -> ParallaxSums:
-        """Sums of some sources, weighed as without the flow, with its columns; scaled to those of all."""
+        """Normal matrix and right-hand side with the flow's columns, from a subsample, scaled to all sources."""
         step = max(1, n_sources // _SOURCES)
-        some = self.field.map(partial(_every, step=step)) if isinstance(self.field, Parts) else self.field[::step]
-        rows = equations(some, self.calibration, modes=self.modes, **self.options)
+        subsample = (
+            self.field.map(partial(_every_nth, step=step)) if isinstance(self.field, Parts) else self.field[::step]
+        )
+        rows = equations(subsample, self.calibration, modes=self.modes, **self.options)
         sums = rows.sums(spread, excess_noise)
-        return replace(sums, matrix=sums.matrix * step, rhs=sums.rhs * step)
+        scale = n_sources / (sums.n_data // 2)  # of small parts more than one in `step` is taken
+        return replace(sums, matrix=sums.matrix * scale, rhs=sums.rhs * scale)
 
 
 def flow_covariance(sums: ParallaxSums, to_u: FloatArray, ratio: float) -> FloatArray:
-    """The covariance that a flow gives to parameters which were fitted without it."""
+    """The covariance that an omitted flow induces in the fitted parameters."""
     width = len(to_u)
     normal = to_u.T @ sums.matrix[:width, :width] @ to_u
-    carried = np.linalg.solve(normal, to_u.T @ sums.matrix[:width, width:]) * ratio
-    return carried @ carried.T
+    response = np.linalg.solve(normal, to_u.T @ sums.matrix[:width, width:]) * ratio
+    return response @ response.T
 
 
-def _every(field, step):
+def _every_nth(field, step):
     return field[::step]
 
 

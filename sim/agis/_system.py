@@ -426,53 +426,57 @@ class System(ExactErrors):
         checkpoint: PathName | None = None,
         progress: bool = False,
     ) -> AgisSolution:
-        """Sources and attitude from observations.
+        """Solve for the parameters of the sources and the attitude.
 
         Parameters
         ----------
         along, across : (k,) arrays
-            Observed less what was expected, in the order of the scans. [µas]
+            Observed minus computed values, in the order of the scans. [µas]
         start : (n, 5) array, optional
-            Corrections to begin with; none unless given. What they hold of the null space stays. [µas, µas/yr]
+            Initial corrections (default: zero). Their component in the null space is retained. [µas, µas/yr]
         attitude : (coefficients, 3) array, optional
-            The attitude that a first update of the sources begins with; none unless given. [µas]
+            Attitude used in the first update of the sources (default: zero). [µas]
         known : (coefficients, 3) array, optional
-            What a prior says of the attitude; zero unless given. [µas]
+            Mean of the prior on the attitude (default: zero); needs `System(prior=…)`. [µas]
         first : {"sources", "attitude"}
-            What is updated first. With a start that is worse for the sources than for the attitude, sources: their errors
-            are gone at once.
+            The block that is updated first. If the starting values are worse for the sources than for the attitude, take
+            the sources: their errors are removed in the first update.
         method : {"conjugate", "simple"}
-            Conjugate gradients, or sources and attitude in turn, which creeps.
+            Conjugate gradients, or sources and attitude updated in turn, which converges slowly.
         iterations : int
-            At most.
+            The largest number of iterations.
         stop : float or None
-            Stop when no coefficient of degrees 1 to 3 has moved by so many formal errors in ten iterations; None goes on
-            to the last digits. Updates of parameters say nothing of large scales: those of 0.8 µas have left the
-            acceleration eight formal errors off.
+            Stop when no coefficient of degrees 1 to 3 has changed by more than this many formal errors over ten
+            iterations; None iterates to machine precision. Small updates do not imply convergence on large scales: with
+            updates of 0.8 µas the acceleration was still off by eight formal errors.
         sources : indices or mask, optional
-            Whose motions the rule looks at, as quasars among stars; all unless given.
+            Sources whose motions enter the stopping rule, the quasars say (default: all).
         watch : function, optional
             Called after every iteration with its number and the (n, 5) parameters.
         checkpoint : path, optional
-            A .npz file from which a solution that was killed goes on to the same bytes.
+            A .npz file from which an interrupted solution resumes; the result is the same to the byte.
         progress : bool
-            Show a bar with what the low degrees do, after two seconds.
+            Show a progress bar with the changes of the low degrees, after two seconds.
 
         Returns
         -------
         AgisSolution
-            A warning says so if it has not converged.
+            A warning is issued if it has not converged, unless `stop` is None.
 
         Raises
         ------
         ParameterError
-            If shapes do not fit, a value is not finite, or `known` has no prior.
+            If shapes do not fit, a value is not finite, or `known` is given without a prior.
+        DegeneracyError
+            If the sources do not determine spin and acceleration.
         CheckpointError
-            If the checkpoint is of another problem.
+            If the checkpoint belongs to a different problem.
         """
         observed = self._observed(along, across)
         n = self.scans.n_sources
-        shaped = self._shaped(np.zeros((n, 5)) if start is None else start, np.zeros((self.coefficients, 3)) if attitude is None else attitude)  # fmt: skip
+        start = np.zeros((n, 5)) if start is None else start
+        attitude = np.zeros((self.coefficients, 3)) if attitude is None else attitude
+        first_start, first_attitude = self._shaped(start, attitude)
         if known is not None:
             if self.prior is None:
                 raise ParameterError("known= is what a prior says of the attitude: give System a prior")
@@ -480,14 +484,14 @@ class System(ExactErrors):
         arguments.choice("first", first, ("sources", "attitude"))
         arguments.choice("method", method, ("conjugate", "simple"))
         found = solve_observations(
-            self, *observed, start=shaped[0], attitude=shaped[1], known=known, first=first, conjugate=method == "conjugate",
+            self, *observed, start=first_start, attitude=first_attitude, known=known, first=first, conjugate=method == "conjugate",
             iterations=arguments.whole("iterations", iterations),
             stop=None if stop is None else arguments.positive("stop", stop), fit=low_fit(self, arguments.indices("sources", sources, n)),
             watch=watch, checkpoint=checkpoint, progress=progress,
         )  # fmt: skip
         if not found.converged and stop is not None:
             warnings.warn(
-                f"not at rest after {found.iterations} iterations: degrees 1 to {found.modes.lmax} still move; allow more, or read "
+                f"not converged after {found.iterations} iterations: degrees 1 to {found.modes.lmax} still change; allow more, or read "
                 "large scales with care",
                 VshWarning,
                 stacklevel=2,

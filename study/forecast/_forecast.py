@@ -20,6 +20,7 @@ from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
+from vsh.tools.modules import warn
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import Rng, Table
 from vsh.tools.units import AU_PER_YEAR, hubble_rate
@@ -114,7 +115,7 @@ class SurveyForecast(InNotebook):
 
 @arguments.accepts(rng=arguments.seed)
 def forecast_surveys(
-    surveys: Mapping[str, Survey] | None = None, *, sky: str = "even", flows: bool = True, rng: Rng = 1
+    surveys: Mapping[str, Survey] | None = None, *, sky: str = "uniform", flows: bool = True, rng: Rng = 1
 ) -> SurveyForecast:
     """Errors to come of surveys, side by side, in a few seconds.
 
@@ -122,7 +123,7 @@ def forecast_surveys(
     ----------
     surveys : dict of str to Survey, optional
         By name; `SURVEYS` unless given.
-    sky : {"even", "gums", "igql"}
+    sky : {"uniform", "gums", "igql"}
         How the quasars are spread: evenly, behind no Galactic plane, or as in the list of known quasars.
     flows : bool
         Velocity and H0 with flows as unknowns, too.
@@ -144,7 +145,10 @@ def forecast_surveys(
     surveys = dict(SURVEYS if surveys is None else arguments.a(dict)("surveys", surveys))
     if not surveys or not all(isinstance(each, Survey) for each in surveys.values()):
         raise ParameterError("a forecast is of one Survey at least, by name")
-    arguments.choice("sky", sky, ("even", "gums", "igql"))
+    if sky == "even":
+        warn('sky="even"', 'sky="uniform"')
+        sky = "uniform"
+    arguments.choice("sky", sky, ("uniform", "gums", "igql"))
     near = arguments.generator(rng)
     (places,) = near.spawn(1)
     lon, lat = _places(sky, places)
@@ -161,7 +165,7 @@ def forecast_surveys(
 
 def _places(sky, rng):
     """Of the quasars that stand for all."""
-    if sky != "even":
+    if sky != "uniform":
         from sim.skies import draw_positions  # healpy, for maps alone
 
         return draw_positions(_QUASARS, rng, sky)

@@ -1,5 +1,6 @@
 """Completion and manual pages, which the build makes of the parsers."""
 
+import argparse
 import re
 import shutil
 import subprocess
@@ -34,7 +35,8 @@ def share(tmp_path_factory):
 
 @pytest.mark.parametrize("command", commands.COMMANDS)
 def test_every_command_has_completion_and_a_manual_page(share, command):
-    options = {word for action in commands.options_of(command).make_parser()._actions for word in action.option_strings}
+    actions = commands.options_of(command).make_parser()._actions
+    options = {word for action in actions if action.help != argparse.SUPPRESS for word in action.option_strings}
     bash = share / "bash-completion" / "completions" / f"vsh-{command}"
     zsh = (share / "zsh" / "site-functions" / f"_vsh-{command}").read_text(encoding="utf-8")
     page = (share / "man" / "man1" / f"vsh-{command}.1").read_text(encoding="utf-8")

@@ -133,7 +133,7 @@ def test_the_command_from_simulation_to_page(tmp_path, capsys):
     assert degrees["lmax"].tolist() == [1, 2, 3]
     assert {"g_x", "g_x_formal", "g_x_error", "chi2_truth_of_6"} <= set(degrees.colnames)
     assert main(options) == 1
-    assert "say --overwrite" in capsys.readouterr().err
+    assert "use --overwrite" in capsys.readouterr().err
 
 
 def test_what_is_wrong_is_said(tmp_path, capsys, table):

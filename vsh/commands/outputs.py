@@ -49,7 +49,7 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     if mark.get("command") != command:
         raise VshError(f"{shown} holds results of {printable(mark.get('command'))}: name another folder")
     if not overwrite:
-        raise VshError(f"{shown} holds results: say --overwrite to replace them, or name another folder")
+        raise VshError(f"{shown} holds results: use --overwrite to replace them, or name another folder")
     recorded = mark.get("files", ())
     foreign = sorted(x.name for x in path.iterdir() if x.name not in {MARK, *recorded})
     if foreign:
@@ -76,7 +76,7 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
     if not path.exists():
         return
     if not overwrite:
-        raise VshError(f"{shown} is there already: say --overwrite to replace it, or name another file")
+        raise VshError(f"{shown} exists already: use --overwrite to replace it, or name another file")
     if not is_ours(path):
         raise VshError(f"{shown} was not written by this program, and is not replaced: name another file")
     known = as_recorded(path)

@@ -96,12 +96,12 @@ def _told(word):
 
 
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
-    """What every command can do: repeat a run, tell it to other programs, keep a log, say whom to cite."""
+    """Add the options that every command has: repeat a run, print it for other programs, keep a log, list citations."""
     group = parser.add_argument_group("every command")
     group.add_argument(
         "--config",
         metavar="FILE",
-        help="options from a TOML file, as every run writes one (run.toml); those given besides prevail",
+        help="options from a TOML file, as every run writes one (run.toml); those on the command line take precedence",
     )
     how = group.add_mutually_exclusive_group()
     how.add_argument("--json", action="store_true", help=f"print the result as JSON in place of the {tells}")
@@ -111,18 +111,21 @@ def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
     group.add_argument(
         "--citation",
         action="store_true",
-        help="print BibTeX of what such a run uses, of ours and of others, and do nothing else",
+        help="print BibTeX entries for the software and papers that such a run uses, and exit",
     )
     group.add_argument("--version", action="version", version=f"{parser.prog} {vsh.__version__}")
 
 
 def add_threads(parser: argparse.ArgumentParser) -> None:
-    """How many threads, in every command that uses several."""
+    """Add the number of threads."""
     parser.add_argument(
-        "--threads", type=values.count(1), metavar="N", help="one a core unless given; changes no digit of the results"
+        "--threads",
+        type=values.count(1),
+        metavar="N",
+        help="number of threads (default: one per core); does not affect the results",
     )
 
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
-    """The option without which no result of before is replaced."""
-    parser.add_argument("--overwrite", action="store_true", help="replace results of the same command that are there")
+    """Add the option without which no earlier result is replaced."""
+    parser.add_argument("--overwrite", action="store_true", help="replace existing results of the same command")

@@ -29,12 +29,12 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--columns",
         type=values.columns,
         metavar="ROLE=NAME,…",
-        help="where the table keeps what: gaia (default), vizier, icrf, pmra=mu_ra,redshift=z, or vizier,redshift=zsp",
+        help="names of the columns: a set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), or both (vizier,redshift=zsp)",
     )
     parser.add_argument(
         "--input-format",
         choices=names.INPUT_FORMATS,
-        help="of the catalogue, where its name does not tell it: mrt and cds are the journals' tables, ascii whatever astropy guesses",
+        help="format of the catalogue, if not clear from its name; mrt and cds are the journals' tables, ascii lets astropy guess",
     )
     parser.add_argument("--units", type=values.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
     parser.add_argument(
@@ -50,8 +50,12 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 def add_figures(parser: argparse.ArgumentParser) -> None:
     """Add --format, --dpi, --no-figures and --html."""
-    parser.add_argument("--format", choices=["png", "pdf", "svg"], default="png", help="of the figures (default: png)")
-    parser.add_argument("--dpi", type=_dpi, default=300, help="dots an inch of the figures, 20 to 2400 (default: 300)")
+    parser.add_argument(
+        "--format", choices=["png", "pdf", "svg"], default="png", help="format of the figures (default: png)"
+    )
+    parser.add_argument(
+        "--dpi", type=_dpi, default=300, help="resolution of the figures in dots per inch, 20 to 2400 (default: 300)"
+    )
     parser.add_argument("--no-figures", action="store_true", help="write no figures into the folder of --output")
     parser.add_argument("--html", metavar="FILE", help="write everything into one page that needs no network")
 
@@ -69,7 +73,7 @@ def arguments(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def open_catalogue(path: str, options: argparse.Namespace) -> TableSource:
-    """A catalogue that is open; of a file that cannot be read that is said at once, before all that reads and fits is imported."""
+    """Open a catalogue; a file that cannot be read is reported at once, before anything heavy is imported."""
     from vsh.io import tables
 
     if options.input_format == "icrf":
@@ -81,9 +85,9 @@ def open_catalogue(path: str, options: argparse.Namespace) -> TableSource:
 
 @contextmanager
 def standard_input(options: argparse.Namespace) -> Iterator[None]:
-    """What comes in on standard input, where a catalogue is called -, stands in a file meanwhile: it is read more than once.
+    """Keep standard input, where a catalogue is called -, in a file meanwhile: it is read more than once.
 
-    A file that is not there is told, too, before anything heavy is imported.
+    A file that does not exist is reported, too, before anything heavy is imported.
     """
     from vsh.tools.errors import TableError
 

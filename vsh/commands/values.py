@@ -24,6 +24,10 @@ COLUMNS = ("gaia", "vizier", "icrf")
 INPUT_FORMATS = (*BY_NAME, "icrf")
 
 
+#: The skies that `sim.skies.sky_map` knows.
+SKIES = ("uniform", "plane-avoiding", "gums", "igql")
+
+
 #: `vsh.models.cosmology.VELOCITIES`
 VELOCITIES = ("planck", "paper")
 

@@ -191,7 +191,7 @@ def select_usable(
         raise error
     if on_bad == "raise":
         raise FieldError(
-            f'{said}; rows are counted from 0. Mend them, or leave them out with on_bad="drop" (--on-bad drop)'
+            f'{said}; rows are counted from 0. Fix them, or leave them out with on_bad="drop" (--on-bad drop)'
         )
     return ~bad, (note,)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -36,7 +38,7 @@ def format_of(path: PathName, known: Mapping[str, str] = WRITTEN) -> str:
 def table_of(
     columns: Mapping[str, Any], meta: dict[str, Any] | None = None, units: Mapping[str, str] | None = None
 ) -> Table:
-    """An astropy Table from columns, metadata of plain values and units, all by name."""
+    """Return an astropy Table of named columns, with metadata and units."""
     from astropy.table import Table
 
     table = Table({name: np.asarray(values) for name, values in columns.items()}, meta=meta or {})
@@ -51,47 +53,58 @@ def write(
     meta: dict[str, Any] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> None:
-    """Write columns as a table to a new file, which takes the name `path` when it is complete."""
+    """Write columns as a table to `path`; the file has this name only once it is complete."""
     write_table(table_of(columns, meta, units), path)
 
 
 def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None) -> None:
-    """Write an astropy Table, with more metadata, to a new file, which takes the name `path` when it is complete."""
+    """Write an astropy Table with more metadata to `path`; the file has this name only once it is complete."""
     path = Path(path)
     check_writable(path)
-    facts = {CREATOR: f"{MARK} {vsh.__version__}"} | {key: each for key, each in table.meta.items() if key != CREATOR}
+    metadata = {CREATOR: f"{MARK} {vsh.__version__}"}
+    metadata |= {key: value for key, value in table.meta.items() if key != CREATOR}
     table = table.copy(copy_data=False)
-    table.meta = type(table.meta)(_plain(facts | (meta or {})))
+    table.meta = type(table.meta)(_plain(metadata | (meta or {})))
     kind = format_of(path)
     with atomic_write(path) as new, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # units that a format spells in its own way
+        warnings.simplefilter("ignore")  # astropy warns about units that a format spells in its own way
         if kind == "votable":
             _write_votable(table, new)
         else:
             table.write(new, format=kind, overwrite=True)
+        if kind.startswith("ascii") and path.suffix.lower() == ".gz":  # astropy compresses FITS and VOTables alone
+            new.write_bytes(gzip.compress(new.read_bytes(), mtime=0))
 
 
 def _plain(value: Any) -> Any:
-    """Metadata as YAML knows them: notes that count are text to it."""
+    """Metadata with subclasses of str, such as counted notes, as the str that YAML can represent."""
     if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
     return str(value) if isinstance(value, str) else value
 
 
 def _write_votable(table, path):
-    """With plain metadata as parameters, which astropy's own writer leaves out."""
+    """A VOTable with metadata as parameters, which astropy's own writer leaves out: lists and dicts as JSON."""
     from astropy.io.votable import from_table
     from astropy.io.votable.tree import Param
 
     document = from_table(table)
-    first = document.get_first_table()
+    element = document.get_first_table()
     for key, value in table.meta.items():
-        if isinstance(value, (bool, int, float, str, np.floating, np.integer)):
-            number = not isinstance(value, (str, bool))
-            options = {"datatype": "double"} if number else {"datatype": "unicodeChar", "arraysize": "*"}
-            first.params.append(Param(document, name=key, value=value if number else str(value), **options))
+        options = {"datatype": "unicodeChar", "arraysize": "*"}
+        if isinstance(value, (list, tuple, dict)):
+            value = json.dumps(value, ensure_ascii=False, default=str)
+        elif isinstance(value, (int, np.integer)) and not isinstance(value, bool) and abs(value) < 2**63:
+            options = {"datatype": "long"}
+        elif isinstance(value, (float, np.floating)):
+            options = {"datatype": "double"}
+        elif value is None:
+            continue
+        else:
+            value = str(value)
+        element.params.append(Param(document, name=key, value=value, **options))
     document.to_xml(str(path))
 
 
@@ -102,6 +115,8 @@ def check_writable(path: PathName) -> None:
     if not path.absolute().parent.is_dir():
         raise TableError(f"{printable(path)}: there is no such folder")
     if kind == "parquet":
+        if path.suffix.lower() == ".gz":
+            raise TableError(f"{printable(path)}: Parquet is compressed by itself: leave out the .gz")
         from importlib.util import find_spec
 
         if find_spec("pyarrow") is None:

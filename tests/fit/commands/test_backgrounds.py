@@ -32,7 +32,7 @@ def test_the_report_says_it_unasked(tmp_path, capsys):
     assert main(["--demo", "--html", str(tmp_path / "page.html")]) == 0
     text = capsys.readouterr().out
     assert "Errors that sources share, from the power of degrees 2 to 3; not in the errors above" in text
-    assert "--floor, puts them in" in text
+    assert "--floor, or fit.solve" in text
     assert "not in the errors above" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert main(["--demo", "--lmax", "2"]) == 0
     assert "Errors that sources share" not in capsys.readouterr().out

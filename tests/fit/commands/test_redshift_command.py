@@ -240,7 +240,7 @@ def test_a_frame_that_nobody_told_is_asked_for(seen, capsys):
     assert main([path, "--h0", "67.4", "--on-bad", "drop"]) == 1
     error = capsys.readouterr().err
     assert re.search(
-        r"say --redshift-frame heliocentric, cmb.*heliocentric: \|v\| = \d+ ± \d+ km/s; cmb: \|v\|.*true: \|v\|", error
+        r"use --redshift-frame heliocentric, cmb.*heliocentric: \|v\| = \d+ ± \d+ km/s; cmb: \|v\|.*true: \|v\|", error
     )
     assert main([path, "--bins", "0.001,0.01,0.03"]) == 0  # bins do not hang on it
     assert main([path, "--h0", "67.4", "--on-bad", "drop", "--redshift-frame", "heliocentric"]) == 0

@@ -127,5 +127,5 @@ def test_what_is_refused_or_asked_for():
     with pytest.raises(ParameterError, match="every source is for itself"):
         sample(field, outliers=Flat(0, 0.5), n_samples=1000, **OPTIONS)
     bare = Field(field.lon, field.lat, field.motion, field.sigma, redshift=np.abs(field.redshift))
-    with pytest.warns(VshWarning, match="in which frame the redshifts stand"):
+    with pytest.warns(VshWarning, match="the frame of the redshifts is not given"):
         grid(bare, "planck", Flat(10, 200), n_points=20)

@@ -54,7 +54,7 @@ def test_the_rule_stops_near_the_end(system, observed):
 
 
 def test_a_run_that_is_not_at_rest_says_so(system, observed):
-    with pytest.warns(VshWarning, match="not at rest after 3 iterations"):
+    with pytest.warns(VshWarning, match="not converged after 3 iterations"):
         found = system.solve(*observed, iterations=3)
     assert not found.converged
     assert any("had not come to rest" in note for note in found.field().notes)
@@ -192,7 +192,7 @@ def test_observe_with_a_solved_attitude():
         sim.observe(quasars, sim.spin((0, 0, 0)), 2, attitude="solved", quote_variability=True)
     with pytest.raises(ParameterError, match="attitude must be one of 'solved'"):
         sim.observe(quasars, sim.spin((0, 0, 0)), 2, attitude="perfect")
-    with pytest.raises(ParameterError, match="sources share errors"):
+    with pytest.raises(ParameterError, match="errors of different sources are correlated"):
         sim.expected_covariances(quasars, sim.Mission(sim.NominalScanningLaw(), "DR4", "solved"))
 
 

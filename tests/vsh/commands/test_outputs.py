@@ -31,7 +31,7 @@ def test_nothing_is_replaced_unasked(catalogue, tmp_path, capsys):
     assert main(arguments) == 0
     first = (out / "report.txt").read_text()
     assert main([*arguments[:2], "2", *arguments[3:]]) == 1
-    assert "say --overwrite to replace them" in capsys.readouterr().err
+    assert "use --overwrite to replace them" in capsys.readouterr().err
     assert (out / "report.txt").read_text() == first
     assert main([*arguments[:2], "2", *arguments[3:], "--overwrite"]) == 0
     assert (out / "report.txt").read_text() != first

@@ -117,7 +117,7 @@ def test_bad_theories_and_modes():
         LinearTheory(np.arange(1, 10.0), np.r_[np.ones(8), -1], 0.5)
     with pytest.raises(ParameterError, match="first three are the bulk flow"):
         flow_modes(5, 90, 2)
-    with pytest.raises(ParameterError, match="rise"):
+    with pytest.raises(ParameterError, match="must exceed nearest"):
         flow_modes(90, 5)
 
 

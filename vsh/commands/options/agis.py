@@ -41,12 +41,7 @@ def make_parser() -> argparse.ArgumentParser:
         metavar="N",
         help="quasars with radio positions, which end it with a frame rotator",
     )
-    add(
-        "--sky",
-        choices=["uniform", "plane-avoiding", "gums", "igql"],
-        default="uniform",
-        help="of the quasars (default: uniform)",
-    )
+    add("--sky", choices=values.SKIES, default="uniform", help="of the quasars (default: uniform)")
     add(
         "--knots",
         type=values.positive,

@@ -13,7 +13,7 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-correlate",
-        description="Which parameters are correlated on a catalogue's sky, which part of the sky causes it, and what leaks into "
+        description="Show which parameters are correlated on a catalogue's sky: which part of the sky causes it, and what leaks into "
         "a fit from degrees that were left out. Positions and errors are enough; no motions are needed.",
         epilog="Example: vsh-correlate gums.fits igql.fits --influence omega_y,a_x --leakage 6 --frame galactic --output results",
     )

@@ -23,10 +23,13 @@ def make_parser() -> argparse.ArgumentParser:
         "--clip",
         type=values.positive,
         metavar="KAPPA",
-        help="leave out sources farther from the fit than KAPPA medians",
+        help="leave out sources with residuals larger than KAPPA times the median",
     )
     clips.add_argument(
-        "--clip-threshold", type=values.positive, metavar="X", help="leave out sources farther than X, in errors"
+        "--clip-threshold",
+        type=values.positive,
+        metavar="X",
+        help="leave out sources with residuals larger than X errors",
     )
     errors = parser.add_mutually_exclusive_group()
     errors.add_argument(
@@ -51,9 +54,7 @@ def make_parser() -> argparse.ArgumentParser:
     reading.add_workers(parser)
     reading.add_reading(parser)
     parser.add_argument(
-        "--beside",
-        action="store_true",
-        help="on the page of --html: plain least squares of all sources beside this fit",
+        "--beside", action="store_true", help="in the page of --html, also show plain least squares of all sources"
     )
     parsing.add_common(parser)
     return parser
@@ -62,7 +63,7 @@ def make_parser() -> argparse.ArgumentParser:
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if bool(options.catalogue) == options.demo:
-        parser.error("name one catalogue, or say --demo")
+        parser.error("name one catalogue, or --demo")
     if options.years and not options.waves:
         parser.error("--years is for --waves")
     if options.beside and not options.html:

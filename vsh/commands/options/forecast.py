@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from vsh.commands import parsing, reading, values
 
@@ -11,18 +12,18 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-forecast",
-        description="Errors to come of spin, acceleration, R0, gravitational waves, shear, our velocity and H0: for Gaia DR3, "
-        "DR4, DR5, a successor in the near infrared, VLBI, and surveys of one's own.",
+        description="Forecast uncertainties of spin, acceleration, R0, gravitational waves, shear, our velocity and H0: for Gaia "
+        "DR3, DR4, DR5, a successor in the near infrared, VLBI, and your own survey.",
         epilog="Example: vsh-forecast --only 'Gaia DR4' --survey mine=5000,3.0 --output forecast",
     )
-    parser.add_argument("--only", type=_names, metavar="NAME,…", help="some of the surveys that are known")
+    parser.add_argument("--only", type=_names, metavar="NAME,…", help="some of the known surveys")
     parser.add_argument(
         "--survey", type=_surveys, metavar="NAME=N,SIGMA",
-        help="one of your own: so many quasars with this error, µas/yr",
+        help="a survey of your own: number of quasars, and their error in µas/yr",
     )  # fmt: skip
     parser.add_argument(
-        "--sky", choices=["even", "gums", "igql"], default="even",
-        help="of the quasars: even, behind no Galactic plane, or as in the list of known ones (default: even)",
+        "--sky", type=_sky, default="uniform", metavar="{uniform,gums,igql}",
+        help="distribution of the quasars: uniform, without the Galactic plane, or that of the known ones (default: uniform)",
     )  # fmt: skip
     parser.add_argument("--no-flows", action="store_true", help="leave out velocity and H0 with flows as unknowns")
     parser.add_argument("--output", metavar="DIR", help="write report, table and figure to this folder")
@@ -30,6 +31,15 @@ def make_parser() -> argparse.ArgumentParser:
     parsing.add_overwrite(parser)
     parsing.add_common(parser)
     return parser
+
+
+def _sky(text):
+    if text == "even":
+        print("vsh-forecast: note: --sky even is now --sky uniform", file=sys.stderr)
+        text = "uniform"
+    if text not in ("uniform", "gums", "igql"):
+        raise argparse.ArgumentTypeError(f"invalid choice: {text!r} (choose from uniform, gums, igql)")
+    return text
 
 
 def _names(text):

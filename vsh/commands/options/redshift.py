@@ -14,17 +14,19 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-redshift",
-        description="Our velocity for a known Hubble constant, the Hubble constant for a known velocity, the posterior of "
-        "both, and spin and acceleration in bins of redshift, from a catalogue of proper motions and redshifts.",
+        description="Fit our velocity or the Hubble constant to proper motions and redshifts: our velocity for a known Hubble "
+        "constant, the Hubble constant for a known velocity, the posterior of both, and spin and acceleration in bins of redshift.",
         epilog="Example: vsh-redshift galaxies.fits --h0 67.4 --velocity planck --bins 0.001,0.01,0.03 --output results",
     )
     parser.add_argument("catalogue", help=values.A_TABLE)
-    parser.add_argument("--h0", type=values.positive, metavar="H0", help="km/s/Mpc: fit our velocity")
+    parser.add_argument(
+        "--h0", type=values.positive, metavar="H0", help="fit our velocity for this Hubble constant, km/s/Mpc"
+    )
     parser.add_argument(
         "--velocity",
         type=values.velocity,
         metavar="planck|SPEED,L,B",
-        help="km/s, Galactic degrees of the apex: fit H0",
+        help="fit H0 for this velocity: planck, or its speed in km/s and Galactic apex in degrees",
     )
     parser.add_argument(
         "--bins", type=_edges, metavar="N|Z,Z,…", help="spin and acceleration in bins of redshift: edges, or how many"
@@ -33,26 +35,28 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--shared-higher-degrees", action="store_true", help="degrees above 1 the same in all bins")
     parser.add_argument(
         "--peculiar-dispersion", type=_dispersion, metavar="SIGMA|free",
-        help="dispersion of peculiar velocities in each component, km/s (default: 150 beside flows; 750 with --no-flows), or what the residuals prefer",
+        help="dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 with --no-flows); free: estimated from the residuals",
     )  # fmt: skip
-    parser.add_argument("--omega-m", type=_fraction, metavar="X", help="flat cosmology (default: 0.315)")
+    parser.add_argument(
+        "--omega-m", type=_fraction, metavar="X", help="matter density of a flat cosmology (default: 0.315)"
+    )
     parser.add_argument(
         "--clip",
         type=values.positive,
         metavar="KAPPA",
-        help="first leave out sources beyond KAPPA medians of a degree-1 fit",
+        help="first leave out sources with residuals of a degree-1 fit larger than KAPPA times the median",
     )
     parser.add_argument("--free-spin", action="store_true", help="fit the spin of the frame as well")
     parser.add_argument(
         "--acceleration",
         type=_known_vector,
         metavar="X,Y,Z,ERROR",
-        help="known from quasars: ICRS, µas/yr (default: free)",
+        help="the acceleration known from quasars: ICRS, µas/yr (default: free)",
     )
-    distances = parser.add_argument_group("redshifts as they are, and flows that galaxies share")
+    distances = parser.add_argument_group("redshifts, and flows that galaxies share")
     distances.add_argument(
         "--redshift-frame", choices=names.REDSHIFT_FRAMES,
-        help="in which the redshifts stand, where the table does not say it; true: of the expansion alone",
+        help="frame of the redshifts, if the table does not specify it; true: cosmological redshifts",
     )  # fmt: skip
     distances.add_argument("--no-magnitudes", action="store_true", help="distances follow from redshifts alone")
     distances.add_argument(
@@ -63,16 +67,16 @@ def make_parser() -> argparse.ArgumentParser:
         "--flows", action="store_true", help="the default: fit the flow that linear theory expects as well"
     )
     distances.add_argument(
-        "--n-modes", type=values.count(3), default=250, metavar="N", help="unknowns of the flow (default: 250)"
+        "--n-modes", type=values.count(3), default=250, metavar="N", help="number of modes of the flow (default: 250)"
     )
     distances.add_argument(
         "--local-group",
         action="store_true",
-        help="the Local Group's velocity tells the flow where we are (for --velocity)",
+        help="use the Local Group's velocity as a constraint on the flow at our position (for --velocity)",
     )
     distances.add_argument(
         "--flow-amplitude", type=_amplitude, metavar="MEAN,SIGMA",
-        help="with --posterior: the flow, of this size in units of linear theory's, bears on H0",
+        help="with --posterior: prior on the flow's amplitude, relative to linear theory, so that the flow constrains H0",
     )  # fmt: skip
     distances.add_argument(
         "--reconstruction",

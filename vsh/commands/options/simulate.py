@@ -37,7 +37,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
     parsing.add_overwrite(parser)
-    parser.add_argument("--sky", choices=["uniform", "plane-avoiding", "gums", "igql"], help="default: uniform")
+    parser.add_argument("--sky", choices=values.SKIES, help="default: uniform")
     parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
     parser.add_argument(
         "--map-frame", choices=["icrs", "galactic", "ecliptic"], help="of the map; its header's, or icrs"

@@ -1,24 +1,32 @@
-"""The paper's tables and figures from a study of its four cases, and the two side by side."""
+"""The paper's tables and figures from a study of its four cases, and the two side by side.
+
+    vsh-study papers/bachchan2016/study.toml --output paper
+    python papers/bachchan2016/tables_and_figures.py paper
+
+`make paper` does both.
+"""
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import numpy as np
 
 import fit
+from figures import write_figures
+from published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEEDS, published
 from sim.effects import attractions, effects
-from study.config import Study
-from study.published import ATTRACTIONS, CORRELATIONS, EFFECTS, EXPERIMENTS, SPEEDS, published
+from study.config import Study, load
 from study.results import read_realisations, summary
 from vsh import Field, Vector
 from vsh.io import tables
 from vsh.tools.files import atomic_write
 
-#: What was set to the paper's own numbers, and so agrees by construction: marked † in the tables.
-_SET = {
+#: Quantities that were set to the paper's, which agree with it by construction (marked † in the tables).
+_TUNED = {
     "⟨σ⟩ of ω and ã": "the factor 0.886 on a transit's error (`sim.noise.RELEASES`), set to case A",
-    "⟨σ⟩ of v, H0 and the galaxies' ã": "`excess = 215` µas a transit of galaxies (`study/paper.toml`), set to case A",
+    "⟨σ⟩ of v, H0 and the galaxies' ã": "`excess = 215` µas a transit of galaxies (`papers/bachchan2016/study.toml`), set to case A",
     "correlations of ω with ã": "`sim.skies.GUMS_PLANE` (case A) and `IGQL_SHARES` (case D), set to the paper's Table 6",
 }
 
@@ -34,8 +42,6 @@ def write_paper(study: Study, folder: Path, n_realisations: int, draw: bool = Tr
     )
     _write_text(folder / "comparison.md", _comparison(rows, correlations, n_realisations))
     if draw:
-        from study.figures import write_figures
-
         write_figures(study, folder)
 
 
@@ -45,7 +51,7 @@ def _write_text(path, text):
 
 
 def _correlation(study, folder, name):
-    """The formal correlation matrix of ε, ω, ã of a case, (9, 9)."""
+    """The formal (9, 9) correlation matrix of ε, ω and ã for one case."""
     from study.prepare import prepared
 
     case = next(case for case in study.cases if case["name"] == name)
@@ -132,7 +138,7 @@ def _comparison(rows, correlations, n_realisations):
         "deviations differ by so many of their Monte Carlo errors, both sides together; formal errors, which hardly have one, by per cent.",
         "Where they differ by more than 3, or 15 %, the last column says what is known of it.", "",
         "Numbers marked † were set to the paper's, and do not test anything:", "",
-        *(f"* {what}: {how}." for what, how in _SET.items()), "",
+        *(f"* {what}: {how}." for what, how in _TUNED.items()), "",
         "Not simulated: the random motion of 10 µas/yr that the paper gives each quasar. Added in quadrature to the errors of",
         "G = 20 (268 µas/yr) it makes 0.07 % of a difference.", "",
     ]  # fmt: skip
@@ -223,3 +229,19 @@ def _why(case, name, what, theirs, ours):
     if name.startswith("epsilon"):
         return "the paper does not tell the magnitudes of its 3300 sources"
     return "not explained"
+
+
+def main() -> None:
+    """What `make paper` runs when the study is done."""
+    parser = argparse.ArgumentParser(description="Write the paper's tables and figures into the folder of its study.")
+    parser.add_argument("folder", type=Path, help="that of vsh-study papers/bachchan2016/study.toml")
+    parser.add_argument("--n-realisations", type=int, help="of the study; its configuration's unless given")
+    parser.add_argument("--no-figures", action="store_true", help="tables only")
+    options = parser.parse_args()
+    study = load(Path(__file__).parent / "study.toml")
+    write_paper(study, options.folder, options.n_realisations or study.n_realisations, draw=not options.no_figures)
+    print((options.folder / "tables.md").read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    main()
