@@ -181,7 +181,7 @@ def compare_models(models: Mapping[str, Any]) -> Comparison:
 
     Examples
     --------
-    >>> compare({"nothing": 0.0, "a quadrupole": 3.0}).probability.round(3)
+    >>> compare_models({"nothing": 0.0, "a quadrupole": 3.0}).probability.round(3)
     array([0.047, 0.953])
     """
     if not isinstance(models, Mapping) or not models:

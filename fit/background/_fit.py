@@ -308,7 +308,7 @@ def fit_amplitudes(
     >>> from vsh import Field
     >>> rng = np.random.default_rng(1)
     >>> field = Field(*rng.uniform(0, 1.5, (2, 500)), rng.normal(size=(2, 500)), np.ones((2, 500)))
-    >>> found = fit(normal_equations(field, 3), [Spectrum.waves(hubble=70)])
+    >>> found = fit_amplitudes(normal_equations(field, 3), [Spectrum.waves(hubble=70)])
     >>> bool(found.intervals[0, 0] == 0)
     True
     """

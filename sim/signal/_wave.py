@@ -45,7 +45,7 @@ def plane_wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
 
     Examples
     --------
-    >>> wave((0, 0, 1), 2.0)([0.0], [0.0]).round(12).ravel()
+    >>> plane_wave((0, 0, 1), 2.0)([0.0], [0.0]).round(12).ravel()
     array([0., 1.])
     """
     return Signal((PlaneWave(unit(direction), number("plus", plus), number("cross", cross)),))

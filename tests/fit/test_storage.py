@@ -126,7 +126,7 @@ def test_every_kind_of_result_is_tried(found):
     bases = {"LinearSolution", "NamedSolution", "HarmonicSolution", "AboutSolution", "SampleResult", "ParallaxSolution"}
     elsewhere = {"Posterior"}  # a chain in a file of its own: tests/fit/posterior
     import_module("fit.output")
-    assert set(found) == set(NAMES)
+    assert set(found) == set(NAMES), "every key of results() stands in NAMES"
     assert {type(each).__name__ for each in found.values()} == set(_KINDS) - bases - elsewhere
 
 

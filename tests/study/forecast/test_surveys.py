@@ -70,7 +70,9 @@ def test_errors_scale_as_they_must():
 
 
 def test_other_skies_are_worse():
-    even, plane = (forecast_surveys({"s": Survey(1000, sigma=10.0)}, sky=sky).values["s"] for sky in ("uniform", "gums"))
+    even, plane = (
+        forecast_surveys({"s": Survey(1000, sigma=10.0)}, sky=sky).values["s"] for sky in ("uniform", "gums")
+    )
     assert plane["spin"] > 1.005 * even["spin"]
 
 

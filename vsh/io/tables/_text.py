@@ -27,7 +27,7 @@ _INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64
 
 def open_text(path: PathName, label: str) -> TableSource:
     """A table of text: ECSV where its first line says so, whatever its name; CSV otherwise."""
-    with _lines(path, label) as lines:
+    with open_lines(path, label) as lines:
         first = next(lines, "")
         # A mark of the byte order, which spreadsheets write, is no part of the first name.
         ecsv = first.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
@@ -48,7 +48,7 @@ def open_text(path: PathName, label: str) -> TableSource:
 
     def read(wanted, rows):
         places = [names.index(name) for name in wanted]
-        with _lines(path, label) as lines:
+        with open_lines(path, label) as lines:
             for _ in islice(lines, skip):
                 pass
             records = _records(lines, places, len(names), delimiter, label, skip)
@@ -62,7 +62,7 @@ def open_text(path: PathName, label: str) -> TableSource:
     return TableSource(label, tuple(names), read, units, meta, descriptions=said)
 
 
-class _lines:
+class open_lines:
     """The lines of a file, packed or not; as a context, so that a file is always closed."""
 
     def __init__(self, path, label):
