@@ -269,8 +269,11 @@ class _System:
     def __init__(self, fields, modes, prior_power, threads):
         self.modes, self.threads = modes, threads
         self.prior = prior_precision(modes, prior_power)
-        weights, motions, self.chi2_null, self.n_data = 0, 0, 0.0, 0
-        notes, frames = (), {}
+        self.chi2_null, self.n_data = 0.0, 0
+        weights: Any = 0
+        motions: Any = 0
+        notes: tuple[str, ...] = ()
+        frames: dict[str, bool] = {}
         for each in [fields] if isinstance(fields, Field) else fields:
             w, z, chi2 = fourier_sums(each, modes.lmax, threads)
             weights, motions, self.chi2_null = weights + w, motions + z, self.chi2_null + chi2

@@ -370,6 +370,7 @@ class Run:
     def _save(self):
         done = slice(0, self.done)
         state = self.sampler.random_state
+        assert self.path is not None
         save(self.path, self.fingerprint, self.chain[done], self.log_probability[done], state)
 
 

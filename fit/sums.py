@@ -223,14 +223,9 @@ def _moments(field, lmax):
             row.imag = columns[imaginary]
     f = fourier_moments(field.lon, field.lat, packed, 2 * lmax)
     mirrored = np.conj(f[:, ::-1, ::-1])
-    real, imag = (f + mirrored) / 2, (f - mirrored) / 2j
+    halves = (f + mirrored) / 2, (f - mirrored) / 2j
     found = np.stack(
-        [
-            part[row]
-            for row, pair in enumerate(pairs)
-            for part, k in zip((real, imag), pair, strict=True)
-            if k is not None
-        ]
+        [part[row] for row, pair in enumerate(pairs) for part, k in zip(halves, pair, strict=True) if k is not None]
     )
     half, near = 2 * lmax, slice(lmax, 3 * lmax + 1)
     return found[: len(weights), half:], found[len(weights) :, half : half + lmax + 1, near], chi2

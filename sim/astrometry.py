@@ -23,7 +23,7 @@ from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
-from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Release, Rng
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, IntArray, Release, Rng
 
 __all__ = ["Astrometry", "solve_astrometry"]
 
@@ -48,7 +48,7 @@ class Astrometry(Frozen):
 
     errors: FloatArray
     covariance: FloatArray
-    transits: FloatArray
+    transits: IntArray
 
     @property
     def solved(self) -> BoolArray:

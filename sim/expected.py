@@ -81,7 +81,7 @@ def expected_covariances(
     def block(part):
         transits = mission.scanning_law.transits_of_block(population.lon[part], population.lat[part])
         return expected_solution_covariances(
-            transits, error[part], years=mission.years, variability=variability, attitude=mission.attitude
+            transits, error[part], years=mission.years, variability=variability, attitude=float(mission.attitude)
         )
 
     parts = list(map_blocks(block, len(population), BLOCK, threads, "transits" if progress else None))

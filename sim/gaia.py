@@ -28,7 +28,7 @@ from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import FloatArray, Release, Rng, Table
+from vsh.tools.types import BoolArray, FloatArray, Release, Rng, Table
 from vsh.tools.units import MAS
 
 #: Parallaxes of quasars in DR3, on average. [mas] (Lindegren et al. 2021, A&A 649, A4)
@@ -116,7 +116,7 @@ def crf3(
     return _table(columns | _light(rest, six, magnitude))
 
 
-def _light(rng: np.random.Generator, six: FloatArray, magnitude: FloatArray) -> dict[str, Any]:
+def _light(rng: np.random.Generator, six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
     """Colours, redshifts and quality."""
     n = len(six)
     wavenumber = rng.normal(1.589, 0.06, n)

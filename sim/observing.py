@@ -244,8 +244,8 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
 
     words = "transits" if progress else None
     parts = list(map_blocks(block, len(population), BLOCK, threads, words))
-    errors, covariance, keep, counts = zip(*parts, strict=True)
-    errors, covariance, keep = np.concatenate(errors, axis=1), np.concatenate(covariance), np.concatenate(keep)
+    of_errors, of_covariance, of_keep, counts = zip(*parts, strict=True)
+    errors, covariance, keep = np.concatenate(of_errors, axis=1), np.concatenate(of_covariance), np.concatenate(of_keep)
     notes = [f"simulated: {sum(counts)} transits in {mission.years:g} years, errors of {mission.release}"]
     if not keep.all():
         notes.append(f"left out {(~keep).sum()} of {len(keep)} sources: too few transits for five parameters")

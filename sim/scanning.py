@@ -105,7 +105,7 @@ def sun_rate(start: float, time: FloatArray) -> FloatArray:
 class Transits(Frozen):
     """Passages of sources over a field of view, ordered by source and, for each, by time."""
 
-    source: FloatArray
+    source: IntArray
     time: FloatArray
     angle: FloatArray
     parallax_factor: FloatArray

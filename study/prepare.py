@@ -71,7 +71,7 @@ def _make(study, case, kind, progress):
                 population = sim.vlbi_quasars(population, case["vlbi"]["number"], chosen)
             if quasars["variability"]:
                 options["variability"] = sim.Variability(quasars["variability"], quasars["tau"])
-        parameters = "position" if kind == "vlbi" else "motion"
+        parameters: Any = "position" if kind == "vlbi" else "motion"
         formal, true = sim.expected_covariances(population, seen, parameters, **options)
     except ValueError as error:
         raise StudyError(f"case {case['name']}, {kind}: {error}") from error

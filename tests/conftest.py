@@ -1,5 +1,6 @@
 """What the tests share: random fields, and real catalogues where they are at hand."""
 
+import functools
 import json
 import os
 from pathlib import Path
@@ -88,3 +89,23 @@ def nonuniform(n=3000, seed=1, uniform_errors=False, frame="galactic"):
     sigma = np.full((2, n), 300.0) if uniform_errors else 10 ** rng.uniform(2, 3, (2, n))
     rho = np.zeros(n) if uniform_errors else rng.uniform(-0.8, 0.8, n)
     return Field(quasars.lon, quasars.lat, np.zeros((2, n)), sigma, rho).to_frame(frame)
+
+
+def for_each(things, label=str):
+    """A test of every thing in one: its failures are told together, each by the thing's label."""
+
+    def decorate(check):
+        @functools.wraps(check)
+        def test():
+            failures = []
+            for thing in things:
+                try:
+                    check(thing)
+                except AssertionError as error:
+                    failures.append(f"{label(thing)}: {error or 'fails'}")
+            assert not failures, "\n".join(failures)
+
+        del test.__wrapped__  # of which pytest would take the arguments for fixtures
+        return test
+
+    return decorate

@@ -56,7 +56,8 @@ def usable_columns(
     if absent:
         raise FieldError(f"{', '.join(absent)} must be given")
     pairs = {c: as_floats(c, v, units.get(c, "")) for c, v in given.items() if v is not None}
-    columns, missing = ({c: pair[i] for c, pair in pairs.items()} for i in (0, 1))
+    columns: dict[str, Any] = {column: pair[0] for column, pair in pairs.items()}
+    missing: dict[str, BoolArray] = {column: pair[1] for column, pair in pairs.items()}
     columns.setdefault("pmra_pmdec_corr", np.zeros(columns["ra"].shape))
     n = columns["ra"].size
     if name is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ def _run(options):
         )
     fields = [_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
     labels = _labels(paths)
-    what = FRAME if options.parameters == FRAME else options.lmax
+    what: Any = FRAME if options.parameters == FRAME else options.lmax
     found = correlation.correlation_matrices(fields, what, labels=labels)
     lines = [found.report(max_size=16)]
     if what == FRAME:

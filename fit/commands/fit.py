@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import fit
 import vsh
@@ -23,6 +24,7 @@ def _run(options):
     source = reading.open_catalogue(str(path), options)
     from vsh.io import catalogue
 
+    whole: Any
     if reading.in_parts(options):
         whole = catalogue.parts(str(path), **reading.reading_parts(options))
     else:  # names tell of sources that stand there twice, and are in the report; no fit looks at the rest
@@ -76,7 +78,8 @@ def _run(options):
 
 def _fit(field, modes, options):
     """The solution that was asked for, the sources that went into it, and how many were clipped."""
-    solution, chosen, lost = None, 1.0, 0
+    solution: Any = None
+    chosen, lost = 1.0, 0
     if options.clip is not None or options.clip_threshold is not None:
         clipped = fit.robust.clip(field, modes, options.clip, options.clip_threshold)
         solution, lost = clipped.solution, clipped.n_clipped
@@ -89,6 +92,7 @@ def _fit(field, modes, options):
     elif options.bootstrap:
         solution = fit.resample.bootstrap(field, modes, options.bootstrap, options.seed).resampled_solution
     elif options.jackknife == 0:
+        best: Any
         _, best, advice = fit.resample.compare_blocks(field, modes)
         solution = best.resampled.resampled_solution
         solution = replace(solution, notes=(*solution.notes, advice))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ def _run(options):
     from fit import pairs
     from vsh.io import catalogue
 
+    field: Any
     if reading.in_parts(options):
         field = catalogue.parts(options.catalogue, **reading.reading_parts(options)).to_frame(options.frame)
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,7 @@ def _run(options):
     from vsh.io import catalogue
     from vsh.models.cosmology import with_redshift
 
+    whole: Any
     if reading.in_parts(options):
         whole = catalogue.parts(options.catalogue, **reading.reading_parts(options))
         known = whole.has("redshift")
@@ -200,11 +202,11 @@ def _p_values(field, bins, options):
 def _posterior(field, options, common):
     from fit.posterior import Flat, Normal, sample
 
-    hubble = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
+    hubble: Any = Normal(options.h0, options.h0_error) if options.h0 and options.h0_error else "flat"
     if options.h0_range:
         hubble = Flat(*options.h0_range)
     if options.flow_amplitude:
-        common = common | {"flow_amplitude": Normal(*options.flow_amplitude, low=0.0)}
+        common = common | {"flow_amplitude": Normal(options.flow_amplitude[0], options.flow_amplitude[1], low=0.0)}
     widest = options.peculiar_dispersion_max or (
         _WIDEST[not options.no_flows] if options.peculiar_dispersion == "free" else None
     )

@@ -59,7 +59,8 @@ class Prediction(Solution):
     @classmethod
     def _unpack(cls, columns, rest):
         alone = np.array([[number(x) for x in row] for row in rest["alone"]])
-        return cls(*cls._plain(columns, rest), number(rest["weight"]), covariance("alone", alone, 6))
+        more: Any = {"weight": number(rest["weight"]), "alone": covariance("alone", alone, 6)}
+        return cls(*cls._plain(columns, rest), **more)
 
     # What `predict` found on the way: total weight Σ tr W, and N of spin and acceleration alone.
     _weight: float = 0.0

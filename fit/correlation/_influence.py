@@ -72,7 +72,7 @@ def influence_map(
 
     field = Field.without_motions(sources, sigma)
     pixels = pixels_of(field.lon, field.lat, nside)
-    return np.bincount(pixels, _by_source(field, modes, parameters, quantity), 12 * nside**2)
+    return np.bincount(pixels, _by_source(field, modes, parameters, quantity), 12 * nside**2).astype(float)
 
 
 @arguments.accepts(nside=arguments.whole, n_sources=arguments.positive, sigma=arguments.positive)

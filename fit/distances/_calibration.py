@@ -26,7 +26,7 @@ from vsh.sky.redshift_frames import TRUE
 from vsh.tools.errors import FieldError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import map_blocks
-from vsh.tools.types import Cosmology, FloatArray
+from vsh.tools.types import BoolArray, Cosmology, FloatArray
 from vsh.tools.units import AU_PER_YEAR, SPEED_OF_LIGHT
 
 
@@ -166,7 +166,7 @@ class InverseDistances(InNotebook):
     mean: FloatArray
     variance: FloatArray
     slope: FloatArray
-    own: FloatArray
+    own: BoolArray
     redshift: FloatArray
 
     @property

@@ -52,7 +52,9 @@ class PairSums:
         modes, scalar = Modes(self.lmax), ScalarModes(self.lmax)
         toroidal, spheroidal = np.split(self.motions**2 / modes.norm2, 2)
         degrees = modes.degrees[: len(toroidal)]
-        power_t, power_s = (np.bincount(degrees, each, self.lmax + 1)[1:] for each in (toroidal, spheroidal))
+        power_t, power_s = (
+            np.bincount(degrees, each, self.lmax + 1)[1:].astype(float) for each in (toroidal, spheroidal)
+        )
         l = np.arange(self.lmax + 1)
         itself = np.multiply.outer(self.alone, (2 * l + 1) / (4 * np.pi))
         weights, numbers = (

@@ -96,7 +96,8 @@ def _draw_prior(drawn, posterior, names):
         return
     place = names.index("H0")
     axes = drawn[place, place]
-    x = np.linspace(*axes.get_xlim(), 200)
+    low, high = axes.get_xlim()
+    x = np.linspace(low, high, 200)
     density = np.exp(model.priors.hubble.log(x))
     if density.max() > 0:
         axes.plot(x, density / density.max() * 0.9 * axes.get_ylim()[1], color="0.4", linestyle="--", linewidth=0.8)

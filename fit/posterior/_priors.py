@@ -62,7 +62,7 @@ def velocity_prior(value: Any, frame: str) -> VelocityPrior:
         turned = value.to_frame(frame)
         if not np.linalg.eigvalsh(turned.covariance)[0] > 0:
             raise ParameterError("a Gaussian prior on the velocity needs errors in all three components")
-        precision = np.linalg.inv(turned.covariance)
+        precision = np.asarray(np.linalg.inv(turned.covariance), float)
         l, b = value.to_frame("galactic").direction
         words = f"{value.amplitude:.2f} ± {value.amplitude_error:.2g} km/s toward l = {l:.2f}°, b = {b:+.2f}°"
         return VelocityPrior(

@@ -149,11 +149,12 @@ def _by_bin(field, edges, modes, calibration, flow, threads):
         return {"notes": [(*field.notes, *error.notes)]}
     place = np.searchsorted(edges, np.asarray(good.redshift), side="right") - 1
     bins = len(edges) - 1
-    found = {"outside": int(((place < 0) | (place >= bins)).sum()), "notes": [good.notes]}
+    found: dict[Any, Any] = {"outside": int(((place < 0) | (place >= bins)).sum()), "notes": [good.notes]}
     for b in np.unique(place[(place >= 0) & (place < bins)]):
         inside = good[place == b]
         rate = mean_rates(inside, calibration)
-        moments, columns = _moments(inside, rate), ()
+        moments = _moments(inside, rate)
+        columns: tuple[Any, ...] = ()
         if flow is not None:
             inside, further = flow.of(inside, rate, modes)
             columns = (further,)
@@ -376,7 +377,9 @@ def permutation_test(
 def _statistics(sums, sources, binned, with_velocity):
     degree = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in KINDS}
     values, covariance = _solved(sums, sources, 6)
-    found = {kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in degree.items()}
+    found: dict[str, Any] = {
+        kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in degree.items()
+    }
     if len(binned) > 1:
         found["trend"] = slope_chi2(values, covariance, binned.redshift)
     if with_velocity:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -165,7 +166,8 @@ class _Restricted:
         self.sky, self.modes, self.scale = sky, modes, scale
         self.n_sources, information = sky.sum(_size, roles=(), words="excess noise")
         self.unit = float(np.sqrt(2 * self.n_sources / information))
-        self.n_rounds, self.last = 0, (None, None)
+        self.n_rounds = 0
+        self.last: tuple[Any, Any] = (None, None)
 
     def enlarged(self, parameters):
         """The step to the field with errors f² C + s² I."""

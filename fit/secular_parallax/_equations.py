@@ -123,6 +123,7 @@ class ParallaxEquations:
             return _gram(rows, variance), np.log(variance).sum(0)
 
         def near_block(part):
+            assert self.flow is not None
             return weighted(np.r_[part, slice(n + part.start, n + part.stop)], [self.flow.rows(part)])
 
         def far_block(part):

@@ -14,7 +14,7 @@ from vsh.io import tables
 from vsh.models.flows import FlowModes, VelocityGrid
 from vsh.sky.sphere import across_and_along
 from vsh.tools.arguments import positive
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import FloatArray, IntArray, Table
 from vsh.tools.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
 
@@ -37,7 +37,7 @@ class FlowRows:
     cos: FloatArray
     sin: FloatArray
 
-    def only(self, index: FloatArray) -> FlowRows:
+    def only(self, index: IntArray) -> FlowRows:
         """Those of some sources."""
         names = ("lon", "lat", "distance", "rate", "cos", "sin")
         return FlowRows(self.modes, *(getattr(self, name)[index] for name in names))

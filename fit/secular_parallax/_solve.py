@@ -76,7 +76,7 @@ def without_flow(sums: ParallaxSums, width: int) -> tuple[ParallaxSums, Amplitud
         sums.logdet + logdet,
         sums.n_data,
     )
-    covariance = np.linalg.inv(inner) if inner.ndim == 2 else np.empty(0)
+    covariance = np.asarray(np.linalg.inv(inner) if inner.ndim == 2 else (), float)
     return left, Amplitudes(mean, slope, covariance)
 
 

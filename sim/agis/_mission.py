@@ -19,7 +19,7 @@ from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Rng
 
 @arguments.accepts(scans=arguments.a(Scans), rng=arguments.seed)
 def observations(
-    scans: Scans, rng: Rng, *, variability: Variability | None = None, variable: FloatArray | None = None
+    scans: Scans, rng: Rng, *, variability: Variability | None = None, variable: BoolArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Observations less what the true parameters make of them: noise, and photocentres that vary.
 

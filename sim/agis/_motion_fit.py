@@ -20,7 +20,7 @@ LOW_DEGREES = 3
 class MotionFit:
     """The weighted fit that takes sources for independent, with their formal covariances."""
 
-    def __init__(self, equations: Any, modes: Modes, sources: FloatArray) -> None:
+    def __init__(self, equations: Any, modes: Modes, sources: IntArray) -> None:
         self.modes, self.equations = modes, equations
         self.sources = sources[equations.solved[sources]]
         scans = equations.scans

@@ -247,7 +247,7 @@ class ExactErrors(Equations):
         g = np.stack([self.motion.functional(k) for k in range(len(self.motion.names))], axis=-1)
         true = self._covariance(g, tolerance, iterations, progress)
         # What the sources' own motions leave of y: the mean of Gy + own is no y.
-        return np.linalg.inv(self._low_rank), true + np.linalg.inv(self.motion.normal)
+        return np.asarray(np.linalg.inv(self._low_rank), float), true + np.linalg.inv(self.motion.normal)
 
     def _covariance(self, functionals, tolerance, iterations, progress, variability=None, variable=None):
         """gᵀ N⁺ g of each pair of functionals (n, 5, K), what the null space does to them left out."""

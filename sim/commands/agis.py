@@ -129,6 +129,10 @@ def draw(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture
     }
 
 
+#: Noise of a galaxy's transit beyond a star's, as the 2016 paper takes it. [µas]
+GALAXIES_EXCESS = 215.0
+
+
 def _run(options):
     if not options.plan:
         outputs.check(options)
@@ -141,14 +145,14 @@ def _run(options):
         sim.quasars(options.quasars, sky, options.sky),
         sim.galaxies(options.galaxies, galaxies, "gums") if options.galaxies else None,
         sim.stars(options.stars, stars) if options.stars else None,
-        excess_noise=215.0,
+        excess_noise=GALAXIES_EXCESS,
         star_error=options.star_error,
     )
     full = agis.FULL if options.scale else None
     if options.plan:
         wide, knots, _ = agis.as_whole(law, options.quasars, options.knots, full)
         finishing.print_result(
-            options, finishing.RunResult(agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds))
+            options, finishing.RunResult(str(agis.plan(wide, mixture.lon, mixture.lat, knots, ccds=options.ccds)))
         )
         return
     # What a killed run goes on from.

@@ -140,12 +140,13 @@ def _population(options, rng, chosen):
 
 def _plain(options):
     """All options but those that change nothing."""
-    other = (*running.NOT_TOLD, "threads")
+    other = [*running.NOT_TOLD, "threads"]
     if options.kind == "crf3":
-        other += (*options_module.NOT_OF_CRF3, "h0", "tau")
+        other += [*options_module.NOT_OF_CRF3, "h0", "tau"]
     kept = {key: value for key, value in vars(options).items() if key not in other}
     if options.velocity is not None:
         ours = reading.velocity_of(options.velocity)
+        assert ours is not None
         kept["velocity"] = [ours.amplitude, *ours.to_frame("galactic").direction]
     return kept
 

@@ -18,6 +18,7 @@ from study.forecast._surveys import QUANTITIES, SURVEYS, Survey
 from vsh import Coefficients, Field
 from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
+from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.modules import warn
@@ -183,7 +184,7 @@ def _of_quasars(field, survey, power):
     # A floor of degree 1 has as much power in each mode of degree 2; of the published law it is a share.
     floored, mode = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
     law = _LAW * survey.floor / SURVEYS["Gaia DR3"].floor if survey.release else survey.floor
-    tensors = [tensor_of(Coefficients(2, row)) for row in np.linalg.cholesky(found.covariance).T]
+    tensors = [tensor_of(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(found.covariance).T]
     degrees = np.arange(1, _DEGREES + 1)
     return {
         "spin": spin, "acceleration": acceleration, "acceleration_floor": floored, "acceleration_law": float(np.hypot(acceleration, law)),

@@ -6,14 +6,14 @@ folder only.
 """
 
 import ast
+import functools
 import re
 import subprocess
 import sys
 from configparser import ConfigParser
 from fnmatch import fnmatch
 
-import pytest
-from conftest import ROOT
+from conftest import ROOT, for_each
 
 MAY_IMPORT = {"vsh": {"vsh"}, "sim": {"sim", "vsh"}, "fit": {"fit", "vsh"}, "study": {"study", "sim", "fit", "vsh"}}
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
@@ -61,6 +61,7 @@ def module(path):
 MODULES = {module(path): path for path in FILES}
 
 
+@functools.cache
 def imported(path, everywhere=True, types=True):
     """The modules that a file imports: at its top, or with `everywhere` within its functions too; perhaps for types."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -84,14 +85,14 @@ def _top(tree):
             yield node
 
 
-@pytest.mark.parametrize("path", FILES, ids=name)
+@for_each(FILES, name)
 def test_arrows(path):
     package = path.relative_to(ROOT).parts[0]
     used = imported(path) | set(DOCTEST.findall(path.read_text(encoding="utf-8")))
     assert {each.split(".")[0] for each in used} & set(MAY_IMPORT) <= MAY_IMPORT[package]
 
 
-@pytest.mark.parametrize("path", FILES, ids=name)
+@for_each(FILES, name)
 def test_private_files_are_imported_from_their_own_folder(path):
     own = module(path) if path.name == "__init__.py" else module(path).rsplit(".", 1)[0]
     for each in imported(path):
@@ -134,14 +135,14 @@ def _circle(arrows):
     return next((found for node in sorted(arrows) if (found := visit(node, []))), None)
 
 
-@pytest.mark.parametrize("path", FILES, ids=name)
+@for_each(FILES, name)
 def test_heavy_libraries_are_imported_in_few_places(path):
     for library, places in HEAVY.items():
         if any(each == library or each.startswith(library + ".") for each in imported(path, types=False)):
             assert any(fnmatch(name(path), place) for place in places)
 
 
-@pytest.mark.parametrize("path", FILES, ids=name)
+@for_each(FILES, name)
 def test_imports_within_functions_earn_it(path):
     """Only of heavy libraries, or of our own files that import one at their top."""
     for each in imported(path, types=False) - imported(path, everywhere=False):
@@ -169,12 +170,12 @@ def test_import_is_light():
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
 
 
-@pytest.mark.parametrize("path", FILES, ids=name)
+@for_each(FILES, name)
 def test_small_files(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 600
 
 
-@pytest.mark.parametrize("folder", FOLDERS, ids=name)
+@for_each(FOLDERS, name)
 def test_small_folders(folder):
     assert len(list(folder.glob("*.py"))) <= 15
 

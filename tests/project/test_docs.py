@@ -6,9 +6,8 @@ import re
 import subprocess
 import sys
 
-import pytest
 import yaml
-from conftest import ROOT
+from conftest import ROOT, for_each
 
 import vsh
 import vsh.__main__ as commands
@@ -66,7 +65,7 @@ def test_every_promised_name_stands_on_a_page():
     assert not missing, f"add to the :members: of docs/api/: {', '.join(missing)}"
 
 
-@pytest.mark.parametrize("face", sorted(faces()))
+@for_each(sorted(faces()))
 def test_what_a_face_promises_is_there(face):
     module = importlib.import_module(face)
     for each in getattr(module, "__all__", ()):
@@ -95,7 +94,7 @@ def test_every_option_of_a_command_has_a_word_of_help():
         assert all(action.help for action in parser._actions)
 
 
-@pytest.mark.parametrize("path", PAGES, ids=name)
+@for_each(PAGES, name)
 def test_links_to_files_hold(path):
     for link in re.findall(r"\]\(([^)#\s]+)", path.read_text(encoding="utf-8")):
         if "://" not in link and not link.startswith(("gallery/", "learn/")):
@@ -103,7 +102,7 @@ def test_links_to_files_hold(path):
             assert target.exists() or (path.name == "CHANGELOG.md" and (ROOT / link).exists()), link
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@for_each(COMMANDS)
 def test_options_that_the_pages_name_exist(command):
     """Every option of a command that stands on a page is one that the command has."""
     done = subprocess.run(

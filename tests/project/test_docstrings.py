@@ -3,8 +3,7 @@
 import ast
 import re
 
-import pytest
-from conftest import ROOT
+from conftest import ROOT, for_each
 
 FILES = [path for package in ("vsh", "sim", "fit", "study") for path in sorted((ROOT / package).rglob("*.py"))]
 
@@ -68,7 +67,7 @@ def path_name(path):
     return path.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("path", FILES, ids=path_name)
+@for_each(FILES, path_name)
 def test_signatures_are_typed(path):
     for name, node in public(path):
         if isinstance(node, ast.FunctionDef):
@@ -76,7 +75,7 @@ def test_signatures_are_typed(path):
             assert [each.arg for each in arguments(node) if each.annotation is None] == [], name
 
 
-@pytest.mark.parametrize("path", FILES, ids=path_name)
+@for_each(FILES, path_name)
 def test_docstrings_name_every_argument(path):
     for name, node in public(path):
         assert ast.get_docstring(node), name
@@ -85,7 +84,7 @@ def test_docstrings_name_every_argument(path):
             assert {each.arg for each in arguments(node)} == documented(node), name
 
 
-@pytest.mark.parametrize("path", FILES, ids=path_name)
+@for_each(FILES, path_name)
 def test_docstrings_have_one_form(path):
     """A type and its text stand on lines of their own."""
     for name, node in public(path):
@@ -93,7 +92,7 @@ def test_docstrings_have_one_form(path):
             assert not re.match(r"^\w[\w, ]* : .* — ", line), (name, line)
 
 
-@pytest.mark.parametrize("path", FILES, ids=path_name)
+@for_each(FILES, path_name)
 def test_long_signatures_take_keywords(path):
     """No promised function takes more than nine arguments by position."""
     for name, node in promised(path):
@@ -101,7 +100,7 @@ def test_long_signatures_take_keywords(path):
             assert len(node.args.args) <= 9, name
 
 
-@pytest.mark.parametrize("path", FILES, ids=path_name)
+@for_each(FILES, path_name)
 def test_errors_that_are_raised_are_listed(path):
     for name, node in promised(path):
         if not isinstance(node, ast.FunctionDef):

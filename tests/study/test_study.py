@@ -178,6 +178,11 @@ def test_more_realisations_go_on_from_the_first(finished, tmp_path):
         (lambda c: c["case"][0]["quasars"].pop("number"), "case A, quasars: number must be given"),
         (lambda c: c["case"][1].update(name="A"), "names of cases must differ"),
         (lambda c: c["case"][1].update(name="../x"), "letters and digits"),
+        (lambda c: c["study"].update(seed=-1), "study: seed must be at least 0"),
+        (lambda c: c["mission"].update(release="DR9"), "mission: release must be one of DR3"),
+        (lambda c: c["case"][0]["quasars"].update(number=-5), "case A, quasars: number must be at least 1, not -5"),
+        (lambda c: c["case"][0]["quasars"].update(variability=-3.0), "variability must be at least 0"),
+        (lambda c: c["case"][0].update(galaxies={"number": 9, "min_redshift": 0.1}), "max_redshift must exceed"),
     ],
 )
 def test_bad_configurations(change, words):

@@ -43,7 +43,7 @@ from vsh.tools.files import write_arrays
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen, InNotebook
 from vsh.tools.notes import printable
-from vsh.tools.types import ArrayLike, FloatArray, PathName
+from vsh.tools.types import ArrayLike, BoolArray, FloatArray, PathName
 
 __all__ = ["LINEAR_PLANCK18", "FlowModes", "LinearTheory", "VelocityGrid", "flow_modes", "read_velocity_grid"]
 
@@ -88,7 +88,7 @@ class VelocityGrid(InNotebook):
     def __repr__(self) -> str:
         return f"<VelocityGrid: {self.velocity.shape[-1]}³ points to ±{self.half_width:g} Mpc/h, {self.frame}>"
 
-    def at(self, lon: FloatArray, lat: FloatArray, distance: FloatArray, frame: str) -> tuple[FloatArray, FloatArray]:
+    def at(self, lon: FloatArray, lat: FloatArray, distance: FloatArray, frame: str) -> tuple[FloatArray, BoolArray]:
         """The velocity between the points, by threes of linear interpolations, along the axes of `frame`.
 
         Parameters

@@ -86,7 +86,7 @@ def degree_amplitudes(lmax: int) -> FloatArray:
     array([-0.      ,  0.660555, -0.247157,  0.125331])
     """
     l = np.arange(1, arguments.whole("lmax", lmax) + 1)
-    return (-1.0) ** l * np.sqrt(np.pi * wave_fractions(lmax) / 6)
+    return np.asarray((-1.0) ** l * np.sqrt(np.pi * wave_fractions(lmax) / 6), float)
 
 
 def wave_coefficients(direction: ArrayLike, plus: float, cross: float = 0.0, *, lmax: int = 12) -> Coefficients:

@@ -96,7 +96,7 @@ class _Finder:
 
     @staticmethod
     def find_spec(name, path=None, target=None):
-        return None if new_name(name) is None else ModuleSpec(name, _Finder)
+        return None if new_name(name) is None else ModuleSpec(name, _Finder)  # type: ignore[arg-type]  # a class will do
 
     @staticmethod
     def create_module(spec):
@@ -104,7 +104,7 @@ class _Finder:
 
     @staticmethod
     def exec_module(module):
-        new = new_name(module.__name__)
+        new = new_name(module.__name__) or module.__name__
         warn(module.__name__, new)
         sys.modules[module.__name__] = import_module(new)
 

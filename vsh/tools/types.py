@@ -33,10 +33,10 @@ __all__ = [
 ]
 
 #: Arrays as results have them; shapes and units are in the docstrings.
-FloatArray: TypeAlias = NDArray[Any]
-IntArray: TypeAlias = NDArray[Any]
-BoolArray: TypeAlias = NDArray[Any]
-ComplexArray: TypeAlias = NDArray[Any]
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.integer[Any]]
+BoolArray: TypeAlias = NDArray[np.bool_]
+ComplexArray: TypeAlias = NDArray[np.complex128]
 
 #: A source of randomness: NumPy's generator, or a number (or a sequence of them) that seeds one.
 Rng: TypeAlias = np.random.Generator | int | list[int]

@@ -96,7 +96,7 @@ def _write_votable(table, path):
         options = {"datatype": "unicodeChar", "arraysize": "*"}
         if isinstance(value, (list, tuple, dict)):
             value = json.dumps(value, ensure_ascii=False, default=str)
-        elif isinstance(value, (int, np.integer)) and not isinstance(value, bool) and abs(value) < 2**63:
+        elif isinstance(value, (int, np.integer)) and not isinstance(value, bool) and abs(int(value)) < 2**63:
             options = {"datatype": "long"}
         elif isinstance(value, (float, np.floating)):
             options = {"datatype": "double"}

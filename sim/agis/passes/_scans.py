@@ -38,6 +38,7 @@ _SOURCES, _SORTED = 20_000, 4_000_000
 
 
 _RECORD = np.dtype([("time", "f8"), ("source", "i4"), ("sin", "f4"), ("cos", "f4"), ("along_factor", "f4"), ("across_factor", "f4")])  # fmt: skip
+_NAMES = tuple(_RECORD.names or ())
 
 
 #: The name of the file that tells which scans a folder holds.
@@ -210,7 +211,7 @@ def _followed(law, lon, lat, ccds, threads, progress, folder):
             east, north = (np.einsum("ij,ij->j", v[:, found.source], sun) for v in (p, q))
             # As of the parallax along the scan: the Sun seen from 1 % beyond the Earth.
             columns = (found.source + start, sin, cos, found.parallax_factor, 1.01 * distance * (sin * north - cos * east))  # fmt: skip
-            for name, column in zip(_RECORD.names[1:], columns, strict=True):
+            for name, column in zip(_NAMES[1:], columns, strict=True):
                 out[name] = column[:, None]
             out = out.ravel()
             out = out[np.argsort(out["time"], kind="stable")]
@@ -243,12 +244,12 @@ def _sorted(parts, fixed, folder):
         place = found["time"] / fixed["spacing"]
         columns["knot"][here] = np.minimum(place.astype("i4"), fixed["intervals"] - 1)
         columns["frac"][here] = place - columns["knot"][here]
-        for name in _RECORD.names[1:]:
+        for name in _NAMES[1:]:
             columns[name][here] = found[name]
         done += len(found)
     for column in columns.values():
         if folder is not None:
-            column.flush()
+            column.flush()  # type: ignore[union-attr]  # a map of a file where there is a folder
     return columns
 
 

@@ -10,7 +10,7 @@ from sim.agis.results._solution import AgisSolution
 from sim.agis.results._statistics import ratio_by
 from vsh.figures.plot import COLOURS, SkyAxes, legend_above, panels, plot_map, styled
 from vsh.sky.pixels import pixels_of
-from vsh.tools.types import ArrayLike, Axes, FloatArray
+from vsh.tools.types import ArrayLike, Axes, FloatArray, IntArray
 
 _PARAMETERS = ("α*", "δ", "ϖ", "µα*", "µδ")
 _MARKS = "os^Dv"
@@ -59,7 +59,7 @@ def plot_errors_by_magnitude(
 
 @styled
 def plot_correlation(
-    angle: FloatArray, correlation: FloatArray, pairs: FloatArray, draws: int = 1, *, ax: Any = None
+    angle: FloatArray, correlation: FloatArray, pairs: IntArray, draws: int = 1, *, ax: Any = None
 ) -> Axes:  # fmt: skip
     """Correlation of errors by the angle between two sources."""
     (axes,) = panels(ax)

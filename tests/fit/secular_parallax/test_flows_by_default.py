@@ -189,3 +189,16 @@ def test_a_cut_in_heliocentric_redshifts_leaves_densities_unbiased():
         found = observer_velocity(field, 67.3, flows=None, peculiar_dispersion=300.0).velocity
         along.append(found.value @ OURS / np.linalg.norm(OURS))
     assert np.mean(along) == pytest.approx(369.8, abs=4 * np.std(along) / np.sqrt(12))
+
+
+def test_what_is_left_out_does_not_depend_on_how_a_catalogue_is_divided(monkeypatch):
+    """From every part at least one source is taken: small parts weighed more than large ones."""
+    monkeypatch.setattr("fit.secular_parallax._solve._SOURCES", 100)
+    field = sim.observe(sim.galaxies(2000, 1), sim.secular_parallax((300, 0, 0)), rng=1, sigma=5.0)
+    calm = {"flows": None, "redshift_frame": "true", "peculiar_dispersion": 300.0}
+    left_out = [
+        fit.secular_parallax.parallax_equations(each, None, **calm).left_out
+        for each in (field, as_parts([field[i : i + 5] for i in range(0, 2000, 5)]))
+    ]
+    whole, divided = (np.diag(each.sums(300.0, 0.0, 2000).matrix)[:6] for each in left_out)
+    np.testing.assert_allclose(divided, whole, rtol=0.5)

@@ -165,3 +165,26 @@ def test_grids_are_written_and_read(tmp_path):
     ):
         with pytest.raises(TableError, match=words):
             read_velocity_grid(tmp_path / name)
+
+
+@pytest.mark.parametrize(("nearest", "farthest", "n_modes"), [(300, 310, 3), (500, 600, 10), (1, 100, 3), (5, 90, 60)])
+def test_the_bulk_flow_is_always_among_the_modes(nearest, farthest, n_modes):
+    """Between far distances a monopole has more power than any dipole: three modes were one, and no bulk flow."""
+    modes = flow_modes(nearest, farthest, n_modes)
+    assert modes.counts[1] >= 1
+    assert len(modes) <= n_modes
+
+
+@pytest.mark.parametrize(
+    ("limits", "options", "words"),
+    [
+        ((0.1, 0.01), {}, "must exceed nearest"),
+        ((700, 800), {}, "nearest must be below 600"),
+        ((5, 90), {"max_degree": -1}, "max_degree"),
+        ((5, 90), {"max_degree": "3"}, "max_degree"),
+        ((5, 90, 2), {}, "at least 3"),
+    ],
+)
+def test_limits_of_flows_are_checked_as_they_are_given(limits, options, words):
+    with pytest.raises(ParameterError, match=words):
+        flow_modes(*limits, **options)

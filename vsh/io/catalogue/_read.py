@@ -154,7 +154,8 @@ def stream_fields(
 
 def _fields(make, rows):
     """Fields block by block; the rows of a block without any usable one are counted by a neighbour."""
-    first, held, lost = 0, None, ()
+    first, held = 0, None
+    lost: tuple[str, ...] = ()
     for block in make.source.blocks(make.names, rows):
         try:
             field = make(block, first)
@@ -227,9 +228,9 @@ class _maker:
                 notes=said,
                 first_row=first_row,
             )
-        for note in said:
-            if note.startswith("warning"):
-                warn(note, VshWarning, stacklevel=3)
+        for warning in said:
+            if warning.startswith("warning"):
+                warn(warning, VshWarning, stacklevel=3)
         return field
 
 
@@ -314,7 +315,7 @@ def truth_of(source: Any) -> dict[str, Any] | None:
     meta = {str(key).upper(): value for key, value in tables.open_table(source).meta.items()}
 
     def vector(key, unit="µas/yr"):
-        return Vector([float(meta[f"{key}_{axis}"]) for axis in "XYZ"], np.zeros((3, 3)), unit=unit)
+        return Vector(np.array([float(meta[f"{key}_{axis}"]) for axis in "XYZ"]), np.zeros((3, 3)), unit=unit)
 
     try:
         truth = {"spin": vector("SPIN"), "acceleration": vector("ACC")}

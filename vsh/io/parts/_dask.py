@@ -112,7 +112,9 @@ class Dask(Engine):
         except ValueError:
             client = None
         if self.address is None or (
-            client is not None and self.address in (client.scheduler.address, client.scheduler_file)
+            client is not None
+            and client.scheduler is not None
+            and self.address in (client.scheduler.address, client.scheduler_file)
         ):
             return client, False
         file = "://" not in self.address

@@ -80,7 +80,7 @@ def _infos(resource):
 def _column(column):
     values, mask = np.ma.getdata(column), np.ma.getmaskarray(column)
     if mask.ndim > 1:
-        mask = mask.all(tuple(range(1, mask.ndim)))
+        mask = np.asarray(mask.all(tuple(range(1, mask.ndim))))
     if values.dtype.kind == "f" and values.ndim == 1:
         mask = mask | np.isnan(values)
     return np.array(values), mask if mask.any() else None

@@ -193,7 +193,7 @@ class Spectrum(InNotebook):
     @classmethod
     def flat(cls) -> Spectrum:
         """One power for each mode, of whatever degree: P_l = 2l + 1 in each kind."""
-        return cls("flat", lambda lmax: both(2.0 * np.arange(1, lmax + 1) + 1))
+        return cls("flat", lambda lmax: both(2 * np.arange(1.0, lmax + 1) + 1))
 
     @classmethod
     def odd(cls) -> Spectrum:

@@ -1,0 +1,29 @@
+"""A type checker sees our types in a user's script, as the project is installed here."""
+
+import re
+import subprocess
+import sys
+
+SCRIPT = """\
+import fit
+import sim
+from vsh import Field, Modes
+from vsh.io.catalogue import read_field
+
+field: Field = read_field("catalogue.fits")
+modes = Modes("three")  # a degree is a number
+solution = fit.fit_field(field, lmax=3)  # it is called modes
+print(field.longitude)  # it is called lon
+print(fit.fit_field(field, 3).acceleration.amplitud)  # amplitude
+spin: float = fit.fit_field(field, 1).spin  # a Vector
+quasars = sim.quasars(number=3)  # n
+"""
+
+
+def test_six_planted_mistakes(tmp_path):
+    (tmp_path / "mine.py").write_text(SCRIPT)
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "mine.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    found = re.findall(r"^mine\.py:(\d+): error:", done.stdout, re.MULTILINE)
+    assert [int(line) for line in dict.fromkeys(found)] == [7, 8, 9, 10, 11, 12], done.stdout
