@@ -54,13 +54,7 @@ class CrossCheck(Result):
         return tables.table_of(columns, {"frame": self.frame.frame})
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The correlations of the frame solver's parameters on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The correlations of the frame solver's parameters on matplotlib axes."""
         return self.frame.plot(ax=ax)
 
 

@@ -25,12 +25,8 @@ from vsh.tools.modules import old_names
 from vsh.tools.types import FloatArray, Table
 
 __all__ = ["FrameComparison", "compare_catalogues"]
-
-
 #: Outliers that the report lists.
 _LISTED = 10
-
-
 #: What is so many times farther than the limit from a robust fit is left out before the first plain one.
 _FAR = 3.0
 

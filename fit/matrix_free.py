@@ -157,13 +157,7 @@ class MatrixFreeSolution(HarmonicSolution):
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Power by degree as fitted, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """Power by degree as fitted, on matplotlib axes."""
         from fit.output import plot_power
 
         return plot_power(self, ax=ax)

@@ -277,8 +277,6 @@ def split_r_hat(chain: FloatArray) -> FloatArray:
 
 #: A chain shorter than this many autocorrelation times says nothing certain, not even about its length.
 ENOUGH = 50
-
-
 #: What a chain that is too short aims at: its own estimate of the autocorrelation time is too small.
 _AIM = 75
 

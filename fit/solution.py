@@ -275,13 +275,7 @@ class Solution(HarmonicSolution):
         return report(self, check=check, truth=truth, source=source)
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Power by degree on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """Power by degree on matplotlib axes."""
         from fit.output import plot_spectrum
 
         return plot_spectrum(self, ax=ax)

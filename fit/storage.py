@@ -158,8 +158,6 @@ def count(value: Any) -> int:
 
 #: Kinds of results whose modules have been imported, by name.
 _KINDS: dict[str, type[Result]] = {}
-
-
 #: A file names the module of its kind; none but ours is ever imported.
 _OURS = re.compile(r"fit(\.\w+)+")
 

@@ -33,18 +33,10 @@ from vsh.tools.units import MAS
 
 #: Parallaxes of quasars in DR3, on average. [mas] (Lindegren et al. 2021, A&A 649, A4)
 ZERO_POINT = -0.017
-
-
 #: 34 months.
 _YEARS = 34 / 12
-
-
 _OUTLIERS, _TIMES = 0.002, 3.0
-
-
 _NSIDE = 32
-
-
 _CRF3_UNITS = {
     "ra": "deg", "dec": "deg", "parallax": "mas", "parallax_error": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
     "pmra_error": "mas / yr", "pmdec_error": "mas / yr", "nu_eff_used_in_astrometry": "1 / um", "pseudocolour": "1 / um",
@@ -150,19 +142,11 @@ def _table(columns):
 
 #: CCDs of the astrometric field along a row, and the time from one to the next. [ns]
 CCDS, _STEP = 9, 4.85e9
-
-
 _YEAR = 365.25 * 86400e9  # [ns]
-
-
 #: Light takes so long for an astronomical unit. [ns]
 _AU = 499.004784e9
-
-
 #: Of positions. [Julian year, TCB]
 EPOCH = 2017.5
-
-
 _EPOCH_UNITS = {
     "obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
     "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg", "agis_source_excess_noise": "mas",

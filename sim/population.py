@@ -81,12 +81,8 @@ def from_table(
 
 #: Quasars in Gaia's frame brighter than each magnitude (Gaia DR3, five-parameter solutions).
 _BRIGHTER_THAN = {18.0: 29_200, 19.0: 175_814, 20.0: 665_975, 21.0: 1_215_942}
-
-
 #: Sources with five and with six parameters.
 CRF3_COUNTS = {31: 1_215_942, 95: 398_231}
-
-
 #: By how much errors with six parameters are larger than those with five at one magnitude.
 SIX_PARAMETERS = 1.25
 

@@ -76,8 +76,6 @@ def precession_speed(precessions: float, xi: float) -> float:
 
 
 YEAR = 365.25  # days
-
-
 #: Of the Sun's mean longitude from the equinox of J2000 (that of date recedes by 50.29″ a year). [deg/day]
 _MEAN_RATE = 0.9856474 - 50.29 / 3600 / YEAR
 
@@ -121,12 +119,8 @@ class Transits(Frozen):
 
 
 MAX_YEARS = 100  # longer missions are typing errors
-
-
 #: Sources looked at together; each with every spin of the mission.
 BLOCK = 1000
-
-
 #: By how much the axis may leave a straight line within a spin before transits are looked for again. [rad]
 _BEND = 60 / 3600 * DEGREE
 

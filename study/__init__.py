@@ -5,7 +5,7 @@ The one place that knows both `sim` and `fit`.
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
+from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from study.config import Study, load
@@ -14,8 +14,4 @@ if TYPE_CHECKING:
 __all__ = ["Study", "load", "run"]
 
 # Imported when first asked for: all of `sim` and `fit` come with them.
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"config": ["Study", "load"], "run": ["run"]})
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazily(__name__, __all__, {"config": ["Study", "load"], "run": ["run"]})

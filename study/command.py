@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from pathlib import Path
 
 from vsh.commands import configuration, finishing, outputs, running
@@ -96,6 +95,3 @@ def _text(study, rows):
 
 
 main, run = running.make_entry(options_module, _act)
-
-if __name__ == "__main__":
-    sys.exit(main())

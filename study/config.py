@@ -49,8 +49,6 @@ _SOURCES = {
         "redshifts": "true",
     },
 }
-
-
 _TYPES = {int: "a whole number", float: "a number", str: "a string"}
 
 

@@ -96,8 +96,6 @@ def truth_of(study: Study, name: str) -> float:
 
 
 _MARKS = "os^Dv<>P"
-
-
 #: Of how many parameters names are still read.
 _NAMED = 24
 

@@ -30,12 +30,8 @@ from vsh.tools.writing import table_of, write_table
 #: Beyond these a number stands for a missing value, or is none.
 _PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
               "distance": (0.0, 1e6), "distance_error": (0.0, 1e6)}  # fmt: skip
-
-
 #: What of a source may be known besides its motion.
 MEASURED = ("redshift", "magnitude", "redshift_error", "distance", "distance_error")
-
-
 _MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
 
 

@@ -20,8 +20,6 @@ from vsh.tools.units import DEGREE
 
 #: Degree 1 is d·r: rows (1,0), (1,1,re), (1,1,im) of its coefficients from x, y, z of d. That of a glide, over √2.
 DIPOLE = np.sqrt(2 * np.pi / 3) * np.array([[0, 0, np.sqrt(2)], [-1, 0, 0], [0, 1, 0]])
-
-
 DIPOLE.flags.writeable = False
 
 

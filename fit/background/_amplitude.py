@@ -21,8 +21,6 @@ from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
 #: Densities that an amplitude A is given beforehand: 1, A^−½, 1/A.
 Prior: TypeAlias = Literal["flat", "root", "log"]
-
-
 _POWERS = {"flat": 1, "root": 0, "log": -1}
 
 

@@ -153,13 +153,7 @@ class Comparison(Result):
         return tables.table_of(columns)
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The evidences on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The evidences on matplotlib axes."""
         from fit.background._plot import plot_comparison
 
         return plot_comparison(self, ax=ax)

@@ -32,8 +32,6 @@ from vsh.tools.types import FloatArray, Table
 
 #: How far below its maximum the likelihood is followed: e^−18.
 _DROP = 18.0
-
-
 _POINTS = 401
 
 
@@ -252,13 +250,7 @@ class Background(Result):
         return tables.table_of(columns, {"frame": self.frame, "n_data": self.n_data})
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The amplitudes with their intervals on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The amplitudes with their intervals on matplotlib axes."""
         from fit.background._plot import plot_amplitudes
 
         return plot_amplitudes(self, ax=ax)

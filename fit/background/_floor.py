@@ -118,13 +118,7 @@ class Floor(Result):
         return tables.table_of(columns, {"parity_p_value": self.parity_p_value}, units)
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The two powers with their intervals on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The two powers with their intervals on matplotlib axes."""
         from fit.background._plot import plot_floor
 
         return plot_floor(self, ax=ax)

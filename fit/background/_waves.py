@@ -190,13 +190,7 @@ class WaveLimit(Result):
         return tables.table_of(columns, {"hubble": self.hubble, "n_data": self.n_data})
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The posteriors of Ω with their limits on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, optional
-            Where to draw.
-        """
+        """The posteriors of Ω with their limits on matplotlib axes."""
         from fit.background._plot import plot_waves
 
         return plot_waves(self, ax=ax)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from vsh.commands import finishing, outputs, reading, running
@@ -102,6 +101,3 @@ def _labels(paths):
 
 
 main, run = running.make_entry(options_module, _run)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -106,6 +105,3 @@ def _fit(field, modes, options):
 
 
 main, run = running.make_entry(options_module, _run)
-
-if __name__ == "__main__":
-    sys.exit(main())

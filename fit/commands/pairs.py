@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +49,3 @@ def _draw(found, fitted, power):
 
 
 main, run = running.make_entry(options_module, _run)
-
-if __name__ == "__main__":
-    sys.exit(main())

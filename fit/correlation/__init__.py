@@ -2,8 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from fit.correlation._downweight import Downweighted, downweight
 from fit.correlation._forecast import Prediction, compare_cuts, predict_covariance
 from fit.correlation._influence import Eigenmodes, eigenmodes, gain_of_sources, influence_map, most_influential
@@ -17,7 +15,7 @@ from fit.correlation._matrices import (
     parameters_of,
     without_motions,
 )
-from vsh.tools.modules import old_names
+from vsh.tools.modules import lazily, old_names
 
 if TYPE_CHECKING:
     from fit.correlation._plot import plot_influence, symbol
@@ -40,9 +38,5 @@ __all__ = [
 ]
 
 # matplotlib is imported when a figure is first asked for.
-_lazy, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_influence", "symbol"]})
+_lazy, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_influence", "symbol"]})
 __getattr__ = old_names(__name__, {"predict": "predict_covariance"}, _lazy)
-
-
-def __dir__() -> list[str]:
-    return __all__

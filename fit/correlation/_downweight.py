@@ -56,13 +56,7 @@ class Downweighted(Result):
         return tables.table_of({"keep": self.keep}, {"frame": self.after.frame})
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The shares as a map; on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The shares as a map; on matplotlib axes."""
         from fit.correlation._plot import plot_shares
 
         return plot_shares(self.keep, self.after.frame, ax=ax)

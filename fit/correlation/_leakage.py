@@ -112,13 +112,7 @@ class Leakage(Result):
         return f"{self!r}: rms bias by a power of 1 (µas/yr)² in each [µas/yr]\n  {cells}\n"
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The matrix as a picture.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The matrix as a picture."""
         from fit.correlation._plot import plot_leakage
 
         return plot_leakage(self, ax=ax)

@@ -27,8 +27,6 @@ from vsh.vector import correlation_of
 
 #: What stands for the six components of spin and acceleration.
 FRAME: Literal["spin+acceleration"] = "spin+acceleration"
-
-
 FRAME_NAMES = tuple(f"{vector}_{axis}" for vector in ("omega", "a") for axis in "xyz")
 
 
@@ -217,13 +215,7 @@ class CorrelationMatrices(Result):
         return "\n".join(lines) + "\n"
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The matrix as a picture, one or two catalogues in it.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, optional
-            Where to draw.
-        """
+        """The matrix as a picture, one or two catalogues in it."""
         from fit.correlation._plot import plot_matrix
 
         return plot_matrix(self, ax=ax)

@@ -151,11 +151,7 @@ def _distance(redshift, cosmology):
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
-
-
 _REACH = 6.0
-
-
 _BLOCK = 8192
 
 

@@ -169,14 +169,8 @@ def fit_density(
 
 #: Cells of absolute magnitude and of distance modulus, by their lower ends.
 _STEP = 0.1
-
-
 MAGNITUDES = np.arange(-32.0, 12.0, _STEP)
-
-
 MODULI = np.arange(20.0, 60.0, _STEP)
-
-
 #: Fewer sources than this say nothing of a luminosity function.
 _LEAST = 30
 

@@ -2,8 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from fit.galaxy._galaxy import GalacticOrbit, orbit
 from fit.galaxy._relations import (
     R0,
@@ -16,6 +14,7 @@ from fit.galaxy._relations import (
     distance_of_centre,
     expected_acceleration,
 )
+from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.galaxy._plot import plot_orbit
@@ -23,8 +22,4 @@ if TYPE_CHECKING:
 __all__ = ["R0", "GalacticOrbit", "circular_speed", "distance_of_centre", "expected_acceleration", "orbit"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_orbit"]})
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_orbit"]})

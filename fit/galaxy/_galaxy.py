@@ -152,13 +152,7 @@ class GalacticOrbit(Result):
         return tables.table_of(columns, {"frame": "galactic"}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The components, with what is expected, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The components, with what is expected, on matplotlib axes."""
 
         from fit.galaxy._plot import plot_orbit
 

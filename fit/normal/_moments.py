@@ -264,13 +264,7 @@ class Moments(Result):
         return "\n".join(lines) + "\n"
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The weight of the sources on the sky, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The weight of the sources on the sky, on matplotlib axes."""
         from fit.normal._plot import plot_moments
 
         return plot_moments(self, ax=ax)

@@ -2,8 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from fit.output._files import draw_figures, write_correlation, write_figures, write_html
 from fit.output._report import WIDTH, html_of, latex_of, report, report_check, warnings_of
 from fit.output._rows import (
@@ -19,6 +17,7 @@ from fit.output._rows import (
     vectors_table,
 )
 from fit.quality import printed_p_value as p_value
+from vsh.tools.modules import lazily
 from vsh.tools.notes import note_lines
 
 if TYPE_CHECKING:
@@ -29,8 +28,4 @@ __all__ = ["html_report", "plot_correlation", "plot_power", "plot_residuals", "p
 
 # matplotlib is imported when a figure is first asked for.
 _FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum"]
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_figures": _FIGURES, "_html": ["html_report"]})
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazily(__name__, __all__, {"_figures": _FIGURES, "_html": ["html_report"]})

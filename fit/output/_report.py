@@ -210,8 +210,6 @@ def report_check(check: Any) -> str:
 
 #: Differences of the two solvers below this are rounding. [σ]
 AGREE = 1e-6
-
-
 _SYMBOLS = {
     "spin": r"$\omega$",
     "acceleration": r"$\tilde a$",

@@ -2,12 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from fit.pairs._correlation import Correlation, correlation_function
 from fit.pairs._power import PairPower, power
 from fit.pairs._templates import TEMPLATES, TemplateFit, waves_curve
-from vsh.tools.modules import old_names
+from vsh.tools.modules import lazily, old_names
 
 if TYPE_CHECKING:
     from fit.pairs._plot import plot_pairs, plot_power
@@ -15,9 +13,5 @@ if TYPE_CHECKING:
 __all__ = ["Correlation", "PairPower", "TemplateFit", "correlation_function", "power"]
 
 # matplotlib is imported when a figure is first asked for.
-_lazy, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_pairs", "plot_power"]})
+_lazy, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_pairs", "plot_power"]})
 __getattr__ = old_names(__name__, {"correlation": "correlation_function"}, _lazy)
-
-
-def __dir__() -> list[str]:
-    return __all__

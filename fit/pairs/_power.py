@@ -78,13 +78,7 @@ class PairPower(Result):
         return tables.table_of(columns, self._plain_facts(), units)
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Power by degree on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """Power by degree on matplotlib axes."""
         from fit.pairs._plot import plot_power
 
         return plot_power(self, ax=ax)

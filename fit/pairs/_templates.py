@@ -135,13 +135,7 @@ class TemplateFit(Result):
         return tables.table_of(columns)
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The curves, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The curves, on matplotlib axes."""
         from fit.pairs._plot import plot_curves
 
         return plot_curves(self, ax=ax)

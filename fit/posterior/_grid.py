@@ -59,13 +59,7 @@ class GridPosterior(Result):
         return tables.table_of(columns, {"frame": self.velocity.frame})
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Marginal densities, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """Marginal densities, on matplotlib axes."""
         from fit.posterior._plot import plot_marginals
 
         return plot_marginals(self, ax=ax)

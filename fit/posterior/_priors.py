@@ -75,27 +75,17 @@ def velocity_prior(value: Any, frame: str) -> VelocityPrior:
 
 #: Planck Collaboration (2020, A&A 641, A6): H0 from the microwave background. [km/s/Mpc]
 PLANCK_HUBBLE = Normal(67.4, 0.5)
-
-
 #: Where an infinite prior on H0 is cut off. [km/s/Mpc]
 HUBBLE_LIMITS = 1.0, 1000.0
-
-
 _HUBBLE_PRIORS: dict[str, Prior] = {"planck": PLANCK_HUBBLE, "flat": Flat(0.0)}
-
-
 #: Of the quantities of a posterior.
 UNITS = {
     "v_x": "km/s", "v_y": "km/s", "v_z": "km/s", "speed": "km/s", "H0": "km/s/Mpc", "peculiar_dispersion": "km/s",
     "excess_noise": "µas/yr", "outlier_fraction": "", "flow_amplitude": "", "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr",
     "omega_x": "µas/yr", "omega_y": "µas/yr", "omega_z": "µas/yr",
 }  # fmt: skip
-
-
 #: Names that are too long for the table.
 SHORT_NAMES = {"peculiar_dispersion": "dispersion"}
-
-
 #: The same as standards for tables want them.
 FITS_UNITS = {"km/s": "km / s", "km/s/Mpc": "km / (Mpc s)", "µas/yr": "uas / yr"}
 

@@ -86,13 +86,7 @@ class Trend(Result):
         })  # fmt: skip
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The slopes with their errors, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The slopes with their errors, on matplotlib axes."""
         from fit.redshift._plot import plot_trend
 
         return plot_trend(self, ax=ax)
@@ -151,8 +145,6 @@ def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple
 
 #: From this share in a variance on, a flow matters to the tests of bins.
 FLOW_MATTERS = 0.05
-
-
 _BLOCK = 4096
 
 

@@ -26,8 +26,6 @@ from vsh.vector import Vector
 
 #: A p-value below this is called a difference; the Gaussian's three σ.
 _REMARKABLE = 0.0027
-
-
 #: From so many sources on what they share over the sky matters beside their noise.
 _MANY = 100_000
 

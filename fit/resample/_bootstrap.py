@@ -62,13 +62,7 @@ class Resampled(AboutSolution):
         return self.resampled_solution.to_table()
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Power by degree with these errors on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """Power by degree with these errors on matplotlib axes."""
         return self.resampled_solution.plot(ax=ax)
 
     @property
@@ -119,8 +113,6 @@ class Resampled(AboutSolution):
 #: Of (1 − leverage), by which residuals are divided: those of sources that make much of their own fit are too small. With ½, ¾ and
 #: 1 pulls are 1.06, 0.92 and 0.80 where 100 sources with 70 coefficients have all the weight, 1.08, 0.98 and 0.89 with 30 and 16.
 _POWER = 0.75
-
-
 #: Poisson numbers with mean 1, less that mean, by 16 random bits; their variance is 0.99997.
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
 

@@ -30,12 +30,8 @@ from vsh.tools.types import FloatArray, IntArray
 
 #: The largest number of Newton steps for a source's leverage; with thousands of sources three suffice.
 _STEPS = 10
-
-
 #: Chebyshev nodes in ln ν at which the likelihood is evaluated; interpolation is accurate to 1e-12.
 _NODES = chebyshev.chebpts1(36)
-
-
 #: The range of ln ν.
 _LOW, _HIGH = np.log([0.5, 200.0])
 

@@ -33,12 +33,8 @@ from vsh.tools.units import AU_PER_YEAR
 
 #: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr]; v of those with distances in Mpc [km/s].
 U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-
-
 #: Sources whose flow is computed at once.
 _BLOCK = 1024
-
-
 #: Distances surer than this leave no room for magnitudes to tell near from far: sources weigh by their own errors.
 _SURE = 0.05
 

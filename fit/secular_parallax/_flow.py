@@ -134,13 +134,7 @@ class Flow(Result):
         return tables.table_of(columns, {"frame": self.frame})
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The radial velocities that were found on three shells, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The radial velocities that were found on three shells, on matplotlib axes."""
         from fit.secular_parallax._plot import plot_flow
 
         return plot_flow(self, ax=ax)

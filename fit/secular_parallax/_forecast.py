@@ -122,13 +122,7 @@ class VelocityForecast(Result):
         return tables.table_of(columns)
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Errors of H0 against the redshift limit, a panel a catalogue; on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """Errors of H0 against the redshift limit, a panel a catalogue; on matplotlib axes."""
         from fit.secular_parallax._plot import plot_forecast
 
         return plot_forecast(self, ax=ax)

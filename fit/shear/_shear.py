@@ -158,13 +158,7 @@ class Shear(Result):
         return tables.table_of(columns, self._plain_facts(), dict.fromkeys(("value", "sigma"), "uas / yr"))
 
     def plot(self, *, ax: Any = None) -> Any:
-        """The motions and the principal axes on the sky, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """The motions and the principal axes on the sky, on matplotlib axes."""
         from fit.shear._plot import plot_shear
 
         return plot_shear(self, ax=ax)

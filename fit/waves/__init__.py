@@ -2,9 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from fit.waves._search import WaveSearch, search, search_in_time
+from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from fit.waves._map import plot_search
@@ -12,8 +11,4 @@ if TYPE_CHECKING:
 __all__ = ["WaveSearch", "search", "search_in_time"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs={"_map": ["plot_search"]})
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazily(__name__, __all__, {"_map": ["plot_search"]})

@@ -181,13 +181,7 @@ class WaveSearch(Result):
         return tables.table_of(columns, self._plain_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"})
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Maps of 2F and of the limits, on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """Maps of 2F and of the limits, on matplotlib axes."""
         from fit.waves._map import plot_search
 
         return plot_search(self, ax=ax)

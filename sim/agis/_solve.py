@@ -105,12 +105,8 @@ def load(path: PathName, key: str) -> dict[str, Any] | None:
 
 #: Iterations within which the low degrees must have come to rest.
 REST = 10
-
-
 #: Iterations between two checkpoints.
 _EVERY = 5
-
-
 #: Residual below which nothing is left to do in double precision.
 _SOLVED = 1e-13
 

@@ -193,8 +193,6 @@ def _inverse(blocks):
 
 #: Functionals solved for together.
 TOGETHER = 3
-
-
 #: Iterations over which the sum of the variances must have come to rest.
 _REST = 10
 

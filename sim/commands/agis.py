@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -22,8 +21,6 @@ from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR
 
 #: Edges of bins of angle, in heights of a field: within it, about it, far beyond.
 _ANGLES = np.array([0.0, 0.15, 0.37, 0.73, 1.0, 1.5, 3.0, 7.0])
-
-
 CAPTIONS = {
     "convergence": "How far the lowest degrees are from where they end, iteration by iteration.",
     "errors": "True over formal errors of the five parameters by magnitude.",
@@ -244,7 +241,3 @@ def _framed(system, solution, options, quasars, chosen, radio):
 
 
 main, run = running.make_entry(options_module, _run)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

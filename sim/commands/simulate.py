@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +151,3 @@ def _plain(options):
 
 
 main, run = running.make_entry(options_module, _run)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -23,8 +23,6 @@ from vsh.tools.units import AU_PER_YEAR
 
 #: Galaxies whose flows are drawn exactly: 3n × 3n numbers are as many as memory holds.
 _MOST_EXACT = 6000
-
-
 _BLOCK = 2048
 
 

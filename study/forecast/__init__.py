@@ -2,11 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from study.forecast._forecast import SurveyForecast, forecast_surveys
 from study.forecast._surveys import SURVEYS, Survey
-from vsh.tools.modules import old_names
+from vsh.tools.modules import lazily, old_names
 
 if TYPE_CHECKING:
     from study.forecast._plot import plot_forecast
@@ -14,9 +12,5 @@ if TYPE_CHECKING:
 __all__ = ["SURVEYS", "Survey", "SurveyForecast", "forecast_surveys"]
 
 # matplotlib is imported when a figure is first asked for.
-_lazy, _, _ = lazy_loader.attach(__name__, submod_attrs={"_plot": ["plot_forecast"]})
+_lazy, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_forecast"]})
 __getattr__ = old_names(__name__, {"Forecast": "SurveyForecast", "forecast": "forecast_surveys"}, _lazy)
-
-
-def __dir__() -> list[str]:
-    return __all__

@@ -102,13 +102,7 @@ class SurveyForecast(InNotebook):
         )
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Every quantity by survey, a panel each; on matplotlib axes.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, or as many as there are panels, optional
-            Where to draw; a new figure unless given.
-        """
+        """Every quantity by survey, a panel each; on matplotlib axes."""
         from study.forecast._plot import plot_forecast
 
         return plot_forecast(self, ax=ax)

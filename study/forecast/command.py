@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 from vsh.commands import finishing, outputs, running
 from vsh.commands.options import forecast as options_module
 from vsh.tools.errors import VshError
@@ -34,6 +32,3 @@ def _write(folder, found, meta):
 
 
 main, run = running.make_entry(options_module, _run)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -51,15 +51,9 @@ def fit_sources(name: str, field: Field, lmax: int, n_replicates: int, rng: Rng)
 
 
 _NEEDED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
-
-
 _FURTHER = ("pmra_pmdec_corr", "phot_g_mean_mag", "nu_eff_used_in_astrometry", "used_for_reference_frame_spin")
-
-
 #: Fewer sources say nothing.
 FEWEST = 100
-
-
 #: Inside |sin b| = 0.1 stars hide among the quasars.
 PLANE = 0.1
 
@@ -155,20 +149,12 @@ def _places(field):
 
 #: The acceleration by five-parameter solutions, clipped at κ = 3: components in ICRS, and their errors. [µas/yr]
 COMPONENTS, ERRORS = (-0.07, -4.30, -2.64), (0.41, 0.35, 0.36)
-
-
 #: The same as amplitude [µas/yr] and direction [deg], each with its error.
 AMPLITUDE, RA, DEC = (5.05, 0.35), (269.1, 5.4), (-31.6, 4.1)
-
-
 #: The degree of that fit.
 LMAX = 3
-
-
 #: Five-parameter sources up to each magnitude, all of them, and about how many the clipping leaves out.
 COUNTS = {18.0: 29_200, 19.0: 175_814, 20.0: 665_975, 21.0: 1_215_942}
-
-
 SOURCES, CLIPPED = 1_215_942, 3800
 
 

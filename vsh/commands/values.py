@@ -10,48 +10,26 @@ from vsh.tools.formats import BY_NAME, TITLES
 
 #: `vsh.sky.frames.FRAMES`
 FRAMES = ("icrs", "galactic", "ecliptic")
-
-
 #: `vsh.sky.redshift_frames.REDSHIFT_FRAME_NAMES`
 REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
-
-
 #: The sets of names that `vsh.io.catalogue.as_columns` knows
 COLUMNS = ("gaia", "vizier", "icrf")
-
-
 #: Formats of tables, and the IERS's lists.
 INPUT_FORMATS = (*BY_NAME, "icrf")
-
-
 #: The skies that `sim.skies.sky_map` knows.
 SKIES = ("uniform", "plane-avoiding", "gums", "igql")
-
-
 #: `vsh.models.cosmology.VELOCITIES`
 VELOCITIES = ("planck", "paper")
-
-
 #: `sim.observing.REDSHIFT_ERRORS`
 REDSHIFT_ERRORS = ("spectroscopic", "photometric")
-
-
 #: `fit.pairs.TEMPLATES`
 TEMPLATES = ("spin", "glide", "waves")
-
-
 #: `fit.correlation.FRAME`: the six components of spin and acceleration.
 FRAME = "spin+acceleration"
-
-
 #: `vsh.io.archive.QUERIES`
 QUERIES = ("gaia-crf3", "gaia-edr3-qso", "gaia-dr3-galaxies")
-
-
 #: `vsh.io.archive.ESA`
 ESA = "https://gea.esac.esa.int/tap-server/tap"
-
-
 #: What a catalogue may be, for help texts.
 A_TABLE = f"a table ({TITLES}), a folder of them, or - for standard input"
 

@@ -2,15 +2,11 @@
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
+from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from vsh.figures import page, plot
 
 __all__ = ["page", "plot"]
 
-__getattr__, _, _ = lazy_loader.attach(__name__, submodules=__all__)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazily(__name__, __all__, {})

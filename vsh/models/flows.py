@@ -168,8 +168,6 @@ def read_velocity_grid(path: PathName, half_width: float | None = None, frame: s
 
 #: The Hubble constant where distances are in Mpc/h. [km/s per Mpc/h]
 HUBBLE = 100.0
-
-
 #: Separations beyond which velocities are taken as independent. [Mpc/h]
 _FARTHEST = 3000.0
 
@@ -326,16 +324,10 @@ def _planck() -> LinearTheory:
 
 #: Flat, Ω_m = 0.3111, σ_8 = 0.8102: Planck Collaboration (2020, A&A 641, A6), with f = Ω_m^0.55.
 LINEAR_PLANCK18 = _planck()
-
-
 #: Beyond this distance flows move nobody's estimate: sources there have independent velocities. [Mpc/h]
 FARTHEST = 600.0
-
-
 #: Below this distance the modes are as here. [Mpc/h]
 _NEAREST = 2.0
-
-
 _RADII = 160
 
 

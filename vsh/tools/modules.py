@@ -9,12 +9,14 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec, module_from_spec
 from typing import Any
+
+import lazy_loader
 
 #: Beside vsh.
 _OTHERS = ("sim", "fit", "study")
@@ -141,3 +143,12 @@ def old_names(
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
 
     return getattribute
+
+
+def lazily(
+    module: str, names: Sequence[str], attributes: Mapping[str, list[str]]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """A face's `__getattr__` and `__dir__`: what its files hold of `attributes`, or sub-modules, is imported when first asked for."""
+    submodules = () if attributes else names
+    get, _, _ = lazy_loader.attach(module, submodules=submodules, submod_attrs=dict(attributes))
+    return get, lambda: list(names)

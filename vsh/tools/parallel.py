@@ -58,15 +58,9 @@ def progress_bar(
 
 
 T = TypeVar("T")
-
-
 _NOTHING: Any = object()
-
-
 #: Rows of matrices from which on several threads are faster than one.
 _SMALL = 300
-
-
 #: What `limited` set.
 _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 

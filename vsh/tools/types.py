@@ -4,7 +4,8 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike as ArrayLike
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from astropy.cosmology import FLRW as Cosmology
@@ -13,24 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 else:  # not imported for their names
     Axes = Cosmology = Figure = Table = Any
-
-__all__ = [
-    "ArrayLike",
-    "Axes",
-    "BoolArray",
-    "ComplexArray",
-    "Cosmology",
-    "Figure",
-    "FloatArray",
-    "IntArray",
-    "Kind",
-    "OnBad",
-    "PathName",
-    "Quantity",
-    "Release",
-    "Rng",
-    "Table",
-]
 
 #: Arrays as results have them; shapes and units are in the docstrings.
 FloatArray: TypeAlias = NDArray[np.float64]

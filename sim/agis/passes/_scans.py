@@ -31,20 +31,12 @@ from vsh.tools.units import JULIAN_YEAR
 
 #: The nine CCDs of a row are passed so many seconds apart.
 CCDS, CCD_STEP = 9, 4.85
-
-
 #: Sources followed together, and transits sorted together.
 _SOURCES, _SORTED = 20_000, 4_000_000
-
-
 _RECORD = np.dtype([("time", "f8"), ("source", "i4"), ("sin", "f4"), ("cos", "f4"), ("along_factor", "f4"), ("across_factor", "f4")])  # fmt: skip
 _NAMES = tuple(_RECORD.names or ())
-
-
 #: The name of the file that tells which scans a folder holds.
 _KEY = re.compile(r"[0-9a-f]{16}\.json")
-
-
 _COLUMNS = ("source", "knot", "frac", "sin", "cos", "along_factor", "across_factor")
 
 

@@ -150,12 +150,8 @@ def provenance(facts: Mapping[str, Any], command: Sequence[str] | None = None) -
 
 
 _SEAL = re.compile(r"<!-- sha256 of the rest: ([0-9a-f]{64}) -->\n")
-
-
 #: What is said of a sky where there is no `bundle`.
 STATIC = "cannot be turned: this package was built without the script (make page, with npm)"
-
-
 _PAGE = Template("""<!doctype html>
 <html lang="en">
 <head>
@@ -256,16 +252,10 @@ def _asset(name):
 
 #: Sources that are sent at most, those with the most significant residuals first; of so many also their names.
 MAX_SOURCES, MAX_NAMES = 20_000, 5_000
-
-
 #: Between arrows. [deg]
 STEP = 9.2
-
-
 #: Degrees that the page can go through.
 MAX_LMAX = 15
-
-
 _KINDS = ("TS", "T", "S")
 
 

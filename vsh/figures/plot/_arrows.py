@@ -14,12 +14,8 @@ from vsh.tools.types import FloatArray
 
 #: Of the largest arrow; a little less than the step of the grid. [deg]
 LONGEST = 11.0
-
-
 #: Points along an arrow; the shares of it before its place, the first that fits on the map being taken.
 _POINTS = 13
-
-
 _PLACES = ((0.5, 1.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5), (0.0, 0.5), (1.0, 0.5), (0.5, 0.2), (0.0, 0.2), (1.0, 0.2))
 
 

@@ -16,8 +16,6 @@ from vsh.vector import Vector
 
 #: A cone as wide as this says nothing of where a vector points. [deg]
 _LOST = 80.0
-
-
 #: Nor does a vector that noise alone gives as often as this; reports say that its direction is not determined.
 _CHANCE = 0.05
 
@@ -99,8 +97,6 @@ def draw_direction(
 
 #: So many rows have a name each, and so many a number in each cell.
 NAMED, NUMBERED = 30, 8
-
-
 _LETTERS = {"epsilon_": r"\epsilon", "omega_": r"\omega", "a_": r"\tilde a"}
 
 

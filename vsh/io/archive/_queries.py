@@ -48,26 +48,16 @@ class DataRelease(InNotebook):
 
 
 _SINGLE = {31: "position, parallax, proper motion", 95: "the same and a colour"}
-
-
 DR3 = DataRelease("DR3", 2016.0, 34, "gaiadr3", "astrometric_params_solved", _SINGLE)
-
-
 DR4 = DataRelease("DR4", 2017.5, 66, "gaiadr4", "astrometric_params", _SINGLE, "tentative_parallax_bias")
-
-
 #: By name.
 RELEASES = {release.name: release for release in (DR3, DR4)}
-
-
 #: What a fit needs, what selections look at, and what tells of the quality.
 _COLUMNS = (
     "source_id", "ra", "dec", "parallax", "parallax_error", "pmra", "pmdec", "pmra_error", "pmdec_error", "pmra_pmdec_corr",
     "parallax_pmra_corr", "parallax_pmdec_corr", "astrometric_params_solved", "nu_eff_used_in_astrometry", "pseudocolour",
     "ruwe", "phot_g_mean_mag", "bp_rp",
 )  # fmt: skip
-
-
 _NAME = re.compile(r"[A-Za-z_][\w]*(\.[A-Za-z_][\w]*){0,2}")
 
 
@@ -89,8 +79,6 @@ JOIN (SELECT DISTINCT source_id FROM gaiadr3.agn_cross_id) AS c ON g.source_id =
 LEFT JOIN gaiadr3.qso_candidates AS q ON g.source_id = q.source_id
 LEFT JOIN gaiadr3.frame_rotator_source AS f ON g.source_id = f.source_id
 WHERE {_solved(DR3)}"""
-
-
 #: The same sources as EDR3 had them: those of the acceleration paper (Gaia Collaboration, Klioner et al. 2021, A&A 649, A9).
 GAIA_EDR3_QSO = f"""\
 SELECT {_listed(DR3)}, f.used_for_reference_frame_spin
@@ -98,16 +86,12 @@ FROM gaiaedr3.gaia_source AS g
 JOIN (SELECT DISTINCT source_id FROM gaiaedr3.agn_cross_id) AS c ON g.source_id = c.source_id
 LEFT JOIN gaiaedr3.frame_rotator_source AS f ON g.source_id = f.source_id
 WHERE {_solved(DR3)}"""
-
-
 #: DR3's candidates for galaxies that have a redshift from its own spectra.
 GAIA_DR3_GALAXIES = f"""\
 SELECT {_listed(DR3)}, x.redshift_ugc AS redshift
 FROM gaiadr3.gaia_source AS g
 JOIN gaiadr3.galaxy_candidates AS x ON g.source_id = x.source_id
 WHERE {_solved(DR3)} AND x.redshift_ugc IS NOT NULL"""
-
-
 #: By the names that `vsh-archive` takes.
 QUERIES = {"gaia-crf3": GAIA_CRF3, "gaia-edr3-qso": GAIA_EDR3_QSO, "gaia-dr3-galaxies": GAIA_DR3_GALAXIES}
 

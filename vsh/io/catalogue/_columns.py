@@ -54,8 +54,6 @@ class Columns(InNotebook):
 
 #: Gaia's archive names.
 GAIA = Columns()
-
-
 #: Sets of names that are called by one: the archive's, those of VizieR's tables of Gaia (I/355/gaiadr3, I/350/gaiaedr3), and those that
 #: the IERS's lists of ICRF2 and ICRF3 are given, where they are read as tables.
 NAMED = {
@@ -66,25 +64,15 @@ NAMED = {
     ),
     "icrf": replace(GAIA, name=("iers", "icrf")),
 }  # fmt: skip
-
-
 REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
-
-
 UNITS = dict.fromkeys(("ra", "dec"), u.deg) | dict.fromkeys(REQUIRED[2:], u.mas / u.yr)
-
-
 #: Of columns that need not be there, in which a field has them.
 FURTHER_UNITS = {
     "pmra_pmdec_corr": u.dimensionless_unscaled, "magnitude": u.mag, "redshift": u.dimensionless_unscaled,
     "redshift_error": u.dimensionless_unscaled, "distance": u.Mpc, "distance_error": u.Mpc,
 }  # fmt: skip
-
-
 #: Those whose unit is asked for where a table does not tell it: nobody would see that kpc were taken for Mpc.
 MUST_SAY = ("distance", "distance_error")
-
-
 #: Names that positions have in other frames than the equatorial one.
 _OTHER_FRAMES = {"l": "galactic", "b": "galactic", "glon": "galactic", "glat": "galactic", "gal_lon": "galactic",
                  "gal_lat": "galactic", "elon": "ecliptic", "elat": "ecliptic", "ecl_lon": "ecliptic", "ecl_lat": "ecliptic"}  # fmt: skip

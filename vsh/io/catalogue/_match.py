@@ -254,11 +254,7 @@ def _parse(label, number, line):
 
 #: Roles of columns, Gaia's names, and what a column without a unit is in.
 _COLUMNS = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
-
-
 _OPTIONAL = ("ra_dec_corr", "name")
-
-
 _NAMES = ("source_id", "name", "designation")
 
 

@@ -251,8 +251,6 @@ def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None
 
 
 _MOTIONS = ("pmra", "pmdec")
-
-
 _ERRORS = ("pmra_error", "pmdec_error")
 
 

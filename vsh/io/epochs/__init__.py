@@ -2,9 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from vsh.io.epochs._solve import FiveParameters, design_row, downweight, solve_epochs
+from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
     from vsh.io.epochs._observations import Observations, read_epochs, read_observations
@@ -12,10 +11,6 @@ if TYPE_CHECKING:
 __all__ = ["FiveParameters", "Observations", "read_epochs", "read_observations", "solve_epochs"]
 
 # Imported when first asked for: astropy comes with it.
-__getattr__, _, _ = lazy_loader.attach(
-    __name__, submod_attrs={"_observations": ["Observations", "read_epochs", "read_observations"]}
+__getattr__, __dir__ = lazily(
+    __name__, __all__, {"_observations": ["Observations", "read_epochs", "read_observations"]}
 )
-
-
-def __dir__() -> list[str]:
-    return __all__

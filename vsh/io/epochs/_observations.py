@@ -22,16 +22,10 @@ from vsh.tools.units import DEGREE, MAS
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
 _COLUMNS = ("source_id", "obs_time_tcb", "centroid_pos_al", "centroid_pos_error_al", "scan_pos_angle", "parallax_factor_al", "ra0", "dec0")  # fmt: skip
-
-
 _OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id")
-
-
 #: What columns without a unit are in, and others are turned to.
 _UNITS = {"obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
           "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg"}  # fmt: skip
-
-
 _YEAR = 365.25 * 86400e9  # [ns]
 
 

@@ -18,12 +18,8 @@ from vsh.tools.parallel import progress_bar
 from vsh.tools.types import ArrayLike, FloatArray, IntArray
 
 HERE = Here()
-
-
 #: What of a source is not needed for its motion.
 OPTIONAL = ("name", *MEASURED)
-
-
 #: What tells how far a source is.
 DISTANCES = MEASURED
 
@@ -221,8 +217,6 @@ def fields_or_parts(name: str, value: Any) -> Any:
 
 #: Bins: 512 in every factor of two, from 2⁻⁶⁴ to 2⁶⁴. What lies beyond is in the first and the last.
 BINS = 2**16
-
-
 _FINE, _LOWEST = 9, 1023 - 64
 
 

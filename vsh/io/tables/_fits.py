@@ -22,11 +22,7 @@ from vsh.tools.parallel import cores
 from vsh.tools.types import PathName
 
 _BLOCK, _CARD = 2880, 80
-
-
 _BYTES = {"L": 1, "B": 1, "I": 2, "J": 4, "K": 8, "A": 1, "E": 4, "D": 8, "C": 8, "M": 16, "P": 8, "Q": 16}
-
-
 _CODE = re.compile(r"\s*(\d*)([LXBIJKAEDCMPQ])")
 
 

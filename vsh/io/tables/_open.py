@@ -18,8 +18,6 @@ from vsh.tools.writing import format_of
 
 #: The name of the file in which a command keeps what came in on standard input; where it lies is nobody's business.
 STANDARD_INPUT = "standard input"
-
-
 #: astropy's names of formats by those that a user tells.
 INPUT_FORMATS = {row.name: row.kind for row in FORMATS}
 

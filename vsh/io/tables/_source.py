@@ -176,12 +176,8 @@ def _series(series, name):
 
 #: Sexagesimal columns as journals and the CDS name them.
 _SEXAGESIMAL = ("RAh", "RAm", "RAs", "DE-", "DEd", "DEm", "DEs")
-
-
 #: Text that is read whole may have so many bytes; larger tables come as CSV, FITS or Parquet.
 _MOST = 2**30
-
-
 #: A column of HDF5 of more bytes is none. [bytes]
 _LARGEST = 2**34
 

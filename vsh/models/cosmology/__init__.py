@@ -5,8 +5,6 @@ Distances need astropy.cosmology, which is imported when the first of them is as
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from vsh.models.cosmology._apex import (
     BACHCHAN_2016,
     CMB_VELOCITY_PLANCK18,
@@ -18,7 +16,7 @@ from vsh.models.cosmology._apex import (
     velocity_from_apex,
 )
 from vsh.models.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable, with_redshift
-from vsh.tools.modules import old_names
+from vsh.tools.modules import lazily, old_names
 
 if TYPE_CHECKING:
     from vsh.models.cosmology._distance import (
@@ -51,9 +49,5 @@ _DISTANCE = [
     "redshift_of",
     "transverse_distance",
 ]
-_lazy, _, _ = lazy_loader.attach(__name__, submod_attrs={"_distance": _DISTANCE})
+_lazy, __dir__ = lazily(__name__, __all__, {"_distance": _DISTANCE})
 __getattr__ = old_names(__name__, {"PLANCK_2013": "FLAT_PLANCK13", "PLANCK_2018": "CMB_VELOCITY_PLANCK18"}, _lazy)
-
-
-def __dir__() -> list[str]:
-    return __all__

@@ -25,12 +25,8 @@ from vsh.vector import Vector
 
 #: Planck Collaboration (2020, A&A 641, A1), table 3: toward the apex. [km/s]
 CMB_VELOCITY_PLANCK18 = Vector.from_spherical(369.82, 264.021, 48.253, (0.11, 0.011, 0.005), "galactic", "km/s")
-
-
 #: What Bachchan, Hobbs & Lindegren (2016, A&A 589, A71) put into their simulations. [km/s]
 BACHCHAN_2016 = Vector.from_spherical(369.0, 263.99, 48.26, frame="galactic", unit="km/s")
-
-
 #: Velocities that have names, in every command and study.
 VELOCITIES = {"planck": CMB_VELOCITY_PLANCK18, "paper": BACHCHAN_2016}
 
@@ -91,15 +87,9 @@ def velocity_from_apex(speed: float, l: float, b: float) -> Vector:
 
 #: Karachentsev & Makarov (1996, AJ 111, 794): the Sun's velocity with respect to the Local Group. [km/s]
 SUN_IN_LOCAL_GROUP = Vector.from_spherical(316.0, 93.0, -4.0, frame="galactic", unit="km/s")
-
-
 #: Kogut et al. (1993, ApJ 419, 1): the velocity of the Local Group in the microwave background. [km/s]
 LOCAL_GROUP = Vector.from_spherical(627.0, 276.0, 30.0, (22.0, 3.0, 3.0), "galactic", "km/s")
-
-
 _NONE = Vector(np.zeros(3), np.zeros((3, 3)), "galactic", "km/s")
-
-
 #: The Sun's velocity with respect to the observer at rest in each frame of redshifts. [km/s]
 REDSHIFT_FRAMES = {"heliocentric": _NONE, "cmb": CMB_VELOCITY_PLANCK18, "local-group": SUN_IN_LOCAL_GROUP}
 
