@@ -18,7 +18,7 @@ from . import (
     storage,
     waves,
 )
-from .check import CrossCheck, cross_check
+from .frame import CrossCheck, cross_check
 from .frame import FrameSolution, solve_frame
 from .matrix_free import MatrixFreeSolution, solve_matrix_free
 from .normal import Moments, NormalEquations, gaussian_prior, normal_equations

@@ -21,15 +21,22 @@ from scipy.linalg import solve_triangular, svdvals
 from scipy.linalg.lapack import dgeqrf
 
 from fit.named import NamedSolution
+from fit.normal import normal_equations
+from fit.solution import Solution
+from fit.solving import solve
+from fit.storage import Result
 from vsh.field import Field
+from vsh.io import tables
 from vsh.io.parts import Parts, added, as_parts
 from vsh.models.covariance import Covariance, as_covariance
+from vsh.modes import Modes
 from vsh.sky.sphere import sin_cos, triad
+from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError
 from vsh.tools.logs import told
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
-from vsh.tools.types import FloatArray
+from vsh.tools.types import FloatArray, Table
 from vsh.vector import Vector
 
 _AXES = "xyz"
@@ -205,3 +212,64 @@ def _back_substitute(triangle, names, n_data, frame, notes):
     inverse = solve_triangular(r, np.eye(p))
     chi2 = float(triangle[p, p] ** 2) if len(triangle) > p else 0.0
     return FrameSolution(names, inverse @ rhs, inverse @ inverse.T, chi2, n_data, frame, notes)
+
+
+@dataclass(frozen=True, eq=False)
+class CrossCheck(Result):
+    """Spin and acceleration by harmonics of degree 1 and by the direct frame solver.
+
+    Attributes
+    ----------
+    harmonics : Solution
+    frame : FrameSolution
+    largest : float
+        Their largest difference in any component, in units of its standard error.
+    """
+
+    harmonics: Solution
+    frame: FrameSolution
+    largest: float
+
+    def report(self) -> str:
+        """Whether the two solvers agree, as text."""
+        from fit.output import report_check
+
+        return report_check(self) + "\n"
+
+    def to_table(self) -> Table:
+        """Both solutions as an astropy Table: a row for each component of spin and acceleration."""
+        columns: dict[str, Any] = {"parameter": list(self.frame.names)}
+        for name, found in (("harmonics", self.harmonics), ("frame_solver", self.frame)):
+            spin: Any = found.spin
+            columns[name] = np.concatenate([spin.value, found.acceleration.value])
+            columns[f"{name}_error"] = np.concatenate([spin.sigma, found.acceleration.sigma])
+        return tables.table_of(columns, {"frame": self.frame.frame})
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """The correlations of the frame solver's parameters on matplotlib axes."""
+        return self.frame.plot(ax=ax)
+
+
+@told("cross-check")
+@arguments.accepts(field=arguments.a(Field, Parts))
+def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | None = None) -> CrossCheck:
+    """Fit degree 1 to a field by both solvers and compare.
+
+    Parameters
+    ----------
+    field : Field or Parts
+        The sources. Parts are gone through twice.
+    covariance : Covariance or (2n, 2n) array, optional
+        As for `normal_equations`.
+
+    Raises
+    ------
+    DegeneracyError
+        If the sources cannot tell spin and acceleration apart.
+    """
+    # Not the short cut for degree 1, which writes the same p and q: the harmonics themselves.
+    harmonics = solve(normal_equations(field, Modes(1), method="design-matrix", covariance=covariance))
+    direct = solve_frame(field, covariance=covariance)
+    pairs: list[Any] = [(harmonics.spin, direct.spin), (harmonics.acceleration, direct.acceleration)]
+    largest = max(float(np.max(np.abs(one.value - two.value) / two.sigma)) for one, two in pairs)
+    return CrossCheck(harmonics, direct, largest)

@@ -8,8 +8,15 @@ from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
-from vsh.sky.frames import FRAME_KEY, FRAMES, check_frame, rotation_matrix, turned
-from vsh.sky.redshift_frames import REDSHIFT_FRAME_KEY, check_redshift_frame
+from vsh.sky.frames import (
+    FRAME_KEY,
+    FRAMES,
+    REDSHIFT_FRAME_KEY,
+    check_frame,
+    check_redshift_frame,
+    rotation_matrix,
+    turned,
+)
 from vsh.tools.arguments import float_array, read_only
 from vsh.tools.bad_rows import (
     as_floats,

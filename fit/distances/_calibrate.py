@@ -28,7 +28,7 @@ from fit.distances._density import (
 from vsh.field import Field
 from vsh.io.parts import DISTANCES, Parts, as_parts
 from vsh.models.cosmology import FLAT_PLANCK13, FLOW_LIMIT, distance_modulus, transverse_distance, with_redshift
-from vsh.sky.redshift_frames import TRUE, check_redshift_frame
+from vsh.sky.frames import TRUE, check_redshift_frame
 from vsh.tools.errors import FieldError, NothingLeftError, ParameterError
 from vsh.tools.types import Cosmology, FloatArray
 

@@ -22,7 +22,7 @@ from scipy.interpolate import make_interp_spline
 from fit.distances._density import ErrorsByRedshift, LuminosityFunction, SourceDensity
 from vsh.field import Field
 from vsh.models.cosmology import FLOW_LIMIT, count_unusable, hubble_value, to_cmb, transverse_distance, usable
-from vsh.sky.redshift_frames import TRUE
+from vsh.sky.frames import TRUE
 from vsh.tools.errors import FieldError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.parallel import map_blocks

@@ -5,8 +5,17 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 from sim.agis._globals import GlobalMotion, global_motion
-from sim.agis._mission import as_whole, in_own_frame, joint_system, observations, solve_mission, start_errors
-from sim.agis._mixture import KINDS, Mixture, mixture
+from sim.agis._mission import (
+    KINDS,
+    Mixture,
+    as_whole,
+    in_own_frame,
+    joint_system,
+    mixture,
+    observations,
+    solve_mission,
+    start_errors,
+)
 from sim.agis._system import System
 from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
 from sim.agis.results import AgisSolution, correlation_by_angle, ratio_by, rotate_frame

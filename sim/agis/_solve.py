@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sim.agis._motion_fit import MotionFit
+from sim.agis._globals import MotionFit
 from sim.agis.results import AgisSolution
 from vsh.tools.errors import CheckpointError
 from vsh.tools.files import read_arrays, write_arrays

@@ -21,8 +21,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
-from sim.agis._globals import GlobalMotion
-from sim.agis._motion_fit import MotionFit, low_fit, sources_at
+from sim.agis._globals import GlobalMotion, MotionFit, low_fit, sources_at
 from sim.agis._solve import Iteration, solve_observations
 from sim.agis.passes import Scans, check_memory, make_passes, smooth, system_memory
 from sim.agis.results import AgisSolution

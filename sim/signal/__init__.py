@@ -8,12 +8,12 @@ from sim.signal._signal import (
     as_signal,
     from_coefficients,
     off_centre_void,
+    plane_wave,
     random_field,
     spin,
     systematics,
     wave_background,
 )
-from sim.signal._wave import plane_wave
 from vsh.models.covariance import wave_fractions
 from vsh.tools.modules import old_names
 from vsh.tools.units import hubble_rate

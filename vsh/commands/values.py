@@ -10,7 +10,7 @@ from vsh.tools.formats import BY_NAME, TITLES
 
 #: `vsh.sky.frames.FRAMES`
 FRAMES = ("icrs", "galactic", "ecliptic")
-#: `vsh.sky.redshift_frames.REDSHIFT_FRAME_NAMES`
+#: `vsh.sky.frames.REDSHIFT_FRAME_NAMES`
 REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
 #: The sets of names that `vsh.io.catalogue.as_columns` knows
 COLUMNS = ("gaia", "vizier", "icrf")

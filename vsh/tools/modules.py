@@ -76,10 +76,12 @@ MODULES = {
     "vsh.page": "vsh.figures.page",
     "vsh.parts": "vsh.io.parts",
     "vsh.plot": "vsh.figures.plot",
+    "vsh.sky.redshift_frames": "vsh.sky.frames",
     "vsh.system": "vsh.tools",
     "vsh.tables": "vsh.io.tables",
     "vsh.units": "vsh.tools.units",
     "vsh.waves": "vsh.models.waves",
+    "fit.check": "fit.frame",
     "fit.harmonic": "fit.solution",
     "fit.linear": "fit.solution",
 }

@@ -2,14 +2,84 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from scipy import sparse
 
-from sim.agis.passes._scans import Scans
-from sim.agis.passes._sparse import MAX_TRANSITS, SparsePasses
+from sim.agis.passes._scans import BANDS, Scans, values
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import BoolArray, FloatArray
+
+#: Transits that a design matrix is made for; each takes 400 bytes.
+MAX_TRANSITS = 3_000_000
+
+
+class SparsePasses:
+    """Passes over the observations of some transits."""
+
+    def __init__(self, scans: Any, table: FloatArray) -> None:
+        source, knot, frac, sin, cos, fal, fac, spacing, middle = (
+            scans.source, scans.knot, *(np.asarray(getattr(scans, each), float) for each in ("frac", "sin", "cos", "along_factor", "across_factor")),
+            scans.spacing, scans.middle,
+        )  # fmt: skip
+        table = np.asarray(table, float)
+        k, n, self.coefficients = len(source), len(table), scans.intervals + 3
+        t = (knot + frac) * spacing - middle
+        sa, ca, sd, cd = table[source, :4].T
+        q = np.stack([-sd * ca, -sd * sa, cd])
+        p = np.stack([-sa, ca, np.zeros(k)])
+        m, normal = p * sin + q * cos, -p * cos + q * sin
+        rows, columns = np.arange(k), 5 * source[:, None] + np.arange(5)
+        of_source = [
+            np.stack([s, c, factor, t * s, t * c], axis=1) for s, c, factor in ((sin, cos, fal), (-cos, sin, fac))
+        ]
+        b, places = values(frac), 3 * (knot[:, None, None] + np.arange(4)[:, None]) + np.arange(3)
+        of_attitude = [np.einsum("jk,ak->kja", b, axis) for axis in (-normal, m)]
+
+        def matrix(blocks, places, width):
+            data = np.concatenate([each.reshape(k, -1) for each in blocks])
+            at = np.tile(places.reshape(k, -1), (2, 1))
+            where = np.repeat(np.r_[rows, k + rows], at.shape[1])
+            return sparse.csr_array((data.ravel(), (where, at.ravel())), shape=(2 * k, width))
+
+        self.sources = matrix(of_source, columns, 5 * n)
+        self.attitude = matrix(of_attitude, places, 3 * self.coefficients)
+        self.weights = np.concatenate([table[source, 4], table[source, 5]])
+
+    def to_attitude(self, x: FloatArray) -> FloatArray:
+        """Cᵀ x."""
+        seen = self.weights[:, None] * (self.sources @ x.reshape(-1, x.shape[-1]))
+        return (self.attitude.T @ seen).reshape(self.coefficients, 3, -1)
+
+    def to_sources(self, h: FloatArray) -> FloatArray:
+        """C h."""
+        seen = self.weights[:, None] * (self.attitude @ h.reshape(-1, h.shape[-1]))
+        return (self.sources.T @ seen).reshape(-1, 5, h.shape[-1])
+
+    def predict(self, x: FloatArray, h: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What the parameters make of the observations."""
+        along, across = np.split(self.sources @ x.ravel() + self.attitude @ h.ravel(), 2)
+        return along, across
+
+    def adjoint(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Its weighted transpose."""
+        seen = self.weights * np.concatenate([along, across])
+        return (self.sources.T @ seen).reshape(-1, 5), (self.attitude.T @ seen).reshape(-1, 3)
+
+    def blocks(self) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the sources, (n, 5, 5), and the lower band of the attitude's matrix."""
+        weighted = self.sources.multiply(self.weights[:, None]).tocsr()
+        square = (self.sources.T @ weighted).tocoo()
+        out = np.zeros((self.sources.shape[1] // 5, 5, 5))
+        row, column = square.coords
+        out[row // 5, row % 5, column % 5] = square.data
+        normal = (self.attitude.T @ self.attitude.multiply(self.weights[:, None])).tocsr()
+        band = np.zeros((BANDS, normal.shape[0]))
+        for distance in range(BANDS):
+            below = normal.diagonal(-distance)
+            band[distance, : len(below)] = below
+        return out, band
 
 
 class Passes(Protocol):
@@ -40,7 +110,7 @@ def make_passes(scans: Scans, solved: BoolArray, threads: int | None = None, com
     table = np.stack([*scans.directions, *(scans.weights * solved).astype(np.float32)], axis=1)
     if compiled is not False:
         try:
-            from sim.agis.passes._compiled import CompiledPasses  # numba
+            from sim.agis.passes._compiled import CompiledPasses
         except ImportError:
             if compiled or len(scans) > MAX_TRANSITS:
                 raise ParameterError(

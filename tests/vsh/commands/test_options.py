@@ -15,8 +15,7 @@ from vsh.commands import values as names
 from vsh.io import tables
 from vsh.io.catalogue._columns import NAMED
 from vsh.models.cosmology import VELOCITIES
-from vsh.sky.frames import FRAMES
-from vsh.sky.redshift_frames import REDSHIFT_FRAME_NAMES
+from vsh.sky.frames import FRAMES, REDSHIFT_FRAME_NAMES
 
 HEAVY = ("numpy", "scipy", "astropy", "matplotlib", "fit", "sim", "study")
 

@@ -2,7 +2,6 @@
 
 from vsh.figures.plot._arrows import LONGEST, arrow_grid, draw_vectors, even_grid
 from vsh.figures.plot._field import SURE, plot_field, plot_scalar_field
-from vsh.figures.plot._files import FORMATS, close_figures, picture_of, save_figures
 from vsh.figures.plot._maps import draw_empty, draw_map, plot_map
 from vsh.figures.plot._marks import draw_direction, draw_line, draw_matrix, draw_points, draw_sources, symbol
 from vsh.figures.plot._sky_axes import PROJECTIONS, SkyAxes, sky_axes
@@ -10,17 +9,21 @@ from vsh.figures.plot._style import (
     COLOURS,
     DIVERGING,
     FADED,
+    FORMATS,
     KIND_COLOURS,
     KIND_NAMES,
     SEQUENTIAL,
     SIGNIFICANCE,
     STYLE,
     WIDTH,
+    close_figures,
     colour_bar,
     figure_of,
     legend_above,
     log_ticks,
     panels,
+    picture_of,
+    save_figures,
     styled,
 )
 

@@ -13,8 +13,7 @@ from astropy import units as u
 from vsh.io import tables
 from vsh.io.archive import DR3, DR4
 from vsh.io.tables import TableSource
-from vsh.sky.frames import FRAME_KEY, FRAMES, check_frame
-from vsh.sky.redshift_frames import REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, redshift_frame_in
+from vsh.sky.frames import FRAME_KEY, FRAMES, REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, check_frame, redshift_frame_in
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import FieldError, NothingSelectedError, TableError
 from vsh.tools.notebook import InNotebook

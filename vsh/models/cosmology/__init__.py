@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING
 from vsh.models.cosmology._apex import (
     BACHCHAN_2016,
     CMB_VELOCITY_PLANCK18,
+    FLOW_LIMIT,
     LOCAL_GROUP,
     REDSHIFT_FRAMES,
     VELOCITIES,
+    count_unusable,
     to_cmb,
+    usable,
     velocity_along,
     velocity_from_apex,
+    with_redshift,
 )
-from vsh.models.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable, with_redshift
 from vsh.tools.modules import lazily, old_names
 
 if TYPE_CHECKING:

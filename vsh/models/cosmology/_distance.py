@@ -6,7 +6,7 @@ import numpy as np
 from astropy.cosmology import FlatLambdaCDM
 from scipy.interpolate import make_interp_spline
 
-from vsh.models.cosmology._redshifts import FLOW_LIMIT, count_unusable, usable
+from vsh.models.cosmology._apex import FLOW_LIMIT, count_unusable, usable
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import ConvergenceError, FieldError, ParameterError
 from vsh.tools.types import ArrayLike, Cosmology, FloatArray

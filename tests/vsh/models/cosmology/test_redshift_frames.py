@@ -11,7 +11,7 @@ import sim
 from vsh import Field
 from vsh.io import catalogue
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, LOCAL_GROUP, REDSHIFT_FRAMES, to_cmb, with_redshift
-from vsh.sky.redshift_frames import check_redshift_frame, redshift_frame_in
+from vsh.sky.frames import check_redshift_frame, redshift_frame_in
 from vsh.tools.errors import FieldError, ParameterError
 
 C = 299792.458
