@@ -18,8 +18,7 @@ from . import (
     storage,
     waves,
 )
-from .frame import CrossCheck, cross_check
-from .frame import FrameSolution, solve_frame
+from .frame import CrossCheck, FrameSolution, cross_check, solve_frame
 from .matrix_free import MatrixFreeSolution, solve_matrix_free
 from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
 from .robust import Clipped, clip

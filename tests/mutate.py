@@ -270,8 +270,8 @@ BREAKS = [
         "test_scalar_fits.py",
     ),
     ("fit/robust/_clip.py", "chdtr(components + 2, 2 * q)", "chdtr(components + 1, 2 * q)", "test_scalar_fits.py"),
-    ("fit/pairs/_sums.py", "power_t + power_s - itself[0, 1:]", "power_t + power_s", "test_pairs.py"),
-    ("fit/pairs/_sums.py", "np.clip(1 - twice / np.diag(jackknife), 0.5, 1.0)", "np.ones(len(plus))", "test_pairs.py"),
+    ("fit/pairs/_power.py", "power_t + power_s - itself[0, 1:]", "power_t + power_s", "test_pairs.py"),
+    ("fit/pairs/_power.py", "np.clip(1 - twice / np.diag(jackknife), 0.5, 1.0)", "np.ones(len(plus))", "test_pairs.py"),
     ("fit/pairs/_power.py", "by_degree[1], -by_degree[1]", "by_degree[1], by_degree[1]", "test_pairs.py"),
     (
         "vsh/models/waves.py",

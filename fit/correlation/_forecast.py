@@ -59,7 +59,7 @@ class Prediction(Solution):
     @classmethod
     def _unpack(cls, columns, rest):
         alone = np.array([[number(x) for x in row] for row in rest["alone"]])
-        more: Any = {"weight": number(rest["weight"]), "alone": covariance("alone", alone, 6)}
+        more: Any = {"_weight": number(rest["weight"]), "_alone": covariance("alone", alone, 6)}
         return cls(*cls._plain(columns, rest), **more)
 
     # What `predict` found on the way: total weight Σ tr W, and N of spin and acceleration alone.

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.pairs._power import checked_edges, windows
-from fit.pairs._sums import covariance_of, sums_of
+from fit.pairs._power import checked_edges, covariance_of, sums_of, windows
 from fit.pairs._templates import TemplateFit, fitted, names_of
 from fit.storage import Result
 from vsh.field import Field

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from sim.agis.passes import _kernels
-from sim.agis.passes._cost import PARTS
-from sim.agis.passes._scans import BANDS
+from sim.agis.passes._scans import BANDS, PARTS
 from vsh.tools.parallel import cores
 from vsh.tools.types import FloatArray
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import sim
 from fit import pairs
-from fit.pairs._sums import _between, covariance_of, sums_of
+from fit.pairs._power import _between, covariance_of, sums_of
 from vsh import Coefficients, DegeneracyError, Field, FieldError, ParameterError
 from vsh.io.parts import as_parts
 from vsh.models.covariance import Spectrum, wave_fractions

@@ -105,7 +105,7 @@ def test_bad_usage(options, words, capsys):
 
 
 def test_memory_is_looked_at_before_the_work(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("sim.agis.passes._cost.free_memory", lambda: 2.0**28)
+    monkeypatch.setattr("sim.agis.passes._scans.free_memory", lambda: 2.0**28)
     assert run(tmp_path) == 1
     assert "the joint solution would need" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -125,13 +125,13 @@ def test_messages(monkeypatch):
         make(ccds=3)
     with pytest.raises(DegeneracyError, match="none of 300 sources has transits enough"):
         System(scans(sim.NominalScanningLaw(years=0.05), QUASARS.lon, QUASARS.lat, 1.0, 1.0, knots=86400.0), prior=1.0)
-    monkeypatch.setattr("sim.agis.passes._cost.free_memory", lambda: 1e4)
+    monkeypatch.setattr("sim.agis.passes._scans.free_memory", lambda: 1e4)
     with pytest.raises(ParameterError, match="transits would need .* GiB, and 0.0 GiB are free: give a folder="):
         make()
     ready = make
-    monkeypatch.setattr("sim.agis.passes._cost.free_memory", lambda: np.inf)
+    monkeypatch.setattr("sim.agis.passes._scans.free_memory", lambda: np.inf)
     found = ready()
-    monkeypatch.setattr("sim.agis.passes._cost.free_memory", lambda: 1e4)
+    monkeypatch.setattr("sim.agis.passes._scans.free_memory", lambda: 1e4)
     with pytest.raises(ParameterError, match="the normal equations would need .* GiB"):
         System(found)
 

@@ -1,8 +1,9 @@
 """Data from archives: releases as values, queries, and a client of the Table Access Protocol."""
 
-from vsh.io.archive._queries import (
+from vsh.io.archive._tap import (
     DR3,
     DR4,
+    ESA,
     GAIA_CRF3,
     GAIA_DR3_GALAXIES,
     GAIA_EDR3_QSO,
@@ -10,7 +11,7 @@ from vsh.io.archive._queries import (
     RELEASES,
     DataRelease,
     of_table,
+    query,
 )
-from vsh.io.archive._tap import ESA, query
 
 __all__ = ["DR3", "DR4", "GAIA_CRF3", "GAIA_EDR3_QSO", "QUERIES", "DataRelease", "query"]
