@@ -85,7 +85,7 @@ def test_the_job_for_one_node_runs(home, tmp_path):
         assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
     binary = tmp_path / "bin" / "vsh-fit"
     binary.parent.mkdir()
-    binary.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m fit.commands.fit "$@"\n')
+    binary.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m vsh fit "$@"\n')
     binary.chmod(0o755)
     environment = os.environ | {
         "PATH": f"{binary.parent}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "CATALOGUE": str(home / "folder"),

@@ -123,7 +123,7 @@ def test_a_killed_run_leaves_no_broken_file(tmp_path):
     path = tmp_path / "q.fits"
     for wait in (0.7, 1.5, 2.5):
         run = subprocess.Popen(
-            [sys.executable, "-m", "sim.commands.simulate", "quasars", "--number", "300000", "--output", str(path)],
+            [sys.executable, "-m", "vsh", "sim", "quasars", "--number", "300000", "--output", str(path)],
             cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": str(ROOT)},
         )  # fmt: skip
         time.sleep(wait)

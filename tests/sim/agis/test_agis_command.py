@@ -127,7 +127,7 @@ def test_too_few_sources_is_one_line(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_killed_and_started_again_is_the_same(tmp_path):
-    command = [sys.executable, "-m", "sim.commands.agis", "--quasars", "5000", "--sky", "igql", "--map"]
+    command = [sys.executable, "-m", "vsh", "agis", "--quasars", "5000", "--sky", "igql", "--map"]
     whole = [*command, "--output", str(tmp_path / "whole")]
     subprocess.run(whole, check=True, capture_output=True)
     again = [*command, "--output", str(tmp_path / "again")]

@@ -125,7 +125,8 @@ def test_kills_leave_whole_folders(kills, catalogue, tmp_path):
     command = [
         sys.executable,
         "-m",
-        "fit.commands.fit",
+        "vsh",
+        "fit",
         catalogue,
         "--output",
         str(out),
@@ -199,7 +200,7 @@ def test_no_bar_in_a_log(capfd):
 
 
 def test_a_reader_that_has_seen_enough_is_no_error(catalogue):
-    command = f"{sys.executable} -m fit.commands.fit {catalogue} --lmax 1 | head -1"
+    command = f"{sys.executable} -m vsh fit {catalogue} --lmax 1 | head -1"
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.stdout.startswith("Vector spherical harmonics")
     assert "Traceback" not in done.stderr
@@ -280,13 +281,13 @@ def test_twenty_kills_of_other_commands(name, tmp_path):
         str(galaxies),
         "--seed",
     ]
-    simulate = [sys.executable, "-m", "sim.commands.simulate", *make]
+    simulate = [sys.executable, "-m", "vsh", "sim", *make]
     wanted = {}
     for seed in "12":
         subprocess.run([*simulate, seed], cwd=ROOT, check=True, capture_output=True)
         wanted[galaxies.read_bytes()] = seed
     out, chain = tmp_path / "out", tmp_path / "chain.npz"
-    drift = [sys.executable, "-m", "fit.commands.redshift", str(galaxies), "--h0", "67.4", "--bins", "2", "--posterior",
+    drift = [sys.executable, "-m", "vsh", "redshift", str(galaxies), "--h0", "67.4", "--bins", "2", "--posterior",
              "--n-samples", "120000", "--checkpoint", str(chain), "--output", str(out), "--overwrite"]  # fmt: skip
     command = [*simulate, "1"] if name == "vsh-sim" else drift
     start = time.monotonic()
