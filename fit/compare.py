@@ -38,12 +38,12 @@ class FrameComparison(AboutSolution):
     Attributes
     ----------
     labels : tuple of str
-        Of the two.
+        Names of the two.
     solution : Solution
         Fitted to the differences that agree with it: `spin` is the rotation, `acceleration` the glide, and beyond degree 1
         is the deformation. [µas of positions, µas/yr of motions]
     names : tuple of str
-        Of the sources that were left out, the farthest first.
+        Names of the sources that were left out, the farthest first.
     offsets : (k, 2) array
         Their differences, east and north. [the unit of the solution]
     distances : (k,) array
@@ -51,7 +51,7 @@ class FrameComparison(AboutSolution):
     factor : float
         By which errors would have to be multiplied for χ² to be as expected.
     correlations : CorrelationMatrices
-        Of the coefficients, by the errors of either catalogue alone at the sources they have in common.
+        Correlations of the coefficients, by the errors of either catalogue alone at the sources they have in common.
     """
 
     labels: tuple[str, str]
@@ -175,7 +175,7 @@ def compare_catalogues(
     Parameters
     ----------
     a, b : Positions, or Fields
-        Of positions the orientation is fitted, the glide and the deformation [µas]; of motions the same a year [µas/yr].
+        From positions the orientation is fitted, the glide and the deformation [µas]; from motions the same a year [µas/yr].
     modes : Modes, or the degree lmax
         What to fit.
     by, radius
@@ -189,7 +189,7 @@ def compare_catalogues(
     -------
     comparison : FrameComparison
     differences : Field
-        Of the sources that were fitted.
+        Differences of the sources that were fitted.
 
     Raises
     ------

@@ -105,7 +105,7 @@ def solve_frame(
         Position differences (this frame minus the reference), of other sources or the
         same: `motion` and `sigma` hold Δα*, Δδ and their errors. [µas]
     covariance : Covariance or (2n, 2n) array, optional
-        Of the motions, all east components first, in place of the errors that the field has. [(µas/yr)²]
+        Covariance of the motions, all east components first, in place of the errors that the field has. [(µas/yr)²]
 
     Raises
     ------
@@ -162,7 +162,7 @@ class _Triangle:
 
 
 def _triangle(field, column, size, covariance=None):
-    """Of motions, or of offsets in the first three columns of nine."""
+    """The triangle of motions, or of offsets in the first three columns of nine."""
     motions = column + 6 == size
     if covariance is not None:
         rows = np.zeros((size + 1, 2 * len(field)))

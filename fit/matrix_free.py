@@ -87,17 +87,17 @@ class MatrixFreeSolution(HarmonicSolution):
     coefficients : Coefficients
         The best fit. [µas/yr]
     chi2 : float
-        Of the residuals.
+        χ² of the residuals.
     n_data : int
         Data points: two a source.
     frame : str
-        Of the axes.
+        Frame of the axes.
     notes : tuple of str
         What the reader should know of the data.
     errors : dict of Mode to float
         Standard errors of the coefficients that were asked for. [µas/yr]
     iterations : int
-        Of the conjugate gradients.
+        Steps of the conjugate gradients.
     residual : float
         |b − N c| / |b|, both in units of the preconditioner.
     condition : float
@@ -197,7 +197,7 @@ def solve_matrix_free(
     tolerance : float
         Relative residual at which to stop.
     max_iterations : int
-        Of the conjugate gradients.
+        Largest number of steps of the conjugate gradients.
     threads : int, optional
         How many; one a core unless given.
     progress : bool

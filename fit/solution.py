@@ -83,9 +83,9 @@ class HarmonicSolution(LinearSolution):
     coefficients: Coefficients
     #: Where the covariance is from; of a solution that has one.
     errors_from: str
-    #: Of a covariance that was not estimated from replicates.
+    #: Degrees of freedom of a covariance that was not estimated from replicates.
     covariance_dof: float = float("inf")
-    #: Of the coefficients.
+    #: Unit of the coefficients.
     unit: str = "µas/yr"
     #: What `fit.background.add_floor` estimated.
     floor: Any = None
@@ -216,11 +216,11 @@ class Solution(HarmonicSolution):
     covariance : (p, p) array
         N⁻¹, from the catalogue's errors alone, unless `errors_from` says otherwise. [(µas/yr)²]
     chi2 : float
-        Of the residuals of the data, without the penalty of a prior.
+        χ² of the residuals of the data, without the penalty of a prior.
     n_data : int
         How many numbers were fitted: two a source. A prior does not count.
     frame : str
-        Of the axes.
+        Frame of the axes.
     notes : tuple of str
         What the reader should know of the data.
     errors_from : str
@@ -234,7 +234,7 @@ class Solution(HarmonicSolution):
     unshrunk : Solution or None
         The same without the prior of a floor: what the powers and p-values of degrees beyond 1 are taken from.
     unit : str
-        Of the coefficients: "µas/yr" of motions, "µas" of differences of position.
+        Unit of the coefficients: "µas/yr" of motions, "µas" of differences of position.
     floor : fit.background.Floor or None
         What the power of the higher degrees says of errors that sources share; it is in no error here, but printed
         beside them. None where it was not estimated.
@@ -266,7 +266,7 @@ class Solution(HarmonicSolution):
         check : CrossCheck, optional
             Both solvers at degree 1.
         truth : dict, optional
-            Of a simulated catalogue, by name.
+            Truth of a simulated catalogue, by name.
         source : str, optional
             What was fitted.
         """
@@ -347,7 +347,7 @@ class Solution(HarmonicSolution):
 
     @property
     def _units(self):
-        """Of the columns, where they are ones that tables know."""
+        """Units of the columns, where they are ones that tables know."""
         known = {"µas/yr": ("uas / yr", "uas2 / yr2"), "µas": ("uas", "uas2")}
         if self.unit not in known:
             return {}

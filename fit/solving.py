@@ -49,7 +49,7 @@ def solve(
         Errors that sources share, of `fit.background.floor(normal)`: a prior on the higher degrees, and part of the
         errors of degree 1. `errors_from` says so.
     max_condition : float
-        Of N scaled to a unit diagonal, in the 1-norm.
+        Largest condition of N scaled to a unit diagonal, in the 1-norm.
 
     Returns
     -------

@@ -457,7 +457,7 @@ def sandwich(
 
 
 def _slopes(field, scores, modes):
-    """Of some sources: the matrices with weights u and with their slopes, Σ u tr W, and how many they are."""
+    """Sums over some sources: the matrices with weights u and with their slopes, Σ u tr W, and how many they are."""
     _, u, slopes = scores(field)
     return {
         "fitted": weighted_matrix(field, field.weights * u, modes),

@@ -54,7 +54,7 @@ def apparent_motion(acceleration: Quantity) -> Any:
     Parameters
     ----------
     acceleration : Quantity
-        Of the observer.
+        Acceleration of the observer.
 
     Examples
     --------
@@ -140,7 +140,7 @@ def lensing_motion(lens_motion: Quantity, depth: Quantity) -> Any:
     Parameters
     ----------
     lens_motion : Quantity
-        Of the lens.
+        Motion of the lens.
     depth : float
         The optical depth.
     """

@@ -41,13 +41,13 @@ def expected_covariances(
     mission : Mission or NominalScanningLaw
         As for `sim.observe`; the attitude's error is taken for independent from transit to transit.
     kind : {"motion", "position"}
-        Of which two of the five parameters.
+        Which two of the five parameters.
     variability : Variability, optional
         Variability of the photocentres.
     excess_noise : float or (n,) array
         Along-scan error added in quadrature to every transit. [µas]
     release : {"DR3", "DR4", "DR5", "paper"}
-        Whose errors, where the mission does not say it.
+        Release whose errors are taken where the mission does not say it.
     threads : int, optional
         How many; one a core unless given.
     progress : bool

@@ -145,7 +145,7 @@ CCDS, _STEP = 9, 4.85e9
 _YEAR = 365.25 * 86400e9  # [ns]
 #: Light takes so long for an astronomical unit. [ns]
 _AU = 499.004784e9
-#: Of positions. [Julian year, TCB]
+#: Epoch of the positions. [Julian year, TCB]
 EPOCH = 2017.5
 _EPOCH_UNITS = {
     "obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
@@ -177,7 +177,7 @@ def epochs(
     mission : Mission or NominalScanningLaw, optional
         66 months of the nominal scanning law unless given.
     release : {"DR3", "DR4", "DR5", "paper"}
-        Whose errors, where the mission does not say it.
+        Release whose errors are taken where the mission does not say it.
     outliers : float
         The share of observations whose noise is ten times as large.
     threads : int, optional

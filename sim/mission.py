@@ -25,7 +25,7 @@ class Mission(InNotebook):
     scanning_law : NominalScanningLaw
         Which source is seen when, and under which angle.
     release : {"DR3", "DR4", "DR5", "paper"}
-        Whose parallax errors the transits are made to give, whatever the length of the mission.
+        Release whose parallax errors the transits are made to give, whatever the length of the mission.
     attitude : float or "solved"
         Error of the attitude in 30-second intervals, shared by all sources that are seen in one [µas]; or solved from the
         sources themselves, together with them (`sim.agis`).
@@ -79,7 +79,7 @@ class Mission(InNotebook):
 
     @property
     def frame(self) -> str:
-        """Of the positions it takes."""
+        """Axes of the positions it takes."""
         return self.scanning_law.frame
 
     def check_frame(self, frame: str) -> None:
@@ -88,7 +88,7 @@ class Mission(InNotebook):
         Parameters
         ----------
         frame : str
-            Of the positions.
+            Axes of the positions.
 
         Raises
         ------

@@ -39,7 +39,7 @@ def gaia_errors(magnitude: ArrayLike, release: Release = "DR3") -> FloatArray:
     magnitude : (n,) array
         G.
     release : {"DR3", "DR4", "DR5", "paper"}
-        Whose errors.
+        Release whose errors are drawn.
 
     Examples
     --------

@@ -77,7 +77,7 @@ def observe(
     rho : float or (n,) array
         Correlation of the two components, without a mission.
     release : {"DR3", "DR4", "DR5", "paper"}
-        Whose errors, where the mission does not say it.
+        Release whose errors are taken where the mission does not say it.
     redshifts : {"true", "heliocentric", "cmb"}
         As they are; or as they are observed from the Sun or at rest in the microwave background, with what the
         signal's velocities do to them.
@@ -196,7 +196,7 @@ def observe_offsets(
     variability : Variability, optional
         Variability of the photocentres.
     release : {"DR3", "DR4", "DR5", "paper"}
-        Whose errors, where the mission does not say it.
+        Release whose errors are taken where the mission does not say it.
     threads : int, optional
         How many; one a core unless given.
     progress : bool
@@ -205,7 +205,7 @@ def observe_offsets(
     Returns
     -------
     Field
-        Of position offsets [µas] at the middle of the mission.
+        Offsets of positions [µas] at the middle of the mission.
     """
     rng = generator(rng)
     errors, covariance, keep, notes = _through_mission(

@@ -29,11 +29,11 @@ def plot_density(population: Population, nside: int = 16, title: str | None = No
     population : Population
         The sources.
     nside : int
-        Of the HEALPix pixels.
+        Resolution of the HEALPix pixels.
     title : str, optional
-        Of the figure.
+        Title of the figure.
     ax : matplotlib axes, optional
-        Whose place the map takes; a new figure unless given.
+        Axes whose place the map takes; a new figure unless given.
     """
     pixel = pixels_of(population.lon, population.lat, nside)
     density = np.bincount(pixel, minlength=12 * nside**2) / (41252.96 / (12 * nside**2))
@@ -55,11 +55,11 @@ def plot_transits(population: Population, counts: FloatArray, nside: int = 16, *
     population : Population
         The sources.
     counts : (n,) array
-        Of `Transits.counts`.
+        Counts from `Transits.counts`.
     nside : int
-        Of the HEALPix pixels.
+        Resolution of the HEALPix pixels.
     ax : matplotlib axes, optional
-        Whose place the map takes; a new figure unless given.
+        Axes whose place the map takes; a new figure unless given.
     """
     values = mean_map(population.lon, population.lat, counts, nside)
     return plot_map(
@@ -98,7 +98,7 @@ def plot_tracks(
     times : (k,) array
         Rising [yr]
     variability : Variability
-        Of the photocentres.
+        Variability of the photocentres.
     rng : Generator or int
         The source of all randomness.
     n_tracks : int

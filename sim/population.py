@@ -30,7 +30,7 @@ class Population(Frozen):
         G.
     redshift : (n,) array or None
     frame : str
-        Of the positions.
+        Axes of the positions.
     """
 
     lon: FloatArray
@@ -181,7 +181,7 @@ def quasars(
     max_magnitude : float
         The faintest G, at most 21.
     map_frame : str
-        Of the axes of a map that is given.
+        Axes of a map that is given.
 
     Returns
     -------
@@ -261,7 +261,7 @@ def galaxies(
         Mean and standard deviation of the absolute magnitudes; with these the
         counts peak at G ≈ 17, as those of the paper's galaxies do.
     map_frame : str
-        Of the axes of a map that is given.
+        Axes of a map that is given.
 
     Returns
     -------
@@ -316,7 +316,7 @@ def stars(
     min_magnitude, max_magnitude : float
         G, from 10 to 20.
     map_frame : str
-        Of the axes of a map that is given.
+        Axes of a map that is given.
 
     Returns
     -------

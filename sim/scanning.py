@@ -76,7 +76,7 @@ def precession_speed(precessions: float, xi: float) -> float:
 
 
 YEAR = 365.25  # days
-#: Of the Sun's mean longitude from the equinox of J2000 (that of date recedes by 50.29″ a year). [deg/day]
+#: Rate of the Sun's mean longitude from the equinox of J2000 (that of date recedes by 50.29″ a year). [deg/day]
 _MEAN_RATE = 0.9856474 - 50.29 / 3600 / YEAR
 
 
@@ -138,17 +138,17 @@ class NominalScanningLaw(Frozen):
     precession_phase, spin_phase, solar_aspect : float
         ν and Ω at the start, and ξ. [rad]
     precessions, spin_rate, basic_angle : float
-        Of the axis about the Sun, a year; [arcsec/s]; and between the fields of view. [rad]
+        Turns of the axis about the Sun in a year; speed of the spin [arcsec/s]; angle between the fields of view [rad].
     half_height : float
-        Of a field, across the scan [rad]; 0.342° gives the published counts with 6 % of dead time.
+        Half height of a field, across the scan [rad]; 0.342° gives the published counts with 6 % of dead time.
     pole_days : float
         At first the axis stays in the ecliptic, ν = 0 or π, so that both fields pass the poles every spin. [days]
     dead_time : float
         Fraction of the time that is lost, in gaps of some six hours.
     rng : Generator or int
-        Of those gaps; needed with a dead time.
+        Generator of those gaps; needed with a dead time.
     frame : str
-        Of the positions whose transits are asked for.
+        Axes of the positions whose transits are asked for.
     gaps : sequence of (start, end)
         More intervals without observations. [yr]
 

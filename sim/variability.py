@@ -42,7 +42,7 @@ class Variability(InNotebook):
         Parameters
         ----------
         times : (k,) array
-            Of the observations. [yr]
+            Times of the observations. [yr]
         """
         return self.sigma**2 * np.exp(-np.abs(np.subtract.outer(times, times)) / self.tau)
 

@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 
 from vsh.commands import configuration, finishing, outputs, running
-from vsh.commands import finishing as figures
 from vsh.commands.options import study as options_module
 from vsh.io import tables
 from vsh.tools.files import atomic_write
@@ -45,7 +44,7 @@ def _gaia(options):
     if options.html:
         with atomic_write(options.html) as new:
             shutil.copyfile(Path(options.output) / "gaia.html", new)
-        finishing.print_line(options, figures.of_page(options.html))
+        finishing.print_line(options, finishing.of_page(options.html))
 
 
 def _run(options):
@@ -59,7 +58,7 @@ def _run(options):
     count = options.n_realisations or study.n_realisations
     folder = run(study, options.output, n_realisations=count, workers=options.workers)
     rows = summary(study, read_realisations(study, Path(folder), count))
-    drawn = figures.Figures(lambda: _draw(rows))
+    drawn = finishing.Figures(lambda: _draw(rows))
     drawn.write(folder, options)
     with atomic_write(folder / configuration.NAME) as new:
         new.write_text(outputs.repeats(options), encoding="utf-8")
@@ -67,7 +66,7 @@ def _run(options):
     finishing.print_result(options, found)
     finishing.print_line(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
     if options.html:
-        figures.write_page(
+        finishing.write_page(
             options.html, f"A simulation study: {study.settings['name']}", _text(study, rows), drawn, captions=_CAPTIONS,
             sheets=found.tables, provenance=running.provenance([], options), command=options.command,
             lead=f"{count} realisations of each case, {study.settings['frame']} axes",

@@ -96,7 +96,7 @@ def truth_of(study: Study, name: str) -> float:
 
 
 _MARKS = "os^Dv<>P"
-#: Of how many parameters names are still read.
+#: Names are still read of so many parameters.
 _NAMED = 24
 
 

@@ -3,8 +3,6 @@
 Inside, angles are in radians and proper motions in µas/yr. What is named in `__init__.pyi` is imported when it is first asked for.
 """
 
-from importlib import import_module
-
 import lazy_loader
 
 from vsh.tools import modules
@@ -15,14 +13,8 @@ _lazy, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 modules.install()
 modules.warn_if_hidden()
-_moved = {old.partition(".")[2]: new for old, new in modules.MODULES.items() if old.startswith("vsh.")}
-
-
-def __getattr__(name):
-    if name not in _moved:
-        return _lazy(name)
-    modules.warn(f"vsh.{name}", _moved[name])
-    return import_module(_moved[name])
+_moved = {old.removeprefix("vsh."): new for old, new in modules.MODULES.items()}
+__getattr__ = modules.old_names(__name__, _moved, _lazy)
 
 
 def __dir__() -> list[str]:

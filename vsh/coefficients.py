@@ -104,11 +104,11 @@ class Coefficients(Frozen):
         kind : {"T", "S"}
             Toroidal or spheroidal.
         covariance : (p, p) array, optional
-            Of the coefficients; they are exact unless given.
+            Covariance of the coefficients; they are exact unless given.
         frame : str
             In which the coefficients are.
         unit : str
-            Of the coefficients.
+            Unit of the coefficients.
         """
         place = self.modes.slice_of(kind, 1)
         own = np.zeros((3, 3)) if covariance is None else np.asarray(covariance)[place, place]

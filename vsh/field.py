@@ -365,7 +365,7 @@ class Field(Tabled):
         name : (n,) array, optional
             One for each source.
         frame, redshift_frame : str
-            Of the positions and motions alike; of the redshifts.
+            Axes of positions and motions alike; frame of the redshifts.
         on_bad : {"raise", "drop"}
             What to do about sources that cannot be used.
         notes : iterable of str

@@ -33,7 +33,7 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     to : str or (3, 3) array
         "icrs", "galactic", "ecliptic", or the matrix A of r' = A r.
     covariance : (p, p) array, optional
-        Of the coefficients.
+        Covariance of the coefficients.
     frame : str
         Where they stand now; not used with a matrix.
 

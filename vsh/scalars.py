@@ -60,7 +60,7 @@ class ScalarCoefficients(Coefficients):
         Parameters
         ----------
         mean : float
-            Of the whole sky.
+            Mean of the whole sky.
         dipole : (3,) array
             Along the axes of the frame.
         lmax : int
@@ -74,7 +74,7 @@ class ScalarCoefficients(Coefficients):
 
     @property
     def mean(self) -> float:
-        """Of the whole sky, f_00/√4π."""
+        """The mean over the whole sky, f_00/√4π."""
         return float(self.values[0] / np.sqrt(4 * np.pi))
 
     @property
@@ -180,11 +180,11 @@ class ScalarField(Tabled):
         values, errors : (n,) arrays
             In `unit`; Quantities and columns with units are converted to it. Masked or missing ones cannot be used.
         unit : str
-            Of both, as astropy writes it ("uas", "mag"); that of the values unless given.
+            Unit of both, as astropy writes it ("uas", "mag"); that of the values unless given.
         name : (n,) array, optional
             One for each source.
         frame : str
-            Of the positions.
+            Axes of the positions.
         on_bad : {"raise", "drop"}
             What to do about sources that cannot be used; a note counts what was dropped.
         notes : iterable of str

@@ -25,7 +25,7 @@ class Vector(Frozen):
     value : (3,) array
         Components x, y, z. [`unit`]
     covariance : (3, 3) array
-        Of the components. [the square of `unit`]
+        Covariance of the components. [the square of `unit`]
     frame : str
         "icrs", "galactic" or "ecliptic".
     unit : str
@@ -78,7 +78,7 @@ class Vector(Frozen):
         frame : str
             "icrs", "galactic" or "ecliptic".
         unit : str
-            Of the amplitude.
+            Unit of the amplitude.
 
         Examples
         --------

@@ -99,7 +99,7 @@ class Amplitude(Frozen):
         Returns
         -------
         tuple of two floats
-            Of A.
+            Lower and upper limit of A.
         """
         x, mass = self._mass(prior)
         dense = np.linspace(x[0], x[-1], 8 * len(x))

@@ -126,7 +126,7 @@ class Comparison(Result):
 
     @property
     def probability(self) -> FloatArray:
-        """Of each model, where all are equally likely beforehand, (n,)."""
+        """The probability of each model, where all are equally likely beforehand, (n,)."""
         return np.exp(self.log_evidence - logsumexp(self.log_evidence))
 
     def report(self) -> str:

@@ -179,17 +179,17 @@ class Background(Result):
     Attributes
     ----------
     names : tuple of str
-        Of the spectra.
+        Names of the spectra.
     amplitudes : (k,) array
         By which the spectra are multiplied: where the likelihood is largest, none below zero.
     covariance : (k, k) array
-        Of the amplitudes, from the expected information; good where an amplitude is several times its error.
+        Covariance of the amplitudes, from the expected information; good where an amplitude is several times its error.
     intervals : (k, 2) array
         68 %, each with the other amplitudes and the scale of the errors marginalised; from zero where zero is likely.
     noise_scale, noise_scale_error : float
         Factor on the catalogue's errors; 1 and 0 where it was not estimated.
     log_likelihood : float
-        Of these amplitudes, relative to no background.
+        Logarithm of the likelihood of these amplitudes, relative to no background.
     log_evidence : float
         ln of the mean likelihood, relative to no background, for amplitudes A whose A/(A + u) is uniform beforehand, u the
         amplitude that is seen at one standard error.

@@ -152,7 +152,7 @@ class Floor(Result):
         solve : function
             From normal equations to their solution.
         normal : NormalEquations
-            Of the data.
+            Normal equations of the data.
         """
         modes, tau = normal.modes, self.noise_scale**2
         data = equations_of(normal)
@@ -266,7 +266,7 @@ def add_floor(solution: Solution) -> Solution:
     Parameters
     ----------
     solution : Solution
-        Of motions, to degree 3 or higher and without a prior; anything else stays as it is. Degrees beyond 10 are not
+        Solution of motions, to degree 3 or higher and without a prior; anything else stays as it is. Degrees beyond 10 are not
         asked: they take longer, and say less of degree 1.
     """
     if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):

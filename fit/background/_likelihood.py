@@ -169,7 +169,7 @@ class Likelihood:
         return factor, solved[:, 0], solved[:, 1:]
 
     def _covariance(self, ratios, tau):
-        """Of the amplitudes and κ², from the expected information."""
+        """The covariance of the amplitudes and κ², from the expected information."""
         if self._eigen is not None:
             left = self._eigen[0] / (1 + ratios[0] * self._eigen[0])
             cross, single = np.array([[np.sum(left**2)]]), np.array([np.sum(left)])
@@ -220,7 +220,7 @@ def _eigen(matrix, rhs, shape):
     return np.maximum(values, 0.0), (vectors.T @ (root * rhs)) ** 2
 
 
-#: Of a probability.
+#: Accuracy of a probability.
 _ACCURACY = 1e-7
 
 

@@ -30,7 +30,7 @@ class Backgrounds:
 
     @property
     def captions(self) -> dict[str, str]:
-        """Of the figures, for the page."""
+        """Captions of the figures, for the page."""
         return {"floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
                     "waves": "Energy in gravitational waves: posteriors and 95 % limits."}  # fmt: skip
 

@@ -16,7 +16,7 @@ from vsh.tools.errors import ConvergenceError, VshError
 from vsh.tools.notes import dropped, unselected
 from vsh.vector import Vector
 
-#: Of a dispersion that is free in the posterior, beside a flow and without. [km/s]
+#: Upper limits of a dispersion that is free in the posterior, beside a flow and without. [km/s]
 _WIDEST = {True: 400.0, False: 1000.0}
 _HEADINGS = {
     "bins": "Bins of redshift",
@@ -242,7 +242,7 @@ def _flow_of(results):
 
 
 def _truths(truth, posterior):
-    """Of a simulated catalogue, by the names of the posterior."""
+    """The truth of a simulated catalogue, by the names of the posterior."""
     if not truth or "velocity" not in truth:
         return None
     named = {"H0": truth["hubble"]}

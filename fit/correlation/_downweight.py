@@ -32,7 +32,7 @@ class Downweighted(Result):
     factors : (n,) array
         The same for each source: factors on its weight.
     before, after : Prediction
-        Of degree 1.
+        Predictions of degree 1.
     """
 
     keep: FloatArray
@@ -83,7 +83,7 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
     max_correlation : float
         Between 0 and 1.
     nside : int
-        Of the pixels.
+        Resolution of the pixels.
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own. [µas/yr]
 

@@ -45,9 +45,9 @@ def influence_map(
     parameters : (str, str) or str
         Two names of parameters ("omega_y", "a_x", "t(2,0)"): their correlation. One: its variance.
     nside : int
-        Of the HEALPix pixels.
+        Resolution of the HEALPix pixels.
     quantity : "value", optional
-        Of one parameter, in place of its variance; needs motions.
+        What is mapped: the value of one parameter, in place of its variance; needs motions.
     sigma : float or (2, n) array, optional
         Errors in place of the sources' own. [µas/yr]
 

@@ -34,7 +34,7 @@ class Leakage(Result):
     fitted, unmodelled : Modes
         The second to the highest unmodelled degree; its columns begin above `fitted`.
     names, unmodelled_names : tuples of str
-        Of rows and columns.
+        Names of rows and columns.
     frame : str
     """
 
@@ -221,9 +221,9 @@ def recommend_lmax(
     sources
         As for `leakage`.
     max_condition : float
-        Of the scaled normal matrix.
+        Largest condition of the scaled normal matrix.
     max_correlation : float
-        Of any two coefficients.
+        Largest correlation of any two coefficients.
     max_lmax : int
         Where to stop looking.
     sigma : float or (2, n) array, optional

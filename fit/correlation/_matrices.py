@@ -111,10 +111,10 @@ class CorrelationMatrices(Result):
     Attributes
     ----------
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     matrices : list of (k, k) arrays
     labels : tuple of str
-        Of the catalogues.
+        Names of the catalogues.
     dipoles : list of (3,) arrays
         r̄, the mean direction of each catalogue's sources by weight. To first order, on a sky of even
         errors, it is what ties spin to acceleration: corr(ω_i, ã_j) = −(3/2) [r̄]ₓ.
@@ -273,11 +273,11 @@ def correlation_matrices(
     fields : Field, Parts, positions with errors, or a list or dict of them
         The catalogues.
     parameters : "spin+acceleration", Modes, or a degree
-        Of which parameters: the components of spin and acceleration, or all coefficients.
+        The components of spin and acceleration, or all coefficients.
     labels : list of str, optional
         What to call them.
     offsets : Field or list of Fields, optional
-        Of VLBI sources: the orientation ε is put in front, as in the paper's table.
+        Offsets of VLBI sources: the orientation ε is put in front, as in the paper's table.
     solver : {"harmonics", "frame"}
         "frame" takes the direct frame solver, for spin and acceleration only.
     sigma : float, optional

@@ -55,7 +55,7 @@ def calibrate(
     redshift_frame : str, optional
         "heliocentric", "cmb", "local-group" or "true"; the field's own unless given.
     dispersion : float
-        Of radial peculiar velocities, those of flows among them. [km/s]
+        Dispersion of radial peculiar velocities, those of flows among them. [km/s]
     cosmology : astropy cosmology, optional
         Flat, Ω_m = 0.315, H0 = 67.3 unless given.
     density : "volume", "fitted", or a function of distance [Mpc], optional

@@ -37,13 +37,13 @@ class Calibration(InNotebook):
     Attributes
     ----------
     frame : str
-        Of the redshifts: "heliocentric", "cmb", "local-group"; "true" ones hold no velocities.
+        Frame of the redshifts: "heliocentric", "cmb", "local-group"; "true" ones hold no velocities.
     dispersion : float
-        Of radial velocities, those of flows among them. [km/s]
+        Dispersion of radial velocities, those of flows among them. [km/s]
     cosmology : astropy cosmology
         The shape of the distance, and H_ref.
     density : SourceDensity
-        Of sources in space: of all of them where there is a luminosity function, else of those in the catalogue.
+        Density of sources in space: of all where there is a luminosity function, else of those in the catalogue.
     luminosity : LuminosityFunction or None
         None where magnitudes are not used.
     errors : ErrorsByRedshift or None
@@ -179,7 +179,7 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     field : Field
         With redshifts, none missing or below 1e-4, and perhaps distances.
     calibration : Calibration
-        Of its catalogue.
+        Calibration of its catalogue.
     threads : int, optional
         How many; one a core unless given.
 

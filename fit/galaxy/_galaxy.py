@@ -92,14 +92,14 @@ class GalacticOrbit(Result):
             ``lambda x: potential.acceleration(x * u.kpc)``; of galpy (fr x/R, fr y/R, fz) of `evaluateRforces` and
             `evaluatezforces` at R = hypot(x, y), in km/s/Myr.
         height : float
-            Of the Sun above the plane. [kpc]
+            Height of the Sun above the plane. [kpc]
 
         Returns
         -------
         expected : Vector
             Without errors, along the Galactic axes. [µas/yr]
         p_value : float
-            Of a difference as large as ours or larger.
+            Probability of a difference as large as ours or larger.
 
         Raises
         ------

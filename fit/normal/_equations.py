@@ -33,13 +33,13 @@ class NormalEquations(Frozen):
     n_data : int
         How many measured numbers went in: two a source. A prior adds none.
     frame : str or None
-        Of the axes; None fits any (a prior that is the same along all axes).
+        Frame of the axes; None fits any (a prior that is the same along all axes).
     notes : tuple of str
         The notes of the fields.
     prior : NormalEquations or None
         What of N, b and χ² is no data, but was assumed.
     unit : str or None
-        Of the values that were summed; None fits any (a prior).
+        Unit of the values that were summed; None fits any (a prior).
     """
 
     modes: Modes
@@ -134,7 +134,7 @@ def gaussian_prior(
     mean : float or (p,) array
         [µas/yr]
     frame : str, optional
-        Of the axes, where the prior knows directions.
+        Frame of the axes, where the prior knows directions.
 
     Raises
     ------

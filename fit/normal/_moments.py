@@ -88,11 +88,11 @@ class Moments(Result):
     n_data : int
         How many numbers went in: two a source, one of a scalar field.
     frame : str
-        Of the axes.
+        Frame of the axes.
     notes : tuple of str
         The notes of the fields.
     unit : str
-        Of the values that were summed.
+        Unit of the values that were summed.
 
     Examples
     --------
@@ -164,7 +164,7 @@ class Moments(Result):
         return f"<Moments: {self.n_data} numbers, to degree {self.lmax}, {self.frame}>"
 
     def __add__(self, other: Moments) -> Moments:
-        """Of both, to the lower of two degrees."""
+        """The moments of both, to the lower of two degrees."""
         return self._combine(other, +1)
 
     def __sub__(self, other: Moments) -> Moments:
@@ -242,7 +242,7 @@ class Moments(Result):
         Returns
         -------
         lat : (2 lmax + 1,) array
-            Of the rings. [rad]
+            Latitudes of the rings. [rad]
         weight : (2 lmax + 1, 4 lmax + 2) array
             Half the trace of the inverse covariances, at longitudes from 0 on; below zero beside what is sharp.
             [(yr/µas)² a steradian]

@@ -169,9 +169,9 @@ def plot_residuals(
     field : Field, ScalarField or Parts
         In the solution's frame.
     nside : int, optional
-        Of the pixels; at least ten sources in each on average unless given.
+        Resolution of the pixels; at least ten sources in each on average unless given.
     ax : matplotlib axes, optional
-        Whose place the map takes; a new figure unless given.
+        Axes whose place the map takes; a new figure unless given.
     """
     nside = nside or 2 ** int(np.clip(np.log2(max(1, solution.n_sources / 120)) / 2, 0, 6))
     work = partial(_residual_sums, solution=solution, nside=nside)

@@ -53,7 +53,7 @@ def html_report(
     check : CrossCheck, optional
         Both solvers at degree 1.
     truth : dict of str to Vector, optional
-        Of a simulated catalogue.
+        Truth of a simulated catalogue.
     source : str
         What was fitted.
     provenance : dict, optional
@@ -61,11 +61,11 @@ def html_report(
     command : list of str, optional
         That repeats the run.
     title : str, optional
-        Of the page.
+        Title of the page.
     sections : dict of str to astropy Table, optional
         Further tables by their headings.
     captions : dict of str to str, optional
-        Of further figures, by name.
+        Captions of further figures, by name.
     skies : sequence of vsh.figures.page.Shown
         One or two solutions on a sky that can be turned, in place of the figure "sky".
 

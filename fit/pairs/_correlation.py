@@ -41,9 +41,9 @@ class Correlation(Result):
     n_pairs : (k,) array
         How many pairs, each counted once and as far as the bin sees it; of a bin that is smooth no whole number.
     covariance : (2k, 2k) array
-        Of ξ+ and then ξ−, from how blocks of the sky and pairs of them scatter; nan of less than four blocks. [(µas/yr)⁴]
+        Covariance of ξ+ and then ξ−, from how blocks of the sky and pairs of them scatter; nan of less than four blocks. [(µas/yr)⁴]
     edges : (k + 2,) array
-        Of the bins: each rises from one edge to the next as sin², and falls to the one after. [rad]
+        Edges of the bins: each rises from one edge to the next as sin², and falls to the one after. [rad]
     window : (lmax + 1,) array
         Pairs by degree, in weight: how they spread over the angles.
     n_blocks : int
@@ -104,7 +104,7 @@ class Correlation(Result):
         Parameters
         ----------
         templates : sequence of str, or dict of functions
-            Of "spin", "glide" and "waves"; or, by name, functions of θ [rad] that give ξ+ and ξ− of unit amplitude, (2, n).
+            Some of "spin", "glide" and "waves"; or, by name, functions of θ [rad] that give ξ+ and ξ− of unit amplitude, (2, n).
         hubble : float
             For which Ω is meant; 70 makes it h70² Ω. [km/s/Mpc]
 
@@ -176,15 +176,15 @@ def correlation_function(
     field : Field or Parts
         The sources. Parts are gone through once.
     edges : (k + 2,) array
-        Of k smooth bins: bin i rises from edges[i] to edges[i + 1] as sin², and falls to edges[i + 2]; next to each other
+        Edges of k smooth bins: bin i rises from edges[i] to edges[i + 1] as sin², and falls to edges[i + 2]; next to each other
         they add up to one. [rad, from 0 to π]
     lmax : int, optional
         To which the bins are resolved: 25 over the narrowest step between edges unless given. Sums go half as far again,
         and give ξ+ as all pairs would to 1e-4 of its largest value, ξ− to 2e-4.
     nside : int
-        Of the HEALPix blocks whose scatter gives the errors.
+        Resolution of the HEALPix blocks whose scatter gives the errors.
     weights : (n,) array, optional
-        Of each source of a Field; 2/(σ_α*² + σ_δ²) unless given. They must not follow from the motions: sources that fit
+        Weights of each source of a Field; 2/(σ_α*² + σ_δ²) unless given. They must not follow from the motions: sources that fit
         would count more.
     threads : int, optional
         How many; one a core unless given. Their number changes no bit.

@@ -56,7 +56,7 @@ class PairSums:
 
     @property
     def spectra(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Of all pairs of different sources: T + S and T − S of the motions, (lmax,); weights and numbers, (lmax + 1,)."""
+        """All pairs of different sources: T + S and T − S of the motions, (lmax,); weights and numbers, (lmax + 1,)."""
         modes, scalar = Modes(self.lmax), ScalarModes(self.lmax)
         toroidal, spheroidal = np.split(self.motions**2 / modes.norm2, 2)
         degrees = modes.degrees[: len(toroidal)]
@@ -147,7 +147,7 @@ def covariance_of(blocks: Sequence[PairSums], plus: FloatArray, minus: FloatArra
     leaving = itself + pairs.sum(2)
     away = leaving - leaving.mean(1, keepdims=True)
     jackknife = count / (count - 1) * away @ away.T
-    # Of each pair of blocks what neither of the two has with all others.
+    # What each pair of blocks has that neither of the two has with all others.
     own = pairs.sum(2) / (count - 2)
     mean = own.sum(1) * (count - 2) / (count - 1) / count
     rest = pairs - own[:, :, None] - own[:, None, :] + (mean * count / (count - 2))[:, None, None]
@@ -187,7 +187,7 @@ class PairPower(Result):
     toroidal, spheroidal : (lmax,) arrays
         P_T and P_S of degrees 1 … lmax; as often below the truth as above. [(µas/yr)²]
     covariance : (2 lmax, 2 lmax) array
-        Of both, from how blocks of the sky and pairs of them scatter; nan of less than four blocks. [(µas/yr)⁴]
+        Covariance of both, from how blocks of the sky and pairs of them scatter; nan of less than four blocks. [(µas/yr)⁴]
     n_blocks : int
         How many blocks.
     n_data : int

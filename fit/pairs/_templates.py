@@ -59,11 +59,11 @@ class TemplateFit(Result):
     curves : (2, k) array
         ξ+ and ξ− that they add up to, in the bins. [(µas/yr)²]
     theta : (k,) array
-        Of the bins. [rad]
+        Angles of the bins. [rad]
     coefficients : (t,) array
         How many coefficients of the sky, weighed by the power that a template has in each, its amplitude is the square of.
     n_effective : float
-        Of how many blocks errors were estimated.
+        Number of blocks from which errors were estimated.
     """
 
     names: tuple[str, ...]
@@ -103,8 +103,9 @@ class TemplateFit(Result):
 
         Notes
         -----
-        Of nothing but noise 95 % hold zero on 93 to 99 % of skies (1500 sources all over the sky, on half of it, in clusters, 8 that
-        dominate, errors three times too small on a third of the sky; 60 sources), where value ± 1.96 errors holds it on 84 to 95.
+        Where there is nothing but noise, 95 % hold zero on 93 to 99 % of skies (1500 sources all over the sky, on
+        half of it, in clusters, 8 that dominate, errors three times too small on a third of the sky; 60 sources),
+        where value ± 1.96 errors holds it on 84 to 95.
         """
         tail = (1 - between("probability", probability, 0.0, 1.0)) / 2
         dof = max(self.n_effective - 1, 2.0)

@@ -33,7 +33,7 @@ class GridPosterior(Result):
     axes : tuple of arrays
         Values of each.
     probability : array
-        Of each point of the grid; sums to 1.
+        Probability of each point of the grid; sums to 1.
     velocity : Vector
         Mean and covariance of v. [km/s, toward the apex]
     """
@@ -70,7 +70,7 @@ class GridPosterior(Result):
         Parameters
         ----------
         name : str
-            Of the quantity.
+            Name of the quantity.
 
         Returns
         -------
@@ -86,7 +86,7 @@ class GridPosterior(Result):
         Parameters
         ----------
         name : str
-            Of the quantity.
+            Name of the quantity.
         """
         x, p = self.marginal(name)
         return float(x @ p)
@@ -97,7 +97,7 @@ class GridPosterior(Result):
         Parameters
         ----------
         name : str
-            Of the quantity.
+            Name of the quantity.
         """
         x, p = self.marginal(name)
         return float(np.sqrt((x - x @ p) ** 2 @ p))

@@ -42,7 +42,7 @@ class ParallaxModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the coordinates."""
+        """Names of the coordinates."""
         return (*(f"{self.along}_{axis}" for axis in "xyz"), *self.priors.free)
 
     def velocities(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -224,7 +224,7 @@ class MixtureModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the coordinates."""
+        """Names of the coordinates."""
         spin = ("omega_x", "omega_y", "omega_z") if self.spin == "free" else ()
         return (*self.base.names, "outlier_fraction", "a_x", "a_y", "a_z", *spin)
 

@@ -31,7 +31,7 @@ class Posterior(SampleResult):
     log_probability : (steps, walkers) array
     model : ParallaxModel or MixtureModel
     frame : str
-        Of velocity and acceleration.
+        Axes of velocity and acceleration.
     notes : tuple of str
     seed : int
     """

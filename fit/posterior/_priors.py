@@ -78,7 +78,7 @@ PLANCK_HUBBLE = Normal(67.4, 0.5)
 #: Where an infinite prior on H0 is cut off. [km/s/Mpc]
 HUBBLE_LIMITS = 1.0, 1000.0
 _HUBBLE_PRIORS: dict[str, Prior] = {"planck": PLANCK_HUBBLE, "flat": Flat(0.0)}
-#: Of the quantities of a posterior.
+#: Units of the quantities of a posterior.
 UNITS = {
     "v_x": "km/s", "v_y": "km/s", "v_z": "km/s", "speed": "km/s", "H0": "km/s/Mpc", "peculiar_dispersion": "km/s",
     "excess_noise": "µas/yr", "outlier_fraction": "", "flow_amplitude": "", "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr",

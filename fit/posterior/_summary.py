@@ -117,13 +117,13 @@ class Samples(SampleResult):
     samples : dict of str to (n,) array
         By name of quantity, as `Posterior.samples`.
     frame : str
-        Of velocity and acceleration.
+        Axes of velocity and acceleration.
     notes : tuple of str
         What the reader should know of the data.
     priors : dict of str to str
         In words.
     seed : int
-        Of the chain.
+        Seed of the chain.
     walkers : int
         How many chains they come from: samples are in the order of steps, within a step in that of walkers.
     """
@@ -178,7 +178,7 @@ class Samples(SampleResult):
 
 
 def _walkers(samples, rest):
-    """Of a file; one where an older one does not say it."""
+    """The number of walkers of a file; one where an older file does not say it."""
     walkers = count(rest.get("walkers", 1))
     if not walkers or any(values.size % walkers for values in samples.values()):
         raise ParameterError(f"{walkers} walkers do not go with the number of samples")

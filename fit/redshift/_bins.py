@@ -63,7 +63,7 @@ def binned(
         "heliocentric", "cmb", "local-group", or "true" as redshifts are taken where it is not given; the field's own
         unless given. It bears on the mean of 1/d of each bin, not on which sources a bin holds.
     peculiar_dispersion : float, optional
-        Of the velocities of galaxies beside flows, in their redshifts (where they are not true ones) and errors: 150 unless
+        Dispersion of the velocities of galaxies beside flows, in their redshifts (where they are not true ones) and errors: 150 unless
         given; 750 with flows=None, in the redshifts alone. [km/s]
     flows : "linear", LinearTheory or None
         Velocities that near galaxies share: they add to the errors of the bins and correlate them. "linear", Planck's,
@@ -142,7 +142,7 @@ def binned(
 
 
 def _by_bin(field, edges, modes, calibration, flow, threads):
-    """Of some sources, by bin: normal equations, moments of the redshifts, columns of the flow; and what was left out."""
+    """Some sources by bin: normal equations, moments of the redshifts, columns of the flow; and what was left out."""
     try:
         good = with_redshift(field, 0.0)
     except NothingLeftError as error:  # other parts may have some
@@ -306,7 +306,7 @@ def permutation_test(
     field : Field
         That went into the bins.
     binned : BinnedSolution
-        Of degree 1.
+        Bins fitted to degree 1.
     n_permutations : int
         How many.
     rng : Generator or int

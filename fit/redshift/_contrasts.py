@@ -53,12 +53,12 @@ class Trend(Result):
     Attributes
     ----------
     slopes : (q,) array
-        Of each coefficient that is free in every bin. [µas/yr per unit of x]
+        Slope of each coefficient that is free in every bin. [µas/yr per unit of x]
     covariance : (q, q) array
     test : ChiSquare
-        Of no slope.
+        Test of no slope.
     misfit : ChiSquare
-        Of the bins about the trend.
+        Misfit of the bins about the trend.
     spin, acceleration : Vector
         The slopes of degree 1 as vectors.
     """

@@ -102,7 +102,7 @@ class BinnedSolution(Result):
     counts : (B,) int array
         Sources.
     covariance : (B q, B q) array
-        Of the q coefficients that are free in every bin, bin by bin: of their noise.
+        Covariance of the noise of the q coefficients that are free in every bin, bin by bin.
     free : (q,) int array
         Their places among the modes.
     mean_inverse_distance : (B,) array
@@ -140,7 +140,7 @@ class BinnedSolution(Result):
 
     @property
     def frame(self) -> str:
-        """Of the axes."""
+        """Frame of the axes."""
         return self.solutions[0].frame
 
     @property
@@ -249,7 +249,7 @@ class BinnedSolution(Result):
         -------
         acceleration : Vector
         test : ChiSquare
-            Of the bins about that prediction.
+            Test of the bins about that prediction.
 
         Raises
         ------
@@ -289,7 +289,7 @@ class BinnedSolution(Result):
         Parameters
         ----------
         velocity : Vector or None
-            Whose secular parallax the bins are compared with. [km/s]
+            Our velocity, whose secular parallax the bins are compared with. [km/s]
         p_values : dict of str to float, optional
             From `fit.redshift.permutation_test`.
         """
@@ -301,7 +301,7 @@ class BinnedSolution(Result):
         Parameters
         ----------
         velocity : "planck", Vector or None
-            Whose secular parallax is drawn in.
+            Our velocity, whose secular parallax is drawn in.
         ax : matplotlib axes, or as many as there are panels, optional
             Where to draw; a new figure unless given.
         """

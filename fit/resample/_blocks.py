@@ -104,7 +104,7 @@ def jackknife(
     modes : Modes, or the degree lmax
         What to fit.
     nside : int
-        Of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
+        Resolution of the blocks, 58.6°/nside wide: several times the length over which errors are correlated.
         With noise correlated over 10° pulls were 2.1 at nside 4, 1.5 at 2 and 1.3 at 1 (formal errors: 10).
         Take at least twice as many blocks as coefficients: with fewer, errors come out too large.
     covariance : Covariance or (2n, 2n) array, optional

@@ -41,11 +41,11 @@ class Resampled(AboutSolution):
     ----------
     method : str
     solution : Solution
-        Of the sources as they are.
+        Solution of the sources as they are.
     replicates : (n, p) array
         Coefficients of each replicate. [µas/yr]
     covariance : (p, p) array
-        Of the coefficients, estimated from the replicates. [(µas/yr)²]
+        Covariance of the coefficients, estimated from the replicates. [(µas/yr)²]
     """
 
     method: str
@@ -110,7 +110,7 @@ class Resampled(AboutSolution):
         return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
 
 
-#: Of (1 − leverage), by which residuals are divided: those of sources that make much of their own fit are too small. With ½, ¾ and
+#: Power of (1 − leverage) by which residuals are divided: those of sources that make much of their own fit are too small. With ½, ¾ and
 #: 1 pulls are 1.06, 0.92 and 0.80 where 100 sources with 70 coefficients have all the weight, 1.08, 0.98 and 0.89 with 30 and 16.
 _POWER = 0.75
 #: Poisson numbers with mean 1, less that mean, by 16 random bits; their variance is 0.99997.
@@ -150,7 +150,7 @@ def bootstrap(
         draws in one pass; "full" solves again for every draw, and its errors are too large where few sources have most of the
         weight. "auto" takes one step. `Resampled.method` says which it was.
     covariance : Covariance or (2n, 2n) array, optional
-        Of the motions, all east components first, in place of the field's errors (`fit.normal_equations`). Motions
+        Covariance of the motions, all east components first, in place of the field's errors (`fit.normal_equations`). Motions
         are whitened first, and drawn as what each source says that those before it do not.
     progress : bool
         Show a bar, after two seconds.

@@ -31,7 +31,7 @@ class Clipped(AboutSolution):
     Attributes
     ----------
     solution : Solution
-        Of the sources kept.
+        Solution of the sources kept.
     kept : (n,) bool array or None
         Which those are; None of a catalogue in parts, whose sources `select` chooses.
     n_rounds : int
@@ -113,9 +113,9 @@ def clip(
     threshold : float, optional
         Leave out X > threshold instead.
     max_rounds : int
-        Of the iteration.
+        Largest number of rounds.
     covariance : Covariance or (2n, 2n) array, optional
-        Of the motions of a field, all east components first, in place of its errors (`fit.normal_equations`). The
+        Covariance of the motions of a field, all east components first, in place of its errors (`fit.normal_equations`). The
         distance of a source is then by its own block of the matrix.
 
     Raises

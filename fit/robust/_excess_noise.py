@@ -63,7 +63,7 @@ def excess_noise(
     tolerance : float
         To which the likelihood is maximised, in units of the error of s² and f².
     max_rounds : int
-        Of the iteration.
+        Largest number of rounds.
 
     Raises
     ------

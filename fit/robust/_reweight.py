@@ -199,7 +199,7 @@ def student_t(
     tolerance : float
         The fit has settled when no coefficient moves by so much of its error.
     max_rounds : int
-        Of the iteration.
+        Largest number of rounds.
 
     Raises
     ------

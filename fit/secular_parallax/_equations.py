@@ -76,17 +76,17 @@ class ParallaxEquations:
 
     @property
     def modes(self) -> FlowModes | None:
-        """Of the flow."""
+        """Modes of the flow."""
         return None if self.flow is None else self.flow.modes
 
     @property
     def smallest_variance(self) -> float:
-        """Of all equations. [(µas/yr)²]"""
+        """The smallest variance of all equations. [(µas/yr)²]"""
         return float(self.variance.min())
 
     @property
     def largest_rate(self) -> float:
-        """Of all equations. [µas/yr per km/s]"""
+        """The largest rate of all equations. [µas/yr per km/s]"""
         return float(self.rate.max())
 
     def most_sensitive(self, n_sources: int) -> ParallaxEquations:

@@ -72,7 +72,7 @@ class Flow(Result):
     covariance : (p, p) array
         That of the other parameters of the fit included.
     frame : str
-        Of the axes.
+        Frame of the axes.
     """
 
     modes: FlowModes

@@ -43,7 +43,7 @@ def predict_errors(
     local_group : Vector or bool, optional
         As there. It lowers the error of the velocity as if it were independent of ours, which it is not.
     **options
-        Of `fit.secular_parallax.observer_velocity`, but hubble: flows="linear", acceleration=Vector, …
+        Those of `fit.secular_parallax.observer_velocity`, but hubble: flows="linear", acceleration=Vector, …
 
     Returns
     -------

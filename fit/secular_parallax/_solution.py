@@ -36,7 +36,7 @@ class ParallaxSolution(NamedSolution):
     n_data : int
         Two a source.
     frame : str
-        Of the axes.
+        Frame of the axes.
     peculiar_dispersion : float
         The dispersion of peculiar velocities in each component that the weights allow for; beside the flow, where
         there is one. [km/s]

@@ -33,13 +33,13 @@ class Shear(Result):
     tensor : (3, 3) array
         Σ, traceless: the rate along each axis less the mean. [µas/yr]
     covariance : (6, 6) array
-        Of Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz; of rank 5. [(µas/yr)²]
+        Covariance of Σ_xx, Σ_yy, Σ_zz, Σ_xy, Σ_xz, Σ_yz; of rank 5. [(µas/yr)²]
     p_value : float
         Probability of as much from noise alone.
     hubble : float
         To which rates are compared. [km/s/Mpc]
     frame : str
-        Of the axes.
+        Frame of the axes.
     n_data : int
     notes : tuple of str
     """

@@ -32,7 +32,7 @@ def coefficients_of(tensor: ArrayLike) -> Coefficients:
     Returns
     -------
     Coefficients
-        Of degree 2.
+        Coefficients of degree 2.
 
     Raises
     ------

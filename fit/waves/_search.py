@@ -49,11 +49,11 @@ class WaveSearch(Result):
     degrees : tuple of int
         Which were used.
     frame : str
-        Of the axes.
+        Frame of the axes.
     n_data : int
         How many numbers were fitted.
     frequency : float or None
-        Of a search in time. [1/yr]
+        Frequency of a search in time. [1/yr]
     unit : str
         "µas/yr" of a rate of strain; "µas" of a strain, in time.
     notes : tuple of str
@@ -83,7 +83,7 @@ class WaveSearch(Result):
 
     @property
     def nside(self) -> int:
-        """Of the map."""
+        """Resolution of the map."""
         return round(np.sqrt(len(self.statistic) / 12))
 
     @property
@@ -99,7 +99,7 @@ class WaveSearch(Result):
 
     @property
     def amplitude(self) -> float:
-        """Of the best wave, the root of the sum of squares; noise makes it too large. [`unit`]"""
+        """The amplitude of the best wave, the root of the sum of squares; noise makes it too large. [`unit`]"""
         return float(np.linalg.norm(self.amplitudes[:, np.argmax(self.statistic)]))
 
     def strain(self, frequency: float | None = None) -> float:
@@ -108,7 +108,7 @@ class WaveSearch(Result):
         Parameters
         ----------
         frequency : float, optional
-            Of a wave longer than the observations, whose rate alone is seen. [nHz]
+            Frequency of a wave longer than the observations, whose rate alone is seen. [nHz]
 
         Raises
         ------
@@ -206,7 +206,7 @@ def search(
     degrees : iterable of int, optional
         Where waves are looked for; all from 2 on unless given. Fitted ones that are not named are left free.
     nside : int
-        Of the HEALPix map of directions; 16 has 3072.
+        Resolution of the HEALPix map of directions; 16 has 3072.
     n_skies : int
         Simulated skies of noise, for the p-value.
     rng : Generator or int
@@ -240,7 +240,7 @@ def search(
     return replace(found, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng))
 
 
-#: Of every search in time.
+#: Note of every search in time.
 SOLVED_ATTITUDE = (
     "warning: amplitudes and limits are those of an attitude that is known from elsewhere; where it was solved from the same sky, as in "
     "Gaia's releases, 0.5 to 0.6 of a wave is left, and a 95 % limit is half of the truth"
@@ -259,14 +259,14 @@ def search_in_time(
     Parameters
     ----------
     observations : Observations
-        Of `vsh.io.epochs.read_observations`.
+        Observations as `vsh.io.epochs.read_observations` gives them.
     frequency : float
-        Of the wave. Below about one cycle in the time that they span, positions and motions of the sources take all of
+        Frequency of the wave. Below about one cycle in the time that they span, positions and motions of the sources take all of
         it. [1/yr]
     lmax : int
         The highest degree; a wave has 99 % of its power up to 5.
     nside : int
-        Of the HEALPix map of directions.
+        Resolution of the HEALPix map of directions.
     n_skies : int
         Simulated skies of noise, for the p-value.
     rng : Generator or int
@@ -325,7 +325,7 @@ def search_in_time(
 def _sources(
     observations: Observations, rate: float, size: int = 2000
 ) -> Iterator[tuple[Any, FloatArray, FloatArray, int]]:
-    """Of some sources at a time: which, and the 4 × 4 forms and sides that their five parameters leave, and how many observations."""
+    """Some sources at a time: which, the 4 × 4 forms and sides that their five parameters leave, and how many observations."""
     n = len(observations.lon)
     bounds = np.searchsorted(observations.source, np.arange(n + 1))
     for start in range(0, n, size):

@@ -31,7 +31,7 @@ class GlobalMotion(Frozen):
     weights : (n,) array
         P: zero for sources whose motions are free, as of stars. [yr²/µas²]
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     spins : bool
         Whether a rotation of the sky is among the parameters; if none is, sources that follow the field do not rotate.
     """
@@ -72,7 +72,7 @@ class GlobalMotion(Frozen):
         Parameters
         ----------
         x : (n, 5, K) array
-            Of the sources.
+            Parameters of the sources.
         """
         return np.linalg.solve(self.normal, np.einsum("nik,n,nir->kr", self.design, self.weights, x[:, 3:]))
 
@@ -82,7 +82,7 @@ class GlobalMotion(Frozen):
         Parameters
         ----------
         x : (n, 5, K) array
-            Of the sources.
+            Parameters of the sources.
         """
         return self.weights[:, None, None] * np.einsum("nik,kr->nir", self.design, self.parameters(x))
 
@@ -128,9 +128,9 @@ def global_motion(
     lon, lat : (n,) arrays
         Positions of all sources. [rad]
     modes : Modes, or the degree lmax
-        Of the field.
+        Modes of the field.
     scatter : float or (n,) array
-        Of the motions about it; infinite for sources whose motions are free. [µas/yr]
+        Scatter of the motions about it; infinite for sources whose motions are free. [µas/yr]
     spin : bool
         With the rotation, so that the frame stays free; else only a frame in which sources do not rotate is left.
     factors : (n,) array, optional

@@ -35,7 +35,7 @@ def observations(
     rng : Generator or int
         The source of all randomness.
     variability : Variability, optional
-        Of the photocentres, at every transit.
+        Variability of the photocentres, at every transit.
     variable : (n,) bool array, optional
         Which sources vary; all unless given.
 
@@ -93,13 +93,13 @@ def joint_system(
     Parameters
     ----------
     law : NominalScanningLaw
-        Of the whole mission.
+        Scanning law of the whole mission.
     lon, lat : (n,) arrays
         Positions in its frame. [rad]
     sigma : (n,) array
         Errors of a transit along the scan. [µas]
     knots : float
-        Of the whole mission. [s]
+        Interval of the knots over the whole mission. [s]
     across : float
         Errors across the scan, in those along.
     ccds : {1, 9}
@@ -158,7 +158,7 @@ def solve_mission(
     variability, variable
         As of `observations`.
     sources : indices, optional
-        Whose large scales must come to rest; all unless given.
+        Sources whose large scales must come to rest; all unless given.
     progress : bool
         Show bars, after two seconds.
     **options
@@ -239,13 +239,13 @@ def mixture(
     Parameters
     ----------
     mission : Mission
-        Whose errors, by magnitude.
+        Mission whose errors are taken, by magnitude.
     quasars, galaxies, stars : Population
         In the mission's frame, with magnitudes.
     excess_noise : float or array
-        Of galaxies that are no points. [µas]
+        Excess noise of galaxies that are no points. [µas]
     star_error : float, optional
-        Of a star's transit; by magnitude unless given. What holds the attitude is the weight Σ 1/σ², not the number. [µas]
+        Error of a star's transit; by magnitude unless given. What holds the attitude is the weight Σ 1/σ², not the number. [µas]
 
     Raises
     ------

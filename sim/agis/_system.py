@@ -102,7 +102,7 @@ class Equations(InNotebook):
 
     def null_space(self) -> FloatArray:
         """The six motions that no observation sees, (6, n, 5): ε₀ along x, y, z, then ω."""
-        # Of the directions as the observations have them, in single precision.
+        # The directions are those that the observations have, in single precision.
         sa, ca, sd, cd = self.scans.directions.astype(float)
         p, q = np.stack([-sa, ca, np.zeros_like(sa)]), np.stack([-sd * ca, -sd * sa, cd])
         out = np.zeros((6, self.scans.n_sources, 5))
@@ -113,7 +113,7 @@ class Equations(InNotebook):
 
     @property
     def defect(self) -> int:
-        """Of how many motions of `null_space` the observations know nothing: six, three where motions are held, or none."""
+        """How many motions of `null_space` no observation sees: six, three where motions are held, or none."""
         if self.prior is not None:
             return 0
         return 6 if self.motion is None or self.motion.spins else 3

@@ -166,7 +166,7 @@ def peculiar(
     n_modes : int
         Modes that make up a linear flow.
     frame : str
-        Of the positions, where velocities come from a grid.
+        Axes of the positions, where velocities come from a grid.
 
     Raises
     ------

@@ -59,7 +59,7 @@ class Signal(InNotebook):
         lon, lat : (n,) arrays
             Positions. [rad]
         redshift : (n,) array
-            Of the expansion alone.
+            Redshifts of the expansion alone.
         frame : {"heliocentric", "cmb", "true"}
             Seen from the Sun, whose velocity v is that of the signal's secular parallax; at rest in the microwave
             background; or as they are.

@@ -45,7 +45,7 @@ class SurveyForecast(InNotebook):
     ----------
     surveys : dict of str to Survey
     values : dict of str to dict
-        Of each survey, by the names of `QUANTITIES`; nan where it has no galaxies.
+        Values of each survey, by the names of `QUANTITIES`; nan where it has no galaxies.
     sky : str
         How the quasars are spread.
     """
@@ -123,7 +123,7 @@ def forecast_surveys(
     flows : bool
         Velocity and H0 with flows as unknowns, too.
     rng : Generator or int
-        Of galaxies, and of places on a sky that is not even; errors move with it by a per cent or two.
+        Random numbers of galaxies, and of places on a sky that is not uniform; errors move with it by a per cent or two.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def forecast_surveys(
 
 
 def _places(sky, rng):
-    """Of the quasars that stand for all."""
+    """Positions of the quasars that stand for all."""
     if sky != "uniform":
         from sim.skies import draw_positions  # healpy, for maps alone
 

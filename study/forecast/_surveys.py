@@ -25,7 +25,7 @@ class Survey(InNotebook):
     n_quasars : int
         Sources at rest.
     release : {"DR3", "DR4", "DR5"} or None
-        Whose errors at each magnitude, for the magnitudes of Gaia's quasars.
+        Release whose errors at each magnitude are taken, for the magnitudes of Gaia's quasars.
     factor : float
         By which these errors are multiplied.
     sigma : float or None

@@ -75,7 +75,7 @@ def read_gaia(path: Any) -> Sources:
     Parameters
     ----------
     path : path or table
-        Of `vsh-archive gaia-crf3`, or of `vsh-sim crf3`.
+        File from `vsh-archive gaia-crf3`, or from `vsh-sim crf3`.
 
     Returns
     -------
@@ -181,11 +181,11 @@ def run_gaia(
     Parameters
     ----------
     sources : Sources
-        Of `read_gaia`.
+        Sources as `read_gaia` gives them.
     max_lmax : int
         The table of degrees goes from 1 to it.
     n_replicates : int
-        Of each bootstrap.
+        Replicates of each bootstrap.
     rng : Generator or int
         The source of all randomness.
     progress : bool

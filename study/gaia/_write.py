@@ -217,7 +217,7 @@ def write_gaia(
     folder : Path
         Where to, an empty folder.
     truth : dict, optional
-        Of a simulated catalogue.
+        Truth of a simulated catalogue.
     provenance : dict, optional
         Plain values.
     figures : dict, optional

@@ -24,7 +24,7 @@ _OPTIONS = {
     "output": ("hunter2007",),
     "html": ("hunter2007",),
 }
-#: Of these, those that write what may hold figures.
+#: Options that write what may hold figures.
 _WRITES = ("output", "html")
 #: The same for values of options.
 _VALUES = {

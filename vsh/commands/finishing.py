@@ -213,7 +213,7 @@ def _typed(value):
 
 
 def _plain(value):
-    """Of what JSON knows."""
+    """A value made of what JSON knows."""
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items()}
     if isinstance(value, np.ndarray):

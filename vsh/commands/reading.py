@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsh.commands import parsing, values
-from vsh.commands import values as names
 
 if TYPE_CHECKING:
     from vsh.io.tables import TableSource
@@ -21,9 +20,9 @@ if TYPE_CHECKING:
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """The options of every command that reads a catalogue."""
-    parser.add_argument("--frame", choices=names.FRAMES, default="icrs", help="axes of the result (default: icrs)")
+    parser.add_argument("--frame", choices=values.FRAMES, default="icrs", help="axes of the result (default: icrs)")
     parser.add_argument(
-        "--catalogue-frame", choices=names.FRAMES, help="axes of the catalogue's positions and motions (default: icrs)"
+        "--catalogue-frame", choices=values.FRAMES, help="axes of the catalogue's positions and motions (default: icrs)"
     )
     parser.add_argument(
         "--columns",
@@ -33,7 +32,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--input-format",
-        choices=names.INPUT_FORMATS,
+        choices=values.INPUT_FORMATS,
         help="format of the catalogue, if not clear from its name; mrt and cds are the journals' tables, ascii lets astropy guess",
     )
     parser.add_argument("--units", type=values.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")

@@ -60,7 +60,7 @@ class VelocityGrid(InNotebook):
     half_width : float
         [Mpc/h]
     frame : str
-        Of the axes.
+        Frame of the axes.
 
     Raises
     ------
@@ -98,7 +98,7 @@ class VelocityGrid(InNotebook):
         distance : (n,) array
             [Mpc/h]
         frame : str
-            Of the positions and of the result.
+            Axes of the positions and of the result.
 
         Returns
         -------
@@ -138,9 +138,9 @@ def read_velocity_grid(path: PathName, half_width: float | None = None, frame: s
         .npz as `VelocityGrid.write` writes it; or .npy, an array (3, k, k, k) as that of 2M++ (Carrick et al. 2015,
         MNRAS 450, 317), which is in Galactic axes to ±200 Mpc/h.
     half_width : float, optional
-        Of the cube: the file's own, or 200 Mpc/h of an .npy file.
+        Half width of the cube: the file's own, or 200 Mpc/h of an .npy file.
     frame : str, optional
-        Of the axes: the file's own, or Galactic of an .npy file.
+        Frame of the axes: the file's own, or Galactic of an .npy file.
 
     Raises
     ------
@@ -274,7 +274,7 @@ class LinearTheory(Frozen):
         Parameters
         ----------
         radius : float
-            Of the sphere, whose edge is sharp. [Mpc/h]
+            Radius of the sphere, whose edge is sharp. [Mpc/h]
 
         Examples
         --------

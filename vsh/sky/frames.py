@@ -86,7 +86,7 @@ def turned(
 TRUE = "true"
 #: Where a table's metadata keep the frame of its redshifts.
 REDSHIFT_FRAME_KEY = "ZFRAME"
-#: Of observers: the Sun's, one at rest in the microwave background, one in the Local Group.
+#: Observers of redshifts: the Sun, one at rest in the microwave background, one in the Local Group.
 REDSHIFT_FRAME_NAMES = ("heliocentric", "cmb", "local-group", TRUE)
 _WORDS = (
     (re.compile(r"helioc|baryc|geoc", re.IGNORECASE), "heliocentric"),

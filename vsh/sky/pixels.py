@@ -53,7 +53,7 @@ def centres(nside: int) -> tuple[FloatArray, FloatArray]:
     Parameters
     ----------
     nside : int
-        Of the HEALPix pixels.
+        Resolution of the HEALPix pixels.
 
     Returns
     -------

@@ -34,7 +34,7 @@ class Positions(Frozen):
     motion : (2, n) array or None
         Proper motions µ_α*, µ_δ, to carry positions to another epoch. [µas/yr]
     epoch : float or None
-        Of the positions. [Julian year]
+        Epoch of the positions. [Julian year]
     defining : (n,) bool array or None
         Which of them define the axes of the frame.
     frame : str

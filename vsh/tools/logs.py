@@ -14,7 +14,7 @@ _INSIDE: ContextVar[bool] = ContextVar("inside", default=False)
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-#: Whose loggers there are; nothing is printed unless somebody listens to them.
+#: Packages with loggers; nothing is printed unless somebody listens to them.
 PACKAGES = ("vsh", "sim", "fit", "study")
 for _name in PACKAGES:
     logging.getLogger(_name).addHandler(logging.NullHandler())

@@ -10,7 +10,6 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec, module_from_spec
@@ -25,15 +24,18 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__
 
 def hidden() -> dict[str, str]:
     """What hides a package of ours: its place, by the package's name."""
-    found = {}
+    hiding = {}
     for name in _OTHERS:
-        with suppress(ImportError, ValueError, AttributeError, AssertionError):
+        try:
             spec = sys.modules[name].__spec__ if name in sys.modules else find_spec(name)
-            assert spec is not None  # or it is not installed
-            places = [spec.origin] if spec.origin else list(spec.submodule_search_locations or ())
-            if places and not any(_is_ours(place, name) for place in places):
-                found[name] = places[0]
-    return found
+        except (ImportError, ValueError, AttributeError):
+            continue  # a module without a specification, made by hand
+        if spec is None:
+            continue  # it is not installed
+        places = [spec.origin] if spec.origin else list(spec.submodule_search_locations or ())
+        if places and not any(_is_ours(place, name) for place in places):
+            hiding[name] = places[0]
+    return hiding
 
 
 def _is_ours(place, name):
@@ -63,7 +65,7 @@ def import_ours() -> None:
             spec.loader.exec_module(sys.modules[name])
 
 
-#: Modules by their old names. To be removed with the release after next.
+#: Modules by their old names. They go with the next release.
 MODULES = {
     "vsh.archive": "vsh.io.archive",
     "vsh.catalogue": "vsh.io.catalogue",

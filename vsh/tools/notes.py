@@ -53,7 +53,7 @@ class CountedNote(str):
     def of_table(
         cls, counts: Mapping[str, int], total: int, *arrays: ArrayLike, names: Sequence[str] = ()
     ) -> CountedNote:
-        """Of one table, known again by a hash of some of its arrays."""
+        """The note on one table, known again by a hash of some of its arrays."""
         digest = blake2b(digest_size=12)
         for array in arrays:
             digest.update(np.ascontiguousarray(array).tobytes())

@@ -409,5 +409,5 @@ def smooth(band: FloatArray, weight: float) -> None:
     difference = (1.0, -2.0, 1.0)
     for first, u in enumerate(difference):
         for second in range(first + 1):
-            # Of coefficients k + first and k + second, for k = 0 … n − 3 and three components each.
+            # Products of coefficients k + first and k + second, for k = 0 … n − 3 and three components each.
             band[3 * (first - second), 3 * second : 3 * (second + n - 2)] += weight * u * difference[second]

@@ -29,7 +29,7 @@ class AgisSolution(Frozen):
     sources : (n, 5) array
         α*, δ, ϖ, µ_α*, µ_δ; nan for sources with too few transits. [µas, µas/yr]
     attitude : (coefficients, 3) array
-        Of the spline, along the axes of `frame`. [µas]
+        Coefficients of the spline, along the axes of `frame`. [µas]
     iterations : int
         Updates of the sources, the first among them.
     converged : bool
@@ -39,15 +39,15 @@ class AgisSolution(Frozen):
     updates : (iterations − 1,) array
         Preconditioned residuals of the parallax, rms. [µas]
     modes, formal_low : Modes, (p, p) array
-        Of the history; its covariance as quoted.
+        Modes of the history; its covariance as quoted.
     formal : (n, 5, 5) array
         Covariances of each source for itself, the attitude taken for known: as quoted.
     solved : (n,) bool array
         Which sources have a solution.
     lon, lat, frame
-        Of the sources.
+        Positions of the sources.
     global_parameters : (k,) array or None
-        Of a global motion.
+        Parameters of a global motion.
     notes : tuple of str
         What became of it since.
     """
@@ -91,12 +91,12 @@ class AgisSolution(Frozen):
         kind : {"motion", "position"}
             Which two of the five parameters.
         redshift, magnitude : (n,) arrays, optional
-            Of all sources.
+            Redshifts and magnitudes of all sources.
 
         Returns
         -------
         Field
-            Of the sources that are solved; a note counts the others.
+            The sources that are solved; a note counts the others.
 
         Raises
         ------

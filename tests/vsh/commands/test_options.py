@@ -12,10 +12,10 @@ import vsh.__main__ as commands
 import vsh.io.archive
 from sim.observing import REDSHIFT_ERRORS
 from vsh.commands import values as names
-from vsh.io import tables
 from vsh.io.catalogue._columns import NAMED
 from vsh.models.cosmology import VELOCITIES
 from vsh.sky.frames import FRAMES, REDSHIFT_FRAME_NAMES
+from vsh.tools import formats
 
 HEAVY = ("numpy", "scipy", "astropy", "matplotlib", "fit", "sim", "study")
 
@@ -63,7 +63,7 @@ def test_the_names_that_options_choose_from_are_those_of_the_packages():
     assert tuple(FRAMES) == names.FRAMES
     assert names.REDSHIFT_FRAMES == REDSHIFT_FRAME_NAMES
     assert set(names.COLUMNS) == set(NAMED)
-    assert set(names.INPUT_FORMATS) == {*tables.INPUT_FORMATS, "icrf"}
+    assert set(names.INPUT_FORMATS) == {*formats.BY_NAME, "icrf"}
     assert tuple(VELOCITIES) == names.VELOCITIES
     assert tuple(REDSHIFT_ERRORS) == names.REDSHIFT_ERRORS
     assert tuple(fit.pairs.TEMPLATES) == names.TEMPLATES

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from vsh.commands import parsing, values
-from vsh.commands import values as names
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -16,10 +15,10 @@ def make_parser() -> argparse.ArgumentParser:
         "the answer; an interrupted call goes on where it was.",
         epilog="Example: vsh-archive gaia-crf3 --output qso.fits, then vsh-fit qso.fits --clip 3",
     )
-    parser.add_argument("what", help=f"{', '.join(names.QUERIES)}, or a file with a query in ADQL")
+    parser.add_argument("what", help=f"{', '.join(values.QUERIES)}, or a file with a query in ADQL")
     parser.add_argument("--output", metavar="FILE", help="the FITS file to be")
     parser.add_argument("--show", action="store_true", help="print the query and ask nobody")
-    parser.add_argument("--url", default=names.ESA, help="of the TAP service (default: ESA's archive of Gaia)")
+    parser.add_argument("--url", default=values.ESA, help="of the TAP service (default: ESA's archive of Gaia)")
     parser.add_argument("--max-rows", type=values.count(1), metavar="N", help="the server's own limit unless given")
     parser.add_argument(
         "--patience",

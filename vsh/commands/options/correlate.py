@@ -6,7 +6,6 @@ import argparse
 import re
 
 from vsh.commands import parsing, reading, values
-from vsh.commands import values as names
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -21,7 +20,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("catalogue2", nargs="?", help="a second one, for the other triangle of the matrix")
     parser.add_argument("--lmax", type=values.count(1), default=1, help="highest degree of the fit (default: 1)")
     parser.add_argument(
-        "--parameters", choices=[names.FRAME, "modes"], default=names.FRAME,
+        "--parameters", choices=[values.FRAME, "modes"], default=values.FRAME,
         help="spin and acceleration (with --lmax 1), or all coefficients",
     )  # fmt: skip
     parser.add_argument(
@@ -61,5 +60,5 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself; several degrees mean all coefficients."""
     if options.leakage is not None and options.leakage <= options.lmax:
         parser.error(f"--leakage is the highest degree that is not fitted: more than --lmax {options.lmax}")
-    if options.parameters == names.FRAME and options.lmax > 1:
+    if options.parameters == values.FRAME and options.lmax > 1:
         options.parameters = "modes"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from vsh.commands import parsing, reading, values
-from vsh.commands import values as names
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -25,8 +24,8 @@ def make_parser() -> argparse.ArgumentParser:
         "--lmax", type=values.count(1), help="highest degree of the sums; what resolves the bins unless given"
     )
     parser.add_argument(
-        "--templates", type=_templates, default=names.TEMPLATES, metavar="NAME,…",
-        help=f"what is fitted: some of {', '.join(names.TEMPLATES)}, or none (default: all)",
+        "--templates", type=_templates, default=values.TEMPLATES, metavar="NAME,…",
+        help=f"what is fitted: some of {', '.join(values.TEMPLATES)}, or none (default: all)",
     )  # fmt: skip
     parser.add_argument("--powers", type=values.count(1), metavar="L", help="powers by degree up to L from pairs, too")
     parser.add_argument(
@@ -50,6 +49,6 @@ def _templates(text):
     if text == "none":
         return ()
     found = tuple(name.strip() for name in text.split(","))
-    if not set(found) <= set(names.TEMPLATES):
-        raise argparse.ArgumentTypeError(f"none, or some of {', '.join(names.TEMPLATES)} are wanted, not {text!r}")
+    if not set(found) <= set(values.TEMPLATES):
+        raise argparse.ArgumentTypeError(f"none, or some of {', '.join(values.TEMPLATES)} are wanted, not {text!r}")
     return found

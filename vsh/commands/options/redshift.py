@@ -7,7 +7,6 @@ from itertools import pairwise
 from pathlib import Path
 
 from vsh.commands import parsing, reading, values
-from vsh.commands import values as names
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -55,7 +54,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     distances = parser.add_argument_group("redshifts, and flows that galaxies share")
     distances.add_argument(
-        "--redshift-frame", choices=names.REDSHIFT_FRAMES,
+        "--redshift-frame", choices=values.REDSHIFT_FRAMES,
         help="frame of the redshifts, if the table does not specify it; true: cosmological redshifts",
     )  # fmt: skip
     distances.add_argument("--no-magnitudes", action="store_true", help="distances follow from redshifts alone")

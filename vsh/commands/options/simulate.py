@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from vsh.commands import parsing, values
-from vsh.commands import values as names
 
 #: Towards the Galactic centre, and towards the apex of the microwave background (Bachchan et al. 2016).
 ACCELERATION = "-0.235965,-3.755779,-2.080491"
@@ -115,7 +114,7 @@ def _attitude(text):
 
 
 def _redshift_error(text):
-    return text if text in names.REDSHIFT_ERRORS else values.not_negative(text)
+    return text if text in values.REDSHIFT_ERRORS else values.not_negative(text)
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:

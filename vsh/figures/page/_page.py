@@ -181,7 +181,7 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
     Parameters
     ----------
     title : str
-        Of the page.
+        Title of the page.
     panels : iterable of Panel
         In order; empty ones are left out.
     lead : str
@@ -221,7 +221,7 @@ def write_page(path: PathName, text: str) -> None:
     path : str or Path
         The file.
     text : str
-        Of `page`.
+        Text of `page`.
     """
     seal = f"<!-- sha256 of the rest: {hashlib.sha256(text.encode()).hexdigest()} -->\n"
     head, end = text.rsplit("</html>", 1)

@@ -12,7 +12,7 @@ from vsh.sky.sphere import angles, triad
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray
 
-#: Of the largest arrow; a little less than the step of the grid. [deg]
+#: Length of the largest arrow; a little less than the step of the grid. [deg]
 LONGEST = 11.0
 #: Points along an arrow; the shares of it before its place, the first that fits on the map being taken.
 _POINTS = 13
@@ -41,11 +41,11 @@ def draw_vectors(
     longest : float
         On the sky. [deg]
     color : colour, or (n, 4) array
-        Of all arrows, or of each.
+        Colour of all arrows, or of each.
     linewidth : float
-        Of the shafts. [points]
+        Width of the shafts. [points]
     **style
-        Of both shafts and heads.
+        Style of both shafts and heads.
 
     Returns
     -------

@@ -53,13 +53,13 @@ def plot_field(
     coefficients : Coefficients
         The field. [µas/yr]
     covariance : (p, p) array, optional
-        Of the coefficients.
+        Covariance of the coefficients.
     title : str, optional
-        Of the figure.
+        Title of the figure.
     unit : str
-        Of the motions.
+        Unit of the motions.
     ax : matplotlib Axes, optional
-        Whose place the map takes; a new figure unless given.
+        Axes whose place the map takes; a new figure unless given.
     projection, centre
         As for `vsh.figures.plot.sky_axes`.
 
@@ -144,7 +144,7 @@ def plot_scalar_field(
     title : str, optional
         Above the map.
     ax : matplotlib Axes, optional
-        Whose place the map takes; a new figure unless given.
+        Axes whose place the map takes; a new figure unless given.
     """
     values = coefficients.at(*centres(32))
     middle = float(np.median(values))

@@ -26,7 +26,7 @@ def draw_map(axes: SkyAxes, values: ArrayLike, cmap: str = SEQUENTIAL, **style: 
     cmap : str
         The colours.
     **style
-        Of the image.
+        Style of the image.
     """
     values = np.asarray(values, float)
     high, wide = axes.wcs.array_shape
@@ -53,17 +53,17 @@ def plot_map(
     label : str
         Under the colour bar.
     frame : str
-        Of the map.
+        Axes of the map.
     cmap : str
         The colours.
     title : str, optional
         Above.
     ax : matplotlib Axes, optional
-        Whose place the map takes; a new figure unless given.
+        Axes whose place the map takes; a new figure unless given.
     extend : {"neither", "both", "min", "max"}
         Where values lie beyond the colours.
     **style
-        Of the image: `vmin`, `vmax`.
+        Style of the image: `vmin`, `vmax`.
     """
     axes = sky_axes(frame, ax, below=0.45 + 0.14 * (title or "").count("\n"))
     if np.isnan(np.asarray(values, float)).any():

@@ -32,7 +32,7 @@ def draw_sources(axes: SkyAxes, lon: FloatArray, lat: FloatArray, *, max_sources
     max_sources : int
         Beyond which only every k-th is drawn.
     **style
-        Of the dots, as for `matplotlib.axes.Axes.scatter`.
+        Style of the dots, as for `matplotlib.axes.Axes.scatter`.
     """
     step = -(-len(lon) // max_sources) or 1
     n = max(1, len(lon) // step)
@@ -52,7 +52,7 @@ def draw_points(axes: SkyAxes, lon: ArrayLike, lat: ArrayLike, **style: Any) -> 
     lon, lat : (n,) arrays
         Positions. [rad]
     **style
-        Of the marks, as for `matplotlib.axes.Axes.scatter`.
+        Style of the marks, as for `matplotlib.axes.Axes.scatter`.
     """
     return axes.scatter(*axes.project(np.atleast_1d(lon), np.atleast_1d(lat))[0].T, **({"zorder": 6} | style))
 
@@ -76,9 +76,9 @@ def draw_direction(
     label : str
         In a legend.
     color : str
-        Of star and cone.
+        Colour of star and cone.
     probability : float
-        Of the cone.
+        Probability of the cone.
     """
     lon, lat = np.radians(vector.direction)
     known = bool(np.any(vector.covariance))

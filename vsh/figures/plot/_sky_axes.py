@@ -26,7 +26,7 @@ PROJECTIONS = {
 }
 _WHOLE = ("hammer", "mollweide")
 _AXES = {"icrs": ("RA--", "DEC-"), "galactic": ("GLON", "GLAT"), "ecliptic": ("ELON", "ELAT")}
-#: Of the map's pixels, in which everything is drawn.
+#: Width of the map in pixels, in which everything is drawn.
 _WIDE = 1000
 #: A point of type is so many pixels of a whole sky that is 9 cm wide.
 _POINT = _WIDE / (WIDTH * 72)
@@ -130,7 +130,7 @@ def sky_axes(
     frame : str
         "icrs", "galactic" or "ecliptic": named on the map.
     ax : matplotlib Axes, optional
-        Whose place the map takes; a new figure unless given. A `SkyAxes` is returned as it is.
+        Axes whose place the map takes; a new figure unless given. A `SkyAxes` is returned as it is.
     projection : {"hammer", "mollweide", "globe", "polar"}
         The whole sky of equal areas in an ellipse, by Hammer or Mollweide; or half of it, as a globe from outside or of
         equal areas.

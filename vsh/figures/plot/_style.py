@@ -172,7 +172,7 @@ def save_figures(
     folder : str or Path
         Where to write.
     format : {"png", "pdf", "svg"}, or several of them
-        Of the files.
+        Format of the files.
     dpi : float
         Dots an inch: of a PNG, and of what is a picture in the others.
     close : bool

@@ -61,7 +61,7 @@ def query(
     path : str or Path
         The file, .fits. Its neighbour, with .json behind the name, says what it is the answer to.
     url : str
-        Of the service: what /async is put behind.
+        Address of the service: what /async is put behind.
     patience : float
         How long to wait for the job, and then once more for its answer. [s]
     interval : float
@@ -78,7 +78,7 @@ def query(
     Returns
     -------
     Path
-        Of the file, which is whole.
+        Path of the file, which is whole.
 
     Raises
     ------
@@ -370,11 +370,11 @@ class DataRelease(InNotebook):
     ----------
     name : str
     epoch : float
-        Of positions, a Julian year (TCB).
+        Epoch of positions, a Julian year (TCB).
     months : int
-        Of observations.
+        Months of observations.
     schema : str
-        Of its tables in the archive.
+        Schema of its tables in the archive.
     solution : str
         The column of gaia_source that says which astrometric model was solved for.
     accepted : dict of int to str

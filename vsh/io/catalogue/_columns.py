@@ -65,7 +65,7 @@ NAMED = {
 }  # fmt: skip
 REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
 UNITS = dict.fromkeys(("ra", "dec"), u.deg) | dict.fromkeys(REQUIRED[2:], u.mas / u.yr)
-#: Of columns that need not be there, in which a field has them.
+#: Units in which a field has the columns that need not be there.
 FURTHER_UNITS = {
     "pmra_pmdec_corr": u.dimensionless_unscaled, "magnitude": u.mag, "redshift": u.dimensionless_unscaled,
     "redshift_error": u.dimensionless_unscaled, "distance": u.Mpc, "distance_error": u.Mpc,

@@ -75,7 +75,7 @@ def match(
     radius : float, optional
         How far apart two positions of one source may be; 1 unless given. [arcsec]
     pairs : Counterparts, optional
-        Of `counterparts` with the same `by`, where they are known already.
+        Result of `counterparts` with the same `by`, where it is known already.
 
     Returns
     -------

@@ -76,7 +76,7 @@ def read_field(
     on_bad : {"raise", "drop"}
         What to do about rows that cannot be used.
     frame : {"icrs", "galactic", "ecliptic"}, optional
-        Of positions and motions; ICRS unless given. Columns called l, b, glon, … in place of ra and
+        Axes of positions and motions; ICRS unless given. Columns called l, b, glon, … in place of ra and
         dec ask for it.
     roles : iterable of str
         Those of name, redshift, magnitude, redshift_error, distance, distance_error that are wanted: what is not read takes no time.
@@ -84,7 +84,7 @@ def read_field(
         A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
         `vsh.io.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
     format : str, optional
-        Of a file whose ending does not tell it: one of `vsh.io.tables.INPUT_FORMATS`, or "icrf".
+        Format of a file whose ending does not tell it: fits, votable, ecsv, mrt, csv, parquet, hdf5, cds, ascii or icrf.
 
     Returns
     -------

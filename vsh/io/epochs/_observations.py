@@ -38,7 +38,7 @@ class Observations(Frozen):
     lon, lat : (n,) arrays
         Where the sources are. [rad, ICRS]
     source : (k,) int array
-        Whose each observation is, from 0, rising.
+        Source of each observation, from 0, rising.
     time : (k,) array
         Since the reference epoch. [yr]
     design : (5, k) array
@@ -46,7 +46,7 @@ class Observations(Frozen):
     position, error : (k,) arrays
         w along scan, and its standard error. [µas]
     name : (n,) array
-        Of the sources.
+        Name of the sources.
     notes : tuple of str
         What was not used.
     """
@@ -178,7 +178,7 @@ def read_epochs(
         obs_time_tcb [ns since J2010.0], centroid_pos_al and its error [mas], scan_pos_angle [deg],
         parallax_factor_al, ra0 and dec0 [deg]; obs_time_bary_corr [ns] and used_by_agis_al where they are.
     epoch : float
-        Of the positions; motions hardly depend on it. [Julian year, TCB]
+        Epoch of the positions; motions hardly depend on it. [Julian year, TCB]
     robust : bool
         Downweight outliers and estimate an excess noise of each source, as AGIS does.
     on_bad : {"raise", "drop"}

@@ -36,11 +36,11 @@ class FiveParameters(Frozen):
     covariance : (n, 5, 5) array
         Formal, with weights and excess noise.
     excess_noise : (n,) array
-        Of each source.
+        Excess noise of each source.
     observations, outliers : (n,) int arrays
         How many there were, and how many of them have a weight below 0.2.
     weights : (k,) array
-        Of the observations.
+        Weights of the observations.
     """
 
     values: FloatArray
@@ -83,9 +83,9 @@ def solve_epochs(
     Parameters
     ----------
     source : (k,) int array
-        Whose each observation is, from 0, rising.
+        Source of each observation, from 0, rising.
     design : (5, k) array
-        Of `design_row`.
+        Columns from `design_row`.
     position, error : (k,) arrays
         Along scan, and its standard error.
     robust : bool

@@ -33,7 +33,7 @@ class Dask(Engine):
     Attributes
     ----------
     address : str, optional
-        Of a scheduler, tcp://host:8786; or the path of a scheduler file.
+        Address of a scheduler, tcp://host:8786; or the path of a scheduler file.
     workers : int, optional
         How many processes on this machine where there is no cluster; threads in this process unless given.
     """

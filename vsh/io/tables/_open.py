@@ -11,15 +11,13 @@ from typing import Any
 from vsh.io.tables._arrow import open_parquet, open_stream
 from vsh.io.tables._source import TableSource, chained, is_frame, open_astropy, open_frame, open_other
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.formats import BY_KIND, FORMATS, READ
+from vsh.tools.formats import BY_KIND, BY_NAME, FORMATS, READ
 from vsh.tools.notes import printable
 from vsh.tools.types import PathName, Table
 from vsh.tools.writing import format_of
 
 #: The name of the file in which a command keeps what came in on standard input; where it lies is nobody's business.
 STANDARD_INPUT = "standard input"
-#: astropy's names of formats by those that a user tells.
-INPUT_FORMATS = {row.name: row.kind for row in FORMATS}
 
 
 def _open_file(path, label, kind):
@@ -37,7 +35,7 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
         it), an object with `__arrow_c_stream__` (pyarrow, polars, DuckDB), dict or structured array
         The table.
     format : str, optional
-        Of a file: one of `vsh.io.tables.INPUT_FORMATS`. Unless given its ending tells it, or how the file begins.
+        Format of a file by its name in `vsh.tools.formats.FORMATS`; its ending or its first bytes tell it unless given.
 
     Raises
     ------
@@ -63,8 +61,8 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
 
 
 def _open_path(path, format):
-    if format is not None and format not in INPUT_FORMATS:
-        raise TableError(f"no format is called {format!r}: {', '.join(INPUT_FORMATS)} are")
+    if format is not None and format not in BY_NAME:
+        raise TableError(f"no format is called {format!r}: {', '.join(BY_NAME)} are")
     text = os.fspath(path)
     text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
     label = STANDARD_INPUT if os.path.basename(text) == STANDARD_INPUT else printable(text)
@@ -76,7 +74,7 @@ def _open_path(path, format):
             return _open_folder(path, label, format)
         if not path.is_file():
             raise TableError(f"{label}: no such file" if not path.exists() else f"{label} is no regular file")
-        kind = INPUT_FORMATS[format] if format else _kind(path, label)
+        kind = BY_NAME[format].kind if format else _kind(path, label)
         return _open_file(path, label, kind)
     except (OSError, ValueError) as error:
         if isinstance(error, TableError):
@@ -101,7 +99,7 @@ def _kind(path, label):
                 return row.kind
         known = "" if label == STANDARD_INPUT else f" Known endings: {', '.join(READ)}, each also with .gz."
         raise TableError(
-            f"{label}: unrecognised format.{known} Name it: --input-format {'|'.join(INPUT_FORMATS)}, where ascii is any text in "
+            f"{label}: unrecognised format.{known} Name it: --input-format {'|'.join(BY_NAME)}, where ascii is any text in "
             "columns (format=…)"
         ) from None
 
@@ -137,7 +135,7 @@ def _tables_in(path, label, format=None):
         if any(part.startswith((".", "_")) for part in inside) or not file.is_file():
             continue
         if format:
-            kinds.setdefault(INPUT_FORMATS[format], []).append(file)
+            kinds.setdefault(BY_NAME[format].kind, []).append(file)
             continue
         try:
             kinds.setdefault(format_of(file, READ), []).append(file)

@@ -107,9 +107,9 @@ def to_cmb(redshift: FloatArray, lon: FloatArray, lat: FloatArray, frame: str, r
     lon, lat : (n,) arrays
         Positions. [rad]
     frame : str
-        Of the positions.
+        Axes of the positions.
     redshift_frame : str
-        Of `REDSHIFT_FRAMES`; "true" ones stay as they are.
+        One of `REDSHIFT_FRAMES`; "true" redshifts stay as they are.
 
     Examples
     --------

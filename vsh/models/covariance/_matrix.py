@@ -71,7 +71,7 @@ class Covariance(Frozen):
         return f"<Covariance: {len(self)} sources>"
 
     def __getitem__(self, keep: Any) -> Covariance:
-        """Of the sources picked by a mask, a slice or indices."""
+        """The covariance of the sources picked by a mask, a slice or indices."""
         rows = np.arange(len(self))[keep]
         rows = np.concatenate([rows, rows + len(self)])
         return Covariance(self.matrix[np.ix_(rows, rows)])
@@ -125,7 +125,7 @@ class Covariance(Frozen):
         Parameters
         ----------
         field : Field
-            Of the same sources.
+            Field of the same sources.
 
         Raises
         ------

@@ -316,7 +316,7 @@ class Spectrum(InNotebook):
         Parameters
         ----------
         modes : Modes, or the degree lmax
-            Of the coefficients.
+            Modes of the coefficients.
         """
         modes = as_modes(modes)
         l = modes.degrees
