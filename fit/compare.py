@@ -68,11 +68,11 @@ class FrameComparison(AboutSolution):
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Rotation, glide and quadrupoles under the names and signs of the ICRF3 papers, each with its error; to degree 2."""
-        found = to_icrf3(self.solution.coefficients)
+        parameters = to_icrf3(self.solution.coefficients)
         sigma = self.solution.sigma
         return {
             name: (value, float(sigma[self.solution.modes.index(ICRF3[name][0])] / abs(ICRF3[name][1])))
-            for name, value in found.items()
+            for name, value in parameters.items()
         }
 
     @property

@@ -131,15 +131,15 @@ def solve_frame(
     names = tuple(f"{name}_{axis}" for group in groups for name in group for axis in _AXES)
     work = partial(_triangle, column=len(names) - 6, size=len(names))
     if covariance is None:
-        found = as_parts(motions).sum(work, roles=(), words="frame solver")
+        triangle = as_parts(motions).sum(work, roles=(), words="frame solver")
     else:
-        found = work(motions, covariance=as_covariance(covariance, motions))
+        triangle = work(motions, covariance=as_covariance(covariance, motions))
     if offsets is not None:
         other = as_parts(offsets).sum(partial(_triangle, column=0, size=len(names)), roles=(), words="frame solver")
-        if other.frame != found.frame:
-            raise FrameError(f"motions are in {found.frame}, offsets in {other.frame}: take both to one frame")
-        found = other + found
-    return _back_substitute(found.matrix, names, found.n_data, found.frame, found.notes)
+        if other.frame != triangle.frame:
+            raise FrameError(f"motions are in {triangle.frame}, offsets in {other.frame}: take both to one frame")
+        triangle = other + triangle
+    return _back_substitute(triangle.matrix, names, triangle.n_data, triangle.frame, triangle.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +181,8 @@ def _triangle(field, column, size, covariance=None):
 
 def qr(rows: FloatArray) -> FloatArray:
     """The upper triangle R of rows = Q R, by Householder's reflections (LAPACK)."""
-    found, _, _, _ = dgeqrf(rows, overwrite_a=True)
-    return np.triu(found[: rows.shape[1]])
+    factor, _, _, _ = dgeqrf(rows, overwrite_a=True)
+    return np.triu(factor[: rows.shape[1]])
 
 
 def _fill(field, rows, acceleration):
@@ -239,10 +239,10 @@ class CrossCheck(Result):
     def to_table(self) -> Table:
         """Both solutions as an astropy Table: a row for each component of spin and acceleration."""
         columns: dict[str, Any] = {"parameter": list(self.frame.names)}
-        for name, found in (("harmonics", self.harmonics), ("frame_solver", self.frame)):
-            spin: Any = found.spin
-            columns[name] = np.concatenate([spin.value, found.acceleration.value])
-            columns[f"{name}_error"] = np.concatenate([spin.sigma, found.acceleration.sigma])
+        for name, vectors in (("harmonics", self.harmonics), ("frame_solver", self.frame)):
+            spin: Any = vectors.spin
+            columns[name] = np.concatenate([spin.value, vectors.acceleration.value])
+            columns[f"{name}_error"] = np.concatenate([spin.sigma, vectors.acceleration.sigma])
         return tables.table_of(columns, {"frame": self.frame.frame})
 
     def plot(self, *, ax: Any = None) -> Any:

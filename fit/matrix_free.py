@@ -164,8 +164,8 @@ class MatrixFreeSolution(HarmonicSolution):
 
     @classmethod
     def _unpack(cls, columns, rest):
-        found = super()._unpack(columns, rest)
-        return replace(found, errors={Mode(*mode): error for mode, error in found.errors.items()})
+        solution = super()._unpack(columns, rest)
+        return replace(solution, errors={Mode(*mode): error for mode, error in solution.errors.items()})
 
 
 @arguments.accepts(fields=field_or_fields, tolerance=arguments.positive, max_iterations=arguments.whole)
@@ -227,13 +227,13 @@ def solve_matrix_free(
             0
         ]
         errors[mode] = float(np.sqrt(column[modes.index(mode)]))
-    said = f"matrix-free: {iterations} iterations, residual {residual:.1e}, condition {condition:.3g}"
+    note = f"matrix-free: {iterations} iterations, residual {residual:.1e}, condition {condition:.3g}"
     return MatrixFreeSolution(
         Coefficients(modes, values),
         chi2=float(system.chi2_null - 2 * values @ system.rhs + values @ system.apply_data(values)),
         n_data=system.n_data,
         frame=system.frame,
-        notes=(*system.notes, said),
+        notes=(*system.notes, note),
         errors=errors,
         iterations=iterations,
         residual=residual,

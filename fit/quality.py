@@ -123,14 +123,14 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
     >>> norm_limit(np.array([0.0, 10.0]), np.ones(2), 3).round(2)
     array([ 2.45, 11.55])
     """
-    found = norms / sigma
-    x = np.linspace(1e-3, max(float(found.max()), 0.1), 400) ** 2
+    significance = norms / sigma
+    x = np.linspace(1e-3, max(float(significance.max()), 0.1), 400) ** 2
     low, high = np.zeros_like(x), np.sqrt(x) + 12
     for _ in range(60):
         middle = (low + high) / 2
         above = chndtr(x, size, middle**2) / chdtr(size, x) > 1 - probability
         low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return sigma * np.interp(found, np.sqrt(x), high)
+    return sigma * np.interp(significance, np.sqrt(x), high)
 
 
 def printed_p_value(p: float) -> str:

@@ -239,8 +239,8 @@ def load(path: PathName, fingerprint: dict[str, str]) -> tuple[FloatArray, Float
         ) from error
     other = [key for key in sorted({*fingerprint, *stored}) if fingerprint.get(key) != stored.get(key)]
     if other:
-        said = "; ".join(f"{key}: there {stored.get(key)}, here {fingerprint.get(key)}" for key in other)
-        raise CheckpointError(f"{path} holds a chain of another run ({said}): name another file, or delete it")
+        differences = "; ".join(f"{key}: there {stored.get(key)}, here {fingerprint.get(key)}" for key in other)
+        raise CheckpointError(f"{path} holds a chain of another run ({differences}): name another file, or delete it")
     return chain, log_probability, state
 
 
@@ -311,10 +311,10 @@ class Run:
     def resume_from(self, path: PathName, fingerprint: dict[str, str]) -> None:
         """Go on from a checkpoint, if it is there, and write to it from now on."""
         self.path, self.fingerprint = path, fingerprint | {"start": f"{self.start[1].sum():.17g}"}
-        found = load(path, self.fingerprint)
-        if found is None:
+        stored = load(path, self.fingerprint)
+        if stored is None:
             return
-        chain, log_probability, random_state = found
+        chain, log_probability, random_state = stored
         if chain.shape[1:] != self.chain.shape[1:] or log_probability.shape != chain.shape[:2] or not len(chain):
             raise CheckpointError(f"{path} holds a chain of shape {chain.shape}: name another file, or delete it")
         self._make_room(len(chain))
@@ -395,7 +395,7 @@ def inference_data(
     groups: dict[str, Any] = {"posterior": variables}
     groups |= {} if log_probability is None else {"sample_stats": {"lp": log_probability}}
     new = int(arviz.__version__.split(".")[0]) >= 1
-    found = arviz.from_dict(groups, **where) if new else arviz.from_dict(**groups, **where)
+    data = arviz.from_dict(groups, **where) if new else arviz.from_dict(**groups, **where)
     for name, facts in about.items():
-        found["posterior"][name].attrs.update(facts)
-    return found
+        data["posterior"][name].attrs.update(facts)
+    return data

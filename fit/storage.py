@@ -253,12 +253,12 @@ class Result(Frozen):
         TableError
             If the file holds no result, one of another kind, or one that is not as it was written.
         """
-        found = read(path)
-        if not isinstance(found, cls):
+        stored = read(path)
+        if not isinstance(stored, cls):
             raise TableError(
-                f"{printable(path)} holds a {type(found).__name__}, not a {cls.__name__}: fit.storage.read takes either"
+                f"{printable(path)} holds a {type(stored).__name__}, not a {cls.__name__}: fit.storage.read takes either"
             )
-        return found
+        return stored
 
     def __eq__(self, other: object) -> bool:
         """Whether two results are of one kind and the same in every number."""
@@ -298,14 +298,14 @@ def read(path: PathName) -> Any:
         ) from None
     try:
         columns = {name: _native(name, table[name]) for name in table.colnames}
-        found = home._unpack(columns, rest)
-        _check_same(found, columns, table)
+        solution = home._unpack(columns, rest)
+        _check_same(solution, columns, table)
     except (VshError, KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise TableError(
             f"{shown} is damaged: its {kind} is not as it was written ({printable(what)[:300]})"
         ) from error
-    return found
+    return solution
 
 
 def _kind(name, module):
@@ -315,9 +315,9 @@ def _kind(name, module):
     return _KINDS[name]
 
 
-def _check_same(found, columns, table):
+def _check_same(solution, columns, table):
     """Packed again, the result must give the columns that were read, in their order and units."""
-    again, _, units = found._pack()
+    again, _, units = solution._pack()
     if set(again) != set(columns):
         raise TableError(f"columns {', '.join(sorted(set(again) ^ set(columns)))}")
     for name, values in again.items():

@@ -224,11 +224,11 @@ def _moments(field, lmax):
     f = fourier_moments(field.lon, field.lat, packed, 2 * lmax)
     mirrored = np.conj(f[:, ::-1, ::-1])
     halves = (f + mirrored) / 2, (f - mirrored) / 2j
-    found = np.stack(
+    sums = np.stack(
         [part[row] for row, pair in enumerate(pairs) for part, k in zip(halves, pair, strict=True) if k is not None]
     )
     half, near = 2 * lmax, slice(lmax, 3 * lmax + 1)
-    return found[: len(weights), half:], found[len(weights) :, half : half + lmax + 1, near], chi2
+    return sums[: len(weights), half:], sums[len(weights) :, half : half + lmax + 1, near], chi2
 
 
 class Rings:
@@ -424,8 +424,8 @@ def leverage(
         left = np.tensordot(inverse, basis, 1)
         return np.einsum("pkn,pkn->n", left, weighed(weights[:, part], basis)) / components
 
-    found = np.concatenate(list(map_blocks(block, len(field), max(64, 2**20 // p), threads)))
-    return np.clip(found, 0.0, 0.9)
+    leverages = np.concatenate(list(map_blocks(block, len(field), max(64, 2**20 // p), threads)))
+    return np.clip(leverages, 0.0, 0.9)
 
 
 def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:

@@ -158,12 +158,12 @@ def errors_of_unit_transits(law: NominalScanningLaw, n: int = 2000, seed: int = 
     """
     if (n, seed) not in law.remembered:
         rng = np.random.default_rng(seed)
-        found = solve_astrometry(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, years=law.years)
-        if not found.solved.any():
+        solved = solve_astrometry(law.transits(*uniform_sky(n, rng)), np.ones(n), rng, years=law.years)
+        if not solved.solved.any():
             raise ParameterError(
                 f"in {law.years:g} years no source has transits enough for five parameters: a longer mission is needed"
             )
-        law.remembered[n, seed] = np.sqrt(np.einsum("nii->ni", found.covariance[found.solved])).mean(0)
+        law.remembered[n, seed] = np.sqrt(np.einsum("nii->ni", solved.covariance[solved.solved])).mean(0)
     return law.remembered[n, seed]
 
 

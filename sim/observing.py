@@ -231,7 +231,7 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
     def block(part):
         transits = mission.scanning_law.transits_of_block(population.lon[part], population.lat[part])
         seed = seeds[part.start // BLOCK]
-        found = solve_astrometry(
+        solved = solve_astrometry(
             transits,
             error[part],
             seed,
@@ -240,7 +240,7 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
             attitude=shared,
             quote_variability=quote,
         )
-        return found.errors[:, columns].T, found.covariance[:, columns][:, :, columns], found.solved, len(transits)
+        return solved.errors[:, columns].T, solved.covariance[:, columns][:, :, columns], solved.solved, len(transits)
 
     words = "transits" if progress else None
     parts = list(map_blocks(block, len(population), BLOCK, threads, words))
@@ -264,9 +264,9 @@ def _solved_together(population, rng, mission, variability, excess_noise, quote,
         variability=variability, knots=mission.knots, threads=threads, progress=progress,
     )  # fmt: skip
     keep = solution.solved
-    said = f"simulated: {len(system.scans)} transits in {mission.years:g} years, errors of {mission.release}"
+    note = f"simulated: {len(system.scans)} transits in {mission.years:g} years, errors of {mission.release}"
     # What a field of the solution says of itself.
-    notes = [said, *notes, *solution.field().notes]
+    notes = [note, *notes, *solution.field().notes]
     return solution.sources[keep][:, columns].T, solution.formal[keep][:, columns][:, :, columns], keep, notes
 
 

@@ -423,17 +423,17 @@ def clustered_galaxies(
     grid = VelocityGrid(velocity.reshape(3, size, size, size), half * (1 - 1 / size), "icrs")
     chance = np.exp(bias * density.ravel() - bias**2 * density.var() / 2)
     chance = np.cumsum(np.where(np.linalg.norm(cells, axis=0) < far + 2 * half / size, chance, 0.0))
-    found: list[list[np.ndarray]] = [[], [], [], []]
-    while sum(map(len, found[0])) < n:
+    columns: list[list[np.ndarray]] = [[], [], [], []]
+    while sum(map(len, columns[0])) < n:
         chosen = np.searchsorted(chance, rng.uniform(0, chance[-1], 2 * n))
         place = cells[:, chosen] + rng.uniform(-half / size, half / size, (3, 2 * n))
         r = np.linalg.norm(place, axis=0)
         z = redshift_of(r / h)
         g = distance_modulus(r / h, z) + rng.normal(absolute, spread, 2 * n)
         keep = (r > near) & (r < far) & (g < max_magnitude)
-        for each, values in zip(found, (*angles(place), g, z), strict=True):
+        for each, values in zip(columns, (*angles(place), g, z), strict=True):
             each.append(values[keep])
-    lon, lat, magnitude, redshift = (np.concatenate(each)[:n] for each in found)
+    lon, lat, magnitude, redshift = (np.concatenate(each)[:n] for each in columns)
     return Population(lon, lat, magnitude, redshift), grid
 
 

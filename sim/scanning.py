@@ -37,11 +37,11 @@ _MEAN = 0.25 / 365.25
 
 def check_gaps(gaps: Sequence[tuple[float, float]] | FloatArray) -> FloatArray:
     """Gaps in the order of time, (k, 2): starts, and ends that do not fall. [yr]"""
-    found = float_array("gaps", gaps if len(gaps) else np.empty((0, 2)))
-    if found.ndim != 2 or found.shape[1] != 2 or (found[:, 0] >= found[:, 1]).any():
+    intervals = float_array("gaps", gaps if len(gaps) else np.empty((0, 2)))
+    if intervals.ndim != 2 or intervals.shape[1] != 2 or (intervals[:, 0] >= intervals[:, 1]).any():
         raise ParameterError(f"gaps are pairs of a start and a later end, in years, not {gaps!r}")
-    found = found[np.argsort(found[:, 0], kind="stable")]
-    return np.stack([found[:, 0], np.maximum.accumulate(found[:, 1])], axis=1)
+    intervals = intervals[np.argsort(intervals[:, 0], kind="stable")]
+    return np.stack([intervals[:, 0], np.maximum.accumulate(intervals[:, 1])], axis=1)
 
 
 def draw_gaps(years: float, dead_time: float, rng: Rng | None) -> FloatArray:
@@ -289,7 +289,7 @@ class NominalScanningLaw(Frozen):
         turn = (later - azimuth + np.pi) % (2 * np.pi) - np.pi
         h0, h1 = height[source, spin], height[source, spin + 1]
 
-        found = []
+        crossings = []
         # Where the azimuth of a source falls, a field may meet it twice in a spin.
         for view, again in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
             # Where in the spin Ω(f) = 2π f meets the azimuth of the source less that of the field.
@@ -297,8 +297,8 @@ class NominalScanningLaw(Frozen):
             sine = h0 + share * (h1 - h0)
             hit = np.flatnonzero((share < 1) & (np.abs(sine) < wide))
             time = times[spin[hit]] + share[hit] * np.diff(times)[spin[hit]]
-            found.append((source[hit], time, np.full(len(hit), view)))
-        owner, time, views = (np.concatenate(each) for each in zip(*found, strict=True))
+            crossings.append((source[hit], time, np.full(len(hit), view)))
+        owner, time, views = (np.concatenate(each) for each in zip(*crossings, strict=True))
         owner, time, views = (each[np.lexsort((time, owner))] for each in (owner, time, views))
         if self._state["bend"] >= _BEND:
             time = self._refined(r[:, owner], time, views)

@@ -204,13 +204,13 @@ def _velocity(value):
     if isinstance(value, str) and value in VELOCITIES:
         named = VELOCITIES[value]
         return [named.amplitude, *named.to_frame("galactic").direction]
-    found = _three("truth", f"velocity ({' or '.join(map(repr, VELOCITIES))}, or speed, l, b)", value)
-    if found[0] != 0:
+    components = _three("truth", f"velocity ({' or '.join(map(repr, VELOCITIES))}, or speed, l, b)", value)
+    if components[0] != 0:
         try:
-            velocity_from_apex(*found)
+            velocity_from_apex(*components)
         except ParameterError as error:
             raise StudyError(f"truth: {error}") from None
-    return found
+    return components
 
 
 def _check(sections):

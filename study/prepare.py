@@ -51,9 +51,9 @@ def streams_and_law(study: Study) -> tuple[np.random.Generator, np.random.Genera
 
 def galaxies_of(case: dict[str, Any], skies: np.random.Generator) -> sim.Population:
     """The galaxies of a case."""
-    told = case["galaxies"]
-    limits = {name: told[name] for name in ("min_redshift", "max_redshift")}
-    return sim.galaxies(told["number"], skies.spawn(1)[0], told["sky"], **limits)
+    galaxies = case["galaxies"]
+    limits = {name: galaxies[name] for name in ("min_redshift", "max_redshift")}
+    return sim.galaxies(galaxies["number"], skies.spawn(1)[0], galaxies["sky"], **limits)
 
 
 def _make(study, case, kind, progress):

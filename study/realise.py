@@ -53,34 +53,34 @@ def solved_errors(study: Study, case: dict[str, Any], path: Path, rng: np.random
     """One draw of all observations, solved: errors of motions, and of offsets from radio positions, by kind of source."""
     system, mixture, vlbi = _system(path, json.dumps(study.mission, sort_keys=True))
     noise, radio = rng.spawn(2)
-    told = case["quasars"]
-    variability = sim.Variability(told["variability"], told["tau"]) if told["variability"] else None
+    quasars = case["quasars"]
+    variability = sim.Variability(quasars["variability"], quasars["tau"]) if quasars["variability"] else None
     observed = agis.observations(system.scans, noise, variability=variability, variable=mixture.are("quasars"))
     solution = agis.in_own_frame(system, system.solve(*observed, sources=mixture.are("quasars")))
     frame = study.settings["frame"]
     columns = {"redshift": mixture.redshift, "magnitude": mixture.magnitude}
-    found = {"quasars": solution.field(sources=mixture.are("quasars"))}
+    fields = {"quasars": solution.field(sources=mixture.are("quasars"))}
     if "galaxies" in case:
-        found["galaxies"] = replace(solution.field(sources=mixture.are("galaxies"), **columns), redshift_frame="true")
+        fields["galaxies"] = replace(solution.field(sources=mixture.are("galaxies"), **columns), redshift_frame="true")
     if "vlbi" in case:
         offsets = solution.field(sources=vlbi, kind="position")
         sigma = np.full(offsets.sigma.shape, case["vlbi"]["radio"])
         # The radio positions scatter, and theirs are the errors that are quoted, as in `study.prepare`.
         motion = offsets.motion + sigma * radio.standard_normal(sigma.shape)
-        found["vlbi"] = replace(offsets, motion=motion, sigma=sigma, rho=np.zeros(len(offsets)))
-    return {kind: field.to_frame(frame) for kind, field in found.items()}
+        fields["vlbi"] = replace(offsets, motion=motion, sigma=sigma, rho=np.zeros(len(offsets)))
+    return {kind: field.to_frame(frame) for kind, field in fields.items()}
 
 
 @lru_cache(maxsize=1)
 def _system(path, mission):
     """The equations of a prepared file; its transits are mapped into memory."""
-    told = json.loads(mission)
+    settings = json.loads(mission)
     arrays = read_arrays(path)
     vlbi, gaps = arrays.pop("vlbi"), arrays.pop("gaps")
     mixture = agis.Mixture(**arrays)
-    law = sim.NominalScanningLaw(years=told["years"], gaps=tuple(map(tuple, gaps)))
+    law = sim.NominalScanningLaw(years=settings["years"], gaps=tuple(map(tuple, gaps)))
     system, _ = agis.joint_system(
-        law, mixture.lon, mixture.lat, mixture.sigma, knots=told["knots"], number=int(mixture.are("quasars").sum()),
+        law, mixture.lon, mixture.lat, mixture.sigma, knots=settings["knots"], number=int(mixture.are("quasars").sum()),
         folder=path.with_suffix(""), threads=1,
     )  # fmt: skip
     return system, mixture, vlbi
@@ -127,9 +127,9 @@ def realise(study: Study, index: int, files: dict[str, Path], number: int) -> di
             "spin": spin,
             "flows": None,
         }
-        found = observer_velocity(fields["galaxies"], truth["hubble"], **options)
-        _put(values, sigma, "v", found.velocity)
-        _put(values, sigma, "g_a", found.acceleration)
+        estimate = observer_velocity(fields["galaxies"], truth["hubble"], **options)
+        _put(values, sigma, "v", estimate.velocity)
+        _put(values, sigma, "g_a", estimate.acceleration)
         velocity = true_velocity(study)
         if velocity.amplitude > 0:
             hubble = hubble_constant(fields["galaxies"], velocity, hubble=truth["hubble"], **options)
@@ -194,9 +194,9 @@ def _as_seen(study, index, galaxies, signal, options, values, sigma):
     seen = with_redshift(replace(galaxies, redshift=redshift, redshift_frame="heliocentric"), sources["min_redshift"])
     limits = transverse_distance(np.array([sources["min_redshift"], sources["max_redshift"]]))
     options = options | {"density": partial(_between, low=limits[0], high=limits[1])}
-    found = observer_velocity(seen, truth["hubble"], **options)
-    _put(values, sigma, "v", found.velocity, "@seen")
-    _put(values, sigma, "g_a", found.acceleration, "@seen")
+    solution = observer_velocity(seen, truth["hubble"], **options)
+    _put(values, sigma, "v", solution.velocity, "@seen")
+    _put(values, sigma, "g_a", solution.acceleration, "@seen")
     velocity = true_velocity(study)
     if velocity.amplitude > 0:
         hubble = hubble_constant(seen, velocity, hubble=truth["hubble"], **options)

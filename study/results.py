@@ -18,22 +18,22 @@ from vsh.tools.types import Table
 
 def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
     """Values and errors of all realisations, by case: dicts of name to (n_realisations,) arrays."""
-    found = {}
+    realisations = {}
     for case in study.cases:
         paths = [folder / "realisations" / case["name"] / f"{number:05d}.json" for number in range(n_realisations)]
         rows = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
-        found[case["name"]] = tuple(
+        realisations[case["name"]] = tuple(
             {name: np.array([row[part][name] for row in rows]) for name in rows[0][part]}
             for part in ("values", "sigma")
         )
-    return found
+    return realisations
 
 
 def write_results(study: Study, folder: Path, n_realisations: int) -> None:
     """Write results.ecsv (every number of every realisation) and summary.ecsv (a row a case and parameter)."""
-    found = read_realisations(study, folder, n_realisations)
+    realisations = read_realisations(study, folder, n_realisations)
     columns = {"case": [], "realisation": [], "parameter": [], "value": [], "sigma": []}
-    for case, (values, sigma) in found.items():
+    for case, (values, sigma) in realisations.items():
         for name in values:
             columns["case"] += [case] * n_realisations
             columns["realisation"] += range(n_realisations)
@@ -42,11 +42,11 @@ def write_results(study: Study, folder: Path, n_realisations: int) -> None:
             columns["sigma"] += sigma[name].tolist()
     meta = {"study": study.settings["name"], "frame": study.settings["frame"], "n_realisations": n_realisations}
     tables.write(folder / "results.ecsv", columns, meta)
-    rows = summary(study, found)
+    rows = summary(study, realisations)
     tables.write(folder / "summary.ecsv", {key: [row[key] for row in rows] for key in rows[0]}, meta)
 
 
-def summary(study: Study, found: Any) -> list[dict[str, Any]]:
+def summary(study: Study, realisations: Any) -> list[dict[str, Any]]:
     """Mean, standard deviation and mean formal error of every parameter: a list of dicts.
 
     The truth stands beside them, and how far the mean is from it in standard errors of the mean; how uncertain the scatter is
@@ -54,7 +54,7 @@ def summary(study: Study, found: Any) -> list[dict[str, Any]]:
     standard deviation that such a share would have if the errors were right.
     """
     rows = []
-    for case, (values, sigma) in found.items():
+    for case, (values, sigma) in realisations.items():
         for name, value in values.items():
             true = truth_of(study, name)
             scatter = float(np.std(value, ddof=1)) if len(value) > 1 else float("nan")

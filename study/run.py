@@ -118,10 +118,10 @@ def _one(study, folder, task):
     """One realisation, in a process of its own: computed, and written whole."""
     index, files, number = task
     with threadpool_limits(1):
-        found = realise(study, index, files, number)
+        outcome = realise(study, index, files, number)
     path = _path(folder, study.cases[index], number)
     with atomic_write(path) as new:
-        new.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        new.write_text(json.dumps(outcome, indent=1), encoding="utf-8")
 
 
 def _path(folder, case, number):

@@ -78,14 +78,14 @@ def usable_columns(
             if odd.any():
                 notes = (*notes, f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing")
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
-    found = invalid_rows(
+    invalid = invalid_rows(
         lon, lat, motion, sigma, rho, dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items()
         if c not in MEASURED}, placeholders({c: columns[c] for c in _MOTIONS}), turns=1
     )  # fmt: skip
-    keep, said = select_usable(found, n, on_bad, first_row, (lon, lat))
+    keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat))
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
-    return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}), *said)
+    return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}), *added_notes)
 
 
 def check_measured(noun: Any) -> None:
@@ -136,8 +136,8 @@ def skycoord_columns(coord: Any) -> tuple[dict[str, Any], str]:
     if "s" not in frame.data.differentials:
         raise FieldError("the SkyCoord has no proper motions: give it pm_ra_cosdec and pm_dec")
     seen, moves = coord.spherical, coord.sphericalcoslat.differentials["s"]
-    found = {"ra": seen.lon, "dec": seen.lat, "pmra": moves.d_lon_coslat, "pmdec": moves.d_lat}
-    return {name: np.ravel(values) for name, values in found.items()}, known[frame.name]
+    columns = {"ra": seen.lon, "dec": seen.lat, "pmra": moves.d_lon_coslat, "pmdec": moves.d_lat}
+    return {name: np.ravel(values) for name, values in columns.items()}, known[frame.name]
 
 
 def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
@@ -394,8 +394,8 @@ class Field(Tabled):
             raise FieldError(
                 f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are"
             )
-        columns, said = usable_columns(given | measured, name, on_bad, first_row, unusable)
-        return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *said))
+        columns, added_notes = usable_columns(given | measured, name, on_bad, first_row, unusable)
+        return cls(**columns, frame=frame, redshift_frame=redshift_frame, notes=(*notes, *added_notes))
 
     @classmethod
     def from_skycoord(

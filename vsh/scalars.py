@@ -214,11 +214,18 @@ class ScalarField(Tabled):
         check_shapes(columns, lambda column: (columns["ra"].size,))
         lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
         absent = {f"{column} missing": mask for column, mask in missing.items()}
-        found = _invalid(lon, lat, columns["values"], columns["errors"], absent, turns=1)
-        keep, said = select_usable(found, lon.size, on_bad, mark=(lon, lat))
+        invalid = _invalid(lon, lat, columns["values"], columns["errors"], absent, turns=1)
+        keep, added_notes = select_usable(invalid, lon.size, on_bad, mark=(lon, lat))
         label = columns["name"][keep] if name is not None else None
         return cls(
-            lon[keep], lat[keep], columns["values"][keep], columns["errors"][keep], unit, label, frame, (*notes, *said)
+            lon[keep],
+            lat[keep],
+            columns["values"][keep],
+            columns["errors"][keep],
+            unit,
+            label,
+            frame,
+            (*notes, *added_notes),
         )
 
     def _table(self):

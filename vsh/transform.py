@@ -52,7 +52,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
         If positions are not finite, differ in number, or lie beyond a pole.
     """
     loc, scalar = _locations(lon, lat), isinstance(coefficients.modes, ScalarModes)
-    found = ducc0.sht.synthesis_general(
+    values = ducc0.sht.synthesis_general(
         alm=scalar_to_healpy(cast(ScalarCoefficients, coefficients))[None] if scalar else to_healpy(coefficients),
         spin=0 if scalar else 1,
         lmax=coefficients.modes.lmax,
@@ -60,7 +60,7 @@ def synthesis(coefficients: Coefficients, lon: ArrayLike, lat: ArrayLike, *, thr
         epsilon=EPSILON,
         nthreads=cores(threads),
     )
-    return found[0] if scalar else np.stack([found[1], -found[0]])
+    return values[0] if scalar else np.stack([values[1], -values[0]])
 
 
 @arguments.accepts(lon=arguments.float_array, lat=arguments.float_array, motion=arguments.float_array)

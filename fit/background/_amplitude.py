@@ -130,67 +130,67 @@ class Amplitude(Frozen):
 QUOTED = "the catalogue"
 
 
-def equations_of(found: Any) -> NormalEquations:
+def equations_of(source: Any) -> NormalEquations:
     """Normal equations of data alone: as they are less their prior, or those that a solution is the solution of."""
-    found = _about(found)
-    if isinstance(found, NormalEquations | HarmonicSolution) and found.modes.components != 2:
+    source = _about(source)
+    if isinstance(source, NormalEquations | HarmonicSolution) and source.modes.components != 2:
         raise ParameterError(
             "backgrounds are fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field has neither"
         )
-    if isinstance(found, NormalEquations):
-        return found if found.prior is None else found - found.prior
-    if not isinstance(found, HarmonicSolution):
+    if isinstance(source, NormalEquations):
+        return source if source.prior is None else source - source.prior
+    if not isinstance(source, HarmonicSolution):
         raise ParameterError(
-            f"a background is fitted to normal equations or to a Solution, not to a {type(found).__name__}: "
+            f"a background is fitted to normal equations or to a Solution, not to a {type(source).__name__}: "
             "fit.normal_equations(field, modes)"
         )
-    if getattr(found, "by_prior", 0.0):
+    if getattr(source, "by_prior", 0.0):
         raise ParameterError(
             "this solution holds a prior: give the normal equations of the data, fit.normal_equations(field, modes)"
         )
-    if found.covariance_dof < len(found.modes):
+    if source.covariance_dof < len(source.modes):
         raise DegeneracyError(
-            f"{found.covariance_dof + 1:.0f} replicates determine no covariance of {len(found.modes)} coefficients: "
+            f"{source.covariance_dof + 1:.0f} replicates determine no covariance of {len(source.modes)} coefficients: "
             "take more of them, or a lower degree"
         )
-    if np.isnan(found.values).any():
+    if np.isnan(source.values).any():
         raise ParameterError("a prediction holds no data to fit a background to")
-    scale = np.outer(found.sigma, found.sigma)
+    scale = np.outer(source.sigma, source.sigma)
     try:
-        matrix = cho_solve(cho_factor(found.covariance / scale), np.eye(len(scale))) / scale
+        matrix = cho_solve(cho_factor(source.covariance / scale), np.eye(len(scale))) / scale
     except np.linalg.LinAlgError:
         raise DegeneracyError(
             "the covariance of this solution is singular: no background can be fitted to it"
         ) from None
-    rhs = matrix @ found.values
-    chi2_null = float(found.chi2 + rhs @ found.values)
-    return NormalEquations(found.modes, matrix, rhs, chi2_null, found.n_data, found.frame, spoken(found.notes))
+    rhs = matrix @ source.values
+    chi2_null = float(source.chi2 + rhs @ source.values)
+    return NormalEquations(source.modes, matrix, rhs, chi2_null, source.n_data, source.frame, spoken(source.notes))
 
 
-def errors_of(found: Any) -> str:
+def errors_of(source: Any) -> str:
     """Where the errors come from; where from the catalogue alone, χ² tells their scale."""
-    return getattr(_about(found), "errors_from", QUOTED)
+    return getattr(_about(source), "errors_from", QUOTED)
 
 
-def is_scaled(found: Any, noise_scale: bool | None) -> bool:
+def is_scaled(source: Any, noise_scale: bool | None) -> bool:
     """Whether the scale of the errors is estimated: as told, or where the errors are the catalogue's."""
-    told = choice("noise_scale", noise_scale, (None, True, False))
-    return errors_of(found) == QUOTED if told is None else told
+    scaled = choice("noise_scale", noise_scale, (None, True, False))
+    return errors_of(source) == QUOTED if scaled is None else scaled
 
 
 def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[int, ...]:
     """Degrees that are among those fitted, in order, each once."""
     try:
         listed = list(degrees) if isinstance(degrees, Iterable) else [degrees]
-        found = sorted({int(each) for each in listed if int(each) == each})
+        chosen = sorted({int(each) for each in listed if int(each) == each})
     except (TypeError, ValueError, OverflowError, np.ma.MaskError):
-        found = []
-    if not found or len(found) != len(set(listed)):
+        chosen = []
+    if not chosen or len(chosen) != len(set(listed)):
         raise ModesError(f"{name} must be whole numbers from 1 on, one at least, not {degrees!r}")
-    missing = [each for each in found if not 1 <= each <= modes.lmax]
+    missing = [each for each in chosen if not 1 <= each <= modes.lmax]
     if missing:
         raise ModesError(f"degree {missing[0]} is not fitted: these normal equations go from degree 1 to {modes.lmax}")
-    return tuple(found)
+    return tuple(chosen)
 
 
 def places(modes: Modes, degrees: Iterable[int]) -> IntArray:
@@ -206,5 +206,5 @@ def words_of(degrees: Sequence[int]) -> str:
     return ", ".join(map(str, degrees))
 
 
-def _about(found):
-    return getattr(found, "resampled_solution", getattr(found, "solution", found))
+def _about(source):
+    return getattr(source, "resampled_solution", getattr(source, "solution", source))

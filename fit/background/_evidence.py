@@ -98,8 +98,8 @@ def evidence(
     if amplitudes is None:
         return _log_evidence(matrix, rhs, np.concatenate([variances, own]))
     factors = _grid(amplitudes)
-    found = [_log_evidence(matrix, rhs, np.concatenate([factor * variances, own])) for factor in factors]
-    return float(logsumexp(found) - np.log(len(found)))
+    evidences = [_log_evidence(matrix, rhs, np.concatenate([factor * variances, own])) for factor in factors]
+    return float(logsumexp(evidences) - np.log(len(evidences)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,13 +180,13 @@ def compare_models(models: Mapping[str, Any]) -> Comparison:
     """
     if not isinstance(models, Mapping) or not models:
         raise ParameterError("compare takes a dict of models by name, one at least")
-    found = []
+    evidences = []
     for name, model in models.items():
         if isinstance(model, tuple) and 2 <= len(model) <= 4:
             *given, options = model if isinstance(model[-1], dict) else (*model, {})
             model = evidence(*given, **options)
-        found.append(number(f"the evidence of {name!r}", model))
-    return Comparison(tuple(map(str, models)), np.array(found))
+        evidences.append(number(f"the evidence of {name!r}", model))
+    return Comparison(tuple(map(str, models)), np.array(evidences))
 
 
 def _chosen(normal, degrees):

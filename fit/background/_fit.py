@@ -47,8 +47,8 @@ def posteriors(
     """
     with blas_for(len(likelihood.rhs)):
         grid = _Grid(likelihood, best)
-    found = [grid.of(k) for k in (range(len(likelihood)) if which is None else which)]
-    return [each for each, _ in found], found[0][1]
+    summaries = [grid.of(k) for k in (range(len(likelihood)) if which is None else which)]
+    return [each for each, _ in summaries], summaries[0][1]
 
 
 class _Grid:
@@ -216,8 +216,8 @@ class Background(Result):
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        found = ", ".join(f"{name}: {value:.4g}" for name, value in zip(self.names, self.amplitudes, strict=True))
-        return f"<Background: {found}; degrees {words_of(self.degrees)}>"
+        amplitudes = ", ".join(f"{name}: {value:.4g}" for name, value in zip(self.names, self.amplitudes, strict=True))
+        return f"<Background: {amplitudes}; degrees {words_of(self.degrees)}>"
 
     @property
     def sigma(self) -> FloatArray:
@@ -315,12 +315,12 @@ def fit_amplitudes(
     scaled = is_scaled(normal, noise_scale)
     likelihood = Likelihood(equations, listed, degrees, flat, scaled)
     best = likelihood.maximum()
-    found, evidence = posteriors(likelihood, best)
+    amplitudes, evidence = posteriors(likelihood, best)
     k = len(likelihood)
     error = float(np.sqrt(best.covariance[k, k]) / (2 * best.noise_scale)) if scaled else 0.0
     return Background(
         tuple(each.name for each in listed), best.amplitudes, best.covariance[:k, :k],
-        np.array([each.interval(0.68) for each in found]), best.noise_scale, error, best.log_likelihood, evidence, degrees, flat,
+        np.array([each.interval(0.68) for each in amplitudes]), best.noise_scale, error, best.log_likelihood, evidence, degrees, flat,
         equations.n_data, equations.frame or "icrs", equations.notes,
     )  # fmt: skip
 

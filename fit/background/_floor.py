@@ -158,11 +158,11 @@ class Floor(Result):
         data = equations_of(normal)
         scaled = replace(data, matrix=data.matrix / tau, rhs=data.rhs / tau, chi2_null=data.chi2_null / tau)
         assumed = self.prior(modes) if normal.prior is None else self.prior(modes) + normal.prior
-        found = solve(scaled + assumed)
-        covariance = np.array(found.covariance)
+        solution = solve(scaled + assumed)
+        covariance = np.array(solution.covariance)
         first = places(modes, (1,))
         covariance[first, first] += self.spectrum.variances(modes)[first]
-        said = f"coefficients of degrees {words_of(self.degrees)} are shrunk by their prior; their powers and p-values are of the fit without it"
+        note = f"coefficients of degrees {words_of(self.degrees)} are shrunk by their prior; their powers and p-values are of the fit without it"
         try:
             plain = solve(normal)
             plain = replace(plain, covariance=plain.covariance * tau)
@@ -170,11 +170,11 @@ class Floor(Result):
             plain = None
         scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
         return replace(
-            found,
+            solution,
             covariance=covariance,
-            chi2=found.chi2 * tau,
+            chi2=solution.chi2 * tau,
             unshrunk=plain,
-            notes=(*found.notes, said),
+            notes=(*solution.notes, note),
             errors_from=f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)}: spin ± {self.spin_error:.3g}, "
             f"acceleration ± {self.acceleration_error:.3g} µas/yr in each component",
         )
@@ -247,9 +247,9 @@ def floor(
     likelihood = Likelihood(equations, [Spectrum.odd(), Spectrum.even()], degrees, free, scaled)
     best = likelihood.maximum()
     common = Likelihood(equations, [Spectrum.flat()], degrees, free, scaled).maximum()
-    found, _ = posteriors(likelihood, best)
-    odd, even = (each.quantile(0.5, "root") for each in found)
-    intervals = [each.interval(0.68, "root") for each in found]
+    amplitudes, _ = posteriors(likelihood, best)
+    odd, even = (each.quantile(0.5, "root") for each in amplitudes)
+    intervals = [each.interval(0.68, "root") for each in amplitudes]
     return Floor(
         odd, even, intervals[0], intervals[1], parity_p_value(best, common), degrees, best.noise_scale, best.log_likelihood,
         equations.n_data, errors_of(normal),
@@ -273,11 +273,13 @@ def add_floor(solution: Solution) -> Solution:
         return solution
     try:
         with np.errstate(all="ignore"):  # where there is no noise at all
-            found = floor(solution, range(2, min(solution.modes.lmax, _BESIDE) + 1))
+            estimate = floor(solution, range(2, min(solution.modes.lmax, _BESIDE) + 1))
     except VshError:  # replicates too few for a covariance, say
         return solution
     return (
-        replace(solution, floor=found) if np.isfinite([*found.odd_interval, *found.even_interval]).all() else solution
+        replace(solution, floor=estimate)
+        if np.isfinite([*estimate.odd_interval, *estimate.even_interval]).all()
+        else solution
     )
 
 

@@ -185,9 +185,9 @@ class Likelihood:
         known = slice(None) if self.noise_scale else slice(k)
         scale = np.sqrt(np.diag(information)[known])
         scale = np.outer(scale, scale)
-        found = np.full((k + 1, k + 1), np.nan)
-        found[known, known] = 2 * tau**2 * np.linalg.pinv(information[known, known] / scale) / scale
-        return found
+        covariance = np.full((k + 1, k + 1), np.nan)
+        covariance[known, known] = 2 * tau**2 * np.linalg.pinv(information[known, known] / scale) / scale
+        return covariance
 
 
 def parity_p_value(apart: Maximum, together: Maximum) -> float:
@@ -208,9 +208,9 @@ def _eliminated(normal, first, where):
         )
     factor = cho_factor(inner)
     known = cho_solve(factor, np.column_stack([across, normal.rhs[first]]))
-    found = matrix - across.T @ known[:, :-1]
+    schur = matrix - across.T @ known[:, :-1]
     chi2 = float(normal.chi2_null - normal.rhs[first] @ known[:, -1])
-    return (found + found.T) / 2, rhs - across.T @ known[:, -1], chi2
+    return (schur + schur.T) / 2, rhs - across.T @ known[:, -1], chi2
 
 
 def _eigen(matrix, rhs, shape):

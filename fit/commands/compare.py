@@ -17,53 +17,53 @@ def _run(options):
     what = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
     one, two = (_read(path, what, options) for path in paths)
     labels = _labels(paths)
-    found, kept = compare_catalogues(
+    comparison, kept = compare_catalogues(
         one, two, options.lmax, by=options.by, radius=options.radius, threshold=options.threshold, labels=labels
     )
 
     def sheets():
         tables = {
-            "Under the names of the ICRF3 papers": found.parameters_table(),
-            "Coefficients": found.solution.to_table(),
+            "Under the names of the ICRF3 papers": comparison.parameters_table(),
+            "Coefficients": comparison.solution.to_table(),
         }
-        return tables | ({"Sources that were left out": found.outliers_table()} if found.names else {})
+        return tables | ({"Sources that were left out": comparison.outliers_table()} if comparison.names else {})
 
     finishing.finish(
-        options, finishing.RunResult(found.report(), sheets, found.solution.notes, found.solution.latex),
-        provenance=lambda: running.provenance(paths, options, matched=len(kept) + len(found.names), left_out=len(found.names)),
-        draw=lambda: _draw(found, kept), write=lambda folder, meta: _write(folder, found, meta),
-        page=lambda drawn, meta: _page(found, kept, options, meta, drawn),
+        options, finishing.RunResult(comparison.report(), sheets, comparison.solution.notes, comparison.solution.latex),
+        provenance=lambda: running.provenance(paths, options, matched=len(kept) + len(comparison.names), left_out=len(comparison.names)),
+        draw=lambda: _draw(comparison, kept), write=lambda folder, meta: _write(folder, comparison, meta),
+        page=lambda drawn, meta: _page(comparison, kept, options, meta, drawn),
     )  # fmt: skip
 
 
-def _write(folder, found, meta):
+def _write(folder, comparison, meta):
     from fit.output import write_correlation
     from vsh.io import tables
 
-    found.write(folder / "comparison.ecsv", meta)
-    found.solution.write(folder / "solution.ecsv", meta)
-    write_correlation(found.solution, folder / "correlation.ecsv", meta)
-    tables.write_table(found.parameters_table(), folder / "parameters.ecsv", meta)
-    tables.write_table(found.outliers_table(), folder / "outliers.ecsv", meta)
+    comparison.write(folder / "comparison.ecsv", meta)
+    comparison.solution.write(folder / "solution.ecsv", meta)
+    write_correlation(comparison.solution, folder / "correlation.ecsv", meta)
+    tables.write_table(comparison.parameters_table(), folder / "parameters.ecsv", meta)
+    tables.write_table(comparison.outliers_table(), folder / "outliers.ecsv", meta)
 
 
-def _draw(found, kept):
+def _draw(comparison, kept):
     from fit.output import draw_figures
 
-    return draw_figures(found.solution, kept) | {"catalogues": found.correlations.plot()}
+    return draw_figures(comparison.solution, kept) | {"catalogues": comparison.correlations.plot()}
 
 
-def _page(found, kept, options, meta, drawn):
+def _page(comparison, kept, options, meta, drawn):
     from fit.output import write_html
 
-    left_out = {"Sources that were left out": found.outliers_table()} if found.names else {}
+    left_out = {"Sources that were left out": comparison.outliers_table()} if comparison.names else {}
     captions = {
         "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle."
     }
     write_html(
-        found.solution, kept, options.html, command=options.command, source=" − ".join(found.labels), provenance=meta,
+        comparison.solution, kept, options.html, command=options.command, source=" − ".join(comparison.labels), provenance=meta,
         figures=drawn.drawn, captions=captions,
-        sections={"Under the names of the ICRF3 papers": found.parameters_table()} | left_out,
+        sections={"Under the names of the ICRF3 papers": comparison.parameters_table()} | left_out,
     )  # fmt: skip
 
 

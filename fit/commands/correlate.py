@@ -27,11 +27,11 @@ def _run(options):
     fields = [_sources(*pair, options) for pair in zip(paths, sources, strict=True)]
     labels = _labels(paths)
     what: Any = FRAME if options.parameters == FRAME else options.lmax
-    found = correlation.correlation_matrices(fields, what, labels=labels)
-    lines = [found.report(max_size=16)]
+    matrices = correlation.correlation_matrices(fields, what, labels=labels)
+    lines = [matrices.report(max_size=16)]
     if what == FRAME:
         direct = correlation.correlation_matrices(fields, what, labels=labels, solver="frame")
-        most = max(np.abs(a - b).max() for a, b in zip(found.matrices, direct.matrices, strict=True))
+        most = max(np.abs(a - b).max() for a, b in zip(matrices.matrices, direct.matrices, strict=True))
         lines.append(f"The direct frame solver gives the same to {most:.0e}.\n")
     influences, leaks = [], []
     for field, label in zip(fields, labels, strict=True):
@@ -47,12 +47,12 @@ def _run(options):
     text = "\n".join(lines + (["Notes", *notes, ""] if notes else []))
 
     def sheets():
-        return {"Correlations": found.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
+        return {"Correlations": matrices.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
 
     finishing.finish(
         options, finishing.RunResult(text, sheets, [note.removeprefix("  - ") for note in notes]),
         provenance=lambda: running.provenance(paths, options, sources=[_count(f) for f in fields]),
-        draw=lambda: _draw(found, influences, leaks), write=lambda folder, meta: _write(folder, found, influences, leaks, meta),
+        draw=lambda: _draw(matrices, influences, leaks), write=lambda folder, meta: _write(folder, matrices, influences, leaks, meta),
         title=f"What the sky of {' and '.join(labels)} cannot tell apart", captions=_caption,
     )  # fmt: skip
 
@@ -82,12 +82,12 @@ def _labels(paths):
 
 def _sky(correlation, field, label, options):
     rows = correlation.lmax_table(field, max(5, options.lmax))
-    found = correlation.predict_covariance(field, options.lmax)
-    lines = [f"{label}: {found.n_sources} sources", f"{'degree':>8}{'condition':>12}{'largest correlation':>22}"]
+    prediction = correlation.predict_covariance(field, options.lmax)
+    lines = [f"{label}: {prediction.n_sources} sources", f"{'degree':>8}{'condition':>12}{'largest correlation':>22}"]
     lines += [f"{lmax:8d}{condition:12.4g}{largest:22.3f}" for lmax, condition, largest in rows]
     lines.append(
-        f"{label}: errors of a fit of degree {options.lmax}: spin {_three(found.spin.sigma)}, acceleration "
-        f"{_three(found.acceleration.sigma)} µas/yr; {100 * found.efficiency:.0f} % of the information of a uniform sky of the same weight"
+        f"{label}: errors of a fit of degree {options.lmax}: spin {_three(prediction.spin.sigma)}, acceleration "
+        f"{_three(prediction.acceleration.sigma)} µas/yr; {100 * prediction.efficiency:.0f} % of the information of a uniform sky of the same weight"
     )
     return "\n".join(lines) + "\n"
 
@@ -123,8 +123,8 @@ def _leak(leak, label, options):
     from fit.correlation import parameters_of
 
     names = parameters_of("spin+acceleration").names
-    found = leak.bias_of(names, options.power_per_degree)
-    cells = ", ".join(f"{name} {value:.3g}" for name, value in found.items())
+    biases = leak.bias_of(names, options.power_per_degree)
+    cells = ", ".join(f"{name} {value:.3g}" for name, value in biases.items())
     first = leak.fitted.lmax + 1
     return (
         f"{label}: degrees {first} to {leak.unmodelled.lmax} left out, each of T and S with a power of {options.power_per_degree:g} (µas/yr)², "
@@ -136,10 +136,10 @@ def _three(values):
     return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
 
 
-def _write(folder, found, influences, leaks, meta):
+def _write(folder, matrices, influences, leaks, meta):
     from vsh.io import tables
 
-    tables.write_table(found.to_table(), folder / "correlation.ecsv", meta)
+    tables.write_table(matrices.to_table(), folder / "correlation.ecsv", meta)
     for label, pair, field, values in influences:
         tables.write(
             folder / f"{_name(label, pair)}.fits", {"influence": values}, {"ORDERING": "RING", "FRAME": field.frame}
@@ -160,10 +160,10 @@ def _caption(name):
     return "Where on the sky it comes from: the change if the weight of what is there were doubled."
 
 
-def _draw(found, influences, leaks):
+def _draw(matrices, influences, leaks):
     from fit.correlation import plot_influence, symbol
 
-    drawn = {"correlation": found.plot()}
+    drawn = {"correlation": matrices.plot()}
     for label, pair, field, values in influences:
         words = " and ".join(map(symbol, pair))
         what = f"correlation of {words}" if len(pair) == 2 else f"ln σ² of {words}"

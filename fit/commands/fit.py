@@ -35,15 +35,15 @@ def _run(options):
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
     text = "\n".join([solution.report(check=check, truth=truth, source=name), *backgrounds.texts])
-    said = [f"{label or 'warning'}: {words}" for label, words in fit.output.warnings_of(solution)]
+    lines = [f"{label or 'warning'}: {words}" for label, words in fit.output.warnings_of(solution)]
 
     def sheets():
-        found = {
+        tables = {
             "vectors": fit.output.vectors_table(solution),
             "powers": fit.output.powers_table(solution),
             "coefficients": solution.to_table(),
         }
-        return found | {name: result.to_table() for name, result in backgrounds.results.items()}
+        return tables | {name: result.to_table() for name, result in backgrounds.results.items()}
 
     def provenance():
         refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
@@ -70,7 +70,7 @@ def _run(options):
         )  # fmt: skip
 
     finishing.finish(
-        options, finishing.RunResult(text, sheets, [*said, *solution.notes], solution.latex), provenance=provenance, write=write, page=page,
+        options, finishing.RunResult(text, sheets, [*lines, *solution.notes], solution.latex), provenance=provenance, write=write, page=page,
         draw=lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw(),
     )  # fmt: skip
 

@@ -23,29 +23,29 @@ def _run(options):
     else:
         field = catalogue.read_field(source, roles=(), **reading.arguments(options)).to_frame(options.frame)
     edges = np.radians(np.linspace(0, options.up_to, options.bins + 2))
-    found = pairs.correlation_function(field, edges, lmax=options.lmax, nside=options.nside)
-    fitted = found.fit(options.templates) if options.templates else None
-    text = found.report() + ("\n" + fitted.report() if fitted else "")
+    correlation = pairs.correlation_function(field, edges, lmax=options.lmax, nside=options.nside)
+    fitted = correlation.fit(options.templates) if options.templates else None
+    text = correlation.report() + ("\n" + fitted.report() if fitted else "")
     power = pairs.power(field, options.powers, nside=options.nside) if options.powers else None
     text += "\n" + power.report() if power else ""
-    tabled = {"Correlation by angle": found, "Templates": fitted, "Power by degree": power}
+    tabled = {"Correlation by angle": correlation, "Templates": fitted, "Power by degree": power}
     finishing.finish(
-        options, finishing.RunResult(text, lambda: {name: each.to_table() for name, each in tabled.items() if each}, found.notes), provenance=lambda: running.provenance(options.catalogue, options, sources=found.n_data // 2),
-        draw=lambda: _draw(found, fitted, power), write=lambda folder, meta: _write(folder, found, fitted, power, meta),
+        options, finishing.RunResult(text, lambda: {name: each.to_table() for name, each in tabled.items() if each}, correlation.notes), provenance=lambda: running.provenance(options.catalogue, options, sources=correlation.n_data // 2),
+        draw=lambda: _draw(correlation, fitted, power), write=lambda folder, meta: _write(folder, correlation, fitted, power, meta),
         title=f"Pairs of {Path(options.catalogue).name}",
     )  # fmt: skip
 
 
-def _write(folder, found, fitted, power, meta):
-    found.write(folder / "pairs.ecsv", meta)
+def _write(folder, correlation, fitted, power, meta):
+    correlation.write(folder / "pairs.ecsv", meta)
     if fitted is not None:
         fitted.write(folder / "templates.ecsv", meta)
     if power is not None:
         power.write(folder / "power.ecsv", meta)
 
 
-def _draw(found, fitted, power):
-    return {"pairs": found.plot(fitted)} | ({} if power is None else {"power": power.plot()})
+def _draw(correlation, fitted, power):
+    return {"pairs": correlation.plot(fitted)} | ({} if power is None else {"power": power.plot()})
 
 
 main, run = running.make_entry(options_module, _run)

@@ -52,13 +52,13 @@ def _run(options):
             f"{source.label} has no column of redshifts: name it, --columns redshift=NAME. "
             f"The table has {', '.join(source.names)}"
         )
-    told = next(iter(whole)).redshift_frame if isinstance(whole, Parts) else whole.redshift_frame
-    frame = options.redshift_frame or told or "not known"
+    stated = next(iter(whole)).redshift_frame if isinstance(whole, Parts) else whole.redshift_frame
+    frame = options.redshift_frame or stated or "not known"
     lines = [
         f"redshifts       {frame}" + ("" if frame in ("true", "not known") else ", taken to the microwave background")
     ]
-    if options.redshift_frame and told and told != options.redshift_frame:
-        lines.append(f"warning         the table says that its redshifts are {told}; --redshift-frame prevails")
+    if options.redshift_frame and stated and stated != options.redshift_frame:
+        lines.append(f"warning         the table says that its redshifts are {stated}; --redshift-frame prevails")
     counts = {}
     if not isinstance(whole, Parts):
         refused = dropped(whole.notes)
@@ -96,9 +96,9 @@ def _run(options):
     unfinished = None
     if options.posterior:
         try:
-            found = _posterior(field, options, common)
-            texts.append(found.report() + "\n")
-            results["posterior"] = found
+            posterior = _posterior(field, options, common)
+            texts.append(posterior.report() + "\n")
+            results["posterior"] = posterior
         except ConvergenceError as error:  # what else was found is written all the same
             unfinished = error
             texts.append(f"posterior: {error}\n")
@@ -133,12 +133,13 @@ def _distances(options):
     from vsh.models.flows import read_velocity_grid
 
     grid = None if options.reconstruction is None else read_velocity_grid(options.reconstruction)
-    found = {"redshift_frame": options.redshift_frame, "magnitudes": False if options.no_magnitudes else None} | _flows(
-        options
-    )
+    options_given = {
+        "redshift_frame": options.redshift_frame,
+        "magnitudes": False if options.no_magnitudes else None,
+    } | _flows(options)
     if grid is not None:
-        found |= {"reconstruction": grid, "reconstruction_error": options.reconstruction_error}
-    return found
+        options_given |= {"reconstruction": grid, "reconstruction_error": options.reconstruction_error}
+    return options_given
 
 
 def _flows(options):
@@ -158,7 +159,7 @@ def _ask_for_frame(field, options, common, label):
         return f"|v| = {v.amplitude:.0f} ± {v.amplitude_error:.0f} km/s"
 
     frames = ("heliocentric", "cmb", "true")
-    lines = [f"{frame}: {said}" for frame, (_, said) in by_frame(found, frames).items()]
+    lines = [f"{frame}: {reason}" for frame, (_, reason) in by_frame(found, frames).items()]
     raise VshError(
         f"the frame of the redshifts of {label} is not given: use --redshift-frame heliocentric, cmb, "
         "local-group, or true (of the expansion alone, as simulations have them). What it changes here, for "

@@ -43,11 +43,11 @@ class Downweighted(Result):
     def report(self) -> str:
         """What it costs and what it gains, as text."""
         lines = [f"{np.nanmean(self.factors):.0%} of the weight is kept"]
-        for words, found in (("before", self.before), ("after", self.after)):
-            value, pair = found.largest
+        for words, prediction in (("before", self.before), ("after", self.after)):
+            value, pair = prediction.largest
             lines.append(
                 f"{words:7} largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}; errors of spin "
-                f"{np.sqrt(np.mean(found.spin.sigma**2)):.3g}, of acceleration {np.sqrt(np.mean(found.acceleration.sigma**2)):.3g} µas/yr"
+                f"{np.sqrt(np.mean(prediction.spin.sigma**2)):.3g}, of acceleration {np.sqrt(np.mean(prediction.acceleration.sigma**2)):.3g} µas/yr"
             )
         return "\n".join(lines) + "\n"
 
@@ -134,15 +134,15 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
     first = np.abs(correlation_of(covariance(keep))[pairs]).max()
     for bound in np.geomspace(max(first, max_correlation), max_correlation, 12):
         limit[()] = bound
-        found = minimize(
+        minimum = minimize(
             cost, keep, jac=True, method="SLSQP", bounds=[(1e-6, 1.0)] * len(used),
             constraints={"type": "ineq", "fun": slack, "jac": slope}, options={"maxiter": 200, "ftol": 1e-8},
         )  # fmt: skip
-        keep = np.clip(found.x, 1e-6, 1.0)
+        keep = np.clip(minimum.x, 1e-6, 1.0)
     keep[keep < 1e-5] = 0.0
     if slack(keep).min() < -1e-3:
         raise ConvergenceError(
-            f"no weights bring all correlations under {max_correlation:g} ({found.message}): take a larger bound"
+            f"no weights bring all correlations under {max_correlation:g} ({minimum.message}): take a larger bound"
         )
     full = np.full(12 * nside**2, np.nan)
     full[used] = keep

@@ -144,11 +144,11 @@ def compare_cuts(
     field = Field.without_motions(sources, sigma)
     rows = []
     for name, case in cases.items():
-        found = predict_covariance(reweighted(field, case), modes)
-        worst, pair = found.largest
+        prediction = predict_covariance(reweighted(field, case), modes)
+        worst, pair = prediction.largest
         rows.append((
-            name, found.n_sources, *(np.sqrt(np.mean(getattr(found, v).sigma ** 2)) for v in ("spin", "acceleration")),
-            worst, " ".join(pair), found.efficiency,
+            name, prediction.n_sources, *(np.sqrt(np.mean(getattr(prediction, v).sigma ** 2)) for v in ("spin", "acceleration")),
+            worst, " ".join(pair), prediction.efficiency,
         ))  # fmt: skip
     names = ("case", "sources", "sigma_spin", "sigma_acceleration", "largest_correlation", "of", "efficiency")
     return tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)),

@@ -310,10 +310,10 @@ def correlation_matrices(
     matrices, names, dipoles, frames = [], wanted.names, [], []
     for i, field in enumerate(fields):
         if solver == "frame" or offsets is not None:
-            found = solve_frame(field, None if offsets is None else each[i])
-            matrices.append(found.correlation)
-            names = found.names
-            frames.append(found.frame)
+            one = solve_frame(field, None if offsets is None else each[i])
+            matrices.append(one.correlation)
+            names = one.names
+            frames.append(one.frame)
         else:
             solution = solve(normal_equations(field, wanted.modes))
             matrices.append(correlation_of(wanted.covariance(solution.covariance)))

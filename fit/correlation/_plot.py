@@ -91,8 +91,8 @@ def plot_leakage(leakage: Any, *, ax: Any = None) -> Any:
             for i in range(len(degrees)):
                 power = np.zeros((2, len(degrees)))
                 power[row, i] = 1.0
-                found = leakage.bias_of([f"{vector}_{axis}" for axis in "xyz"], power)
-                rms.append(np.sqrt(sum(value**2 for value in found.values())))
+                biases = leakage.bias_of([f"{vector}_{axis}" for axis in "xyz"], power)
+                rms.append(np.sqrt(sum(value**2 for value in biases.values())))
             axes.plot(degrees, rms, "os"[row] + "-", color=KIND_COLOURS[kind], label=f"from {KIND_NAMES[kind]} degrees")
         axes.set_ylabel(f"{name}  [µas/yr]")
         axes.set_ylim(bottom=0)

@@ -95,12 +95,12 @@ def calibrate(
     notes = []
     given = luminosity is not None
     if use:
-        found = (
+        measured = (
             LuminosityFunction(luminosity, "luminosity function as given")
             if luminosity is not None
             else fit_luminosity(_far_enough(facts["bright"], rms, cosmology), max(facts["faintest"]))
         )
-        bare = replace(bare, luminosity=found)
+        bare = replace(bare, luminosity=measured)
     elif given:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
     else:
@@ -157,10 +157,10 @@ def _density(density, limit, facts, rms, calibration):
     # A catalogue that was cut in redshifts as observed lacks, next to its limits, sources of some directions.
     low, high, shift = min(facts["lowest seen"]), max(facts["highest seen"]), max(facts["shift"])
     cut = (float(np.expm1(np.log1p(low) + shift)), float(np.expm1(np.log1p(high) - shift)))
-    found = fit_density(facts["counts"], rms, calibration.log_distance, calibration.limits, cut)
+    fitted = fit_density(facts["counts"], rms, calibration.log_distance, calibration.limits, cut)
     if limit is None:
-        return found
-    return completed(found, calibration.luminosity, limit, calibration.log_distance)
+        return fitted
+    return completed(fitted, calibration.luminosity, limit, calibration.log_distance)
 
 
 def _frame_of(sky):

@@ -201,8 +201,8 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
         return _by_redshift(calibration, x, s, None if magnitude is None else magnitude[rows])
 
     if unsure.size:
-        found = list(map_blocks(block, unsure.size, _BLOCK, threads))
-        mean[unsure], variance[unsure], slope[unsure] = np.concatenate(found, axis=1)
+        blocks = list(map_blocks(block, unsure.size, _BLOCK, threads))
+        mean[unsure], variance[unsure], slope[unsure] = np.concatenate(blocks, axis=1)
     if calibration.exact:
         slope[:] = 0.0
     own = np.zeros(len(field), bool) if field.distance is None else np.isfinite(field.distance)

@@ -259,5 +259,5 @@ def errors_by_redshift(sums: FloatArray, knots: int = 6) -> ErrorsByRedshift:
         value = np.sum(part + counts * log) / n + 1e-4 * bent @ bent
         return value, basis.T @ (counts - part) / n + 2e-4 * bends.T @ bent
 
-    found = minimize(misfit, np.zeros(knots), jac=True, method="BFGS", options={"gtol": 1e-7}).x
-    return ErrorsByRedshift(LogCurve(places, found + np.log(scale)))
+    shape = minimize(misfit, np.zeros(knots), jac=True, method="BFGS", options={"gtol": 1e-7}).x
+    return ErrorsByRedshift(LogCurve(places, shape + np.log(scale)))

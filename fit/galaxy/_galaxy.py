@@ -108,16 +108,16 @@ class GalacticOrbit(Result):
         """
         if not callable(potential):
             raise ParameterError(f"potential is a function of a position, not {type(potential).__name__}")
-        found = potential(np.array([-self.r0, 0.0, number("height", height)]))
-        if hasattr(found, "to_value"):
+        force = potential(np.array([-self.r0, 0.0, number("height", height)]))
+        if hasattr(force, "to_value"):
             try:
-                found = found.to_value("km / (s Myr)")
+                force = force.to_value("km / (s Myr)")
             except (ValueError, TypeError) as error:  # astropy's UnitConversionError is one
                 raise ParameterError(f"the potential gives no acceleration: {error}") from None
-        found = np.asarray(found, float).ravel()
-        if found.shape != (3,) or not np.isfinite(found).all():
-            raise ParameterError(f"the potential must give three finite components of an acceleration, not {found}")
-        expected = found * KM_S_MYR
+        force = np.asarray(force, float).ravel()
+        if force.shape != (3,) or not np.isfinite(force).all():
+            raise ParameterError(f"the potential must give three finite components of an acceleration, not {force}")
+        expected = force * KM_S_MYR
         away = self.acceleration.value - expected
         p_value = float(chdtrc(3, away @ np.linalg.solve(self.acceleration.covariance, away)))
         return Vector(expected, np.zeros((3, 3)), "galactic"), p_value
@@ -159,12 +159,12 @@ class GalacticOrbit(Result):
         return plot_orbit(self, ax=ax)
 
 
-def orbit(found: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> GalacticOrbit:
+def orbit(acceleration: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> GalacticOrbit:
     """What an acceleration says of our orbit in the Galaxy.
 
     Parameters
     ----------
-    found : Solution, or Vector
+    acceleration : Solution, or Vector
         A solution for spin and acceleration, by harmonics or the frame solver; or the acceleration. [µas/yr]
     r0, r0_error : float
         Distance of the Galactic centre. [kpc]
@@ -179,13 +179,13 @@ def orbit(found: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> Galactic
     Gaia Collaboration, Klioner et al. (2021, A&A 649, A9), Bovy (2020, arXiv:2012.02169). The Galaxy's companions add to the
     acceleration (`sim.effects.attractions`): the LMC today's 0.18 µas/yr, which no error here holds.
     """
-    vector = getattr(found, "acceleration", found)
+    vector = getattr(acceleration, "acceleration", acceleration)
     if not isinstance(vector, Vector):
         raise ParameterError(
-            f"an orbit follows from a solution with an acceleration, or from a Vector, not a {type(found).__name__}"
+            f"an orbit follows from a solution with an acceleration, or from a Vector, not a {type(acceleration).__name__}"
         )
     if vector.unit != "µas/yr":
         raise ParameterError(f"an acceleration in µas/yr is wanted, not in {vector.unit}")
     error = number("r0_error", r0_error)
-    notes = tuple(map(str, getattr(found, "notes", ())))
+    notes = tuple(map(str, getattr(acceleration, "notes", ())))
     return GalacticOrbit(vector.to_frame("galactic"), positive("r0", r0), abs(error), notes)

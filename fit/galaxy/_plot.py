@@ -10,13 +10,18 @@ from vsh.tools.types import Axes
 
 
 @styled
-def plot_orbit(found: Any, *, ax: Any = None) -> Axes:
+def plot_orbit(galactic_orbit: Any, *, ax: Any = None) -> Axes:
     """The three components with their errors, and the acceleration of a circular orbit."""
     (axes,) = panels(ax)
     axes.errorbar(
-        range(3), found.acceleration.value, found.acceleration.sigma, fmt="o", color=COLOURS[0], label="found"
+        range(3),
+        galactic_orbit.acceleration.value,
+        galactic_orbit.acceleration.sigma,
+        fmt="o",
+        color=COLOURS[0],
+        label="found",
     )
-    expected = [expected_acceleration(found.r0), 0, 0]
+    expected = [expected_acceleration(galactic_orbit.r0), 0, 0]
     axes.scatter(range(3), expected, marker="_", s=400, color=COLOURS[1], label="circular orbit, motion of Sgr A*", zorder=1)  # fmt: skip
     axes.axhline(0, color="0.6", linewidth=0.6)
     axes.set_xlim(-0.5, 2.5)

@@ -38,9 +38,9 @@ def packed(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]
             m.append(place[0].ravel())
             n.append(place[1].ravel() - half)
             values.append(grid.ravel())
-    found = np.concatenate(values)
+    values_of = np.concatenate(values)
     columns = {
-        "of": kinds, "m": np.concatenate(m), "n": np.concatenate(n), "real": found.real, "imaginary": found.imag,
+        "of": kinds, "m": np.concatenate(m), "n": np.concatenate(n), "real": values_of.real, "imaginary": values_of.imag,
     }  # fmt: skip
     rest = {
         "lmax": moments.lmax, "chi2_null": exact(moments.chi2_null), "n_data": moments.n_data, "frame": moments.frame,
@@ -118,9 +118,11 @@ class Moments(Result):
         """Check what a file or a caller may have mixed up."""
         lmax = self.kind(self.lmax).lmax
         for name, shape in zip(("weights", "motions"), shapes(self.kind, lmax), strict=True):
-            if (found := np.asarray(getattr(self, name), complex)).shape != shape:
-                raise ModesError(f"the moments of {name} of degree {lmax} have the shape {shape}, not {found.shape}")
-            object.__setattr__(self, name, found)
+            if (coefficients := np.asarray(getattr(self, name), complex)).shape != shape:
+                raise ModesError(
+                    f"the moments of {name} of degree {lmax} have the shape {shape}, not {coefficients.shape}"
+                )
+            object.__setattr__(self, name, coefficients)
         check_frame(self.frame)
         super().__post_init__()
 

@@ -128,10 +128,10 @@ def plot_correlation(solution: Any, *, ax: Any = None) -> Axes:
     (axes,) = panels(ax, size=(WIDTH, 3.7))
     if hasattr(solution, "coefficients"):
         names, matrix, groups = _known_names(solution)
-        said = (
+        title = (
             "; ".join(f"{kind}: {KIND_NAMES[kind]}" for kind in solution.modes.kinds) if solution.modes.lmax > 1 else ""
         )
-        axes.set_title(f"{f'{said}; ' if said else ''}{solution.frame} axes")
+        axes.set_title(f"{f'{title}; ' if title else ''}{solution.frame} axes")
     else:
         names, matrix, groups = [symbol(name) for name in solution.names], solution.correlation, None
         axes.set_title(f"{solution.frame} axes")

@@ -76,14 +76,14 @@ def html_report(
     """
     turned = page.sky(*skies) if skies else page.Panel("")
     shown = {name: drawn for name, drawn in figures.items() if not (turned.html and name == "sky")}
-    said = {**_CAPTIONS, **(captions or {})}
+    texts = {**_CAPTIONS, **(captions or {})}
     static = page.words(f"The sky of this page {page.STATIC}." if skies and not turned.html else "", "faint")
     vectors = vectors_of(solution)
     panels = [
         _cards(solution), page.words(_warnings(solution), "warning"), page.heading("The sky", turned),
         page.heading(" and ".join(vectors).capitalize(), *_vectors(solution, truth or {})), _check(check), _powers(solution),
         *(page.sheet(heading, columns) for heading, columns in (sections or {}).items()),
-        page.heading("Figures", page.figures(shown, said), static), _coefficients(solution), page.notes(solution.notes),
+        page.heading("Figures", page.figures(shown, texts), static), _coefficients(solution), page.notes(solution.notes),
         page.provenance(provenance or {}, command),
     ]  # fmt: skip
     modes = solution.modes
@@ -121,8 +121,8 @@ def _vectors(solution, truth):
         for name in vectors_of(solution)
         for row in vector_rows({name: vectors_of(solution)[name]}, truth)
     ]
-    found = floor_lines(solution)
-    shared = f"{found[0]}: {'; '.join(found[1:-1])}. {found[-1]}." if found else ""
+    lines = floor_lines(solution)
+    shared = f"{lines[0]}: {'; '.join(lines[1:-1])}. {lines[-1]}." if lines else ""
     heads = [f"[{solution.unit}]", "x", "y", "z", "amplitude"]
     return (page.table(heads, rows), page.words(shared, "faint")) if rows else ()
 
@@ -131,7 +131,7 @@ def _check(check):
     if check is None:
         return page.Panel("")
     agree = check.largest < AGREE
-    said = (
+    text = (
         "Plain least squares of degree 1 on the same sources by two solvers without a common formula: "
         f"{'they agree' if agree else 'THEY DO NOT AGREE'}; largest difference {check.largest:.1e} σ."
     )
@@ -141,7 +141,7 @@ def _check(check):
         for solver, result in (("harmonics", check.harmonics), ("frame solver", check.frame))
     ]
     both = () if agree else (page.table(["[µas/yr]", "x", "y", "z"], rows),)
-    return page.heading("Cross-check", page.words(said), *both)
+    return page.heading("Cross-check", page.words(text), *both)
 
 
 def _powers(solution):
@@ -161,8 +161,8 @@ def _powers(solution):
     ]
     scaled = ["p, errors scaled"] if both else []
     heads = ["degree", f"power {squared(solution)}", "noise-debiased", "±", "p-value", *scaled, "z", "M&K Z"]
-    said = page.words("Click a heading to sort.", "faint")
-    return page.heading("Power by degree", said, page.table(heads, rows, sortable=True))
+    hint = page.words("Click a heading to sort.", "faint")
+    return page.heading("Power by degree", hint, page.table(heads, rows, sortable=True))
 
 
 def _coefficients(solution):

@@ -85,20 +85,20 @@ NEXT_STEP = (
 
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
     """What the reader of any form of a solution should know of its errors: pairs of a label and a sentence."""
-    found = []
+    warnings = []
     if solution.errors_from != "the catalogue":
-        found.append(("errors from", solution.errors_from))
-    said = solution.quality.warning()
-    if said and solution.errors_from == "the catalogue":
-        found.append(("warning", said))
+        warnings.append(("errors from", solution.errors_from))
+    warning = solution.quality.warning()
+    if warning and solution.errors_from == "the catalogue":
+        warnings.append(("warning", warning))
         if solution.quality.factor > 1:
-            found.append(("", "the errors below are not scaled by that; p-values are given for both"))
-            found.append(("", NEXT_STEP))
-    elif said and solution.quality.factor > 1:
-        found.append(("", f"{said}; those below do not rest on the catalogue's"))
+            warnings.append(("", "the errors below are not scaled by that; p-values are given for both"))
+            warnings.append(("", NEXT_STEP))
+    elif warning and solution.quality.factor > 1:
+        warnings.append(("", f"{warning}; those below do not rest on the catalogue's"))
     lost = [l for l in range(solution.modes.lowest, solution.modes.lmax + 1) if solution.covariance_dof < 2 * l + 1]
     if lost:
-        found.append(
+        warnings.append(
             (
                 "warning",
                 f"{solution.covariance_dof + 1:.0f} replicates are too few for the 2l + 1 coefficients of degree {lost[0]} and above: "
@@ -106,13 +106,13 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
             )
         )
     if 0 < solution.dof < len(solution.modes):
-        found.append(
+        warnings.append(
             (
                 "warning",
                 f"{solution.dof} degrees of freedom for {len(solution.modes)} coefficients: χ² says little of the errors",
             )
         )
-    return found
+    return warnings
 
 
 def _predicted(solution):
@@ -230,7 +230,7 @@ def html_of(solution: Any) -> str:
         for row in power_rows(solution)
         if row.power != "nan"  # errors of a fit that is to come
     )
-    warned = [f"{label}: {said}" for label, said in warnings_of(solution) if label == "warning"]
+    warned = [f"{label}: {words}" for label, words in warnings_of(solution) if label == "warning"]
     notes = "".join(f"<li>{escape(str(note))}</li>" for note in (*warned, *solution.notes))
     toward = "".join(
         f"<li>{name} {escape(direction(vector))}</li>"

@@ -169,10 +169,10 @@ def vectors_table(solution: Any) -> Table:
 
 def powers_table(solution: Any) -> Table:
     """Power by degree and kind as an astropy Table, with errors, chances, and roots of the powers."""
-    found = spectrum(solution)
+    degrees = spectrum(solution)
     numbers = ("power", "debiased", "error", "p_value", "z", "mk_z")
-    columns = {"kind": np.array([d.kind for d in found]), "l": np.array([d.l for d in found])}
-    columns |= {name: np.array([getattr(d, name) for d in found], float) for name in numbers}
+    columns = {"kind": np.array([d.kind for d in degrees]), "l": np.array([d.l for d in degrees])}
+    columns |= {name: np.array([getattr(d, name) for d in degrees], float) for name in numbers}
     unit = _squared(solution.unit.replace("µ", "u"))
     return tables.table_of(columns, {"frame": solution.frame}, dict.fromkeys(numbers[:3], unit) if unit else {})
 

@@ -14,13 +14,13 @@ _ANGLE, _VALUE = "angle between the sources  [°]", "correlation of motions  [(�
 
 
 @styled
-def plot_pairs(found: Any, fit: Any = None, *, ax: Any = None) -> Any:
+def plot_pairs(correlation: Any, fit: Any = None, *, ax: Any = None) -> Any:
     """ξ± with errors and the fitted templates above, the pairs in each bin below."""
     axes, below = drawn = panels(ax, 2, 1, size=(WIDTH, 3.3), sharex=True, height_ratios=(3, 1))
-    degrees = np.degrees(found.theta)
+    degrees = np.degrees(correlation.theta)
     step = 0.12 * np.min(np.diff(degrees)) if len(degrees) > 1 else 0.0
     for values, sigma, side, marker, colour, label in (
-        (found.plus, found.sigma_plus, -step, "o", _PLUS, "ξ₊"), (found.minus, found.sigma_minus, step, "s", _MINUS, "ξ₋"),
+        (correlation.plus, correlation.sigma_plus, -step, "o", _PLUS, "ξ₊"), (correlation.minus, correlation.sigma_minus, step, "s", _MINUS, "ξ₋"),
     ):  # fmt: skip
         error = sigma if np.isfinite(sigma).any() else None
         axes.errorbar(degrees + side, values, error, fmt=marker, markersize=3, color=colour, label=label)
@@ -32,8 +32,10 @@ def plot_pairs(found: Any, fit: Any = None, *, ax: Any = None) -> Any:
     axes.axhline(0, color="0.6", linewidth=0.6)
     axes.set_ylabel(_VALUE)
     legend_above(axes, 2)
-    width = np.diff(np.degrees(found.edges))
-    below.bar(degrees, np.maximum(found.n_pairs, 0), (width[:-1] + width[1:]) / 2, color="0.75", edgecolor="white")
+    width = np.diff(np.degrees(correlation.edges))
+    below.bar(
+        degrees, np.maximum(correlation.n_pairs, 0), (width[:-1] + width[1:]) / 2, color="0.75", edgecolor="white"
+    )
     below.set_ylabel("pairs")
     below.set_xlabel(_ANGLE)
     return drawn
@@ -53,12 +55,12 @@ def plot_curves(fit: Any, *, ax: Any = None) -> Axes:
 
 
 @styled
-def plot_power(found: Any, *, ax: Any = None) -> Axes:
+def plot_power(power: Any, *, ax: Any = None) -> Axes:
     """Power by degree with its errors, of either sign."""
     (axes,) = panels(ax)
-    l = np.arange(1, len(found.toroidal) + 1)
+    l = np.arange(1, len(power.toroidal) + 1)
     for kind, values, error, side, marker in (
-        ("T", found.toroidal, found.errors[0], -0.08, "o"), ("S", found.spheroidal, found.errors[1], 0.08, "s"),
+        ("T", power.toroidal, power.errors[0], -0.08, "o"), ("S", power.spheroidal, power.errors[1], 0.08, "s"),
     ):  # fmt: skip
         error = error if np.isfinite(error).all() else None
         axes.errorbar(l + side, values, error, fmt=marker, color=KIND_COLOURS[kind], label=KIND_NAMES[kind])

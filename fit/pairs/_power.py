@@ -87,7 +87,7 @@ def sums_of(field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | No
             raise ParameterError(
                 "weights= are of the sources of a Field in memory; those of parts follow from their errors"
             )
-        found = field.sum(partial(_of_part, lmax=lmax, nside=nside), roles=(), words="pairs")
+        sums = field.sum(partial(_of_part, lmax=lmax, nside=nside), roles=(), words="pairs")
     else:
         if weights is not None:
             weights = float_array("weights", weights, (len(field),))
@@ -95,14 +95,14 @@ def sums_of(field: Field | Parts, lmax: int, nside: int, weights: ArrayLike | No
                 raise ParameterError(
                     f"weights are zero or more, and not all zero: {np.sum(weights < 0)} are below zero"
                 )
-        found = _of_part(field, lmax, nside, weights, threads)
-    blocks = [found["blocks"][pixel] for pixel in sorted(found["blocks"])]
+        sums = _of_part(field, lmax, nside, weights, threads)
+    blocks = [sums["blocks"][pixel] for pixel in sorted(sums["blocks"])]
     total = blocks[0]
     for block in blocks[1:]:
         total = total + block
     if total.alone[2] < 2:
         raise FieldError("pairs need two sources at least")
-    return Gathered(total, blocks, found["frames"][0], spoken(merge_notes(*found["notes"])))
+    return Gathered(total, blocks, sums["frames"][0], spoken(merge_notes(*sums["notes"])))
 
 
 def _of_part(field, lmax, nside, weights=None, threads=1):
@@ -281,17 +281,17 @@ def power(
     theta, pairs = np.arccos(x), legvander(x, 2 * lmax).T
     *spectra, weight, _ = total.spectra
     own = 4 * np.pi / (2 * np.arange(1, lmax + 1) + 1)
-    found, by_degree, by_weight = [], [], []
+    rows, by_degree, by_weight = [], [], []
     for curve, spectrum in zip((d_plus(lmax, theta), d_minus(lmax, theta)), spectra, strict=True):
         inverse = _inverse(curve * (w * (weight @ pairs) / 2) @ curve.T)
-        found.append(inverse @ (spectrum[:lmax] * own))
+        rows.append(inverse @ (spectrum[:lmax] * own))
         by_degree.append(np.pad(inverse * own, ((0, 0), (0, lmax))))
-        by_weight.append(-(inverse @ curve * (w * (found[-1] @ curve) / 2)) @ pairs.T)
+        by_weight.append(-(inverse @ curve * (w * (rows[-1] @ curve) / 2)) @ pairs.T)
     # From T + S and T − S to T and S.
     plus, minus = np.tile(by_degree[0], (2, 1)) / 2, np.vstack([by_degree[1], -by_degree[1]]) / 2
     expected = np.vstack([by_weight[0] + by_weight[1], by_weight[0] - by_weight[1]]) / 2
     covariance = covariance_of(blocks, plus, minus, expected)
-    toroidal, spheroidal = (found[0] + found[1]) / 2, (found[0] - found[1]) / 2
+    toroidal, spheroidal = (rows[0] + rows[1]) / 2, (rows[0] - rows[1]) / 2
     return PairPower(toroidal, spheroidal, covariance, len(blocks), 2 * round(float(total.alone[2])), notes)
 
 
@@ -345,13 +345,13 @@ def _windows(edges, lmax):
 
 def checked_edges(edges: ArrayLike) -> FloatArray:
     """Edges of bins, ascending from 0 to π at most."""
-    found = float_array("edges", edges)
-    if found.ndim != 1 or found.size < 3:
+    array = float_array("edges", edges)
+    if array.ndim != 1 or array.size < 3:
         raise ParameterError(
-            f"edges are three angles or more, in rad: a bin rises from one to the next and falls to the third, not {found.size}"
+            f"edges are three angles or more, in rad: a bin rises from one to the next and falls to the third, not {array.size}"
         )
-    if not (np.diff(found) > 0).all() or found[0] < 0 or found[-1] > np.pi + 1e-9:
+    if not (np.diff(array) > 0).all() or array[0] < 0 or array[-1] > np.pi + 1e-9:
         raise ParameterError(
-            f"edges ascend from 0 to π at most [rad], not from {found[0]:.4g} to {found[-1]:.4g}: np.radians of degrees"
+            f"edges ascend from 0 to π at most [rad], not from {array[0]:.4g} to {array[-1]:.4g}: np.radians of degrees"
         )
-    return np.minimum(found, np.pi)
+    return np.minimum(array, np.pi)

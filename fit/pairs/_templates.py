@@ -166,32 +166,32 @@ def names_of(templates: Any, hubble: float) -> dict[str, Callable[[FloatArray], 
     return {name: known[name] for name in templates}
 
 
-def fitted(found: Any, templates: dict[str, Callable[[FloatArray], FloatArray]]) -> TemplateFit:
+def fitted(correlation: Any, templates: dict[str, Callable[[FloatArray], FloatArray]]) -> TemplateFit:
     """Amplitudes by least squares, with the weight of the pairs in each bin."""
-    bins, seen = windows(found.edges, found.lmax), np.isfinite(found.plus)
-    pairs = bins.values * (found.window @ bins.scalar)  # as the pairs spread within each bin
+    bins, seen = windows(correlation.edges, correlation.lmax), np.isfinite(correlation.plus)
+    pairs = bins.values * (correlation.window @ bins.scalar)  # as the pairs spread within each bin
     curves = []
     for name, function in templates.items():
         curve = float_array(f"the template {name!r}", function(bins.theta), (2, len(bins.theta)))
         curves.append(curve @ pairs.T / pairs.sum(1))
     design = np.array(curves)[:, :, seen].reshape(len(curves), -1)
-    root = np.sqrt(np.tile(found.weight[seen], 2))
+    root = np.sqrt(np.tile(correlation.weight[seen], 2))
     if design.shape[1] < len(curves) or np.linalg.matrix_rank(design * root) < len(curves):
         raise ParameterError(
             f"{seen.sum()} bins cannot tell {len(curves)} templates apart: take more bins, at more angles"
         )
     inverse = np.linalg.pinv((design * root).T) * root
-    values = inverse @ np.stack([found.plus, found.minus])[:, seen].ravel()
+    values = inverse @ np.stack([correlation.plus, correlation.minus])[:, seen].ravel()
     kept = np.tile(seen, 2)
-    covariance = inverse @ found.covariance[np.ix_(kept, kept)] @ inverse.T
+    covariance = inverse @ correlation.covariance[np.ix_(kept, kept)] @ inverse.T
     return TemplateFit(
         tuple(templates),
         values,
         (covariance + covariance.T) / 2,
         np.tensordot(values, np.array(curves), 1),
-        found.theta,
+        correlation.theta,
         np.array([_coefficients(function) for function in templates.values()]),
-        found.n_effective,
+        correlation.n_effective,
     )
 
 

@@ -78,12 +78,12 @@ class Tabulated:
         sums = with_acceleration(self.rows.sums(*pairs, threads=self.threads), self.acceleration, self.rows.frame)
         if self.rows.modes is None:
             return marginalise(sums, self.spin, self.rows.frame)[:, which.ravel()]
-        found = []
+        terms = []
         for pair, size in zip(which.ravel(), q, strict=True):
             one = ParallaxSums(sums.matrix[pair], sums.rhs[pair], sums.chi2_null[pair], sums.logdet[pair], sums.n_data)
             left, _ = without_flow(with_flow(one, 9, size), 9)
-            found.append(marginalise(left, self.spin, self.rows.frame))
-        return np.stack(found, axis=1)
+            terms.append(marginalise(left, self.spin, self.rows.frame))
+        return np.stack(terms, axis=1)
 
 
 def compress_likelihood(

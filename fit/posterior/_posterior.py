@@ -199,10 +199,10 @@ class Posterior(SampleResult):
         if steps >= ENOUGH * slowest:
             return
         known = np.isfinite(slowest)
-        said = f"{steps / slowest:.1f} autocorrelation times" if known else "so few that some walkers never moved"
+        length = f"{steps / slowest:.1f} autocorrelation times" if known else "so few that some walkers never moved"
         wanted = int(np.ceil(2.5 * ENOUGH * slowest)) if known else 10 * steps
         raise ConvergenceError(
-            f"{steps} steps are {said}; {ENOUGH} times are needed for a result. Ask for "
+            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for "
             f"n_samples={wanted * walkers} or more, or max_samples= (a chain with a checkpoint goes on from where it is)"
         )
 
@@ -233,13 +233,13 @@ def _hubble_likelihood(model: Any, samples: dict[str, FloatArray], hubble: Float
 
 def _other_priors(prior: Any) -> dict[str, Any]:
     """Priors beside the one that was given, as functions of H0 that return log-densities."""
-    found = {"as given": prior.log}
+    priors = {"as given": prior.log}
     if isinstance(prior, Normal):
-        found["twice as wide"] = Normal(prior.mean, 2 * prior.sigma, prior.low, prior.high).log
+        priors["twice as wide"] = Normal(prior.mean, 2 * prior.sigma, prior.low, prior.high).log
     if isinstance(prior, Flat) and prior.proper:
         width = prior.high - prior.low
-        found["twice as wide"] = Flat(max(prior.low - width / 2, 0.0), prior.high + width / 2).log
-    return found | {
+        priors["twice as wide"] = Flat(max(prior.low - width / 2, 0.0), prior.high + width / 2).log
+    return priors | {
         "flat in H0": np.zeros_like,
         "flat in v H0": lambda h: 3 * np.log(h),
         "flat in log H0": lambda h: -np.log(h),
@@ -261,6 +261,6 @@ def _sensitivity_lines(model: Any, samples: dict[str, FloatArray]) -> list[str]:
         share = np.cumsum(weight) / weight.sum()
         median, low, high, below, above = np.interp(_LEVELS, share, hubble)
         ends = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
-        said = "  (leans on the limits)" if ends > 0.02 * weight.sum() else ""
-        lines.append(f"{name:18}{median:10.4g}{low:11.4g} …{high:9.4g}{below:14.4g}{above:12.4g}{said}")
+        remark = "  (leans on the limits)" if ends > 0.02 * weight.sum() else ""
+        lines.append(f"{name:18}{median:10.4g}{low:11.4g} …{high:9.4g}{below:14.4g}{above:12.4g}{remark}")
     return lines

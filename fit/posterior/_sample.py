@@ -176,9 +176,9 @@ def sample(
         if checkpoint is not None:
             run.resume_from(checkpoint, identity)
         chain, log_probability = run.run()
-    found = Posterior(chain, log_probability, model, rows.frame, rows.notes, seed)
-    tell(_LOG, "chain", found, begun)
-    return found
+    posterior = Posterior(chain, log_probability, model, rows.frame, rows.notes, seed)
+    tell(_LOG, "chain", posterior, begun)
+    return posterior
 
 
 def _data(field, rows):

@@ -42,11 +42,11 @@ def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
     (50.0, 15.87, 84.13, 2.28)
     """
     levels = [50, 15.865525, 84.134475, 2.2750132, 97.7249868]  # the median, and the Gaussian's 1 and 2 σ
-    found = {}
+    intervals = {}
     for name, x in samples.items():
         median, low68, high68, low95, high95 = map(float, np.percentile(x, levels))
-        found[name] = Interval(median, low68, high68, low95, high95, float(np.mean(x)), float(np.std(x, ddof=1)))
-    return found
+        intervals[name] = Interval(median, low68, high68, low95, high95, float(np.mean(x)), float(np.std(x, ddof=1)))
+    return intervals
 
 
 class SampleResult(Result):
@@ -220,14 +220,14 @@ def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
     ]
 
 
-def table_lines(found: SampleResult) -> list[str]:
+def table_lines(result: SampleResult) -> list[str]:
     """The table of medians and intervals of a SampleResult, as lines."""
-    size, r_hat = found._effective(), found._r_hat()
+    size, r_hat = result._effective(), result._r_hat()
     lines = [
         f"effective      {min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most; digits are those they have",
         f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}",
     ]
-    for name, row in found.summary().items():
+    for name, row in result.summary().items():
         cells = _as_sure(row, size[name])
         lines.append(
             f"{SHORT_NAMES.get(name, name):18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>11} …{cells[4]:>9}  {UNITS[name]}"

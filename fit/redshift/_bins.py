@@ -98,7 +98,7 @@ def binned(
             f"the edges of redshift bins rise from one to the next, not {edges[at]} to {edges[at + 1]}"
         )
     bins = len(edges) - 1
-    found: dict[Any, Any]
+    summed: dict[Any, Any]
     theory, calibration = flow_theory({"flows": flows}), None
     flow = None if theory is None else shared_flow(field, edges, theory, peculiar_dispersion, n_modes)
     if isinstance(field, Field | Parts):
@@ -106,20 +106,20 @@ def binned(
         calibration = calibrate_if_known(field, redshift_frame, radial)
     work = partial(_by_bin, edges=edges, modes=modes, calibration=calibration, flow=flow, threads=threads)
     if isinstance(field, Parts):
-        found = field.sum(work, roles=("redshift",), words="bins of redshift")
+        summed = field.sum(work, roles=("redshift",), words="bins of redshift")
     else:
-        found = reduce(added, map(work, [field] if isinstance(field, Field) else field), {})
-    notes = list(spoken(merge_notes(*found.get("notes", ()))))
-    if found.get("outside"):
-        notes.append(f"left out {found['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
+        summed = reduce(added, map(work, [field] if isinstance(field, Field) else field), {})
+    notes = list(spoken(merge_notes(*summed.get("notes", ()))))
+    if summed.get("outside"):
+        notes.append(f"left out {summed['outside']} sources with redshifts outside {edges[0]:g} … {edges[-1]:g}")
     for b in range(bins):
-        if b not in found:
+        if b not in summed:
             raise DegeneracyError(
                 f"bin {b + 1} of {bins}, {edges[b]:g} ≤ z < {edges[b + 1]:g}, is empty: choose other edges"
             )
-    normals, sums = [found[b][0] for b in range(bins)], np.array([found[b][1] for b in range(bins)])
+    normals, sums = [summed[b][0] for b in range(bins)], np.array([summed[b][1] for b in range(bins)])
     counts = sums[:, 0].astype(int)
-    columns = None if flow is None else [found[b][2] for b in range(bins)]
+    columns = None if flow is None else [summed[b][2] for b in range(bins)]
     solve_bins = _joint if shared_higher_degrees and modes.lmax > 1 else _apart
     solutions, covariance, free, flow_covariance = solve_bins(normals, edges, columns)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -149,7 +149,7 @@ def _by_bin(field, edges, modes, calibration, flow, threads):
         return {"notes": [(*field.notes, *error.notes)]}
     place = np.searchsorted(edges, np.asarray(good.redshift), side="right") - 1
     bins = len(edges) - 1
-    found: dict[Any, Any] = {"outside": int(((place < 0) | (place >= bins)).sum()), "notes": [good.notes]}
+    sums: dict[Any, Any] = {"outside": int(((place < 0) | (place >= bins)).sum()), "notes": [good.notes]}
     for b in np.unique(place[(place >= 0) & (place < bins)]):
         inside = good[place == b]
         rate = mean_rates(inside, calibration)
@@ -158,8 +158,8 @@ def _by_bin(field, edges, modes, calibration, flow, threads):
         if flow is not None:
             inside, further = flow.of(inside, rate, modes)
             columns = (further,)
-        found[int(b)] = (normal_equations(inside, modes, threads=threads), moments, *columns)
-    return found
+        sums[int(b)] = (normal_equations(inside, modes, threads=threads), moments, *columns)
+    return sums
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), n_bins=arguments.whole)
@@ -365,10 +365,10 @@ def permutation_test(
     for _ in range(n_permutations + 1):
         sums = np.stack([np.bincount(place, column, len(binned)) for column in products.T], axis=1)
         sums = sums.reshape(-1, size, size)
-        found = _statistics(sums, np.bincount(place, minlength=len(binned)), binned, velocity is not None)
+        statistics = _statistics(sums, np.bincount(place, minlength=len(binned)), binned, velocity is not None)
         if not observed:
-            observed, counts = found, dict.fromkeys(found, 0)
-        for name, chi2 in found.items():
+            observed, counts = statistics, dict.fromkeys(statistics, 0)
+        for name, chi2 in statistics.items():
             counts[name] += chi2 >= observed[name] * (1 - 1e-12)
         place = rng.permutation(place)
     return {name: count / (n_permutations + 1) for name, count in counts.items()}
@@ -377,16 +377,16 @@ def permutation_test(
 def _statistics(sums, sources, binned, with_velocity):
     degree = {kind: np.arange(6)[Modes(1).slice_of(kind, 1)] for kind in KINDS}
     values, covariance = _solved(sums, sources, 6)
-    found: dict[str, Any] = {
+    statistics: dict[str, Any] = {
         kind: equality_chi2(values[:, at], covariance[:, at][:, :, at]) for kind, at in degree.items()
     }
     if len(binned) > 1:
-        found["trend"] = slope_chi2(values, covariance, binned.redshift)
+        statistics["trend"] = slope_chi2(values, covariance, binned.redshift)
     if with_velocity:
         values, covariance = _solved(sums, sources, 7)
         at = degree["S"]
-        found["secular_parallax"] = equality_chi2(values[:, at], covariance[:, at][:, :, at])
-    return found
+        statistics["secular_parallax"] = equality_chi2(values[:, at], covariance[:, at][:, :, at])
+    return statistics
 
 
 def _solved(sums, sources, column):

@@ -109,9 +109,9 @@ def information(binned: Any) -> tuple[FloatArray, FloatArray]:
     return weight, np.array([max(s.dof, 1) for s in binned.solutions])
 
 
-def slope_of(found: tuple[FloatArray, float, FloatArray], q: int) -> float:
+def slope_of(estimate: tuple[FloatArray, float, FloatArray], q: int) -> float:
     """χ² of no slope, from what `gls` found for constants and slopes."""
-    theta, _, spread = found
+    theta, _, spread = estimate
     return float(theta[q:] @ np.linalg.solve(spread[q:, q:], theta[q:]))
 
 

@@ -148,8 +148,8 @@ class normals_of_blocks:
         self.field, self.modes, self.words, self.progress = field, modes, f"blocks, nside {nside}", progress
         if isinstance(field, Parts):
             work = partial(_by_block, modes=modes, nside=nside)
-            found = field.sum(work, roles=(), words=self.words, progress=progress)
-            self.blocks: list[Any] = [found[pixel] for pixel in sorted(found)]
+            blocks = field.sum(work, roles=(), words=self.words, progress=progress)
+            self.blocks: list[Any] = [blocks[pixel] for pixel in sorted(blocks)]
         else:
             pixel = pixels_of(field.lon, field.lat, nside)
             order = np.argsort(pixel, kind="stable")
@@ -255,13 +255,13 @@ def _pixels(field, nside):
     return dict.fromkeys(np.unique(pixels_of(field.lon, field.lat, nside)).tolist())
 
 
-def _length(found, nside):
-    formal = np.concatenate([found.solution.spin.sigma, found.solution.acceleration.sigma])
-    seen = np.concatenate([found.spin.sigma, found.acceleration.sigma])
-    blocks = len(found.replicates)
+def _length(growth, nside):
+    formal = np.concatenate([growth.solution.spin.sigma, growth.solution.acceleration.sigma])
+    seen = np.concatenate([growth.spin.sigma, growth.acceleration.sigma])
+    blocks = len(growth.replicates)
     ratio = float(np.sqrt(np.mean((seen / formal) ** 2)))
     # Six variances of B − 1 degrees of freedom each.
-    return BlockLength(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), found)
+    return BlockLength(nside, 58.6 / nside, blocks, ratio, ratio / np.sqrt(2 * 6 * (blocks - 1)), growth)
 
 
 def _grows(row, later):
@@ -272,7 +272,7 @@ def _advice(rows, best):
     table = "; ".join(
         f"nside {r.nside} ({r.degrees:.0f}°, {r.blocks} blocks): {r.ratio:.2f} ± {r.ratio_error:.2f}" for r in rows
     )
-    said = f"jackknife errors over formal ones: {table}; taken: nside {best.nside}"
+    note = f"jackknife errors over formal ones: {table}; taken: nside {best.nside}"
     if best is rows[-1] and len(rows) > 1:
-        said += ", the largest blocks: errors still grow with them, and may be larger yet"
-    return said + ". No resampling can detect errors common to the whole sky (a glide or a rotation of the frame)"
+        note += ", the largest blocks: errors still grow with them, and may be larger yet"
+    return note + ". No resampling can detect errors common to the whole sky (a glide or a rotation of the frame)"

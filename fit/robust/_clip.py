@@ -159,9 +159,9 @@ def clip(
                 if threshold is None
                 else "the given threshold"
             )
-            said = f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rule}; {rounds} rounds)"
+            note = f"clipped {n_sources - n_kept} of {n_sources} sources with X > {limit:.3g} ({rule}; {rounds} rounds)"
             mask = distances(sky.in_memory) <= limit if sky.in_memory is not None else None
-            return _corrected(solution, mask, rounds, limit, q, said, n_sources - n_kept)
+            return _corrected(solution, mask, rounds, limit, q, note, n_sources - n_kept)
         if components * chosen["sources"] < len(modes):
             raise ConvergenceError(
                 f"the clip keeps {chosen['sources']} of {n_sources} sources, too few for {len(modes)} coefficients: "
@@ -188,13 +188,13 @@ def clip(
     )
 
 
-def _corrected(solution, kept, rounds, limit, q, said, n_clipped):
+def _corrected(solution, kept, rounds, limit, q, note, n_clipped):
     """The clipped solution, its errors and χ² corrected for the choice by residuals up to X²/2 = q."""
     variance, share = truncation(q, solution.modes.components)
     if variance > 1.001:
-        said += f"; errors multiplied by {np.sqrt(variance):.3f} and χ² divided by {share:.3f} for that choice"
+        note += f"; errors multiplied by {np.sqrt(variance):.3f} and χ² divided by {share:.3f} for that choice"
     solution = replace(
-        solution, covariance=solution.covariance * variance, chi2=solution.chi2 / share, notes=(*solution.notes, said)
+        solution, covariance=solution.covariance * variance, chi2=solution.chi2 / share, notes=(*solution.notes, note)
     )
     return Clipped(solution, kept, rounds, limit, float(np.sqrt(variance)), n_clipped)
 

@@ -105,13 +105,13 @@ def excess_noise(
     noise_error = unit**2 * errors[0] / (2 * noise) if parameters[0] > errors[0] / 4 else unit * np.sqrt(errors[0])
     factor = float(np.sqrt(parameters[1])) if scale else 1.0
     factor_error = float(errors[1] / (2 * factor)) if scale else 0.0
-    said = f"excess noise: {noise:.4g} ± {noise_error:.2g} µas/yr added in quadrature to every component"
+    note = f"excess noise: {noise:.4g} ± {noise_error:.2g} µas/yr added in quadrature to every component"
     if scale:
-        said += f", after scaling the errors by {factor:.3f} ± {factor_error:.3f}"
+        note += f", after scaling the errors by {factor:.3f} ± {factor_error:.3f}"
     solution = replace(
         solution,
         covariance=covariance,
-        notes=(*solution.notes, said),
+        notes=(*solution.notes, note),
         errors_from="the residuals, source by source, with excess noise",
     )
     return ExcessNoise(solution, float(noise), float(noise_error), factor, factor_error, problem.n_rounds)

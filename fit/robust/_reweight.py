@@ -269,10 +269,10 @@ def _reweighted(sky, modes, weight, name, tolerance, max_rounds, power):
         words = f"{name}, round {rounds}"
         weight = weight.fitted(sky, Share(solution, weight, leverage), words)
         share = Share(solution, weight, leverage)
-        found = sky.sum(partial(_weighted, share=share, modes=modes), roles=(), words=words)
-        solution = solve(found["normal"])
+        weighted = sky.sum(partial(_weighted, share=share, modes=modes), roles=(), words=words)
+        solution = solve(weighted["normal"])
         if rounds <= _ADAPTING:  # held fixed later, so that all settles
-            leverage = len(modes) / modes.components / found["information"]
+            leverage = len(modes) / modes.components / weighted["information"]
         moved = np.max(np.abs(solution.values - values) / plain.sigma)
         values = solution.values
         if moved < tolerance:
@@ -291,7 +291,7 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
     facts = sky.sum(partial(_facts, share=share), roles=("name",), words=f"{name}, weights")
     effective = facts["u"] ** 2 / facts["u²"]
     most = max(facts["most"])
-    said = (
+    note = (
         f"{name}: {rounds} rounds, weight of {effective:.1f} equal sources of {facts['sources']}; errors are "
         f"{inflation:.2f} times those of the catalogue; most downweighted: "
         f"{', '.join(f'{label} ({u / most:.2g})' for u, label in facts['least'].few)}"
@@ -301,7 +301,7 @@ def _with_errors(sky, plain, solution, share, name, rounds, power):
         covariance=covariance,
         chi2=facts["chi2"],
         n_data=plain.n_data,
-        notes=(*plain.notes, said),
+        notes=(*plain.notes, note),
         errors_from="the residuals of the robust fit, source by source",
     )
     weights = None if sky.in_memory is None else share(sky.in_memory)[1]
@@ -347,4 +347,4 @@ class _Least:
     few: list
 
     def __add__(self, other):
-        return _Least(sorted([*self.few, *other.few], key=lambda each: each[0])[:5])
+        return _Least(sorted([*self.few, *other.few], key=lambda pair: pair[0])[:5])

@@ -147,10 +147,10 @@ def _gram(rows, variance):
     if k <= 16:
         upper = np.triu_indices(k)
         products = rows[:, upper[0]] * rows[:, upper[1]]  # weighted, for every spread at once, by one product
-        found = (1 / variance).T @ products
+        sums = (1 / variance).T @ products
         out = np.empty((many, k, k))
-        out[:, upper[0], upper[1]] = found
-        out[:, upper[1], upper[0]] = found
+        out[:, upper[0], upper[1]] = sums
+        out[:, upper[1], upper[0]] = sums
         return out
     out = np.empty((many, k, k))
     for i, each in enumerate(variance.T):

@@ -126,8 +126,8 @@ def velocity_from(
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
     group = local_group_of(local_group, rows)
     left_out, preferred = _further(rows, dispersion, excess_noise, acceleration, ratio)
-    found = solve_for(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out)
-    return VelocitySolution(**found, preferred=preferred, peculiar_dispersion=dispersion, assumed_hubble=hubble)
+    solved = solve_for(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out)
+    return VelocitySolution(**solved, preferred=preferred, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
 
 def _further(rows, dispersion, excess_noise, acceleration, ratio):
@@ -213,15 +213,15 @@ def hubble_constant(
         to_u[A, 1:] = np.eye(3)
         return solve_for(sums, to_u, names, spin, rows, acceleration, ratio, group, v, left_out)
 
-    found = at(velocity.value)
+    solved = at(velocity.value)
     if velocity.covariance.any():
         step = 1e-4 * velocity.amplitude
         slopes = np.stack(
             [(at(velocity.value + s)["values"] - at(velocity.value - s)["values"]) / (2 * step)
              for s in step * np.eye(3)], axis=1,
         )  # fmt: skip
-        found["covariance"] = found["covariance"] + slopes @ velocity.covariance @ slopes.T
-    return HubbleSolution(**found, preferred=preferred, peculiar_dispersion=dispersion, assumed_velocity=velocity)
+        solved["covariance"] = solved["covariance"] + slopes @ velocity.covariance @ slopes.T
+    return HubbleSolution(**solved, preferred=preferred, peculiar_dispersion=dispersion, assumed_velocity=velocity)
 
 
 def _in_words(velocity):

@@ -126,11 +126,11 @@ class Flow(Result):
     def to_table(self) -> Table:
         """Mean velocities of shells as an astropy Table, a row each."""
         radii = self._radii()
-        found = [self.bulk(radius) for radius in radii]
+        bulks = [self.bulk(radius) for radius in radii]
         columns: dict[str, Any] = {"distance": radii}
         for i, axis in enumerate("xyz"):
-            columns[f"v_{axis}"] = [v.value[i] for v in found]
-            columns[f"v_{axis}_error"] = [v.sigma[i] for v in found]
+            columns[f"v_{axis}"] = [v.value[i] for v in bulks]
+            columns[f"v_{axis}_error"] = [v.sigma[i] for v in bulks]
         return tables.table_of(columns, {"frame": self.frame})
 
     def plot(self, *, ax: Any = None) -> Any:

@@ -118,10 +118,10 @@ def _velocity(solution, quality):
 
 def _both(chi2, dof, quality):
     """A χ² with its p-value as quoted, and with errors scaled where χ²/dof asks for it."""
-    said = f"χ² = {chi2:.2f} for {dof}, p-value {p_value(chdtrc(dof, chi2))}"
+    line = f"χ² = {chi2:.2f} for {dof}, p-value {p_value(chdtrc(dof, chi2))}"
     if quality.factor > 1:
-        said += f"; with scaled errors {p_value(chdtrc(dof, chi2 / quality.factor**2))}"
-    return said
+        line += f"; with scaled errors {p_value(chdtrc(dof, chi2 / quality.factor**2))}"
+    return line
 
 
 def _equal(text):

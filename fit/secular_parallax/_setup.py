@@ -147,14 +147,14 @@ def undeclared(field: Field | Parts, redshift_frame: str | None) -> bool:
 
 def by_frame(words: Callable[[str], str], frames: Sequence[str]) -> dict[str, tuple[bool, str]]:
     """What would be found were the redshifts in each of some frames: whether it is found, and words."""
-    found = {}
+    words_by_frame = {}
     for frame in frames:
         try:
             with np.errstate(all="ignore"):
-                found[frame] = True, words(frame)
+                words_by_frame[frame] = True, words(frame)
         except VshError as error:
-            found[frame] = False, str(error)
-    return found
+            words_by_frame[frame] = False, str(error)
+    return words_by_frame
 
 
 def noted(
@@ -165,10 +165,10 @@ def noted(
         return rows
     changes = ["what it would change fit.secular_parallax.observer_velocity tells"]
     if words is not None:
-        found = by_frame(words, ("heliocentric", "cmb"))
+        words_by_frame = by_frame(words, ("heliocentric", "cmb"))
         changes = [
-            f"as {frame} ones they give {said}" if good else f"as {frame} ones they cannot be used ({said})"
-            for frame, (good, said) in found.items()
+            f"as {frame} ones they give {reason}" if good else f"as {frame} ones they cannot be used ({reason})"
+            for frame, (good, reason) in words_by_frame.items()
         ]
     note = (
         "the frame of the redshifts is not given, so they are taken as true ones, without velocities or "

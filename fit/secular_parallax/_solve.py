@@ -202,7 +202,7 @@ def solve_for(
     if isinstance(spin, Vector):
         carry = covariance @ to_u.T @ sums.matrix[:, OMEGA]
         covariance = covariance + carry @ spin.covariance @ carry.T
-    found = {
+    parts = {
         "names": names,
         "values": values,
         "covariance": covariance,
@@ -214,10 +214,10 @@ def solve_for(
     }
     if left_out is not None:
         left_out = with_acceleration(left_out, acceleration, rows.frame)
-        found["flow_covariance"] = flow_covariance(left_out, to_u, ratio)
+        parts["flow_covariance"] = flow_covariance(left_out, to_u, ratio)
     if amplitudes is not None:
-        found["flow"] = flow_of(rows, amplitudes, to_u @ values + fixed, to_u, covariance, ratio)
-    return found
+        parts["flow"] = flow_of(rows, amplitudes, to_u @ values + fixed, to_u, covariance, ratio)
+    return parts
 
 
 def check_determined(matrix: FloatArray, names: Sequence[str], sources: int, limit: float = 1e10) -> None:

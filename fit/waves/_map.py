@@ -48,9 +48,9 @@ class Whitened(Frozen):
 @lru_cache(maxsize=4)
 def templates(lmax: int, nside: int) -> FloatArray:
     """Coefficients of both polarisations for every pixel, (2, p, 12 nside²)."""
-    found = wave_templates(triad(*centres(nside))[2], lmax)
-    found.flags.writeable = False
-    return found
+    templates = wave_templates(triad(*centres(nside))[2], lmax)
+    templates.flags.writeable = False
+    return templates
 
 
 def map_of(white: Whitened, modes: Modes, nside: int, copies: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -86,16 +86,14 @@ def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: i
 
 
 @styled
-def plot_search(found: Any, *, ax: Any = None) -> Any:
+def plot_search(search: Any, *, ax: Any = None) -> Any:
     """2F and the limit of every direction that a wave may travel to."""
-    said = (
-        f"largest 2F = {found.statistic.max():.1f}; p = {printed_p_value(found.p_value)} with all directions looked at"
-    )
+    heading = f"largest 2F = {search.statistic.max():.1f}; p = {printed_p_value(search.p_value)} with all directions looked at"
     drawn = panels(ax, 2, 1, size=(WIDTH, 5.2))
     for place, values, label, cmap, title in (
-        (0, found.statistic, "2F of a wave that travels there", "viridis", said),
-        (1, found.limits, f"95 % limit on its amplitude  [{found.unit}]", "cividis", None),
+        (0, search.statistic, "2F of a wave that travels there", "viridis", heading),
+        (1, search.limits, f"95 % limit on its amplitude  [{search.unit}]", "cividis", None),
     ):
-        drawn[place] = plot_map(values, label, frame=found.frame, cmap=cmap, title=title, ax=drawn[place])
-        draw_points(drawn[place], *np.radians(found.direction), marker="+", s=60, color=COLOURS[1])
+        drawn[place] = plot_map(values, label, frame=search.frame, cmap=cmap, title=title, ax=drawn[place])
+        draw_points(drawn[place], *np.radians(search.direction), marker="+", s=60, color=COLOURS[1])
     return drawn

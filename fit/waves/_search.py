@@ -151,8 +151,8 @@ class WaveSearch(Result):
         ]
         for frame in dict.fromkeys((self.frame, "galactic")):
             place = there.to_frame(frame).direction
-            said = ", ".join(f"{name} = {value:.1f}°" for name, value in zip(ANGLES[frame], place, strict=True))
-            lines.append(f"travels to       {said}" if frame == self.frame else f"                 {said}")
+            place_text = ", ".join(f"{name} = {value:.1f}°" for name, value in zip(ANGLES[frame], place, strict=True))
+            lines.append(f"travels to       {place_text}" if frame == self.frame else f"                 {place_text}")
         best = self.amplitudes[:, np.argmax(self.statistic)]
         kinds = ("plus", "cross") if len(best) == 2 else ("plus cos", "cross cos", "plus sin", "cross sin")
         lines.append(
@@ -233,11 +233,11 @@ def search(
         raise ModesError(f"waves have degrees from 2 on, and {modes.lmax} are fitted: not {wanted or 'none'}")
     white = Whitened.of(equations.matrix, equations.rhs, np.isin(modes.degrees, wanted))
     statistic, amplitudes, spread = map_of(white, modes, nside)
-    found = WaveSearch(
+    search = WaveSearch(
         statistic, amplitudes, norm_limit(np.sqrt(statistic) * spread, spread, 2), 1.0, n_skies, wanted, equations.frame or "icrs",
         equations.n_data, notes=equations.notes,
     )  # fmt: skip
-    return replace(found, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng))
+    return replace(search, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng))
 
 
 #: Note of every search in time.
@@ -315,11 +315,11 @@ def search_in_time(
         raise DegeneracyError("no source has more observations than five parameters of its own: none tells of waves")
     white = Whitened.of(matrix, rhs, np.tile(modes.degrees >= 2, 2))
     statistic, amplitudes, spread = map_of(white, modes, nside, copies=2)
-    found = WaveSearch(
+    search = WaveSearch(
         statistic, amplitudes, norm_limit(np.sqrt(statistic) * spread, spread, 4), 1.0, n_skies, tuple(range(2, modes.lmax + 1)),
         "icrs", used, float(frequency), "µas", (*observations.notes, SOLVED_ATTITUDE),
     )  # fmt: skip
-    return replace(found, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng, copies=2))
+    return replace(search, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng, copies=2))
 
 
 def _sources(

@@ -215,9 +215,9 @@ def sources_at(scans: Scans, lon: ArrayLike | None, lat: ArrayLike | None) -> In
     if lon.shape == scans.lon.shape and (lon == scans.lon).all() and (lat == scans.lat).all():
         return np.arange(scans.n_sources)
     places = {place: i for i, place in enumerate(zip(scans.lon.tolist(), scans.lat.tolist(), strict=True))}
-    found = [places.get(place, -1) for place in zip(lon.tolist(), lat.tolist(), strict=True)]
-    if -1 in found:
+    rows = [places.get(place, -1) for place in zip(lon.tolist(), lat.tolist(), strict=True)]
+    if -1 in rows:
         raise ParameterError(
-            f"{found.count(-1)} of {len(found)} positions are of no source of the scans (first: {found.index(-1)})"
+            f"{rows.count(-1)} of {len(rows)} positions are of no source of the scans (first: {rows.index(-1)})"
         )
-    return np.array(found)
+    return np.array(rows)

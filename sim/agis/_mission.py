@@ -121,16 +121,16 @@ def joint_system(
         What a reader of the result should know.
     """
     law, knots, notes = as_whole(law, number or len(lon), knots, full)
-    told = plan(law, lon, lat, knots, ccds=ccds)
+    planned = plan(law, lon, lat, knots, ccds=ccds)
     # All of it before the work begins; transits on disk need no memory of their own.
-    check_memory(told.memory_on_disk if folder else told.memory, "the joint solution",
+    check_memory(planned.memory_on_disk if folder else planned.memory, "the joint solution",
                  "take fewer sources, or knots farther apart")  # fmt: skip
     if smoothing < ROUGH:
         notes.append(
             f"smoothing of {smoothing:g} µas is a statement on the attitude: errors hold only where it bends no more"
         )
-    found = scans(law, lon, lat, sigma, across * np.asarray(sigma), knots, ccds=ccds, folder=folder, threads=threads, progress=progress)  # fmt: skip
-    return System(found, prior, smoothing=smoothing, motion=motion, threads=threads), notes
+    scan = scans(law, lon, lat, sigma, across * np.asarray(sigma), knots, ccds=ccds, folder=folder, threads=threads, progress=progress)  # fmt: skip
+    return System(scan, prior, smoothing=smoothing, motion=motion, threads=threads), notes
 
 
 def as_whole(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[Any, float, list[str]]:
@@ -139,8 +139,8 @@ def as_whole(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[A
         return law, knots, []
     law, knots = scaled(n, law, knots=knots, full=full)
     height = np.degrees(2 * law.half_height)
-    said = f"mission scaled to {n} sources as if they were {full}: fields {height:.2f}° high, knots {knots:.4g} s apart"
-    return law, knots, [said]
+    note = f"mission scaled to {n} sources as if they were {full}: fields {height:.2f}° high, knots {knots:.4g} s apart"
+    return law, knots, [note]
 
 
 def solve_mission(

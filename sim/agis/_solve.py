@@ -95,12 +95,12 @@ def load(path: PathName, key: str) -> dict[str, Any] | None:
     if not Path(path).exists():
         return None
     try:
-        found = read_arrays(path)
+        arrays = read_arrays(path)
     except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
         raise CheckpointError(f"{path} is damaged ({error}): delete it to begin anew") from error
-    if str(found.pop("key", "")) != key:
+    if str(arrays.pop("key", "")) != key:
         raise CheckpointError(f"{path} belongs to another solution: delete it to begin anew")
-    return found
+    return arrays
 
 
 #: Iterations within which the low degrees must have come to rest.

@@ -285,8 +285,8 @@ class ExactErrors(Equations):
             attitude = self.attitude_of(-self.passes.to_attitude(np.ascontiguousarray(x)[..., None])[..., 0])
             along, across = (w * seen[order] for w, seen in zip(weights, self.passes.predict(x, attitude), strict=True))
             shares += [np.stack([along * sin - across * cos, along * cos + across * sin])]
-        found = chain_products(np.array(shares), owner, time, variability.tau)
-        return variability.sigma**2 * found
+        products = chain_products(np.array(shares), owner, time, variability.tau)
+        return variability.sigma**2 * products
 
 
 def _solved(equations, right, tolerance, iterations, bar):
@@ -480,20 +480,20 @@ class System(ExactErrors):
             known = arguments.float_array("known", known, (self.coefficients, 3))
         arguments.choice("first", first, ("sources", "attitude"))
         arguments.choice("method", method, ("conjugate", "simple"))
-        found = solve_observations(
+        solved = solve_observations(
             self, *observed, start=first_start, attitude=first_attitude, known=known, first=first, conjugate=method == "conjugate",
             iterations=arguments.whole("iterations", iterations),
             stop=None if stop is None else arguments.positive("stop", stop), fit=low_fit(self, arguments.indices("sources", sources, n)),
             watch=watch, checkpoint=checkpoint, progress=progress,
         )  # fmt: skip
-        if not found.converged and stop is not None:
+        if not solved.converged and stop is not None:
             warnings.warn(
-                f"not converged after {found.iterations} iterations: degrees 1 to {found.modes.lmax} still change; allow more, or read "
+                f"not converged after {solved.iterations} iterations: degrees 1 to {solved.modes.lmax} still change; allow more, or read "
                 "large scales with care",
                 VshWarning,
                 stacklevel=2,
             )
-        return found
+        return solved
 
     def _observed(self, along, across):
         shape = (len(self.scans),)

@@ -55,8 +55,8 @@ def report(
     for kind in agis.KINDS:
         here = mixture.are(kind) & system.solved
         if here.any():
-            found = np.sqrt(np.mean((solution.sources[here] / sigma[here]) ** 2, axis=0))
-            lines.append(f"{kind:12}" + "".join(f"{x:8.3f}" for x in found))
+            pulls = np.sqrt(np.mean((solution.sources[here] / sigma[here]) ** 2, axis=0))
+            lines.append(f"{kind:12}" + "".join(f"{x:8.3f}" for x in pulls))
     if solution.global_parameters is not None and system.motion is not None:
         lines += [
             "",
@@ -75,7 +75,7 @@ def report(
 
 
 def write(
-    folder: Path, solution: agis.AgisSolution, mixture: agis.Mixture, found: Mapping[str, Table], options: Any
+    folder: Path, solution: agis.AgisSolution, mixture: agis.Mixture, named: Mapping[str, Table], options: Any
 ) -> None:
     """Write motions, sources and convergence."""
     from vsh.io import tables
@@ -86,8 +86,8 @@ def write(
     )
     meta = {f"{name}_{axis}": float(v) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration)) for axis, v in zip("XYZ", vector, strict=True)}  # fmt: skip
     motions.write(folder / "motions.fits", meta | {"PROGRAM": f"vsh-agis {vsh.__version__}"})
-    tables.write_table(found["sources"], folder / "sources.fits", {"UNITS": "muas, muas/yr"})
-    tables.write_table(found["convergence"], folder / "convergence.ecsv")
+    tables.write_table(named["sources"], folder / "sources.fits", {"UNITS": "muas, muas/yr"})
+    tables.write_table(named["convergence"], folder / "convergence.ecsv")
 
 
 def tables_of(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture) -> dict[str, Table]:
@@ -222,12 +222,12 @@ def _exact(system, mixture):
         np.sqrt(np.diag(system.true_covariance(modes, *where, progress=True))),
         strict=True,
     )
-    found = {str(mode): pair for mode, pair in zip(modes, pairs, strict=True)}
+    rows = {str(mode): pair for mode, pair in zip(modes, pairs, strict=True)}
     if system.motion is not None:
         formal, true = system.global_covariances(progress=True)
         named = zip(system.motion.names, np.sqrt(np.diag(formal)), np.sqrt(np.diag(true)), strict=True)
-        found |= {f"global {name}": tuple(pair) for name, *pair in named}
-    return found
+        rows |= {f"global {name}": tuple(pair) for name, *pair in named}
+    return rows
 
 
 def _framed(system, solution, options, quasars, chosen, radio):

@@ -120,10 +120,10 @@ class GridFlow(Velocities):
     def velocity(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Tangential and radial velocities, as `Velocities.velocity` says."""
         far = distance * _little_h(self.cosmology, self.hubble)
-        found, inside = self.grid.at(lon, lat, far, self.frame)
+        flow, inside = self.grid.at(lon, lat, far, self.frame)
         if not inside.all():
             raise ParameterError(f"{(~inside).sum()} sources lie outside of the grid of velocities, {self.grid!r}")
-        return across_and_along(found, lon, lat)
+        return across_and_along(flow, lon, lat)
 
 
 @arguments.accepts(rng=arguments.seed, flow=arguments.a(str, LinearTheory, VelocityGrid))

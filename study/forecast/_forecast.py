@@ -170,15 +170,15 @@ def _places(sky, rng):
 
 
 def _of_quasars(field, survey, power):
-    found = predict_covariance(field, 2)
-    spin, acceleration = (float(np.sqrt(np.mean(each.sigma**2))) for each in (found.spin, found.acceleration))
+    prediction = predict_covariance(field, 2)
+    spin, acceleration = (float(np.sqrt(np.mean(each.sigma**2))) for each in (prediction.spin, prediction.acceleration))
     known = expected_acceleration(R0[0])
     # Noise in degree 2, both kinds: on an even sky 4π/(n w) a coefficient, T and S alike.
-    noise = (found.noise_power("T", 2) + found.noise_power("S", 2)) / 10
+    noise = (prediction.noise_power("T", 2) + prediction.noise_power("S", 2)) / 10
     # A floor of degree 1 has as much power in each mode of degree 2; of the published law it is a share.
     floored, mode = float(np.hypot(acceleration, survey.floor)), 8 * np.pi / 3 * survey.floor**2
     law = _LAW * survey.floor / SURVEYS["Gaia DR3"].floor if survey.release else survey.floor
-    tensors = [tensor_of(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(found.covariance).T]
+    tensors = [tensor_of(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
     degrees = np.arange(1, _DEGREES + 1)
     return {
         "spin": spin, "acceleration": acceleration, "acceleration_floor": floored, "acceleration_law": float(np.hypot(acceleration, law)),
@@ -205,14 +205,14 @@ def _of_galaxies(survey, some, flows):
     # The nearest weigh most: all of them, and of the rest every tenth for ten.
     few = np.concatenate([order[:_NEAREST], order[_NEAREST::_EVERY]])
     alone = _errors(survey, some[few], _ALONE, np.where(np.arange(len(few)) < _NEAREST, 1, _EVERY))
-    found = [*_velocity(some[few], alone, flows=None)]
+    values = [*_velocity(some[few], alone, flows=None)]
     if flows:
         few = order[:: len(order) // _IN_FLOWS]
         beyond = _errors(survey, some[few], _BEYOND, len(order) / len(few))
-        found += _velocity(some[few], beyond, flows="linear", n_modes=_MODES)
+        values += _velocity(some[few], beyond, flows="linear", n_modes=_MODES)
     else:
-        found += [float("nan")] * 2
-    return dict(zip(names, found, strict=True))
+        values += [float("nan")] * 2
+    return dict(zip(names, values, strict=True))
 
 
 def _errors(survey, some, dispersion, times):

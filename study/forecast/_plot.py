@@ -13,19 +13,19 @@ _SHOWN = ("spin", "acceleration", "direction", "r0", "waves", "shear", "velocity
 
 
 @styled
-def plot_forecast(found: Any, *, ax: Any = None) -> Any:
+def plot_forecast(forecast: Any, *, ax: Any = None) -> Any:
     """Eight quantities by survey, and what floor and flows leave of them."""
     drawn = panels(ax, 4, 2, size=(WIDTH, 6.4), sharex=True)
-    names = list(found.surveys)
+    names = list(forecast.surveys)
     place = np.arange(len(names))
     for axes, name in zip(drawn, _SHOWN, strict=True):
         words, unit = QUANTITIES[name]
-        values = np.array([found.values[survey][name] for survey in names])
+        values = np.array([forecast.values[survey][name] for survey in names])
         seen = np.isfinite(values)
         axes.scatter(place[seen], values[seen], s=14, color=COLOURS[0], zorder=3)
         for further in (f"{name}_floor", f"{name}_flows"):
             if further in QUANTITIES:
-                more = np.array([found.values[survey][further] for survey in names])
+                more = np.array([forecast.values[survey][further] for survey in names])
                 axes.scatter(place, more, marker="_", s=70, linewidths=1.4, color=COLOURS[1], label=QUANTITIES[further][0].strip())  # fmt: skip
         if axes.get_legend_handles_labels()[0]:
             axes.legend(fontsize=5.5, loc="best", handletextpad=0.1)

@@ -18,17 +18,17 @@ def _run(options):
     surveys = {name: surveys[name] for name in options.only or surveys}
     for name, (n, sigma) in (options.survey or {}).items():
         surveys[name] = Survey(n, sigma=sigma, says="as given")
-    found = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
+    forecast = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
     finishing.finish(
-        options, finishing.RunResult(found.report(), lambda: {"Errors to come": found.to_table()}), provenance=lambda: running.provenance([], options),
-        draw=lambda: {"forecast": found.plot()}, write=lambda folder, meta: _write(folder, found, meta), title="What catalogues to come will tell",
+        options, finishing.RunResult(forecast.report(), lambda: {"Errors to come": forecast.to_table()}), provenance=lambda: running.provenance([], options),
+        draw=lambda: {"forecast": forecast.plot()}, write=lambda folder, meta: _write(folder, forecast, meta), title="What catalogues to come will tell",
     )  # fmt: skip
 
 
-def _write(folder, found, meta):
+def _write(folder, forecast, meta):
     from vsh.io import tables
 
-    tables.write_table(found.to_table(), folder / "forecast.ecsv", meta)
+    tables.write_table(forecast.to_table(), folder / "forecast.ecsv", meta)
 
 
 main, run = running.make_entry(options_module, _run)

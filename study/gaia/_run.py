@@ -42,12 +42,12 @@ def fit_sources(name: str, field: Field, lmax: int, n_replicates: int, rng: Rng)
     """Clip, fit and draw again."""
     try:
         clipped = clip(field, lmax, KAPPA)
-        found = bootstrap(clipped.sources(field), lmax, n_replicates, rng, progress=False).resampled_solution
+        solution = bootstrap(clipped.sources(field), lmax, n_replicates, rng, progress=False).resampled_solution
     except VshError as error:
         return DegreeOrSubset(name, len(field), 0, None, None, str(error))
-    covariance, quality = found.covariance * clipped.scatter_factor, clipped.solution
-    found = replace(found, covariance=covariance, chi2=quality.chi2, notes=quality.notes)
-    return DegreeOrSubset(name, len(field), clipped.n_clipped, quality, found)
+    covariance, quality = solution.covariance * clipped.scatter_factor, clipped.solution
+    solution = replace(solution, covariance=covariance, chi2=quality.chi2, notes=quality.notes)
+    return DegreeOrSubset(name, len(field), clipped.n_clipped, quality, solution)
 
 
 _NEEDED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
@@ -95,8 +95,10 @@ def read_gaia(path: Any) -> Sources:
             raise TableError(f"{opened.label}: {missing_column(name, opened)}")
     solution = next((name for name in (DR4.solution, DR3.solution) if name in opened.names), None)
     wanted = [*_NEEDED, *(name for name in _FURTHER if name in opened.names), *([solution] if solution else [])]
-    found = opened.columns(wanted)
-    table = {name: np.ma.MaskedArray(values, False if mask is None else mask) for name, (values, mask) in found.items()}
+    columns = opened.columns(wanted)
+    table = {
+        name: np.ma.MaskedArray(values, False if mask is None else mask) for name, (values, mask) in columns.items()
+    }
     rows = np.arange(len(table["ra"]))
     units = {name: unit for name, unit in opened.units.items() if name in _NEEDED}
     field = read_field(table | {"row": rows}, Columns(name="row", redshift=None), units, on_bad="drop")

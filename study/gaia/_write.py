@@ -166,8 +166,8 @@ def correlation_table(study: GaiaStudy) -> Table:
     """Correlations of spin and acceleration in the main fit, by the catalogue's errors."""
     from fit.correlation import FRAME, named, parameters_of
 
-    found: Any = study.main.solution
-    matrix = correlation_of(named(parameters_of(FRAME).names, found.modes).covariance(found.covariance))
+    solution: Any = study.main.solution
+    matrix = correlation_of(named(parameters_of(FRAME).names, solution.modes).covariance(solution.covariance))
     return tables.table_of({"of": _FRAME} | dict(zip(_FRAME, matrix.T, strict=True)))
 
 

@@ -40,12 +40,12 @@ _VALUES = {
 
 def keys(command: str, given: Mapping[str, Any]) -> list[str]:
     """The keys of what a run uses, ours first."""
-    found = [*_ALWAYS, *COMMANDS[command.removeprefix("vsh-")].cites]
+    works = [*_ALWAYS, *COMMANDS[command.removeprefix("vsh-")].cites]
     draws = "no-figures" not in given and command not in ("vsh-sim", "vsh-archive")
     for name, value in given.items():
-        found += _OPTIONS.get(name, ()) if draws or name not in _WRITES else ()
-        found += _VALUES.get(value, ()) if isinstance(value, str) else ()
-    return list(dict.fromkeys(found))
+        works += _OPTIONS.get(name, ()) if draws or name not in _WRITES else ()
+        works += _VALUES.get(value, ()) if isinstance(value, str) else ()
+    return list(dict.fromkeys(works))
 
 
 def bibtex(command: str, given: Mapping[str, Any]) -> str:

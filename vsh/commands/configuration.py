@@ -75,11 +75,11 @@ def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, An
             action.const = True
     for exclusive in parser._mutually_exclusive_groups:
         exclusive.required = False
-    found = vars(parser.parse_args(list(words)))
+    options = vars(parser.parse_args(list(words)))
     named = {action.dest: name_of(action) for action in actions}
     return {
         named[dest]: True if isinstance(value, bool) else tuple(value) if isinstance(value, list) else value
-        for dest, value in found.items()
+        for dest, value in options.items()
     }
 
 
@@ -102,8 +102,8 @@ def merged(
     for exclusive in parser._mutually_exclusive_groups:
         names = {name_of(action) for action in exclusive._group_actions}
         excluded |= names if names & set(here) else set()
-    said = {name: value for name, value in kept.options.items() if name not in excluded}
-    return [word for name, value in said.items() for word in _words(known[name], value)] + list(words), kept
+    options = {name: value for name, value in kept.options.items() if name not in excluded}
+    return [word for name, value in options.items() for word in _words(known[name], value)] + list(words), kept
 
 
 def name_of(action: argparse.Action) -> str:

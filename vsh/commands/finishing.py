@@ -109,14 +109,14 @@ class RunResult:
         return self.make_tables()
 
 
-def print_result(options: argparse.Namespace, found: RunResult) -> None:
+def print_result(options: argparse.Namespace, result: RunResult) -> None:
     """Print the report, or with --json or --latex what other programs read, or nothing."""
     if options.json:
-        print(as_json(options, found), flush=True)  # who reads may have seen enough
+        print(as_json(options, result), flush=True)  # who reads may have seen enough
     elif options.latex:
-        running.print_text((found.latex or (lambda: "\n\n".join(map(as_latex, found.tables.values()))))())
+        running.print_text((result.latex or (lambda: "\n\n".join(map(as_latex, result.tables.values()))))())
     elif not options.quiet:
-        running.print_text(found.text)
+        running.print_text(result.text)
 
 
 def print_line(options: argparse.Namespace, text: str) -> None:
@@ -127,7 +127,7 @@ def print_line(options: argparse.Namespace, text: str) -> None:
 
 def finish(
     options: argparse.Namespace,
-    found: RunResult,
+    result: RunResult,
     *,
     provenance: Callable[[], dict[str, Any]],
     draw: Callable[[], Mapping[str, Any]],
@@ -139,14 +139,14 @@ def finish(
 ) -> None:
     """Tell what was found, and write what was asked for: a folder, a page."""
     if not told:
-        print_result(options, found)
+        print_result(options, result)
     if not (options.output or options.html):
         return
     meta = provenance()
     drawn = Figures(draw)
     if options.output:
         with results_folder(options, meta) as folder:
-            (folder / "report.txt").write_text(found.text, encoding="utf-8")
+            (folder / "report.txt").write_text(result.text, encoding="utf-8")
             write(folder, meta)
             drawn.write(folder, options)
         print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
@@ -156,25 +156,25 @@ def finish(
             drawn.close()
             print_line(options, of_page(options.html))
         else:
-            said = {name: captions(name) for name in drawn.drawn} if callable(captions) else captions
+            shown = {name: captions(name) for name in drawn.drawn} if callable(captions) else captions
             write_page(
-                options.html, title, found.text, drawn, sheets=found.tables, captions=said, provenance=meta, command=options.command
+                options.html, title, result.text, drawn, sheets=result.tables, captions=shown, provenance=meta, command=options.command
             )  # fmt: skip
             print_line(options, f"written to {options.html}")
 
 
-def as_json(options: argparse.Namespace, found: RunResult) -> str:
+def as_json(options: argparse.Namespace, result: RunResult) -> str:
     """A result as one JSON object: command, version, what was asked, notes, and tables column by column; what is no number is null."""
-    told = {
+    document = {
         "command": options.program,
         "version": vsh.__version__,
         "options": {name: _typed(value) for name, value in options.given.items() if name not in NOT_KEPT},
-        "notes": [str(note) for note in found.notes],
-        "tables": {name: _columns(table) for name, table in found.tables.items()},
+        "notes": [str(note) for note in result.notes],
+        "tables": {name: _columns(table) for name, table in result.tables.items()},
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],
     }
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
-    return json.dumps(_plain(told), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
+    return json.dumps(_plain(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
 
 
 def as_latex(table: Table) -> str:

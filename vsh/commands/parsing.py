@@ -31,9 +31,9 @@ def parse(options_module: Any, arguments: Sequence[str] | None = None) -> argpar
     page may hold them: names of files, not where they lie.
     """
     parser = options_module.make_parser()
-    said = list(sys.argv[1:] if arguments is None else map(str, arguments))
+    words = list(sys.argv[1:] if arguments is None else map(str, arguments))
     joined: list[str] = []
-    for word in said:
+    for word in words:
         if joined and _NEGATIVE.match(word) and joined[-1].startswith("--") and "=" not in joined[-1]:
             joined[-1] += f"={word}"
         else:
@@ -54,7 +54,7 @@ def parse(options_module: Any, arguments: Sequence[str] | None = None) -> argpar
     options.program = parser.prog
     options.expected = {} if kept is None else dict(kept.files)
     options.given = configuration.given(options_module.make_parser(), joined)
-    options.command = [parser.prog, *map(_told, said if kept is None else _without_config(joined))]
+    options.command = [parser.prog, *map(_told, words if kept is None else _without_config(joined))]
     return options
 
 

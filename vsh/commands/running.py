@@ -173,12 +173,12 @@ def _say_what_changed(options):
     for path in [Path(value) for value in vars(options).values() if options.expected and isinstance(value, str)]:
         known = options.expected.get(path.name)
         if known is not None and path.exists() and digest(path) != known:
-            said = f"{options.program}: note: {path.name} is not the file that the configuration was written for"
-            print(printable(said), file=sys.stderr)
+            line = f"{options.program}: note: {path.name} is not the file that the configuration was written for"
+            print(printable(line), file=sys.stderr)
 
 
-def _failed(program, said):
-    print(f"{program}: {printable(said)}".replace("\n", r"\n"), file=sys.stderr)  # one line, whatever a name holds
+def _failed(program, reason):
+    print(f"{program}: {printable(reason)}".replace("\n", r"\n"), file=sys.stderr)  # one line, whatever a name holds
     return 1
 
 

@@ -66,34 +66,34 @@ def positive(text: str) -> float:
 
 def _number(text, fits, wanted):
     try:
-        found = float(text)
+        number = float(text)
     except ValueError:
-        found = math.nan
-    if not fits(found):
+        number = math.nan
+    if not fits(number):
         raise argparse.ArgumentTypeError(f"{wanted} is wanted, not {text!r}")
-    return found
+    return number
 
 
 def numbers(text: str) -> tuple[float, ...]:
     """Numbers separated by commas."""
     try:
-        found = tuple(float(part) for part in text.split(","))
+        parts = tuple(float(part) for part in text.split(","))
     except ValueError:
-        found = (float("nan"),)
-    if not all(map(math.isfinite, found)):
+        parts = (float("nan"),)
+    if not all(map(math.isfinite, parts)):
         raise argparse.ArgumentTypeError(f"numbers separated by commas are wanted, not {text!r}")
-    return found
+    return parts
 
 
 def vector(text: str) -> tuple[float, ...]:
     """The type of three numbers separated by commas."""
     try:
-        found = numbers(text)
+        components = numbers(text)
     except argparse.ArgumentTypeError:
-        found = ()
-    if len(found) != 3:
+        components = ()
+    if len(components) != 3:
         raise argparse.ArgumentTypeError(f"three numbers separated by commas are wanted, not {text!r}")
-    return found
+    return components
 
 
 def velocity(text: str) -> str | tuple[float, ...]:
@@ -115,10 +115,10 @@ def velocity(text: str) -> str | tuple[float, ...]:
 def pairs(text: str) -> dict[str, str]:
     """NAME=VALUE,… as a dict."""
     split = [part.partition("=") for part in text.split(",")]
-    found = {name.strip(): value.strip() for name, _, value in split}
-    if not all(found) or not all(found.values()):
+    pairs_by_name = {name.strip(): value.strip() for name, _, value in split}
+    if not all(pairs_by_name) or not all(pairs_by_name.values()):
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form name=value,name=value")
-    return found
+    return pairs_by_name
 
 
 def columns(text: str) -> dict[str, str | None]:

@@ -114,8 +114,8 @@ class VelocityGrid(InNotebook):
         inside = (np.abs(places) <= self.half_width).all(0)
         size = self.velocity.shape[-1]
         index = (places + self.half_width) * ((size - 1) / (2 * self.half_width))
-        found = np.stack([map_coordinates(each, index, order=1, cval=0.0, output=float) for each in self.velocity])
-        return turn.T @ np.where(inside, found, 0.0), inside
+        components = np.stack([map_coordinates(each, index, order=1, cval=0.0, output=float) for each in self.velocity])
+        return turn.T @ np.where(inside, components, 0.0), inside
 
     def write(self, path: PathName) -> None:
         """Write it as a file of NumPy, which `read_velocity_grid` reads.
@@ -149,17 +149,17 @@ def read_velocity_grid(path: PathName, half_width: float | None = None, frame: s
     """
     label = printable(path)
     try:
-        found = np.load(path, mmap_mode="r", allow_pickle=False)
+        cube = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise TableError(f"{label} cannot be read as a grid of velocities (.npz or .npy of NumPy): {error}") from None
-    if isinstance(found, np.ndarray):
-        velocity, own_width, own_frame = found, 200.0, "galactic"
+    if isinstance(cube, np.ndarray):
+        velocity, own_width, own_frame = cube, 200.0, "galactic"
     else:
-        with found:
-            missing = {"velocity", "half_width", "frame"} - set(found.files)
+        with cube:
+            missing = {"velocity", "half_width", "frame"} - set(cube.files)
             if missing:
                 raise TableError(f"{label} lacks {', '.join(sorted(missing))}: it is no grid of velocities")
-            velocity, own_width, own_frame = found["velocity"], float(found["half_width"]), str(found["frame"])
+            velocity, own_width, own_frame = cube["velocity"], float(cube["half_width"]), str(cube["frame"])
     try:
         return VelocityGrid(velocity, half_width or own_width, frame or own_frame)
     except ParameterError as error:

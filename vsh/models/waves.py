@@ -71,10 +71,10 @@ def _tensor(k, plus, cross):
 
 def unit(direction: ArrayLike) -> FloatArray:
     """A direction as a unit vector, (3,)."""
-    found = float_array("direction", direction, (3,))
-    if not np.linalg.norm(found) > 0:
+    towards = float_array("direction", direction, (3,))
+    if not np.linalg.norm(towards) > 0:
         raise ParameterError("direction is where the wave travels to: a vector of some length")
-    return found / np.linalg.norm(found)
+    return towards / np.linalg.norm(towards)
 
 
 def degree_amplitudes(lmax: int) -> FloatArray:

@@ -113,5 +113,5 @@ def redshift_frame_in(description: str | None) -> str | None:
     >>> redshift_frame_in("Redshift in the CMB frame"), redshift_frame_in("Redshift")
     ('cmb', None)
     """
-    found = {name for words, name in _WORDS if words.search(description or "")}
-    return found.pop() if len(found) == 1 else None
+    frames = {name for words, name in _WORDS if words.search(description or "")}
+    return frames.pop() if len(frames) == 1 else None

@@ -29,47 +29,47 @@ def number(name: str, value: Any) -> float:
     3.0
     """
     try:
-        found = float(value) if np.ndim(value) == 0 and not isinstance(value, (str, bytes)) else np.nan
+        result = float(value) if np.ndim(value) == 0 and not isinstance(value, (str, bytes)) else np.nan
     except (TypeError, ValueError):
-        found = np.nan
-    if not np.isfinite(found):
+        result = np.nan
+    if not np.isfinite(result):
         raise ParameterError(f"{name} must be a finite number, not {value!r}")
-    return found
+    return result
 
 
 def positive(name: str, value: Any) -> float:
     """A finite number above zero, as a float."""
-    found = number(name, value)
-    if not found > 0:
+    result = number(name, value)
+    if not result > 0:
         raise ParameterError(f"{name} must be above zero, not {value!r}")
-    return found
+    return result
 
 
 def not_negative(name: str, value: Any) -> float:
     """A finite number of zero or more, as a float."""
-    found = number(name, value)
-    if not found >= 0:
+    result = number(name, value)
+    if not result >= 0:
         raise ParameterError(f"{name} must be zero or more, not {value!r}")
-    return found
+    return result
 
 
 def between(name: str, value: Any, low: float, high: float) -> float:
     """A number low < x < high, as a float."""
-    found, low, high = number(name, value), number("low", low), number("high", high)
-    if not low < found < high:
+    result, low, high = number(name, value), number("low", low), number("high", high)
+    if not low < result < high:
         raise ParameterError(f"{name} must lie between {low:g} and {high:g}, not at {value!r}")
-    return found
+    return result
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:
     """A whole number of at least `least`, as an int."""
     try:
-        found = index(value) if np.ndim(value) == 0 else None
+        result = index(value) if np.ndim(value) == 0 else None
     except TypeError:
-        found = None
-    if found is None or isinstance(value, (bool, np.bool_)) or found < least:
+        result = None
+    if result is None or isinstance(value, (bool, np.bool_)) or result < least:
         raise ParameterError(f"{name} must be a whole number of at least {least}, not {value!r}")
-    return found
+    return result
 
 
 def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
@@ -169,28 +169,28 @@ def float_array(
     if np.ma.isMaskedArray(value) and np.ma.getmaskarray(value).any():
         raise ParameterError(f"{np.ma.getmaskarray(value).sum()} values of {name} are masked: take them out first")
     try:
-        found = np.asarray(value, float)
+        array = np.asarray(value, float)
     except (TypeError, ValueError):
         raise ParameterError(f"{name} must be numbers, not {type(value).__name__}") from None
     if broadcast and shape is not None:
         with suppress(ValueError):
-            found = np.broadcast_to(found, shape)
-    if shape is not None and found.shape != tuple(shape):
-        raise ParameterError(f"{name} has shape {found.shape}, expected {tuple(shape)}")
-    if finite and not np.isfinite(found).all():
-        raise ParameterError(f"{np.sum(~np.isfinite(found))} of {found.size} values of {name} are not finite")
-    return found
+            array = np.broadcast_to(array, shape)
+    if shape is not None and array.shape != tuple(shape):
+        raise ParameterError(f"{name} has shape {array.shape}, expected {tuple(shape)}")
+    if finite and not np.isfinite(array).all():
+        raise ParameterError(f"{np.sum(~np.isfinite(array))} of {array.size} values of {name} are not finite")
+    return array
 
 
 def covariance(name: str, value: Any, size: int) -> FloatArray:
     """A symmetric (size, size) matrix with variances that are not negative, read-only."""
-    found = float_array(name, value, (size, size))
-    scale = np.sqrt(np.maximum(np.diag(found), 0))
-    if (np.diag(found) < 0).any():
-        raise ParameterError(f"{name} has {np.sum(np.diag(found) < 0)} negative variances")
-    if (np.abs(found - found.T) > 1e-8 * np.outer(scale, scale) + 1e-300).any():
+    matrix = float_array(name, value, (size, size))
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0))
+    if (np.diag(matrix) < 0).any():
+        raise ParameterError(f"{name} has {np.sum(np.diag(matrix) < 0)} negative variances")
+    if (np.abs(matrix - matrix.T) > 1e-8 * np.outer(scale, scale) + 1e-300).any():
         raise ParameterError(f"{name} is not symmetric")
-    return read_only(found)
+    return read_only(matrix)
 
 
 def indices(name: str, value: Any, n: int) -> IntArray:
@@ -205,12 +205,12 @@ def indices(name: str, value: Any, n: int) -> IntArray:
     if value is None:
         return everything
     try:
-        found = everything[value if isinstance(value, slice) else np.asarray(value)]
+        rows = everything[value if isinstance(value, slice) else np.asarray(value)]
     except (IndexError, TypeError, ValueError) as error:
         raise ParameterError(f"{name} are indices or a mask of {n}: {first_line(error)}") from None
-    if found.ndim != 1:
-        raise ParameterError(f"{name} are indices or a mask of {n}, one after the other, not of shape {found.shape}")
-    return found
+    if rows.ndim != 1:
+        raise ParameterError(f"{name} are indices or a mask of {n}, one after the other, not of shape {rows.shape}")
+    return rows
 
 
 def read_only(array: ArrayLike) -> FloatArray:
@@ -224,11 +224,11 @@ def dimension(size: int) -> Callable[[str, Any], FloatArray]:
     """A check for a float array of so many dimensions."""
 
     def check(name, value):
-        found = float_array(name, value, finite=False)
-        if found.ndim != size:
+        array = float_array(name, value, finite=False)
+        if array.ndim != size:
             raise ParameterError(
-                f"{name} must be an array of {size} dimension{'s' * (size > 1)}, not of shape {found.shape}"
+                f"{name} must be an array of {size} dimension{'s' * (size > 1)}, not of shape {array.shape}"
             )
-        return found
+        return array
 
     return check

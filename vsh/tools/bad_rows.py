@@ -90,13 +90,13 @@ def invalid_rows(
         f"ra outside −{360 * turns}° … {360 * turns}°": ~(np.abs(lon) <= 2 * np.pi * turns * (1 + 1e-14)),
     }
     taken = np.zeros(lon.shape, bool)
-    found = {}
+    invalid = {}
     for reason, mask in reasons.items():
         first = mask & ~taken
         if first.any():
-            found[reason] = first
+            invalid[reason] = first
             taken |= mask
-    return found
+    return invalid
 
 
 #: What catalogues write where they have no value; no motion and no error is exactly one of these.
@@ -170,28 +170,32 @@ def checked_columns(noun: Any, floats: Sequence[str], others: Sequence[str]) -> 
 
 
 def select_usable(
-    found: Mapping[str, BoolArray], n: int, on_bad: OnBad = "raise", first_row: int = 0, mark: Sequence[FloatArray] = ()
+    invalid: Mapping[str, BoolArray],
+    n: int,
+    on_bad: OnBad = "raise",
+    first_row: int = 0,
+    mark: Sequence[FloatArray] = (),
 ) -> tuple[Any, tuple[str, ...]]:
     """The sources to keep, and a note about the others."""
     if n == 0:
         raise NothingLeftError("the catalogue is empty: there are no sources to use")
     bad = np.zeros(n, bool)
-    for mask in found.values():
+    for mask in invalid.values():
         bad |= mask
     count = int(bad.sum())
     if not count:
         return slice(None), ()
-    parts = "; ".join(f"{reason}: {mask.sum()} ({_rows(mask, first_row)})" for reason, mask in found.items())
-    said = f"{count} of {n} rows cannot be used: {parts}"
-    counts = {reason: int(mask.sum()) for reason, mask in found.items()}
+    parts = "; ".join(f"{reason}: {mask.sum()} ({_rows(mask, first_row)})" for reason, mask in invalid.items())
+    message = f"{count} of {n} rows cannot be used: {parts}"
+    counts = {reason: int(mask.sum()) for reason, mask in invalid.items()}
     note = DroppedRows.of_table(counts, n, np.packbits(bad), *mark)
     if count == n:
-        error = NothingLeftError(f"{said}. No row is left")
+        error = NothingLeftError(f"{message}. No row is left")
         error.notes = (note,)
         raise error
     if on_bad == "raise":
         raise FieldError(
-            f'{said}; rows are counted from 0. Fix them, or leave them out with on_bad="drop" (--on-bad drop)'
+            f'{message}; rows are counted from 0. Fix them, or leave them out with on_bad="drop" (--on-bad drop)'
         )
     return ~bad, (note,)
 

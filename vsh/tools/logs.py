@@ -43,24 +43,24 @@ def told(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
                 return function(*args, **options)
             begin, outer = time.perf_counter(), _INSIDE.set(True)
             try:
-                found = function(*args, **options)
+                result = function(*args, **options)
             finally:
                 _INSIDE.reset(outer)
-            tell(logger, words, found, begin)
-            return found
+            tell(logger, words, result, begin)
+            return result
 
         return timed
 
     return decorate
 
 
-def tell(logger: logging.Logger, words: str, found: object, begin: float) -> None:
+def tell(logger: logging.Logger, words: str, result: object, begin: float) -> None:
     """The same where a decorator would stand between a warning and whom it is for."""
     if not _INSIDE.get():
-        logger.info("%s: %s, %.3g s", words, _short(found), time.perf_counter() - begin)
+        logger.info("%s: %s, %.3g s", words, _short(result), time.perf_counter() - begin)
 
 
-def _short(found):
+def _short(result):
     """In one line."""
-    lines = repr(found).strip("<>").splitlines()
-    return lines[0] if len(lines) == 1 and len(lines[0]) < 200 else type(found).__name__
+    lines = repr(result).strip("<>").splitlines()
+    return lines[0] if len(lines) == 1 and len(lines[0]) < 200 else type(result).__name__

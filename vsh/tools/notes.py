@@ -164,7 +164,7 @@ def printable(text: object) -> str:
     >>> printable("red \\x1b[31m")
     'red \\\\x1b[31m'
     """
-    return _CONTROL.sub(lambda found: found.group().encode("unicode_escape").decode(), str(text))
+    return _CONTROL.sub(lambda match: match.group().encode("unicode_escape").decode(), str(text))
 
 
 def _hash(line):

@@ -207,16 +207,16 @@ def free_memory() -> float:
     >>> free_memory() > 0
     True
     """
-    found = [float("inf")]
+    limits = [float("inf")]
     with suppress(OSError, ValueError):  # Linux counts what it could let go of as well
         with open("/proc/meminfo", encoding="ascii") as file:
             lines = dict(line.split(":") for line in file)
-        found.append(1024.0 * int(lines["MemAvailable"].split()[0]))
+        limits.append(1024.0 * int(lines["MemAvailable"].split()[0]))
     with suppress(AttributeError, ValueError, OSError):  # others tell no more than what they have
-        if len(found) == 1:
-            found.append(float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
-    found.append(_left_of_limit())
-    return min(found)
+        if len(limits) == 1:
+            limits.append(float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE"))
+    limits.append(_left_of_limit())
+    return min(limits)
 
 
 def _left_of_limit():

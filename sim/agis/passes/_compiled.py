@@ -41,7 +41,7 @@ class CompiledPasses:
         if self.threads == 1:
             return [work(*each) for each in arguments]
         with ThreadPoolExecutor(self.threads) as pool:
-            return list(pool.map(lambda each: work(*each), arguments))
+            return list(pool.map(lambda piece: work(*piece), arguments))
 
     def _joined(self, parts, shape):
         """Sums of parts that overlap by the three coefficients at their ends."""

@@ -206,8 +206,8 @@ class Scans(Frozen):
     @property
     def directions(self) -> FloatArray:
         """sin α, cos α, sin δ and cos δ of each source, in single precision, (4, n)."""
-        found = [each(angle) for angle in (self.lon, self.lat) for each in (np.sin, np.cos)]
-        return np.array(found, np.float32)
+        columns = [each(angle) for angle in (self.lon, self.lat) for each in (np.sin, np.cos)]
+        return np.array(columns, np.float32)
 
     @property
     def counts(self) -> IntArray:
@@ -322,17 +322,17 @@ def _followed(law, lon, lat, ccds, threads, progress, folder):
     with progress_bar(total=len(lon), words="transits", shown=progress, unit=" sources") as bar:
         for number, start in enumerate(range(0, len(lon), _SOURCES)):
             here = slice(start, start + _SOURCES)
-            found = law.transits(lon[here], lat[here], threads=threads)
+            transits = law.transits(lon[here], lat[here], threads=threads)
             p, q, _ = triad(lon[here], lat[here])
-            out = np.empty((len(found), ccds), _RECORD)
+            out = np.empty((len(transits), ccds), _RECORD)
             steps = (np.arange(ccds) - (ccds - 1) / 2) * CCD_STEP / JULIAN_YEAR
-            out["time"] = np.clip(found.time[:, None] + steps, 0, last)
-            sin, cos = np.sin(found.angle), np.cos(found.angle)
-            sun, distance = law.sun(found.time)
+            out["time"] = np.clip(transits.time[:, None] + steps, 0, last)
+            sin, cos = np.sin(transits.angle), np.cos(transits.angle)
+            sun, distance = law.sun(transits.time)
             sun = turn @ sun
-            east, north = (np.einsum("ij,ij->j", v[:, found.source], sun) for v in (p, q))
+            east, north = (np.einsum("ij,ij->j", v[:, transits.source], sun) for v in (p, q))
             # As of the parallax along the scan: the Sun seen from 1 % beyond the Earth.
-            columns = (found.source + start, sin, cos, found.parallax_factor, 1.01 * distance * (sin * north - cos * east))  # fmt: skip
+            columns = (transits.source + start, sin, cos, transits.parallax_factor, 1.01 * distance * (sin * north - cos * east))  # fmt: skip
             for name, column in zip(_NAMES[1:], columns, strict=True):
                 out[name] = column[:, None]
             out = out.ravel()
@@ -360,15 +360,15 @@ def _sorted(parts, fixed, folder):
     edges[-1] = np.inf
     done = 0
     for low, high in pairwise(edges):
-        found = np.concatenate([part[slice(*np.searchsorted(part["time"], (low, high)))] for part in parts])
-        found = found[np.argsort(found["time"], kind="stable")]
-        here = slice(done, done + len(found))
-        place = found["time"] / fixed["spacing"]
+        records = np.concatenate([part[slice(*np.searchsorted(part["time"], (low, high)))] for part in parts])
+        records = records[np.argsort(records["time"], kind="stable")]
+        here = slice(done, done + len(records))
+        place = records["time"] / fixed["spacing"]
         columns["knot"][here] = np.minimum(place.astype("i4"), fixed["intervals"] - 1)
         columns["frac"][here] = place - columns["knot"][here]
         for name in _NAMES[1:]:
-            columns[name][here] = found[name]
-        done += len(found)
+            columns[name][here] = records[name]
+        done += len(records)
     for column in columns.values():
         if folder is not None:
             column.flush()  # type: ignore[union-attr]  # a map of a file where there is a folder
@@ -377,8 +377,8 @@ def _sorted(parts, fixed, folder):
 
 def _key(law, fixed, ccds):
     """A hash of all that determines the transits."""
-    told = {each.name: getattr(law, each.name) for each in fields(law) if each.init and each.name != "rng"}
-    digest = hashlib.sha256(repr((told, fixed["spacing"], ccds)).encode())
+    arguments = {each.name: getattr(law, each.name) for each in fields(law) if each.init and each.name != "rng"}
+    digest = hashlib.sha256(repr((arguments, fixed["spacing"], ccds)).encode())
     for array in (law.lost, fixed["lon"], fixed["lat"], fixed["weights"]):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:16]

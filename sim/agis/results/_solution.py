@@ -161,7 +161,7 @@ def rotate_frame(
     are zero but for a glide and a scatter of their own.
     """
     arguments.a(AgisSolution)("solution", solution)
-    found, sigma = [], []
+    offsets, sigma = [], []
     n = len(solution.lon)
     chosen = arguments.indices("vlbi", vlbi, n), arguments.indices("quasars", quasars, n)
     for columns, which, spread in zip((slice(0, 2), slice(3, 5)), chosen, (radio, own), strict=True):
@@ -180,7 +180,7 @@ def rotate_frame(
         weights = np.linalg.inv(solution.formal[which][:, columns, columns] + spread**2 * np.eye(2))
         weighted = np.einsum("nij,pjn->pin", weights, rows)
         covariance = np.linalg.inv(np.einsum("pin,qin->pq", weighted, rows))
-        found.append((covariance @ np.einsum("pin,in->p", weighted, motion))[:3])
+        offsets.append((covariance @ np.einsum("pin,in->p", weighted, motion))[:3])
         sigma.append(np.sqrt(np.diag(covariance))[:3])
-    words = f"frame rotated: ε₀ = {np.round(found[0], 2).tolist()} µas, ω = {np.round(found[1], 3).tolist()} µas/yr taken away"
-    return solution.rotated(found[0], found[1], words), np.concatenate(found), np.concatenate(sigma)
+    words = f"frame rotated: ε₀ = {np.round(offsets[0], 2).tolist()} µas, ω = {np.round(offsets[1], 3).tolist()} µas/yr taken away"
+    return solution.rotated(offsets[0], offsets[1], words), np.concatenate(offsets), np.concatenate(sigma)

@@ -76,7 +76,7 @@ def ratio_by(
 
 
 def _groups(group):
-    found = arguments.dimension(1)("group", group)
-    if not (np.isfinite(found).all() and (found == np.floor(found)).all() and (found < 1e9).all()):
+    dimension = arguments.dimension(1)("group", group)
+    if not (np.isfinite(dimension).all() and (dimension == np.floor(dimension)).all() and (dimension < 1e9).all()):
         raise ParameterError("groups are whole numbers")
-    return found.astype(int)
+    return dimension.astype(int)

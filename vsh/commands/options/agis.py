@@ -165,10 +165,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _two(text):
-    found = values.numbers(text)
-    if len(found) != 2 or min(found) < 0:
+    days = values.numbers(text)
+    if len(days) != 2 or min(days) < 0:
         raise argparse.ArgumentTypeError(f"two numbers that are not negative are wanted, not {text!r}")
-    return found
+    return days
 
 
 def _attitude(text):

@@ -50,10 +50,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _pair(text):
-    found = tuple(name.strip() for name in re.findall(r"[^,()]+(?:\([^)]*\))?", text))
-    if len(found) not in (1, 2) or not all(found) or len(set(found)) != len(found):
+    parameters = tuple(name.strip() for name in re.findall(r"[^,()]+(?:\([^)]*\))?", text))
+    if len(parameters) not in (1, 2) or not all(parameters) or len(set(parameters)) != len(parameters):
         raise argparse.ArgumentTypeError(f"one or two different names are wanted, not {text!r}")
-    return found
+    return parameters
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:

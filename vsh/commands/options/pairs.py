@@ -39,16 +39,16 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _angle(text):
-    found = values.positive(text)
-    if found > 180:
+    number = values.positive(text)
+    if number > 180:
         raise argparse.ArgumentTypeError(f"an angle up to 180 degrees is wanted, not {text!r}")
-    return found
+    return number
 
 
 def _templates(text):
     if text == "none":
         return ()
-    found = tuple(name.strip() for name in text.split(","))
-    if not set(found) <= set(values.TEMPLATES):
+    templates = tuple(name.strip() for name in text.split(","))
+    if not set(templates) <= set(values.TEMPLATES):
         raise argparse.ArgumentTypeError(f"none, or some of {', '.join(values.TEMPLATES)} are wanted, not {text!r}")
-    return found
+    return templates

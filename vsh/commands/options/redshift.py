@@ -140,17 +140,17 @@ def _fraction(text):
 
 def _known_vector(text):
     """Three components along ICRS axes, and one error."""
-    found = values.numbers(text)
-    if len(found) != 4 or not found[3] > 0:
+    limits = values.numbers(text)
+    if len(limits) != 4 or not limits[3] > 0:
         raise argparse.ArgumentTypeError(f"three components and an error above zero are wanted, not {text!r}")
-    return found
+    return limits
 
 
 def _amplitude(text):
-    found = values.numbers(text)
-    if len(found) != 2 or not min(found) > 0:
+    limits = values.numbers(text)
+    if len(limits) != 2 or not min(limits) > 0:
         raise argparse.ArgumentTypeError(f"a mean and an error above zero are wanted, not {text!r}")
-    return found
+    return limits
 
 
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:

@@ -105,8 +105,8 @@ def cell(value: Any) -> str:
 def figure(picture: bytes, caption: str) -> Panel:
     """A picture with its caption."""
     data = base64.b64encode(picture).decode()
-    said = escape(caption)
-    return Panel(f'<figure class="picture"><img alt="{said}" src="data:image/png;base64,{data}"><figcaption>{said}</figcaption></figure>')  # fmt: skip
+    text = escape(caption)
+    return Panel(f'<figure class="picture"><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>')  # fmt: skip
 
 
 def pictures(figures: Sequence[Panel]) -> Panel:
@@ -329,12 +329,12 @@ sources. Coloured arrows stand above {SURE:.0f} σ, grey ones below; stars with 
 
 def _figure(i, shown, sent):
     n = shown.n_sources or len(shown.field)
-    said = f"{sent} of {n} sources, those with the most significant residuals" if sent < n else f"all {n} sources"
-    said = f"{shown.label}: {said}" if shown.label else said
+    caption = f"{sent} of {n} sources, those with the most significant residuals" if sent < n else f"all {n} sources"
+    caption = f"{shown.label}: {caption}" if shown.label else caption
     return (
         f'<figure><canvas tabindex="0" role="img" aria-label="{escape(shown.label)} sky with the fitted field as arrows; the text '
         f'below says what is shown" aria-describedby="said-{i} sky-keys"></canvas>'
-        f'<figcaption><p class="faint">{escape(said)}</p><p class="said" id="said-{i}" role="status" aria-live="polite"></p></figcaption></figure>'
+        f'<figcaption><p class="faint">{escape(caption)}</p><p class="said" id="said-{i}" role="status" aria-live="polite"></p></figcaption></figure>'
     )
 
 

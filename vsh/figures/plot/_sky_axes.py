@@ -72,11 +72,11 @@ class SkyAxes(WCSAxes):
         lon, lat = np.broadcast_arrays(np.degrees(lon), np.degrees(lat))
         if lon.size == 0:
             return np.zeros((*lon.shape, 2)), np.zeros(lon.shape)
-        found = self.wcs.wcs.s2p(np.stack([lon.ravel(), lat.ravel()], axis=1), 0)
-        xy, native = found["pixcrd"].copy(), found["phi"].copy()
-        hidden = np.asarray(found["stat"]) != 0
+        projected = self.wcs.wcs.s2p(np.stack([lon.ravel(), lat.ravel()], axis=1), 0)
+        xy, native = projected["pixcrd"].copy(), projected["phi"].copy()
+        hidden = np.asarray(projected["stat"]) != 0
         if not self.is_whole:
-            hidden |= found["theta"] < 0
+            hidden |= projected["theta"] < 0
         xy[hidden] = np.nan
         return xy.reshape(*lon.shape, 2), native.reshape(lon.shape)
 
@@ -179,8 +179,8 @@ def sky_axes(
     made.coords.frame.set_linewidth(0.6)
     _graticule(made)
     names = ANGLES[frame]
-    said = f"{'ICRS' if frame == 'icrs' else frame}: {names[0]} ←, {names[1]} ↑"
-    made.text(1.0, 0.0, said, transform=made.transAxes, ha="right", va="bottom", fontsize=_SIZE, color="0.35")
+    label = f"{'ICRS' if frame == 'icrs' else frame}: {names[0]} ←, {names[1]} ↑"
+    made.text(1.0, 0.0, label, transform=made.transAxes, ha="right", va="bottom", fontsize=_SIZE, color="0.35")
     return made
 
 

@@ -209,12 +209,12 @@ def _soon(end=None):
 
 def _some(answer, size, end):
     """At most so many bytes of an answer; one that trickles is given up at `end`."""
-    found = b""
-    while len(found) < size and (more := answer.read1(size - len(found))):
-        found += more
+    body = b""
+    while len(body) < size and (more := answer.read1(size - len(body))):
+        body += more
         if time.monotonic() > end:
             raise ArchiveError("the server sends too slowly: the same call later waits on")
-    return found
+    return body
 
 
 def _wait(job, patience, interval, progress):
@@ -240,8 +240,8 @@ def _wait(job, patience, interval, progress):
             interval = min(1.3 * interval, 30.0)
     if phase != "COMPLETED":
         with _open(f"{job}/error") as answer:
-            said = _message(_some(answer, _BLOCK, _soon()))
-        raise ArchiveError(f"the query ended {phase.lower()}: {said or 'the server does not say why'}")
+            message = _message(_some(answer, _BLOCK, _soon()))
+        raise ArchiveError(f"the query ended {phase.lower()}: {message or 'the server does not say why'}")
 
 
 def _fetch(address, part, end, most, progress):
@@ -308,25 +308,25 @@ def _open(url, form=None, end=None):
     """The answer to a request, once its head is there; in a thread, since a head that trickles obeys no time limit."""
     body = None if form is None else urllib.parse.urlencode(form).encode()
     request = urllib.request.Request(url, body, {"User-Agent": "vsh-astrometry"})
-    found: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def ask():
         try:
-            found.put(urllib.request.urlopen(request, timeout=_TIMEOUT))
+            answers.put(urllib.request.urlopen(request, timeout=_TIMEOUT))
         except BaseException as error:  # handed on to whoever waits
-            found.put(error)
+            answers.put(error)
 
     threading.Thread(target=ask, daemon=True).start()
     try:
-        answer = found.get(timeout=max(_soon(end) - time.monotonic(), 0.1))
+        answer = answers.get(timeout=max(_soon(end) - time.monotonic(), 0.1))
     except queue.Empty:
         raise ArchiveError(f"{url} does not answer in time") from None
     if not isinstance(answer, BaseException):
         return answer
     if isinstance(answer, urllib.error.HTTPError):
         with answer:
-            said = _message(_some(answer, _BLOCK, _soon()))
-        raise _RefusedError(f"{url} answered {answer.code}: {said or answer.reason}") from answer
+            message = _message(_some(answer, _BLOCK, _soon()))
+        raise _RefusedError(f"{url} answered {answer.code}: {message or answer.reason}") from answer
     if isinstance(answer, (OSError, http.client.HTTPException, ValueError)):
         reason = getattr(answer, "reason", None) or answer
         raise ArchiveError(f"{url} cannot be reached: {reason}. Are you online, and is the archive?") from answer
@@ -341,20 +341,20 @@ def _message(body):
     except ElementTree.ParseError:
         return " ".join(text.split())[:500] if "<" not in text else ""
     infos = [each for each in elements if each.tag.endswith("INFO") and each.get("value") in ("ERROR", "OVERFLOW")]
-    said = [
+    changed = [
         each.text or each.get("value") or ""
         for each in infos or elements
         if each.tag.endswith(("INFO", "message", "detail"))
     ]
-    return " ".join(" ".join(said).split())[:500]
+    return " ".join(" ".join(changed).split())[:500]
 
 
 def _read(path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        job = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return job if isinstance(job, dict) else {}
 
 
 def _write(path, facts):

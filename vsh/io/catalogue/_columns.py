@@ -101,7 +101,7 @@ def as_columns(columns: Any) -> Columns:
 
 def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[str]]:
     """From what a field needs to the names of a table's columns, and notes."""
-    where, said, absent = {}, [], []
+    where, notes, absent = {}, [], []
     for f in fields(Columns):
         name = getattr(columns, f.name)
         if name is None and f.name not in REQUIRED:
@@ -116,7 +116,7 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
             if present:
                 where[f.name] = present[0]
             elif f.name == "pmra_pmdec_corr":
-                said.append(f"no column {' or '.join(name)}: correlations taken as zero")
+                notes.append(f"no column {' or '.join(name)}: correlations taken as zero")
     if absent:
         (role, name), *others = absent
         also = f"; missing too: {', '.join(printable(other) for _, other in others)}" if others else ""
@@ -127,16 +127,16 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
             f"columns={fits[0]!r} (--columns {fits[0]})" if fits else f"columns={{{role!r}: …}} (--columns {role}=…)"
         )
         raise TableError(f"{source.label}: {missing_column(name, source)}{also}. Say which it is: {which}")
-    return where, said
+    return where, notes
 
 
 def frame_of(where: Mapping[str, str], frame: str | None, meta: Mapping[str, Any] | None = None) -> str:
     """The frame of a table's positions: the one that was told, that of a field that was written, or ICRS if the columns' names say nothing else."""
     if frame is not None:
         return check_frame(frame)
-    said = next((value for key, value in (meta or {}).items() if str(key).upper() == FRAME_KEY), None)
-    if said in FRAMES:
-        return str(said)
+    stated = next((value for key, value in (meta or {}).items() if str(key).upper() == FRAME_KEY), None)
+    if stated in FRAMES:
+        return str(stated)
     for role in ("ra", "dec"):
         name = where.get(role)
         known = name and _OTHER_FRAMES.get(name.lower())
@@ -152,9 +152,9 @@ def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | No
     """The frame of a table's redshifts, where its metadata or the column's description tell it."""
     if "redshift" not in where:
         return None
-    said = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
-    if said in REDSHIFT_FRAME_NAMES:
-        return str(said)
+    stated = next((value for key, value in source.meta.items() if str(key).upper() == REDSHIFT_FRAME_KEY), None)
+    if stated in REDSHIFT_FRAME_NAMES:
+        return str(stated)
     return redshift_frame_in(source.descriptions.get(where["redshift"]))
 
 
@@ -168,9 +168,9 @@ def missing_column(name: str | None, source: TableSource) -> str:
     return f"no column {printable(name)!r}. The table has {', '.join(shown)}{more}{hint}"
 
 
-def doubt_positions(found: Any, assumed: Any, at_least: int = 20) -> None:
+def doubt_positions(columns: Any, assumed: Any, at_least: int = 20) -> None:
     """Raise FieldError where bare positions look like radians or hours rather than degrees."""
-    ra, dec = (np.ma.compressed(found[role]) for role in ("ra", "dec"))
+    ra, dec = (np.ma.compressed(columns[role]) for role in ("ra", "dec"))
     if not assumed or ra.size < at_least or dec.size < at_least:
         return
     with np.errstate(invalid="ignore"):
@@ -237,7 +237,7 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
     for name in units or {}:
         if name not in source.names:
             raise TableError(f"units: {missing_column(name, source)}")
-    found, assumed = {}, {}
+    stated, assumed = {}, {}
     for role in REQUIRED:
         if role not in where:
             continue
@@ -250,22 +250,22 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
                 )
             assumed.setdefault(str(wanted), []).append(name)
             unit = wanted
-        found[role] = _factor(name, unit, wanted, name in (units or {}))
+        stated[role] = _factor(name, unit, wanted, name in (units or {}))
     for role in (each for each in FURTHER_UNITS if each in where):
         name, wanted = where[role], FURTHER_UNITS[role]
         unit = (units or {}).get(name, source.units.get(name))
         if unit is not None and str(unit).strip():
-            found[role] = _further(role, name, unit, wanted, name in (units or {}))
+            stated[role] = _further(role, name, unit, wanted, name in (units or {}))
         elif role in MUST_SAY:
             raise TableError(
                 f"column {name!r} has no unit: say which, units={{{name!r}: {str(wanted)!r}}} (--units {name}={wanted})"
             )
-    return found, assumed
+    return stated, assumed
 
 
-def differing_units(where: Mapping[str, str], found: Mapping[str, Any]) -> list[str]:
+def differing_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
     """A note where motions and their errors are not all in one unit, which is seldom meant."""
-    sizes = {role: found[role] for role in ("pmra", "pmdec", "pmra_error", "pmdec_error") if role in found}
+    sizes = {role: units[role] for role in ("pmra", "pmdec", "pmra_error", "pmdec_error") if role in units}
     if len({float(f"{size:.9g}") for size in sizes.values()}) < 2:
         return []
     listed = ", ".join(f"{printable(where[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
@@ -290,26 +290,26 @@ def unit_factor(name: str, unit: Any, wanted: str) -> float:
 
 
 def _factor(name, unit, wanted, given):
-    said = printable(unit)
+    text = printable(unit)
     try:
         parsed = parse_unit(unit)
     except (ValueError, TypeError):
         place = "units" if given else "the table"
         raise TableError(
-            f"{place}: {said!r}, given for {name}, is no unit that astropy knows: say what it is, "
+            f"{place}: {text!r}, given for {name}, is no unit that astropy knows: say what it is, "
             f"units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
         ) from None
     if not isinstance(parsed, u.UnitBase):
-        raise TableError(f"column {name!r} is in {said!r}, a logarithm: turn it into a linear unit, {wanted} say")
+        raise TableError(f"column {name!r} is in {text!r}, a logarithm: turn it into a linear unit, {wanted} say")
     try:
         factor = float(parsed.to(wanted))
     except (u.UnitConversionError, ValueError, TypeError, AttributeError):
         raise TableError(
-            f"column {name!r} is in {said!r}, which cannot be turned into {wanted}: "
+            f"column {name!r} is in {text!r}, which cannot be turned into {wanted}: "
             f"if the table is wrong, say what it is, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
         ) from None
     if not 0 < factor < np.inf:
-        raise TableError(f"column {name!r} is in {said!r}, a unit that is not positive: signs would turn")
+        raise TableError(f"column {name!r} is in {text!r}, a unit that is not positive: signs would turn")
     return factor
 
 
@@ -342,10 +342,10 @@ def plain(name: str, values: Any, missing: BoolArray | None) -> Any:
 
 def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
     """Names as 64-bit integers or text, and notes; masked integers become text, so that no digit is lost."""
-    said = []
+    notes = []
     mask = np.zeros(len(values), bool) if missing is None else missing
     if values.dtype.kind == "f" and not mask.all():
-        said.append(f"warning: {name} is a column of floating-point numbers, so long identifiers have lost digits")
+        notes.append(f"warning: {name} is a column of floating-point numbers, so long identifiers have lost digits")
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
     if mask.any() or values.dtype.kind not in "iuU":
@@ -357,5 +357,5 @@ def identifiers(name: str, values: Any, missing: BoolArray | None) -> Any:
     )  # a sort is faster than np.unique's hash
     repeated = int(np.sum(named[1:] == named[:-1]))
     if repeated:
-        said.append(f"warning: {repeated} rows repeat the {name} of another row and are used as separate sources")
-    return values, said
+        notes.append(f"warning: {repeated} rows repeat the {name} of another row and are used as separate sources")
+    return values, notes

@@ -142,8 +142,8 @@ def _by_position(a, b, radius):
     reverse = np.bincount([k for each in pairs for k in each], minlength=len(b))
     i = np.array([k for k, each in enumerate(pairs) if len(each) == 1 and reverse[each[0]] == 1], int)
     j = np.array([pairs[k][0] for k in i], int)
-    found = np.count_nonzero(counts) + np.count_nonzero(reverse)
-    return (i, j), int(found - 2 * len(i))
+    matched = np.count_nonzero(counts) + np.count_nonzero(reverse)
+    return (i, j), int(matched - 2 * len(i))
 
 
 def _offsets(a, b, i, j):
@@ -242,14 +242,14 @@ def _parse(label, number, line):
         size = abs(int(degrees)) + int(arcmin) / 60 + float(arcsec) / 3600
         lat = np.radians(-size if degrees.startswith("-") else size)  # −00 degrees are negative too
         east, north = 15e6 * float(sigma_ra) * np.cos(lat), 1e6 * float(sigma_dec)
-        found = lon, lat, east, north, float(rho)
+        offset = lon, lat, east, north, float(rho)
     except (ValueError, IndexError):
         raise TableError(f"{label}, line {number} is damaged: {shown!r}") from None
     if not (on_sky and abs(lat) <= np.pi / 2):
         raise TableError(f"{label}, line {number} has no position on the sky: {shown!r}")
-    if not (np.isfinite(found).all() and east > 0 and north > 0 and abs(found[4]) < 1):
+    if not (np.isfinite(offset).all() and east > 0 and north > 0 and abs(offset[4]) < 1):
         raise TableError(f"{label}, line {number} has no usable errors: {shown!r}")
-    return icrf, iers, defining and rest[0] == "D", *found
+    return icrf, iers, defining and rest[0] == "D", *offset
 
 
 #: Roles of columns, Gaia's names, and what a column without a unit is in.
@@ -276,8 +276,8 @@ def read_positions(
         raise TableError(f"columns: no set of names of positions is called {known!r}; there are gaia, icrf")
     listed = format == "icrf" or (format is None and _is_icrf(source))
     if listed and where is None and not columns:
-        found = read_icrf(source, designation)
-        return found if sigma is None else _with_sigma(found, sigma)
+        positions = read_icrf(source, designation)
+        return positions if sigma is None else _with_sigma(positions, sigma)
     wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
     if wrong:
         raise TableError(
@@ -324,8 +324,8 @@ def read_positions(
     return Positions(lon, lat, errors, rho, name=names, frame=frame, notes=(*opened.notes, *notes))
 
 
-def _with_sigma(found, sigma):
-    return replace(found, sigma=np.full((2, len(found)), positive("sigma", sigma)), rho=np.zeros(len(found)))
+def _with_sigma(field, sigma):
+    return replace(field, sigma=np.full((2, len(field)), positive("sigma", sigma)), rho=np.zeros(len(field)))
 
 
 def _is_icrf(source):

@@ -121,14 +121,14 @@ class Reader:
             piece = open_icrf(piece, self.format)
         if self.like is not None and isinstance(piece, TableSource):
             _check_same_columns(piece, columns, *self.like)
-        said: tuple[str, ...] = ()
+        notes: tuple[str, ...] = ()
         if not self.motions:
-            piece, columns, said = without_motions(open_table(piece), columns, self.sigma)
+            piece, columns, notes = without_motions(open_table(piece), columns, self.sigma)
         fields = stream_fields(
             piece, self.rows, columns=columns, units=self.units, on_bad=self.on_bad, frame=self.frame, roles=roles, where=self.where
         )  # fmt: skip
         for field in ahead(fields):
-            yield field.add_note(*said) if said else field
+            yield field.add_note(*notes) if notes else field
 
 
 def _layout(opened, columns):

@@ -198,37 +198,37 @@ class _maker:
         self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
 
     def __call__(self, block, first_row=0):
-        found, raw, said = {}, {}, list(self.said)
+        columns, raw, notes = {}, {}, list(self.said)
         if self.chosen:
             block, first_row, note = self.chosen.of(block, first_row)
-            said += note
+            notes += note
         for role, name in self.where.items():
             values, mask = block[name]
             if role == "solution":
-                found["unusable"] = _other_solutions(name, values, mask)
+                columns["unusable"] = _other_solutions(name, values, mask)
             elif role == "name":
-                found[role], more = identifiers(printable(name), np.asarray(values), mask)
-                said += more
+                columns[role], more = identifiers(printable(name), np.asarray(values), mask)
+                notes += more
             else:
-                found[role] = plain(name, values, mask)
+                columns[role] = plain(name, values, mask)
                 if self.other_units and role in REQUIRED[2:]:
-                    raw[role] = np.ma.filled(np.ma.asarray(found[role], float), np.nan)
+                    raw[role] = np.ma.filled(np.ma.asarray(columns[role], float), np.nan)
                 if self.factors.get(role, 1.0) != 1.0 or role in REQUIRED:
-                    found[role] = found[role] * self.factors[role]
-        doubt_positions(found, self.assumed)
+                    columns[role] = columns[role] * self.factors[role]
+        doubt_positions(columns, self.assumed)
         flat = all(values.ndim == 1 for values in raw.values())  # others are refused below
         if raw and flat and (marked := placeholders(raw)).any():
-            found["unusable"] = found.get("unusable", {}) | {PLACEHOLDER: marked}
+            columns["unusable"] = columns.get("unusable", {}) | {PLACEHOLDER: marked}
         with np.errstate(invalid="ignore", over="ignore"):
             field = Field.from_columns(
-                **found,
+                **columns,
                 frame=self.frame,
                 redshift_frame=self.redshift_frame,
                 on_bad=self.on_bad,
-                notes=said,
+                notes=notes,
                 first_row=first_row,
             )
-        for warning in said:
+        for warning in notes:
             if warning.startswith("warning"):
                 warn(warning, VshWarning, stacklevel=3)
         return field
@@ -240,8 +240,8 @@ def _other_solutions(name, values, mask):
         raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers of astrometric models")
     missing = np.zeros(len(values), bool) if mask is None else np.asarray(mask)
     other = ~np.isin(values, list(DR4.accepted)) & ~missing
-    found = {f"{printable(name)} = {value:g}": values == value for value in np.unique(values[other])}
-    return found | ({f"{printable(name)} missing": missing} if missing.any() else {})
+    copies = {f"{printable(name)} = {value:g}": values == value for value in np.unique(values[other])}
+    return copies | ({f"{printable(name)} missing": missing} if missing.any() else {})
 
 
 def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -266,8 +266,8 @@ def read_sources(
     format: str | None = None,
 ) -> Field:
     """Read positions and errors; what the table lacks of motions is zero."""
-    opened, chosen, said = without_motions(open_icrf(source, format), as_columns(columns), sigma)
-    return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*said)
+    opened, chosen, notes = without_motions(open_icrf(source, format), as_columns(columns), sigma)
+    return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*notes)
 
 
 def without_motions(
@@ -284,11 +284,11 @@ def without_motions(
         return opened, wanted, ()
     names = {role: f"assumed {role}" for role in replaced}
     changed = {role: getattr(wanted, role) for role in Columns.__dataclass_fields__} | names
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     if set(_ERRORS) & set(replaced):
         what = "as asked" if sigma is not None else "no errors in the table: all sources weigh the same"
-        said = (f"errors of {replaced['pmra_error']:g} µas/yr for every source ({what})",)
-    return _with_constants(opened, {names[role]: replaced[role] for role in names}), Columns(**changed), said
+        notes = (f"errors of {replaced['pmra_error']:g} µas/yr for every source ({what})",)
+    return _with_constants(opened, {names[role]: replaced[role] for role in names}), Columns(**changed), notes
 
 
 def _with_constants(source, constants):
@@ -374,7 +374,7 @@ def read_scalars(
     for column in wanted:
         if column not in opened.names:
             raise TableError(missing_column(column, opened))
-    found, notes = opened.columns(tuple(wanted)), []
+    columns, notes = opened.columns(tuple(wanted)), []
     units = {column: parse_unit(opened.units.get(column) or "") for column in (value, error)}
     for column in (value, error):
         if units[column].is_unity() and column in ("parallax", "parallax_error"):
@@ -391,11 +391,12 @@ def read_scalars(
         factors[column] = unit_factor(column, opened.units.get(column), "deg")
     numbers = {
         column: np.ma.array(
-            np.asarray(found[column][0], float) * factor, mask=False if found[column][1] is None else found[column][1]
+            np.asarray(columns[column][0], float) * factor,
+            mask=False if columns[column][1] is None else columns[column][1],
         )
         for column, factor in factors.items()
     }
     return ScalarField.from_columns(
         numbers[ra], numbers[dec], numbers[value], numbers[error], unit=target.to_string(),
-        name=None if name is None else found[name][0], frame=frame_of({}, frame, opened.meta), on_bad=on_bad, notes=notes,
+        name=None if name is None else columns[name][0], frame=frame_of({}, frame, opened.meta), on_bad=on_bad, notes=notes,
     )  # fmt: skip

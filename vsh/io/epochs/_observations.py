@@ -88,8 +88,8 @@ def read_observations(
         for name, column in wanted.items()
         if name in _UNITS
     }
-    found = opened.columns(tuple(wanted.values()))
-    columns_by_role = {name: found[column] for name, column in wanted.items()}
+    values = opened.columns(tuple(wanted.values()))
+    columns_by_role = {name: values[column] for name, column in wanted.items()}
     flat, notes = _observations(columns_by_role, factors, opened.label)
     if "obs_time_bary_corr" not in wanted:
         notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
@@ -112,13 +112,13 @@ _MOST = {
 
 
 def _observations(
-    found: Mapping[str, Any], factors: Mapping[str, float], label: str
+    columns: Mapping[str, Any], factors: Mapping[str, float], label: str
 ) -> tuple[dict[str, FloatArray], tuple[str, ...]]:
     """Columns with a value for each observation that can be used, and a note that counts the others."""
-    repeated = _repeated(found)
-    shape = max((np.shape(values) for values, _ in found.values()), key=len)
+    repeated = _repeated(columns)
+    shape = max((np.shape(values) for values, _ in columns.values()), key=len)
     flat, bad = {}, np.zeros(shape, bool)
-    for name, (values, mask) in found.items():
+    for name, (values, mask) in columns.items():
         values = np.asarray(values)
         if values.dtype.kind not in "iufb":
             raise TableError(
@@ -148,15 +148,15 @@ def _observations(
         error = NothingLeftError(f"{label}: no observation can be used: {note}")
         error.notes = (note,)
         raise error
-    said = (f"observations: {note}".replace(" rows", " observations"),) if any(counts.values()) else ()
-    return {name: values[keep] for name, values in flat.items()}, (*said, *repeated)
+    notes = (f"observations: {note}".replace(" rows", " observations"),) if any(counts.values()) else ()
+    return {name: values[keep] for name, values in flat.items()}, (*notes, *repeated)
 
 
-def _repeated(found):
+def _repeated(columns):
     """A note on transits that stand in the table twice, where rows are transits."""
-    if "transit_id" not in found or np.ndim(found["centroid_pos_al"][0]) < 2:
+    if "transit_id" not in columns or np.ndim(columns["centroid_pos_al"][0]) < 2:
         return ()
-    pairs = np.stack([np.asarray(found[name][0], np.int64) for name in ("source_id", "transit_id")])
+    pairs = np.stack([np.asarray(columns[name][0], np.int64) for name in ("source_id", "transit_id")])
     twice = pairs.shape[1] - np.unique(pairs, axis=1).shape[1]
     return (f"warning: {twice} transits stand in the table twice and count as two",) if twice else ()
 
@@ -202,12 +202,14 @@ def read_epochs(
     -----
     The colour of a source is taken as known: DR4's own solutions have a pseudocolour besides.
     """
-    found = read_observations(source, epoch=epoch, columns=columns)
-    solution = solve_epochs(found.source, found.design, found.position, found.error, robust=robust)
-    lon, lat, notes = found.lon, found.lat, found.notes
+    observations = read_observations(source, epoch=epoch, columns=columns)
+    solution = solve_epochs(
+        observations.source, observations.design, observations.position, observations.error, robust=robust
+    )
+    lon, lat, notes = observations.lon, observations.lat, observations.notes
     lost = {"fewer than six observations": solution.observations <= 5}
     lost["scans in too few directions"] = ~solution.solved & ~lost["fewer than six observations"]
-    keep, said = select_usable(
+    keep, added_notes = select_usable(
         {reason: mask for reason, mask in lost.items() if mask.any()}, len(lon), on_bad, 0, (lon, lat)
     )
     covariance = solution.covariance[keep][:, 3:, 3:]
@@ -217,5 +219,5 @@ def read_epochs(
         notes = (*notes, f"epochs: {share:.2g} % of {solution.observations.sum()} observations have a weight below 0.2")
     return Field(
         lon[keep], lat[keep], solution.values[keep][:, 3:].T, sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1]),
-        name=found.name[keep], notes=(*notes, *said),
+        name=observations.name[keep], notes=(*notes, *added_notes),
     )  # fmt: skip

@@ -269,9 +269,9 @@ def _named(piece, error):
 
 def _left_out(piece, error):
     """The error of a part all of whose rows are bad, with what can be done."""
-    found = NothingLeftError(f'{_named(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
-    found.notes = error.notes
-    return found
+    empty = NothingLeftError(f'{_named(piece, error)}. Leave them out with on_bad="drop" (--on-bad drop)')
+    empty.notes = error.notes
+    return empty
 
 
 @dataclass(frozen=True)

@@ -143,9 +143,9 @@ class Parts(InNotebook):
         work = Work(self.read, self.steps, function, wanted, self.engine.threads)
         bar = progress_bar(total=len(self.pieces), words=words, shown=progress and len(self.pieces) > 1, unit=" parts")
         with bar:
-            found = self.engine.total(work, self.pieces, bar.update)
+            summed = self.engine.total(work, self.pieces, bar.update)
         total: Any
-        total, notes, sources = (None, LostNotes(), 0) if found is None else found
+        total, notes, sources = (None, LostNotes(), 0) if summed is None else summed
         if not sources:
             error = NothingLeftError(
                 "no part holds a source that can be used: " + ("; ".join(notes) or "all are empty")
@@ -250,14 +250,14 @@ def _found(sky, numbers, weights, counts, targets, roles, words):
     bins = np.minimum(np.searchsorted(reached, targets), BINS - 1)
     wanted = np.unique(bins)
     gathered = sky.sum(partial(_inside, numbers=numbers, weights=weights, bins=wanted), roles=roles, words=words)
-    found = []
+    sources = []
     for bin_, target in zip(bins, targets, strict=True):
         values, mass = (np.concatenate(column) for column in zip(*gathered[int(bin_)], strict=True))
         order = np.argsort(values, kind="stable")
         below = reached[bin_] - counts[bin_]
         place = np.searchsorted(below + np.cumsum(mass[order]), target)
-        found.append(values[order[min(place, len(order) - 1)]])
-    return np.array(found)
+        sources.append(values[order[min(place, len(order) - 1)]])
+    return np.array(sources)
 
 
 def bin_of(numbers: FloatArray) -> IntArray:

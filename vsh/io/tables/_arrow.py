@@ -96,8 +96,8 @@ def _source(label, schema, batches):
         if held or empty:
             yield _block(held, names, label)
 
-    units, meta, said = _header(schema)
-    return TableSource(label, tuple(schema.names), read, units, meta, descriptions=said)
+    units, meta, descriptions = _header(schema)
+    return TableSource(label, tuple(schema.names), read, units, meta, descriptions=descriptions)
 
 
 def _guarded(batches, label):
@@ -149,24 +149,24 @@ def _column(array, name, label):
 
 def _header(schema):
     """Units by column, metadata and descriptions, as astropy or the fields themselves have them."""
-    units, said = {}, {}
+    units, descriptions = {}, {}
     for field in schema:
         for key in (b"unit", b"units"):
             if field.metadata and field.metadata.get(key):
                 units[field.name] = field.metadata[key].decode("utf-8", "replace")
         if field.metadata and field.metadata.get(b"description"):
-            said[field.name] = field.metadata[b"description"].decode("utf-8", "replace")
+            descriptions[field.name] = field.metadata[b"description"].decode("utf-8", "replace")
     text = (schema.metadata or {}).get(b"table_meta_yaml")
     if not text:
-        return units, {}, said
+        return units, {}, descriptions
     from astropy.table.meta import get_header_from_yaml
 
     try:
         header = get_header_from_yaml(re.split("\n", text.decode()))
         units |= {column["name"]: column["unit"] for column in header["datatype"] if "unit" in column}
-        said |= {
+        descriptions |= {
             column["name"]: str(column["description"]) for column in header["datatype"] if column.get("description")
         }
-        return units, dict(header.get("meta") or {}), said
+        return units, dict(header.get("meta") or {}), descriptions
     except Exception as error:  # whatever a damaged header makes of YAML
         raise TableError(f"the metadata that astropy wrote are damaged: {first_line(error)}") from error

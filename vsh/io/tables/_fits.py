@@ -28,15 +28,15 @@ _CODE = re.compile(r"\s*(\d*)([LXBIJKAEDCMPQ])")
 
 def check_layout(path: PathName, label: str) -> Any:
     """Walk through the headers of a FITS file; a list of dicts of keywords, one a unit."""
-    found = []
+    tables = []
     with open(path, "rb") as file:
         size = file.seek(0, 2)
         file.seek(0)
         while file.tell() < size:
-            header = _header(file, label, first=not found)
+            header = _header(file, label, first=not tables)
             if header is None:  # blocks of nothing behind the last unit are allowed
                 break
-            found.append(header)
+            tables.append(header)
             axes = header.get("NAXIS", 0)
             if not (isinstance(axes, int) and 0 <= axes <= 999):
                 raise TableError(f"{label} is damaged: NAXIS = {axes}")
@@ -61,9 +61,9 @@ def check_layout(path: PathName, label: str) -> Any:
             if rest.strip(b"\x00 "):
                 raise TableError(f"{label} is damaged: there are data behind the last of the declared rows")
             file.seek(start + padded)
-    if not found:
+    if not tables:
         raise TableError(f"{label} is empty")
-    return found
+    return tables
 
 
 def _header(file, label, first):
@@ -135,15 +135,15 @@ def open_fits(path: PathName, label: str) -> TableSource:
         raise TableError(f"{label} holds no table")
     chosen = tables[0]
     with _guarded(label), _open(plain.name) as hdus:
-        found = list(hdus[chosen].columns)
+        columns = list(hdus[chosen].columns)
         meta = _meta(hdus[chosen].header)
-        said = {
+        descriptions = {
             c.name: str(hdus[chosen].header[f"TCOMM{i}"])
-            for i, c in enumerate(found, 1)
+            for i, c in enumerate(columns, 1)
             if f"TCOMM{i}" in hdus[chosen].header
         }
-    described = {column.name: column for column in found}
-    names = [column.name for column in found]
+    described = {column.name: column for column in columns}
+    names = [column.name for column in columns]
     if not names or not all(names):
         raise TableError(f"{label} is damaged: {'its table has no columns' if not names else 'a column has no name'}")
     repeated = sorted({name for name in names if names.count(name) > 1})
@@ -174,9 +174,9 @@ def open_fits(path: PathName, label: str) -> TableSource:
     if len(tables) > 1:
         notes = (f"{label} holds {len(tables)} tables; the first was read (extension {chosen})",)
     # Rows in one block are at most as many as the file holds, whose size has been looked at.
-    units_of = {c.name: c.unit for c in found if c.unit and c.unit.strip()}
+    units_of = {c.name: c.unit for c in columns if c.unit and c.unit.strip()}
     rows = max(1, units[chosen]["NAXIS2"])  # the file holds as many: `check_layout` has looked
-    return TableSource(label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=said)
+    return TableSource(label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=descriptions)
 
 
 def plain_file(path: PathName, label: str) -> Any:

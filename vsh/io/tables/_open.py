@@ -144,8 +144,8 @@ def _tables_in(path, label, format=None):
     if not kinds:
         raise TableError(f"{label} is a folder without tables: known endings are {', '.join(READ)}")
     if len(kinds) > 1:
-        said = ", ".join(f"{len(files)} of {kind.removeprefix('ascii.')}" for kind, files in kinds.items())
-        raise TableError(f"{label} holds tables of several formats ({said}): name a folder with those of one")
+        counts = ", ".join(f"{len(files)} of {kind.removeprefix('ascii.')}" for kind, files in kinds.items())
+        raise TableError(f"{label} holds tables of several formats ({counts}): name a folder with those of one")
     return next(iter(kinds.items()))
 
 

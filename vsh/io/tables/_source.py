@@ -107,8 +107,8 @@ def open_astropy(table: Any) -> TableSource:
         for start in range(0, max(1, len(table)), rows):
             yield {name: _column(table[name][start : start + rows]) for name in wanted}
 
-    said = {name: table[name].description for name in names if getattr(table[name], "description", None)}
-    return TableSource("the table", names, read, units, dict(table.meta), descriptions=said)
+    descriptions = {name: table[name].description for name in names if getattr(table[name], "description", None)}
+    return TableSource("the table", names, read, units, dict(table.meta), descriptions=descriptions)
 
 
 def open_frame(frame: Any) -> TableSource:
@@ -230,8 +230,8 @@ def _hdf5(path, label):
         tables = [name for name in compound if not name.endswith("__table_column_meta__")]
         columned = {group: names for group, names in groups.items() if len(names) > 1 and not tables}
         if len(tables) + len(columned) != 1:
-            found = ", ".join([*tables, *columned]) or "none"
-            raise TableError(f"{label} holds {len(tables) + len(columned)} tables ({found}): keep one in a file")
+            present = ", ".join([*tables, *columned]) or "none"
+            raise TableError(f"{label} holds {len(tables) + len(columned)} tables ({present}): keep one in a file")
         if columned:
             (names,) = columned.values()
             return Table({name.rpartition("/")[2]: _plain(file[name][()]) for name in names})

@@ -37,7 +37,7 @@ def open_text(path: PathName, label: str) -> TableSource:
             line = next(lines, "")
     if not line.strip():
         raise TableError(f"{label} is empty" if not comments else f"{label} has a header and no table")
-    types, units, meta, delimiter, said = _ecsv_header(comments, label) if ecsv else ({}, {}, {}, ",", {})
+    types, units, meta, delimiter, descriptions = _ecsv_header(comments, label) if ecsv else ({}, {}, {}, ",", {})
     names = _split(line.lstrip("\ufeff"), delimiter, label)
     if types and list(types) != names:
         raise TableError(f"{label} is damaged: its header describes other columns than the line of names")
@@ -59,7 +59,7 @@ def open_text(path: PathName, label: str) -> TableSource:
             if not count:
                 yield {name: (np.empty(0), None) for name in wanted}
 
-    return TableSource(label, tuple(names), read, units, meta, descriptions=said)
+    return TableSource(label, tuple(names), read, units, meta, descriptions=descriptions)
 
 
 class open_lines:
@@ -185,7 +185,7 @@ def _ecsv_header(comments, label):
         columns = header["datatype"]
         types = {column["name"]: column["datatype"] for column in columns}
         units = {column["name"]: column["unit"] for column in columns if column.get("unit")}
-        said = {column["name"]: str(column["description"]) for column in columns if column.get("description")}
+        descriptions = {column["name"]: str(column["description"]) for column in columns if column.get("description")}
         special = any(column.get("subtype") for column in columns)
         delimiter = header.get("delimiter", " ")
         meta = dict(header.get("meta") or {})
@@ -195,4 +195,4 @@ def _ecsv_header(comments, label):
         raise TableError(f"{label} cannot be read as ECSV: its fields are separated by {delimiter!r}")
     if special or "__serialized_columns__" in meta:
         meta["__special__"] = True
-    return types, units, meta, delimiter, said
+    return types, units, meta, delimiter, descriptions

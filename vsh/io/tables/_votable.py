@@ -65,8 +65,8 @@ def open_votable(path: PathName, label: str) -> TableSource:
 
     meta = {str(param.name): param.value for param in table.params}
     meta |= {str(info.name): info.value for info in table.infos}
-    said = {name: str(column.description) for name, column in kept.items() if column.description}
-    return TableSource(label, tuple(names), read, units, meta, notes, descriptions=said)
+    descriptions = {name: str(column.description) for name, column in kept.items() if column.description}
+    return TableSource(label, tuple(names), read, units, meta, notes, descriptions=descriptions)
 
 
 def _infos(resource):

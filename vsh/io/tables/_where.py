@@ -147,12 +147,14 @@ class Where(InNotebook):
                 return self._compared(node, block)
 
     def _numbers(self, function, nodes, block):
-        found = [self._of(each, block) for each in nodes]
-        for node, (value, _) in zip(nodes, found, strict=True):
+        conditions = [self._of(each, block) for each in nodes]
+        for node, (value, _) in zip(nodes, conditions, strict=True):
             if np.asarray(value).dtype.kind not in "iufb":
                 raise TableError(f"--where: {printable(ast.unparse(node))} is text, not a number")
-        value = function(*(np.asarray(each, float) for each, _ in found))
-        return value, np.logical_or.reduce(np.broadcast_arrays(np.isnan(value), *(unknown for _, unknown in found)))
+        value = function(*(np.asarray(each, float) for each, _ in conditions))
+        return value, np.logical_or.reduce(
+            np.broadcast_arrays(np.isnan(value), *(unknown for _, unknown in conditions))
+        )
 
     def _condition(self, node, block):
         value, unknown = self._of(node, block)
@@ -164,9 +166,9 @@ class Where(InNotebook):
 
     def _joined(self, both, nodes, block):
         """Kleene's logic: what is false whatever the missing value is, is false."""
-        found = [self._condition(each, block) for each in nodes]
-        value, unknown = found[0]
-        for other, lost in found[1:]:
+        conditions = [self._condition(each, block) for each in nodes]
+        value, unknown = conditions[0]
+        for other, lost in conditions[1:]:
             sure = [((a if not both else ~a) & ~b) for a, b in ((value, unknown), (other, lost))]
             unknown = (unknown | lost) & ~(sure[0] | sure[1])
             value = value & other if both else value | other
@@ -178,13 +180,13 @@ class Where(InNotebook):
         for op, each in zip(node.ops, node.comparators, strict=True):
             if isinstance(op, ast.In | ast.NotIn):
                 right, among = left, [_ordered(ast.Eq(), left, self._of(one, block), node) for one in each.elts]
-                found = np.logical_or.reduce(np.broadcast_arrays(*among))
-                found = ~found if isinstance(op, ast.NotIn) else found
+                holds = np.logical_or.reduce(np.broadcast_arrays(*among))
+                holds = ~holds if isinstance(op, ast.NotIn) else holds
                 lost = left[1]
             else:
                 right = self._of(each, block)
-                found, lost = _ordered(op, left, right, node), left[1] | right[1]
-            value, unknown, left = value & found, unknown | lost, right
+                holds, lost = _ordered(op, left, right, node), left[1] | right[1]
+            value, unknown, left = value & holds, unknown | lost, right
         return np.asarray(value, bool), unknown
 
 

@@ -142,10 +142,10 @@ def as_covariance(value: Any, field: Any) -> Covariance:
     """What a user gives for the covariance of a field: a matrix or a Covariance, of as many sources."""
     if not isinstance(field, Field):
         raise ParameterError(f"a dense covariance is of the sources of one Field, not of {type(field).__name__}")
-    found = value if isinstance(value, Covariance) else Covariance(value)
-    if len(found) != len(field):
-        raise ParameterError(f"the covariance is of {len(found)} sources, the field of {len(field)}")
-    return found
+    matrix = value if isinstance(value, Covariance) else Covariance(value)
+    if len(matrix) != len(field):
+        raise ParameterError(f"the covariance is of {len(matrix)} sources, the field of {len(field)}")
+    return matrix
 
 
 def check_size(n_sources: int) -> None:
@@ -164,16 +164,16 @@ def read_matrix(path: PathName, check_shape: Callable[[tuple[int, ...]], Any]) -
     ending = path.suffix.lower()
     if ending == ".npy":
         with _refused(path):
-            found = np.load(path, mmap_mode="r", allow_pickle=False)
-        check_shape(found.shape)
+            matrix = np.load(path, mmap_mode="r", allow_pickle=False)
+        check_shape(matrix.shape)
     elif ending in (".fits", ".fit"):
-        found = _from_fits(path, check_shape)
+        matrix = _from_fits(path, check_shape)
     else:
         with _refused(path):
-            found = np.loadtxt(path, ndmin=2)
-        check_shape(found.shape)
+            matrix = np.loadtxt(path, ndmin=2)
+        check_shape(matrix.shape)
     with _refused(path):
-        return np.array(found, float)
+        return np.array(matrix, float)
 
 
 def _from_fits(path, check_shape):

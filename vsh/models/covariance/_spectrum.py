@@ -303,12 +303,12 @@ class Spectrum(InNotebook):
             If it was given to a lower degree.
         """
         lmax = as_modes(lmax).lmax
-        found = float_array(f"the spectrum {self.name}", self.law(lmax), (2, lmax))
-        if (found < 0).any():
-            kind, degree = np.argwhere(found < 0)[0]
-            raise ParameterError(f"the power of {'TS'[kind]}{degree + 1} is {found[kind, degree]:.3g} in the spectrum "
+        powers = float_array(f"the spectrum {self.name}", self.law(lmax), (2, lmax))
+        if (powers < 0).any():
+            kind, degree = np.argwhere(powers < 0)[0]
+            raise ParameterError(f"the power of {'TS'[kind]}{degree + 1} is {powers[kind, degree]:.3g} in the spectrum "
                                  f"{self.name}: no field has a negative power")  # fmt: skip
-        return found
+        return powers
 
     def variances(self, modes: Modes | int) -> FloatArray:
         """The variance of each coefficient, (p,): P_l/(2l + 1), and half of that where the mode stands for ±m. [(µas/yr)²]
@@ -333,8 +333,8 @@ class Spectrum(InNotebook):
         lmax : int
             The highest degree of the sum.
         """
-        found = self.power(lmax).mean(0) @ d_plus(lmax, np.ravel(theta)) / (4 * np.pi)
-        return found.reshape(np.shape(theta))
+        sums = self.power(lmax).mean(0) @ d_plus(lmax, np.ravel(theta)) / (4 * np.pi)
+        return sums.reshape(np.shape(theta))
 
     @property
     def spin_error(self) -> float:
