@@ -206,7 +206,7 @@ def compare_catalogues(
     scatter less than the sum of their errors, and the errors printed are too large. Charlot et al. (2020, A&A 644, A159)
     compare ICRF3 with ICRF2 like this.
     """
-    if len(labels) != 2 or not all(isinstance(each, str) for each in labels):
+    if len(labels) != 2 or not all(isinstance(label, str) for label in labels):
         raise ParameterError(f"labels are two names, not {labels!r}")
     modes = as_modes(modes)
     pairs = counterparts(a, b, by=by, radius=radius)

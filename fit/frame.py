@@ -33,7 +33,7 @@ from vsh.modes import Modes
 from vsh.sky.sphere import sin_cos, triad
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import FloatArray, Table
@@ -91,7 +91,7 @@ class FrameSolution(NamedSolution):
         return self._vector("epsilon", "µas") if "epsilon_x" in self.names else None
 
 
-@told("frame solver")
+@logged("frame solver")
 def solve_frame(
     motions: Field | Parts, offsets: Field | Parts | None = None, *, covariance: Covariance | FloatArray | None = None
 ) -> FrameSolution:
@@ -120,8 +120,8 @@ def solve_frame(
     >>> rng = np.random.default_rng(1)
     >>> lon, lat = rng.uniform(0, 6.28, 100), np.arcsin(rng.uniform(-1, 1, 100))
     >>> motion = Coefficients.from_vectors(rotation=(1, 2, 3), glide=(4, 5, 6)).at(lon, lat)
-    >>> found = solve_frame(Field(lon, lat, motion, np.ones((2, 100))))
-    >>> found.spin.value.round(9), found.acceleration.value.round(9)
+    >>> frame = solve_frame(Field(lon, lat, motion, np.ones((2, 100))))
+    >>> frame.spin.value.round(9), frame.acceleration.value.round(9)
     (array([1., 2., 3.]), array([4., 5., 6.]))
     """
     for each in (motions, offsets or motions):
@@ -250,7 +250,7 @@ class CrossCheck(Result):
         return self.frame.plot(ax=ax)
 
 
-@told("cross-check")
+@logged("cross-check")
 @arguments.accepts(field=arguments.a(Field, Parts))
 def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | None = None) -> CrossCheck:
     """Fit degree 1 to a field by both solvers and compare.

@@ -41,8 +41,8 @@ class NamedSolution(LinearSolution):
             "sigma": self.sigma,
             "covariance": self.covariance,
         }
-        rest = {each.name: encoded(getattr(self, each.name)) for each in fields(self)
-                if each.name not in ("names", "values", "covariance")}  # fmt: skip
+        rest = {entry.name: encoded(getattr(self, entry.name)) for entry in fields(self)
+                if entry.name not in ("names", "values", "covariance")}  # fmt: skip
         return columns, {"fields": rest}, {}
 
     @classmethod

@@ -19,7 +19,7 @@ from vsh.modes import Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 from vsh.tools.notes import spoken
 from vsh.tools.types import FloatArray
 
@@ -28,7 +28,7 @@ _LOST = "warning: values are a million times their errors, so χ² is lost to ro
 MAX_CONDITION = 1e10
 
 
-@told("solved")
+@logged("solved")
 @arguments.accepts(prior=arguments.a(NormalEquations), max_condition=arguments.positive)
 def solve(
     normal: NormalEquations,

@@ -60,10 +60,6 @@ def spectrum(solution: Any) -> list[Degree]:
     ----------
     solution : Solution
         What was found.
-
-    Returns
-    -------
-    list[Degree]
     """
     modes = solution.modes
     return [_degree(solution, kind, l) for kind in modes.kinds for l in range(modes.lowest, modes.lmax + 1)]

@@ -48,7 +48,7 @@ def same(one: Any, two: Any) -> bool:
     if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
         return bool(np.isnan(two))
     if is_dataclass(one) and not isinstance(one, type) and type(one) is type(two):
-        return all(same(getattr(one, each.name), getattr(two, each.name)) for each in fields(one))
+        return all(same(getattr(one, entry.name), getattr(two, entry.name)) for entry in fields(one))
     return bool(one == two)
 
 
@@ -75,7 +75,7 @@ def encoded(value: Any) -> Any:
 def _attributes(kind):
     """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
     if is_dataclass(kind):
-        return [each.name for each in fields(kind)]
+        return [entry.name for entry in fields(kind)]
     return (
         list(kind._fields) if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields") else None
     )
@@ -144,7 +144,7 @@ def number(text: Any) -> Any:
 
 def words(values: Any) -> tuple[str, ...]:
     """A list of strings, checked, as a tuple."""
-    if not isinstance(values, list) or not all(isinstance(each, str) for each in values):
+    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
         raise TableError(f"{values!r} is no list of words")
     return tuple(values)
 
@@ -204,13 +204,13 @@ class Result(Frozen):
         units = {name: str(table[name].unit) for name in table.colnames if table[name].unit is not None}
         return (
             columns,
-            {"fields": {each.name: encoded(getattr(self, each.name)) for each in fields(cast(Any, self))}},
+            {"fields": {entry.name: encoded(getattr(self, entry.name)) for entry in fields(cast(Any, self))}},
             units,
         )
 
     @classmethod
     def _unpack(cls, columns, rest):
-        return cls(**{each.name: decoded(rest["fields"][each.name]) for each in fields(cast(Any, cls))})
+        return cls(**{entry.name: decoded(rest["fields"][entry.name]) for entry in fields(cast(Any, cls))})
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -264,7 +264,7 @@ class Result(Frozen):
         """Whether two results are of one kind and the same in every number."""
         if type(other) is not type(self):
             return NotImplemented
-        return all(same(getattr(self, each.name), getattr(other, each.name)) for each in fields(cast(Any, self)))
+        return all(same(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self)))
 
     def __hash__(self) -> int:
         return hash((type(self).__name__, repr(self)))

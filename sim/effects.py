@@ -95,10 +95,6 @@ def attractions(masses: Any = None) -> dict[str, Any]:
         From name to mass [solar masses] and distance [kpc]: `ATTRACTORS` unless given, `ATTRACTORS_TODAY` for today's, of
         which the LMC's 0.18 is larger than the error that DR4 will have.
 
-    Returns
-    -------
-    dict[str, object]
-
     Examples
     --------
     >>> round(attractions(ATTRACTORS_TODAY)["LMC"], 2), round(attractions()["LMC"], 3)

@@ -20,7 +20,7 @@ from vsh.coefficients import Coefficients
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, Release, Rng
 
@@ -28,7 +28,7 @@ from vsh.tools.types import ArrayLike, Release, Rng
 REDSHIFT_ERRORS = {"spectroscopic": (1e-4, 0.0), "photometric": (0.015, 0.015)}
 
 
-@told("observed")
+@logged("observed")
 @arguments.accepts(population=arguments.a(Population), rng=arguments.seed)
 def observe(
     population: Population,

@@ -98,10 +98,6 @@ def uniform_sky(n: int, rng: Rng) -> tuple[FloatArray, FloatArray]:
     rng : Generator or int
         The source of all randomness.
 
-    Returns
-    -------
-    tuple[array, array]
-
     Examples
     --------
     >>> lon, lat = uniform_sky(1000, rng=1)
@@ -123,10 +119,6 @@ def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatA
         The source of all randomness.
     latitude : float
         Below which there are none. [deg]
-
-    Returns
-    -------
-    tuple[array, array]
     """
     rng = generator(rng)
     l = rng.uniform(0, 2 * np.pi, n)
@@ -433,7 +425,7 @@ def clustered_galaxies(
         keep = (r > near) & (r < far) & (g < max_magnitude)
         for each, values in zip(columns, (*angles(place), g, z), strict=True):
             each.append(values[keep])
-    lon, lat, magnitude, redshift = (np.concatenate(each)[:n] for each in columns)
+    lon, lat, magnitude, redshift = (np.concatenate(column)[:n] for column in columns)
     return Population(lon, lat, magnitude, redshift), grid
 
 

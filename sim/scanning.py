@@ -215,10 +215,6 @@ class NominalScanningLaw(Frozen):
         ----------
         time : (k,) array
             Since the start of the mission. [yr]
-
-        Returns
-        -------
-        tuple[array, array]
         """
         longitude, distance = sun_position(self.start, np.asarray(time, float))
         return np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)]), distance

@@ -48,10 +48,6 @@ def sky_map(sky: str | FloatArray) -> tuple[FloatArray, str]:
     sky : {"uniform", "plane-avoiding", "gums", "igql"}
         A name, or a map in ring order.
 
-    Returns
-    -------
-    tuple[array, str]
-
     Raises
     ------
     ParameterError

@@ -62,13 +62,13 @@ def _run(options):
     drawn.write(folder, options)
     with atomic_write(folder / configuration.NAME) as new:
         new.write_text(outputs.repeats(options), encoding="utf-8")
-    found = finishing.RunResult(_text(study, rows), lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)})
-    finishing.print_result(options, found)
+    result = finishing.RunResult(_text(study, rows), lambda: {"Truth, mean, scatter, errors, coverage": table_of(rows)})
+    finishing.print_result(options, result)
     finishing.print_line(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
     if options.html:
         finishing.write_page(
             options.html, f"A simulation study: {study.settings['name']}", _text(study, rows), drawn, captions=_CAPTIONS,
-            sheets=found.tables, provenance=running.provenance([], options), command=options.command,
+            sheets=result.tables, provenance=running.provenance([], options), command=options.command,
             lead=f"{count} realisations of each case, {study.settings['frame']} axes",
         )  # fmt: skip
         finishing.print_line(options, f"written to {options.html}")

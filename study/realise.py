@@ -45,7 +45,7 @@ def _make_joint(study, case, scans, progress):
                           folder=scans, progress=progress)  # fmt: skip
     except ValueError as error:
         raise StudyError(f"case {case['name']}: {error}") from error
-    arrays = {each.name: getattr(mixture, each.name) for each in fields(mixture)}
+    arrays = {entry.name: getattr(mixture, entry.name) for entry in fields(mixture)}
     return arrays | {"vlbi": vlbi, "gaps": law.lost}
 
 

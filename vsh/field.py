@@ -205,7 +205,7 @@ class Weighed(Frozen):
             keep = [keep]
         if isinstance(keep, str):
             raise FieldError(f"sources are picked by a mask, a slice or indices; the column is field.{keep}")
-        own = ((each.name, getattr(self, each.name)) for each in fields(cast(Any, self)))
+        own = ((entry.name, getattr(self, entry.name)) for entry in fields(cast(Any, self)))
         return self._with(**{name: value[..., keep] for name, value in own if isinstance(value, np.ndarray)})
 
     def check_frame(self, frame: str) -> None:

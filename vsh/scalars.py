@@ -296,7 +296,7 @@ class ScalarField(Tabled):
     def _with(self, **changes):
         """A field derived from this one, which has been checked already."""
         new = object.__new__(ScalarField)
-        new.__setstate__({each.name: changes.get(each.name, getattr(self, each.name)) for each in fields(self)})
+        new.__setstate__({entry.name: changes.get(entry.name, getattr(self, entry.name)) for entry in fields(self)})
         return new
 
 

@@ -145,10 +145,6 @@ class Vector(Frozen):
         probability : float
             Between 0 and 1.
 
-        Returns
-        -------
-        tuple[float, float]
-
         Notes
         -----
         Central intervals from the noncentral χ distribution (Rice's, in three dimensions) with the mean

@@ -182,7 +182,7 @@ def fitted_degrees(modes: Modes, degrees: Any, name: str = "degrees") -> tuple[i
     """Degrees that are among those fitted, in order, each once."""
     try:
         listed = list(degrees) if isinstance(degrees, Iterable) else [degrees]
-        chosen = sorted({int(each) for each in listed if int(each) == each})
+        chosen = sorted({int(degree) for degree in listed if int(degree) == degree})
     except (TypeError, ValueError, OverflowError, np.ma.MaskError):
         chosen = []
     if not chosen or len(chosen) != len(set(listed)):

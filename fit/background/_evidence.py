@@ -205,7 +205,7 @@ def _log_evidence(matrix, rhs, variances):
 
 def _grid(amplitudes):
     try:
-        low, high = (positive("an amplitude", each) for each in amplitudes)
+        low, high = (positive("an amplitude", amplitude) for amplitude in amplitudes)
     except (TypeError, ValueError):
         low = high = 0.0
     if not 0 < low < high:

@@ -300,8 +300,8 @@ def fit_amplitudes(
     >>> from vsh import Field
     >>> rng = np.random.default_rng(1)
     >>> field = Field(*rng.uniform(0, 1.5, (2, 500)), rng.normal(size=(2, 500)), np.ones((2, 500)))
-    >>> found = fit_amplitudes(normal_equations(field, 3), [Spectrum.waves(hubble=70)])
-    >>> bool(found.intervals[0, 0] == 0)
+    >>> result = fit_amplitudes(normal_equations(field, 3), [Spectrum.waves(hubble=70)])
+    >>> bool(result.intervals[0, 0] == 0)
     True
     """
     equations = equations_of(normal)
@@ -319,8 +319,8 @@ def fit_amplitudes(
     k = len(likelihood)
     error = float(np.sqrt(best.covariance[k, k]) / (2 * best.noise_scale)) if scaled else 0.0
     return Background(
-        tuple(each.name for each in listed), best.amplitudes, best.covariance[:k, :k],
-        np.array([each.interval(0.68) for each in amplitudes]), best.noise_scale, error, best.log_likelihood, evidence, degrees, flat,
+        tuple(spectrum.name for spectrum in listed), best.amplitudes, best.covariance[:k, :k],
+        np.array([amplitude.interval(0.68) for amplitude in amplitudes]), best.noise_scale, error, best.log_likelihood, evidence, degrees, flat,
         equations.n_data, equations.frame or "icrs", equations.notes,
     )  # fmt: skip
 

@@ -18,7 +18,7 @@ from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
 from vsh.tools.errors import DegeneracyError, ModesError, VshError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 from vsh.tools.types import Table
 
 
@@ -186,7 +186,7 @@ class Floor(Result):
         ]
 
 
-@told("floor")
+@logged("floor")
 def floor(
     normal: NormalEquations | HarmonicSolution, degrees: Iterable[int] | None = None, *, noise_scale: bool | None = None
 ) -> Floor:
@@ -248,8 +248,8 @@ def floor(
     best = likelihood.maximum()
     common = Likelihood(equations, [Spectrum.flat()], degrees, free, scaled).maximum()
     amplitudes, _ = posteriors(likelihood, best)
-    odd, even = (each.quantile(0.5, "root") for each in amplitudes)
-    intervals = [each.interval(0.68, "root") for each in amplitudes]
+    odd, even = (amplitude.quantile(0.5, "root") for amplitude in amplitudes)
+    intervals = [amplitude.interval(0.68, "root") for amplitude in amplitudes]
     return Floor(
         odd, even, intervals[0], intervals[1], parity_p_value(best, common), degrees, best.noise_scale, best.log_likelihood,
         equations.n_data, errors_of(normal),

@@ -254,6 +254,6 @@ def wave_limit(
     )
     power, noise, squares = squares_of(equations, degrees[-1], scaled)
     return WaveLimit(
-        amplitude, degrees, float(hubble), tuple(each.name for each in others), best.noise_scale, power, noise, squares,
+        amplitude, degrees, float(hubble), tuple(other.name for other in others), best.noise_scale, power, noise, squares,
         parity_p_value(apart, together), equations.n_data, equations.notes,
     )  # fmt: skip

@@ -106,7 +106,7 @@ def _run(options):
     text = "\n".join(texts)
     finishing.finish(
         options, finishing.RunResult(text, lambda: {_HEADINGS[name]: result.to_table() for name, result in results.items()}, () if isinstance(whole, Parts) else whole.notes),
-        told=not (options.json or options.latex),
+        printed=not (options.json or options.latex),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
         draw=lambda: _draw(results, truth), write=lambda folder, meta: _write(results, folder, meta),
         title=f"Motions against redshift: {source.label}", captions=_CAPTIONS,

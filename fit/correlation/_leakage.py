@@ -93,10 +93,6 @@ class Leakage(Result):
             omega_x … a_z, or coefficients.
         power : float or array
             ∫ |V_l|² dΩ. [(µas/yr)²]
-
-        Returns
-        -------
-        dict[str, float]
         """
         chosen = named(names, self.fitted)
         return dict(zip(names, np.sqrt(np.diag(chosen.covariance(self.covariance(power)))).tolist(), strict=True))

@@ -173,10 +173,6 @@ class CorrelationMatrices(Result):
         ----------
         i : int
             Which of the catalogues.
-
-        Returns
-        -------
-        tuple[float, tuple[str, str]]
         """
         off = np.abs(self.matrices[i] - np.eye(len(self.names)))
         row, column = np.unravel_index(np.argmax(off), off.shape)

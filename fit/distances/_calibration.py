@@ -104,10 +104,6 @@ class Calibration(InNotebook):
         ----------
         x : array
             ln(1 + z)
-
-        Returns
-        -------
-        tuple[array, array]
         """
         log_x = np.log(x)
         spline, slope = self._spline

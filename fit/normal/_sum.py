@@ -21,7 +21,7 @@ from vsh.modes import Modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools.arguments import choice
 from vsh.tools.errors import FieldError, ModesError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import ArrayLike, FloatArray
 
@@ -67,7 +67,7 @@ class WhiteRows(Frozen):
 MEMORY = 8 * 2**30
 
 
-@told("normal equations")
+@logged("normal equations")
 def normal_equations(
     field: Field | ScalarField | Parts | Iterable[Field],
     modes: Modes | int,

@@ -209,8 +209,8 @@ def correlation_function(
     >>> rng = np.random.default_rng(1)
     >>> lon, lat = rng.uniform(0, 6.28, 2000), np.arcsin(rng.uniform(-1, 1, 2000))
     >>> glide = Coefficients.from_vectors(glide=(0, 0, 3.0)).at(lon, lat)
-    >>> found = correlation_function(Field(lon, lat, glide, np.ones((2, 2000))), np.radians([80, 90, 100]))
-    >>> round(float(found.plus[0]))
+    >>> result = correlation_function(Field(lon, lat, glide, np.ones((2, 2000))), np.radians([80, 90, 100]))
+    >>> round(float(result.plus[0]))
     3
     """
     edges = np.asarray(edges, float)

@@ -272,8 +272,8 @@ def power(
     >>> rng = np.random.default_rng(1)
     >>> lon, lat = rng.uniform(0, 6.28, 3000), np.arcsin(rng.uniform(-1, 1, 3000))
     >>> glide = Coefficients.from_vectors(glide=(0, 0, 3.0)).at(lon, lat)
-    >>> found = power(Field(lon, lat, glide + rng.normal(size=(2, 3000)), np.full((2, 3000), 0.1)), 2)
-    >>> bool(abs(found.spheroidal[0] / (8 * np.pi / 3 * 9) - 1) < 0.05)
+    >>> result = power(Field(lon, lat, glide + rng.normal(size=(2, 3000)), np.full((2, 3000), 0.1)), 2)
+    >>> bool(abs(result.spheroidal[0] / (8 * np.pi / 3 * 9) - 1) < 0.05)
     True
     """
     total, blocks, _, notes = sums_of(field, 2 * lmax, nside, weights, threads)

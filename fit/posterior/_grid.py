@@ -71,10 +71,6 @@ class GridPosterior(Result):
         ----------
         name : str
             Name of the quantity.
-
-        Returns
-        -------
-        tuple[array, array]
         """
         index = self.names.index(name)
         others = tuple(i for i in range(len(self.names)) if i != index)

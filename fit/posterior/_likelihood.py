@@ -126,7 +126,7 @@ def _finer(axis):
 
 def _table(what, axes):
     nodes = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
-    values = what.at(*(each.ravel() for each in nodes)).reshape(-1, *nodes[0].shape)
+    values = what.at(*(node.ravel() for node in nodes)).reshape(-1, *nodes[0].shape)
     for axis, each in enumerate(axes):
         values = each.to_coefficients(values, axis + 1)
     return CompressedLikelihood(tuple(axes), values, what.rows.hubble, what.rows.frame)

@@ -214,10 +214,6 @@ def read_samples(path: PathName) -> dict[str, FloatArray]:
     ----------
     path : str or Path
         An ECSV or FITS file.
-
-    Returns
-    -------
-    dict[str, array]
     """
     return Samples.read(path).samples
 

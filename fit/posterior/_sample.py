@@ -30,7 +30,7 @@ from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import exclusive
-from vsh.tools.logs import tell
+from vsh.tools.logs import log_result
 from vsh.tools.types import Cosmology, FloatArray, PathName, Rng
 from vsh.vector import Vector
 
@@ -177,7 +177,7 @@ def sample(
             run.resume_from(checkpoint, identity)
         chain, log_probability = run.run()
     posterior = Posterior(chain, log_probability, model, rows.frame, rows.notes, seed)
-    tell(_LOG, "chain", posterior, begun)
+    log_result(_LOG, "chain", posterior, begun)
     return posterior
 
 

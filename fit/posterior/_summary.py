@@ -37,8 +37,8 @@ def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
 
     Examples
     --------
-    >>> found = intervals({"x": np.arange(101.0)})["x"]
-    >>> found.median, round(found.low68, 2), round(found.high68, 2), round(found.low95, 2)
+    >>> interval = intervals({"x": np.arange(101.0)})["x"]
+    >>> interval.median, round(interval.low68, 2), round(interval.high68, 2), round(interval.low95, 2)
     (50.0, 15.87, 84.13, 2.28)
     """
     levels = [50, 15.865525, 84.134475, 2.2750132, 97.7249868]  # the median, and the Gaussian's 1 and 2 σ

@@ -27,7 +27,7 @@ from vsh.sky.pixels import pixels_of
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 from vsh.tools.parallel import progress_bar
 from vsh.tools.types import FloatArray, Rng
 
@@ -85,7 +85,7 @@ def block_bootstrap(
     return Resampled("block bootstrap", solution, replicates, np.cov(replicates, rowvar=False))
 
 
-@told("jackknife")
+@logged("jackknife")
 @arguments.accepts(field=arguments.a(Field, ScalarField, Parts), nside=arguments.whole)
 def jackknife(
     field: Field | ScalarField | Parts,

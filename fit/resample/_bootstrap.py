@@ -27,7 +27,7 @@ from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.arguments import between, choice, generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 from vsh.tools.parallel import map_blocks, progress_bar
 from vsh.tools.types import FloatArray, Rng, Table
 from vsh.vector import Vector
@@ -117,7 +117,7 @@ _POWER = 0.75
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
 
 
-@told("bootstrap")
+@logged("bootstrap")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts), n_replicates=partial(arguments.whole, least=2), rng=arguments.seed
 )

@@ -20,7 +20,7 @@ from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.arguments import positive
 from vsh.tools.errors import ConvergenceError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 from vsh.tools.types import BoolArray, FloatArray
 
 
@@ -82,7 +82,7 @@ class Clipped(AboutSolution):
         return self.factor**4
 
 
-@told("clipped")
+@logged("clipped")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts), threshold=arguments.positive, max_rounds=arguments.whole
 )

@@ -18,7 +18,7 @@ from vsh.io.parts import Parts, as_parts
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class ExcessNoise(AboutSolution):
     n_rounds: int
 
 
-@told("excess noise")
+@logged("excess noise")
 @arguments.accepts(field=arguments.a(Field, Parts), tolerance=arguments.positive, max_rounds=arguments.whole)
 def excess_noise(
     field: Field | Parts, modes: Modes | int, *, scale: bool = False, tolerance: float = 1e-4, max_rounds: int = 100
@@ -91,7 +91,7 @@ def excess_noise(
                 f"beside an excess noise {np.sqrt(parameters[0]):.3g} times as large as the errors no factor on them can be told: fit "
                 "without one (scale=False, --excess-noise add)"
             )
-        away = ", ".join(f"{each:+.2g}" for each in steps)
+        away = ", ".join(f"{step:+.2g}" for step in steps)
         raise ConvergenceError(
             f"the excess noise has not settled after {problem.n_rounds} fits: it is {away} of its errors from the maximum of the "
             f"likelihood; allow more than max_rounds={max_rounds}"

@@ -25,7 +25,7 @@ from vsh.modes import Modes
 from vsh.scalars import ScalarField, modes_for
 from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, ParameterError
-from vsh.tools.logs import told
+from vsh.tools.logs import logged
 from vsh.tools.types import FloatArray, IntArray
 
 #: The largest number of Newton steps for a source's leverage; with thousands of sources three suffice.
@@ -170,7 +170,7 @@ class Reweighted(AboutSolution):
         return np.argsort(self.weights, kind="stable")[:n_sources]
 
 
-@told("Student-t")
+@logged("Student-t")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts),
     nu=arguments.positive,
@@ -221,7 +221,7 @@ def student_t(
     return _reweighted(sky, modes, weight, "Student-t", tolerance, max_rounds, 0.75)
 
 
-@told("permissive")
+@logged("permissive")
 @arguments.accepts(
     field=arguments.a(Field, ScalarField, Parts), tolerance=arguments.positive, max_rounds=arguments.whole
 )

@@ -50,7 +50,7 @@ class ParallaxSums:
     n_data: int
 
     def __add__(self, other: ParallaxSums) -> ParallaxSums:
-        return ParallaxSums(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
+        return ParallaxSums(*(getattr(self, entry.name) + getattr(other, entry.name) for entry in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +212,7 @@ def equations_of(
         np.concatenate([left, left]),
     ]
     both = np.r_[order, order + len(field)]
-    design, motion, variance, rates, lefts = (each[both] for each in pairs)
+    design, motion, variance, rates, lefts = (pair[both] for pair in pairs)
     return ParallaxEquations(
         design,
         motion,

@@ -92,10 +92,6 @@ class Flow(Result):
             Positions. [rad]
         distance : (n,) array
             [Mpc/h]
-
-        Returns
-        -------
-        tuple[array, array]
         """
         tangential, radial = self.modes.at(lon, lat, distance)
         return tangential @ self.values, radial @ self.values

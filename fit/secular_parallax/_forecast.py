@@ -44,10 +44,6 @@ def predict_errors(
         As there. It lowers the error of the velocity as if it were independent of ours, which it is not.
     **options
         Those of `fit.secular_parallax.observer_velocity`, but hubble: flows="linear", acceleration=Vector, …
-
-    Returns
-    -------
-    tuple[VelocitySolution, HubbleSolution]
     """
     still = Field.without_motions(sources, sigma)
     still = still.minus(still.motion)

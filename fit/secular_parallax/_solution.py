@@ -123,10 +123,6 @@ class VelocitySolution(ParallaxSolution):
         ----------
         velocity : Vector
             Another one. [km/s]
-
-        Returns
-        -------
-        tuple[float, float]
         """
         return _difference(self.velocity, velocity)
 

@@ -80,8 +80,8 @@ def _dot(a, b):
 def key_of(things: Iterable[Any]) -> str:
     """A hash of arrays and plain values."""
     digest = hashlib.sha256()
-    for each in things:
-        digest.update(np.ascontiguousarray(each).tobytes() if isinstance(each, np.ndarray) else repr(each).encode())
+    for thing in things:
+        digest.update(np.ascontiguousarray(thing).tobytes() if isinstance(thing, np.ndarray) else repr(thing).encode())
     return digest.hexdigest()
 
 

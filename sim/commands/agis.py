@@ -186,10 +186,10 @@ def _solve(options, law, mixture, full, work, streams):
     solution, rotated = _framed(system, solution, options, quasars, chosen, radio)
     exact = _exact(system, mixture) if options.exact else {}
     text = report(system, solution, notes + rotated, mixture, options, exact)
-    found = finishing.RunResult(text, lambda: tables_of(system, solution, mixture), notes + rotated)
+    result = finishing.RunResult(text, lambda: tables_of(system, solution, mixture), notes + rotated)
     finishing.finish(
-        options, found, provenance=lambda: running.provenance([], options),
-        draw=lambda: draw(system, solution, mixture), write=lambda folder, meta: write(folder, solution, mixture, found.tables, options),
+        options, result, provenance=lambda: running.provenance([], options),
+        draw=lambda: draw(system, solution, mixture), write=lambda folder, meta: write(folder, solution, mixture, result.tables, options),
         title=f"{options.quasars} quasars and the attitude, solved together", captions=CAPTIONS,
     )  # fmt: skip
     (work / "checkpoint.npz").unlink()

@@ -96,7 +96,7 @@ _ESCAPED = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run found, however it is told."""
+    """The result of a run, in whatever form it is printed."""
 
     text: str
     make_tables: Callable[[], Mapping[str, Table]] = dict
@@ -135,10 +135,10 @@ def finish(
     title: str = "",
     captions: Mapping[str, str] | Callable[[str], str] | None = None,
     page: Callable[[Figures, dict[str, Any]], None] | None = None,
-    told: bool = False,
+    printed: bool = False,
 ) -> None:
     """Tell what was found, and write what was asked for: a folder, a page."""
-    if not told:
+    if not printed:
         print_result(options, result)
     if not (options.output or options.html):
         return

@@ -97,7 +97,7 @@ def _inputs(options):
     """What a run reads: files and folders that its options name, but for those it writes."""
     named = [value for name, value in vars(options).items() if name not in (*_WRITTEN, *_NOT_ASKED)]
     texts = [each for value in named for each in (value if isinstance(value, (tuple, list)) else (value,))]
-    return [each for each in texts if isinstance(each, (str, Path)) and each not in ("", "-") and os.path.lexists(each)]
+    return [text for text in texts if isinstance(text, (str, Path)) and text not in ("", "-") and os.path.lexists(text)]
 
 
 class _Log(logging.FileHandler):

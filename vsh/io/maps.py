@@ -23,10 +23,6 @@ def read_map(path: PathName) -> tuple[FloatArray, str | None]:
     path : str or Path
         The file.
 
-    Returns
-    -------
-    tuple[array, str | None]
-
     Raises
     ------
     TableError

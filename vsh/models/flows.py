@@ -238,10 +238,6 @@ class LinearTheory(Frozen):
         ----------
         separation : array
             [Mpc/h]
-
-        Returns
-        -------
-        tuple[array, array]
         """
         separation = np.asarray(separation, float)
         near = separation < _FARTHEST

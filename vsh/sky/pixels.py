@@ -54,10 +54,6 @@ def centres(nside: int) -> tuple[FloatArray, FloatArray]:
     ----------
     nside : int
         Resolution of the HEALPix pixels.
-
-    Returns
-    -------
-    tuple[array, array]
     """
     theta, phi = healpy.pix2ang(check_nside(nside), np.arange(12 * nside**2))
     return phi, np.pi / 2 - theta

@@ -81,10 +81,6 @@ def angles(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     ----------
     r : (3, n) array
         Directions.
-
-    Returns
-    -------
-    tuple[array, array]
     """
     x, y, z = r
     lon = np.arctan2(y, x) % (2 * np.pi)

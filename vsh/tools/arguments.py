@@ -82,8 +82,8 @@ def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
     """
     if not isinstance(choices, (tuple, list)):
         raise ParameterError(f"choices are a tuple, not {type(choices).__name__}")
-    for each in choices:
-        if value is each or (isinstance(value, (str, int)) and type(value) is type(each) and value == each):
+    for choice in choices:
+        if value is choice or (isinstance(value, (str, int)) and type(value) is type(choice) and value == choice):
             return value
     words = ", ".join(map(repr, choices))
     raise ParameterError(f"{name} must be one of {words}, not {value!r}")

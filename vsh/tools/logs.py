@@ -20,14 +20,14 @@ for _name in PACKAGES:
     logging.getLogger(_name).addHandler(logging.NullHandler())
 
 
-def told(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+def logged(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
     """A decorator: at level INFO the logger of a function's module says what came out of it, and how long it took.
 
     Examples
     --------
     >>> import logging, sys
     >>> logger = logging.getLogger(__name__)
-    >>> @told("half")
+    >>> @logged("half")
     ... def half(x):
     ...     return x / 2
     >>> half(4)
@@ -46,7 +46,7 @@ def told(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
                 result = function(*args, **options)
             finally:
                 _INSIDE.reset(outer)
-            tell(logger, words, result, begin)
+            log_result(logger, words, result, begin)
             return result
 
         return timed
@@ -54,7 +54,7 @@ def told(words: str) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
     return decorate
 
 
-def tell(logger: logging.Logger, words: str, result: object, begin: float) -> None:
+def log_result(logger: logging.Logger, words: str, result: object, begin: float) -> None:
     """The same where a decorator would stand between a warning and whom it is for."""
     if not _INSIDE.get():
         logger.info("%s: %s, %.3g s", words, _short(result), time.perf_counter() - begin)

@@ -23,7 +23,7 @@ class InNotebook:
     def _repr_html_(self) -> str:
         if type(self).__str__ is not object.__str__:  # it says itself what there is to say
             return f"<pre>{escape(str(self))}</pre>"
-        names = [each.name for each in fields(self)] if is_dataclass(self) else list(_public(self))
+        names = [entry.name for entry in fields(self)] if is_dataclass(self) else list(_public(self))
         rows = {name: shown(getattr(self, name)) for name in names if not name.startswith("_")}
         for name in rows.keys() & self.units_shown.keys():
             rows[name] = f"{rows[name]} {self.units_shown[name]}" if rows[name] else None
@@ -87,10 +87,10 @@ class Frozen(InNotebook):
     """Base of frozen dataclasses that hold arrays: every array attribute becomes a read-only view."""
 
     def __post_init__(self) -> None:
-        for each in fields(cast(Any, self)):
-            value = getattr(self, each.name)
+        for entry in fields(cast(Any, self)):
+            value = getattr(self, entry.name)
             if isinstance(value, (np.ndarray, list)):
-                object.__setattr__(self, each.name, _frozen(value))
+                object.__setattr__(self, entry.name, _frozen(value))
 
     def __setstate__(self, state):
         # NumPy gives back arrays that can be written to.

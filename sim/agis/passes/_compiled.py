@@ -39,7 +39,7 @@ class CompiledPasses:
         """work(start, stop, first knot, last knot) of every part, in order."""
         arguments = [(*bounds, *knots) for bounds, knots in zip(self.bounds, self.knots, strict=True)]
         if self.threads == 1:
-            return [work(*each) for each in arguments]
+            return [work(*argument) for argument in arguments]
         with ThreadPoolExecutor(self.threads) as pool:
             return list(pool.map(lambda piece: work(*piece), arguments))
 

@@ -38,7 +38,7 @@ class SparsePasses:
         of_attitude = [np.einsum("jk,ak->kja", b, axis) for axis in (-normal, m)]
 
         def matrix(blocks, places, width):
-            data = np.concatenate([each.reshape(k, -1) for each in blocks])
+            data = np.concatenate([block.reshape(k, -1) for block in blocks])
             at = np.tile(places.reshape(k, -1), (2, 1))
             where = np.repeat(np.r_[rows, k + rows], at.shape[1])
             return sparse.csr_array((data.ravel(), (where, at.ravel())), shape=(2 * k, width))

@@ -377,7 +377,7 @@ def _sorted(parts, fixed, folder):
 
 def _key(law, fixed, ccds):
     """A hash of all that determines the transits."""
-    arguments = {each.name: getattr(law, each.name) for each in fields(law) if each.init and each.name != "rng"}
+    arguments = {entry.name: getattr(law, entry.name) for entry in fields(law) if entry.init and entry.name != "rng"}
     digest = hashlib.sha256(repr((arguments, fixed["spacing"], ccds)).encode())
     for array in (law.lost, fixed["lon"], fixed["lat"], fixed["weights"]):
         digest.update(np.ascontiguousarray(array).tobytes())

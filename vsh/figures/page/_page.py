@@ -67,7 +67,7 @@ def cards(items: Iterable[tuple[str, str, str]]) -> Panel:
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
     """A table of text."""
     cell = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>" if sortable else "<th scope='col'>{}</th>"  # fmt: skip
-    head = "".join(cell.format(escape(each)) if each else "<td></td>" for each in heads)
+    head = "".join(cell.format(escape(title)) if title else "<td></td>" for title in heads)
     body = "".join(_row(row) for row in rows)
     opened = '<table class="sortable">' if sortable else "<table>"
     inner = f"{opened}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -178,10 +178,6 @@ def save_figures(
     close : bool
         Whether the figures are not wanted any more.
 
-    Returns
-    -------
-    list[Path]
-
     Raises
     ------
     ParameterError

@@ -340,7 +340,11 @@ def _message(body):
         elements = list(ElementTree.fromstring(text).iter())
     except ElementTree.ParseError:
         return " ".join(text.split())[:500] if "<" not in text else ""
-    infos = [each for each in elements if each.tag.endswith("INFO") and each.get("value") in ("ERROR", "OVERFLOW")]
+    infos = [
+        element
+        for element in elements
+        if element.tag.endswith("INFO") and element.get("value") in ("ERROR", "OVERFLOW")
+    ]
     changed = [
         each.text or each.get("value") or ""
         for each in infos or elements

@@ -251,7 +251,7 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
             assumed.setdefault(str(wanted), []).append(name)
             unit = wanted
         stated[role] = _factor(name, unit, wanted, name in (units or {}))
-    for role in (each for each in FURTHER_UNITS if each in where):
+    for role in filter(where.__contains__, FURTHER_UNITS):
         name, wanted = where[role], FURTHER_UNITS[role]
         unit = (units or {}).get(name, source.units.get(name))
         if unit is not None and str(unit).strip():

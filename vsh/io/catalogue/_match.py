@@ -138,8 +138,8 @@ def _by_position(a, b, radius):
 
     trees = [cKDTree(triad(each.lon, each.lat)[2].T) for each in (a, b)]
     pairs = trees[0].query_ball_tree(trees[1], chord)
-    counts = np.array([len(each) for each in pairs])
-    reverse = np.bincount([k for each in pairs for k in each], minlength=len(b))
+    counts = np.array([len(neighbours) for neighbours in pairs])
+    reverse = np.bincount([k for neighbours in pairs for k in neighbours], minlength=len(b))
     i = np.array([k for k, each in enumerate(pairs) if len(each) == 1 and reverse[each[0]] == 1], int)
     j = np.array([pairs[k][0] for k in i], int)
     matched = np.count_nonzero(counts) + np.count_nonzero(reverse)

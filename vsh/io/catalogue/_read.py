@@ -39,7 +39,7 @@ from vsh.tools import arguments
 from vsh.tools.arguments import positive, whole
 from vsh.tools.bad_rows import PLACEHOLDER, placeholders
 from vsh.tools.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
-from vsh.tools.logs import tell
+from vsh.tools.logs import log_result
 from vsh.tools.notes import DroppedRows, dropped, merge_notes, printable
 from vsh.tools.types import OnBad, PathName
 from vsh.vector import Vector
@@ -108,7 +108,7 @@ def read_field(
     begin = perf_counter()
     make = _maker(open_icrf(source, format), columns, units, on_bad, frame, roles, where)
     field = make(make.source.columns(make.names))
-    tell(_LOG, f"read {make.source.label}", field, begin)
+    log_result(_LOG, f"read {make.source.label}", field, begin)
     return field
 
 
@@ -182,7 +182,7 @@ class _maker:
 
     def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None):
         self.source = source
-        located, self.said = locate(as_columns(columns), self.source)
+        located, self.notes = locate(as_columns(columns), self.source)
         self.chosen = None if where is None else Chosen(where, self.source, located)
         self.where = {role: name for role, name in located.items() if role not in OPTIONAL or role in roles}
         self.frame = frame_of(self.where, frame, self.source.meta)
@@ -193,12 +193,12 @@ class _maker:
         self.assumed = any("ra" in names for names in assumed.values())
         lines = [f"no unit in the table, so taken in {unit}: {', '.join(names)}" for unit, names in assumed.items()]
         lines += differing_units(self.where, self.factors)
-        self.said = [*self.source.notes, *lines, *self.said]
+        self.notes = [*self.source.notes, *lines, *self.notes]
         self.on_bad = on_bad
         self.names = tuple(dict.fromkeys([*self.where.values(), *(self.chosen.names if self.chosen else ())]))
 
     def __call__(self, block, first_row=0):
-        columns, raw, notes = {}, {}, list(self.said)
+        columns, raw, notes = {}, {}, list(self.notes)
         if self.chosen:
             block, first_row, note = self.chosen.of(block, first_row)
             notes += note

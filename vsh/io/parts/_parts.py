@@ -184,7 +184,7 @@ def as_parts(field: Any, kind: type = Field) -> Parts:
     if isinstance(field, Parts):
         return field
     fields = (field,) if isinstance(field, kind) else tuple(field) if isinstance(field, list | tuple) else ()
-    if not fields or not all(isinstance(each, kind) for each in fields):
+    if not fields or not all(isinstance(field, kind) for field in fields):
         raise FieldError(f"a Field, a list of Fields, or parts of a catalogue, are wanted, not {type(field).__name__}")
     return Parts(fields, itself)
 

@@ -93,8 +93,8 @@ class Where(InNotebook):
             case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS or name == "ismissing":
                 if len(args) != (2 if name == "hypot" else 1):
                     raise TableError(f"--where: {name}() takes {2 if name == 'hypot' else 1} argument")
-                for each in args:
-                    yield from self._named(each)
+                for value in args:
+                    yield from self._named(value)
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() | ast.Not() | ast.Invert(), operand=inner):
                 yield from self._named(inner)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in (*_NUMBERS, ast.Pow, ast.BitAnd, ast.BitOr):
@@ -103,18 +103,18 @@ class Where(InNotebook):
                 yield from self._named(left)
                 yield from self._named(right)
             case ast.BoolOp(values=values):
-                for each in values:
-                    yield from self._named(each)
+                for value in values:
+                    yield from self._named(value)
             case ast.Compare(left=left, ops=ops, comparators=others):
                 yield from self._named(left)
-                for sign, each in zip(ops, others, strict=True):
+                for sign, value in zip(ops, others, strict=True):
                     if isinstance(sign, ast.In | ast.NotIn):
-                        if not isinstance(each, ast.Tuple | ast.List) or not each.elts:
+                        if not isinstance(value, ast.Tuple | ast.List) or not value.elts:
                             raise TableError("--where: what stands behind `in` is a list: in (1, 2)")
-                        for one in each.elts:
+                        for one in value.elts:
                             yield from self._named(one)
                     elif type(sign) in _ORDER:
-                        yield from self._named(each)
+                        yield from self._named(value)
                     else:
                         raise _refused(node)
             case _:
@@ -147,7 +147,7 @@ class Where(InNotebook):
                 return self._compared(node, block)
 
     def _numbers(self, function, nodes, block):
-        conditions = [self._of(each, block) for each in nodes]
+        conditions = [self._of(node, block) for node in nodes]
         for node, (value, _) in zip(nodes, conditions, strict=True):
             if np.asarray(value).dtype.kind not in "iufb":
                 raise TableError(f"--where: {printable(ast.unparse(node))} is text, not a number")
@@ -166,7 +166,7 @@ class Where(InNotebook):
 
     def _joined(self, both, nodes, block):
         """Kleene's logic: what is false whatever the missing value is, is false."""
-        conditions = [self._condition(each, block) for each in nodes]
+        conditions = [self._condition(node, block) for node in nodes]
         value, unknown = conditions[0]
         for other, lost in conditions[1:]:
             sure = [((a if not both else ~a) & ~b) for a, b in ((value, unknown), (other, lost))]
@@ -203,7 +203,7 @@ def _column(values, mask):
     if values.dtype.kind == "f":
         unknown = unknown | np.isnan(values)
     elif values.dtype.kind == "O":
-        unknown = unknown | np.array([each is None or each != each for each in values])
+        unknown = unknown | np.array([value is None or value != value for value in values])
         values = np.array(["" if lost else str(each) for each, lost in zip(values, unknown, strict=True)])
     elif values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
