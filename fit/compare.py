@@ -40,8 +40,8 @@ class FrameComparison(AboutSolution):
     labels : tuple of str
         Names of the two.
     solution : Solution
-        Fitted to the differences that agree with it: `spin` is the rotation, `acceleration` the glide, and beyond degree 1
-        is the deformation. [µas of positions, µas/yr of motions]
+        Fitted to the differences that agree with it: `spin` is the rotation, `acceleration` the glide, and beyond
+        degree 1 is the deformation. [µas of positions, µas/yr of motions]
     names : tuple of str
         Names of the sources that were left out, the farthest first.
     offsets : (k, 2) array
@@ -79,8 +79,8 @@ class FrameComparison(AboutSolution):
     def deformation_p_value(self) -> float:
         """Probability of as much beyond rotation and glide from noise alone, all degrees together, by the errors quoted.
 
-        Right where the errors are and the two catalogues share no noise; too large where they do (half of it shared: below
-        0.05 on no sky).
+        Right where the errors are and the two catalogues share no noise; too large where they do (half of it shared:
+        below 0.05 on no sky).
         """
         return self._deformation_p_value(1.0)
 
@@ -88,9 +88,9 @@ class FrameComparison(AboutSolution):
     def deformation_p_value_scaled(self) -> float:
         """The same with errors multiplied by `factor`, which residuals suggest.
 
-        Right where noise is shared, or errors are wrong, by one factor for all sources. Where the faint share and the bright do
-        not, or errors are wrong by more for some, neither is: with all noise of the fainter half shared 0.05 came out on up to 46 %
-        of skies.
+        Right where noise is shared, or errors are wrong, by one factor for all sources. Where the faint share and the
+        bright do not, or errors are wrong by more for some, neither is: with all noise of the fainter half shared 0.05
+        came out on up to 46 % of skies.
         """
         return self._deformation_p_value(self.factor)
 
@@ -175,7 +175,8 @@ def compare_catalogues(
     Parameters
     ----------
     a, b : Positions, or Fields
-        From positions the orientation is fitted, the glide and the deformation [µas]; from motions the same a year [µas/yr].
+        From positions the orientation is fitted, the glide and the deformation [µas]; from motions the same a year
+        [µas/yr].
     modes : Modes, or the degree lmax
         What to fit.
     by, radius
@@ -202,9 +203,9 @@ def compare_catalogues(
 
     Notes
     -----
-    Errors of the two are taken as independent: of catalogues that share observations (ICRF2 and ICRF3 do) the differences
-    scatter less than the sum of their errors, and the errors printed are too large. Charlot et al. (2020, A&A 644, A159)
-    compare ICRF3 with ICRF2 like this.
+    Errors of the two are taken as independent: of catalogues that share observations (ICRF2 and ICRF3 do) the
+    differences scatter less than the sum of their errors, and the errors printed are too large. Charlot et al. (2020,
+    A&A 644, A159) compare ICRF3 with ICRF2 like this.
     """
     if len(labels) != 2 or not all(isinstance(label, str) for label in labels):
         raise ParameterError(f"labels are two names, not {labels!r}")

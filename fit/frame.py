@@ -6,8 +6,7 @@ Lindegren et al. (2012, A&A 538, A78, eqs. 108 and 110):
     µ_α* =  q·ω + p·ã      Δα* =  q·ε
     µ_δ  = −p·ω + q·ã      Δδ  = −p·ε
 
-This file knows neither the harmonics nor the normal equations. It is there to disagree
-when they are wrong.
+This file knows neither the harmonics nor the normal equations. It is there to disagree when they are wrong.
 """
 
 from __future__ import annotations

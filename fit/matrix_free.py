@@ -1,9 +1,8 @@
 """Very high degrees: the normal equations solved without ever writing them down.
 
-The sources are read once, into the Fourier moments of `fit.compress`; put back on a grid
-of (2L + 1) × (4L + 2) points, they make N c a synthesis on the grid, a 2 × 2 product at
-each point and an adjoint synthesis. A step of the conjugate gradients takes as long for
-ten million sources as for ten thousand.
+The sources are read once, into the Fourier moments of `fit.compress`; put back on a grid of (2L + 1) × (4L + 2) points,
+they make N c a synthesis on the grid, a 2 × 2 product at each point and an adjoint synthesis. A step of the conjugate
+gradients takes as long for ten million sources as for ten thousand.
 """
 
 from __future__ import annotations
@@ -189,9 +188,8 @@ def solve_matrix_free(
     modes : Modes, or the degree lmax
         What to fit.
     prior_power : float, (lmax,) array or function of l, optional
-        Expected power of one kind and degree under a Gaussian prior of mean zero, the same
-        for T and S; inf says nothing. Needed where the sky leaves modes undetermined.
-        [(µas/yr)²]
+        Expected power of one kind and degree under a Gaussian prior of mean zero, the same for T and S; inf says
+        nothing. Needed where the sky leaves modes undetermined. [(µas/yr)²]
     errors_of : iterable of Mode
         Coefficients whose standard errors to compute, at the cost of one more solution each.
     tolerance : float
@@ -244,8 +242,7 @@ def solve_matrix_free(
 def prior_precision(modes: Modes, power: float | ArrayLike | Callable[[int], float] | None) -> FloatArray:
     """Inverse prior variance of each coefficient for a power per degree, (p,).
 
-    An isotropic field of power P_l has var(c_l0) = P_l/(2l + 1), and half of that for each
-    real and imaginary part.
+    An isotropic field of power P_l has var(c_l0) = P_l/(2l + 1), and half of that for each real and imaginary part.
     """
     if power is None:
         return np.zeros(len(modes))

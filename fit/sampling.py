@@ -265,8 +265,8 @@ def split_r_hat(chain: FloatArray) -> FloatArray:
 
     Notes
     -----
-    Gelman et al. (2013, Bayesian Data Analysis, 3rd ed., sect. 11.4). The walkers of an ensemble know of each other, which
-    makes it a little too small.
+    Gelman et al. (2013, Bayesian Data Analysis, 3rd ed., sect. 11.4). The walkers of an ensemble know of each other,
+    which makes it a little too small.
     """
     half = len(chain) // 2
     halves = np.concatenate([chain[:half], chain[half : 2 * half]], axis=1)

@@ -59,8 +59,7 @@ def solve(
     Raises
     ------
     DegeneracyError
-        If the condition number exceeds `max_condition`: the sources leave some
-        combination of modes unseen.
+        If the condition number exceeds `max_condition`: the sources leave some combination of modes unseen.
 
     Examples
     --------

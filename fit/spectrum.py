@@ -15,10 +15,9 @@ __all__ = ["Degree", "spectrum"]
 class Degree(NamedTuple):
     """One kind and degree of a solution.
 
-    `power` is as fitted, `noise` what noise alone gives on average, `error` the standard
-    error [(µas/yr)²]; `p_value` the exact probability of as much signal from noise and `z` the
-    same as a one-sided normal deviate; `mk_w` and `mk_z` the W and Z of Mignard & Klioner
-    (2012, sect. 5.2), which hold for a uniform sky only.
+    `power` is as fitted, `noise` what noise alone gives on average, `error` the standard error [(µas/yr)²]; `p_value`
+    the exact probability of as much signal from noise and `z` the same as a one-sided normal deviate; `mk_w` and `mk_z`
+    the W and Z of Mignard & Klioner (2012, sect. 5.2), which hold for a uniform sky only.
     """
 
     kind: str
@@ -39,9 +38,9 @@ class Degree(NamedTuple):
     def limit(self, probability: float = 0.95) -> float:
         """Upper limit of the true power: a larger one would have given a larger fit with this probability. [(µas/yr)²]
 
-        Never below that of noise alone (CLs). Exact where all coefficients of the degree have one error; on the sky of the
-        demo and on one without latitudes below 30° limits of 95 % hold 94 to 100 % of powers, from none to thirty times the
-        noise.
+        Never below that of noise alone (CLs). Exact where all coefficients of the degree have one error; on the sky of
+        the demo and on one without latitudes below 30° limits of 95 % hold 94 to 100 % of powers, from none to thirty
+        times the noise.
 
         Parameters
         ----------

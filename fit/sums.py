@@ -6,9 +6,8 @@ Exact to rounding at any degree, and the reference for the faster ways.
 
 The normal equations of degree 1, as fast as NumPy makes them.
 
-Degree 1 is ω × r + g − (g·r) r, six fields that need no recurrence. The sums stay in one
-thread: a block takes some microseconds a step, and threads lose more at handing the
-interpreter round than they gain (docs/performance.md).
+Degree 1 is ω × r + g − (g·r) r, six fields that need no recurrence. The sums stay in one thread: a block takes some
+microseconds a step, and threads lose more at handing the interpreter round than they gain (docs/performance.md).
 
 The normal equations of any number of sources from a few thousand moments of their weights.
 
@@ -20,11 +19,10 @@ more than the Fourier moments of a, b and c to that degree,
 
 and b those of the weighted motions to degree L. The moments are the only sums over sources.
 
-Longitude by longitude they are put back on 2L + 1 rings of latitude: the rings of a grid
-of 4L + 2 points around a whole meridian, of which the far half, where both e_α and e_δ
-have turned over, falls on the near one at α + π. On the rings N is a product of small
-matrices, one for each pair of orders, since Σ w cos mα cos m'α and its like are moments of
-M = m ± m'.
+Longitude by longitude they are put back on 2L + 1 rings of latitude: the rings of a grid of 4L + 2 points around a
+whole meridian, of which the far half, where both e_α and e_δ have turned over, falls on the near one at α + π. On the
+rings N is a product of small matrices, one for each pair of orders, since Σ w cos mα cos m'α and its like are moments
+of M = m ± m'.
 
 Covariances that ask each source how far it lies from the fit, and how much of the fit it makes itself.
 
@@ -96,8 +94,7 @@ def _block(field, modes):
 def design_matrix_up_to(modes: Modes) -> int:
     """The number of sources up to which the direct sum is the faster one.
 
-    As measured (docs/performance.md): below it the fixed cost of the rings tells, above it
-    the design matrix.
+    As measured (docs/performance.md): below it the fixed cost of the rings tells, above it the design matrix.
     """
     return max(1000, 2**18 // max(modes.lmax, 1) ** 2)
 
@@ -409,8 +406,7 @@ def leverage(
 
     Notes
     -----
-    Exact for small problems. For large ones p tr W/(2 Σ tr W), which is exact on a uniform sky by the
-    addition theorem.
+    Exact for small problems. For large ones p tr W/(2 Σ tr W), which is exact on a uniform sky by the addition theorem.
     """
     p = len(modes)
     weights, components = field.weights * factors, field.components

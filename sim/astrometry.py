@@ -81,8 +81,7 @@ def solve_astrometry(
     variability : Variability, optional
         Variability of the photocentres.
     attitude : (k,) array, optional
-        Error of the attitude in each interval between knots, shared
-        by all sources [µas]
+        Error of the attitude in each interval between knots, shared by all sources [µas]
     quote_variability : bool
         Fold the variability into the quoted covariance, A⁺ (W⁻¹ + C) A⁺ᵀ; the
         weights of the solution stay those of the measurement noise.

@@ -33,9 +33,10 @@ ATTRACTORS = {
     "Coma": (7.0e14, 102900),
 }
 
-#: Masses [solar masses] and distances [kpc] as they are taken today: LMC by its pull on streams (Erkal et al. 2019, MNRAS 487,
-#: 2685) and at 49.6 kpc (Pietrzyński et al. 2019), Sagittarius (Vasiliev et al. 2021, MNRAS 501, 2279), M31 (van der Marel et
-#: al. 2012; Li et al. 2021), Virgo (Kashibadze et al. 2020), Fornax (Drinkwater et al. 2001), Coma (Łokas & Mamon 2003).
+#: Masses [solar masses] and distances [kpc] as they are taken today: LMC by its pull on streams (Erkal et al. 2019,
+#: MNRAS 487, 2685) and at 49.6 kpc (Pietrzyński et al. 2019), Sagittarius (Vasiliev et al. 2021, MNRAS 501, 2279), M31
+#: (van der Marel et al. 2012; Li et al. 2021), Virgo (Kashibadze et al. 2020), Fornax (Drinkwater et al. 2001), Coma
+#: (Łokas & Mamon 2003).
 ATTRACTORS_TODAY = {
     "LMC": (1.5e11, 49.6),
     "M31": (1.5e12, 761),
@@ -92,8 +93,8 @@ def attractions(masses: Any = None) -> dict[str, Any]:
     Parameters
     ----------
     masses : dict, optional
-        From name to mass [solar masses] and distance [kpc]: `ATTRACTORS` unless given, `ATTRACTORS_TODAY` for today's, of
-        which the LMC's 0.18 is larger than the error that DR4 will have.
+        From name to mass [solar masses] and distance [kpc]: `ATTRACTORS` unless given, `ATTRACTORS_TODAY` for today's,
+        of which the LMC's 0.18 is larger than the error that DR4 will have.
 
     Examples
     --------

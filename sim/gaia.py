@@ -2,10 +2,10 @@
 
 A catalogue like Gaia-CRF3: five- and six-parameter solutions of quasars in the archive's columns, with a known truth.
 
-Counts and medians are those of Gaia Collaboration, Klioner et al. (2022, A&A 667, A148, table 1): 1 215 942 sources with
-five parameters (median G = 19.92, effective wavenumber 1.589 µm⁻¹, RUWE 1.013) and 398 231 with six (20.46, 1.044). What
-no table says is simple: the sky is that of quasars behind no Galactic plane, a six-parameter solution's errors are
-1.25 times those of five parameters at its magnitude, and one source in 500 has errors three times too small.
+Counts and medians are those of Gaia Collaboration, Klioner et al. (2022, A&A 667, A148, table 1): 1 215 942 sources
+with five parameters (median G = 19.92, effective wavenumber 1.589 µm⁻¹, RUWE 1.013) and 398 231 with six (20.46,
+1.044). What no table says is simple: the sky is that of quasars behind no Galactic plane, a six-parameter solution's
+errors are 1.25 times those of five parameters at its magnitude, and one source in 500 has errors three times too small.
 """
 
 from __future__ import annotations
@@ -186,8 +186,9 @@ def epochs(
     Returns
     -------
     astropy Table
-        source_id (from 1), transit_id, obs_time_tcb [ns since J2010.0 at Gaia], obs_time_bary_corr [ns], centroid_pos_al
-        and its error [mas], scan_pos_angle [deg], parallax_factor_al, used_by_agis_al, ra0, dec0, agis_source_excess_noise.
+        source_id (from 1), transit_id, obs_time_tcb [ns since J2010.0 at Gaia], obs_time_bary_corr [ns],
+        centroid_pos_al and its error [mas], scan_pos_angle [deg], parallax_factor_al, used_by_agis_al, ra0, dec0,
+        agis_source_excess_noise.
 
     Raises
     ------

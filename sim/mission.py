@@ -27,8 +27,8 @@ class Mission(InNotebook):
     release : {"DR3", "DR4", "DR5", "paper"}
         Release whose parallax errors the transits are made to give, whatever the length of the mission.
     attitude : float or "solved"
-        Error of the attitude in 30-second intervals, shared by all sources that are seen in one [µas]; or solved from the
-        sources themselves, together with them (`sim.agis`).
+        Error of the attitude in 30-second intervals, shared by all sources that are seen in one [µas]; or solved from
+        the sources themselves, together with them (`sim.agis`).
     knots : float
         Time between the knots of an attitude that is solved. [s]
 
@@ -39,11 +39,11 @@ class Mission(InNotebook):
 
     Notes
     -----
-    An attitude in µas is a shortcut: sources are solved one by one. It is right where something else holds the attitude as
-    well as that, as Gaia's hundreds of stars a quasar do: one star of 100 µas a transit for each quasar leaves the errors of
-    an acceleration at 1.03 to 1.09 of those that are quoted. Where quasars alone determine it, in knots of 30 s, the errors
-    of large scales are 2.3 times the quoted ones on an even sky, and 16 times on one as uneven as the IGQL: "solved" has
-    them (docs/agis.md).
+    An attitude in µas is a shortcut: sources are solved one by one. It is right where something else holds the attitude
+    as well as that, as Gaia's hundreds of stars a quasar do: one star of 100 µas a transit for each quasar leaves the
+    errors of an acceleration at 1.03 to 1.09 of those that are quoted. Where quasars alone determine it, in knots of 30
+    s, the errors of large scales are 2.3 times the quoted ones on an even sky, and 16 times on one as uneven as the
+    IGQL: "solved" has them (docs/agis.md).
 
     Examples
     --------

@@ -63,8 +63,8 @@ def observe(
         has the errors of `release` and an attitude known to 10 µas.
     attitude : float or "solved", optional
         In place of the mission's: known to so many µas, each source then solved for itself, which is right where stars
-        hold the attitude; or solved together with the sources (`sim.agis`), as if they were half a million. A mission of
-        five years unless one is given.
+        hold the attitude; or solved together with the sources (`sim.agis`), as if they were half a million. A mission
+        of five years unless one is given.
     variability : Variability, optional
         Variability of the photocentres, with a mission.
     excess_noise : float or (n,) array

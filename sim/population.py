@@ -322,8 +322,8 @@ def stars(
 
     Notes
     -----
-    0.34, 26, 250 and 1000 million stars are brighter than 10, 15, 18 and 20 (Perryman et al. 2001, A&A 369, 339, table 1);
-    in between the logarithm of the counts is taken for linear.
+    0.34, 26, 250 and 1000 million stars are brighter than 10, 15, 18 and 20 (Perryman et al. 2001, A&A 369, 339, table
+    1); in between the logarithm of the counts is taken for linear.
     """
     if not STAR_COUNTS[0][0] <= min_magnitude < max_magnitude <= STAR_COUNTS[0][-1]:
         raise ParameterError(

@@ -1,9 +1,8 @@
 """Where a survey sees: densities on the sky from which positions are drawn.
 
-A sky is a HEALPix map of the density of sources, in ring order and Galactic or other axes.
-The two of Bachchan, Hobbs & Lindegren (2016) are built from what is known of them, not from
-their results: GUMS is all of the sky but the Galactic plane, where extinction hides quasars;
-the Initial Gaia Quasar List is a sum of surveys, each with its footprint.
+A sky is a HEALPix map of the density of sources, in ring order and Galactic or other axes. The two of Bachchan, Hobbs &
+Lindegren (2016) are built from what is known of them, not from their results: GUMS is all of the sky but the Galactic
+plane, where extinction hides quasars; the Initial Gaia Quasar List is a sum of surveys, each with its footprint.
 """
 
 from __future__ import annotations

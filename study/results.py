@@ -49,9 +49,9 @@ def write_results(study: Study, folder: Path, n_realisations: int) -> None:
 def summary(study: Study, realisations: Any) -> list[dict[str, Any]]:
     """Mean, standard deviation and mean formal error of every parameter: a list of dicts.
 
-    The truth stands beside them, and how far the mean is from it in standard errors of the mean; how uncertain the scatter is
-    after so many realisations; and the shares of them whose intervals of 68 and 95 % (1 and 1.96 σ) hold the truth, with the
-    standard deviation that such a share would have if the errors were right.
+    The truth stands beside them, and how far the mean is from it in standard errors of the mean; how uncertain the
+    scatter is after so many realisations; and the shares of them whose intervals of 68 and 95 % (1 and 1.96 σ) hold the
+    truth, with the standard deviation that such a share would have if the errors were right.
     """
     rows = []
     for case, (values, sigma) in realisations.items():

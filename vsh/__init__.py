@@ -1,6 +1,7 @@
 """Vector spherical harmonics of proper motions: coefficients, fields and catalogues.
 
-Inside, angles are in radians and proper motions in µas/yr. What is named in `__init__.pyi` is imported when it is first asked for.
+Inside, angles are in radians and proper motions in µas/yr. What is named in `__init__.pyi` is imported when it is first
+asked for.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
 """Where the commands begin: `vsh-NAME`, and `python -m vsh NAME`.
 
-Options are parsed before anything heavy is imported, and an interrupt ends a command quietly from the first moment on, while libraries are
-still being imported.
+Options are parsed before anything heavy is imported, and an interrupt ends a command quietly from the first moment on,
+while libraries are still being imported.
 """
 
 import os

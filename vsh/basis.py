@@ -6,9 +6,8 @@ nothing is divided by cos δ and the poles are ordinary points:
     T_lm = (-1)^m / √(l(l+1)) · e^{imα} (B e_α - i A e_δ),   A = m Q_lm
     S_lm = (-1)^m / √(l(l+1)) · e^{imα} (i A e_α + B e_δ),   B = dP̄_lm/dδ
 
-P̄_lm is the normalised Legendre function without the phase (-1)^m. The upward recurrence
-in l runs for all m at once; to degree 1000 its sectoral start underflows only where the
-function itself is below 1e-100.
+P̄_lm is the normalised Legendre function without the phase (-1)^m. The upward recurrence in l runs for all m at once;
+to degree 1000 its sectoral start underflows only where the function itself is below 1e-100.
 """
 
 from __future__ import annotations

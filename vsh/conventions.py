@@ -55,8 +55,7 @@ def to_icrf3(coefficients: Coefficients) -> dict[str, float]:
     Returns
     -------
     dict
-        From R1, R2, R3, D1, D2, D3 and, to degree 2, E20, M20, E21R, … M22I to their
-        values. [unit of the coefficients]
+        From R1, R2, R3, D1, D2, D3 and, to degree 2, E20, M20, E21R, … M22I to their values. [unit of the coefficients]
 
     Examples
     --------
@@ -107,8 +106,7 @@ def to_healpy(coefficients: Coefficients) -> ComplexArray:
     Returns
     -------
     (2, (lmax + 1)(lmax + 2)/2) complex array
-        In healpy's order, for ``healpy.alm2map_spin(alm, nside, 1, lmax)`` and for
-        ducc0's spin 1.
+        In healpy's order, for ``healpy.alm2map_spin(alm, nside, 1, lmax)`` and for ducc0's spin 1.
     """
     t, s = np.split(coefficients.values, 2)
     return np.stack([_to_alm(s, coefficients.modes), _to_alm(-t, coefficients.modes)])

@@ -3,11 +3,8 @@
 The parameters of a real field are kept as::
 
     [
-        (kind, l, m, part)
-        for kind in modes.kinds
-        for l in range(modes.lowest, lmax + 1)
-        for m in range(l + 1)
-        for part in ("re", "im")[: 1 + (m > 0)]
+        (kind, l, m, part) for kind in modes.kinds for l in range(modes.lowest, lmax + 1) for m in range(l + 1) for part
+        in ("re", "im")[: 1 + (m > 0)]
     ]
 
 A vector field has two kinds from degree 1 on, toroidal and spheroidal: ``2 lmax (lmax + 2)`` parameters. A scalar field

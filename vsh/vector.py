@@ -73,8 +73,7 @@ class Vector(Frozen):
         lon, lat : float
             [deg]
         errors : (3,) array
-            Standard errors of these three, uncorrelated; that of the longitude
-            not times cos(lat).
+            Standard errors of these three, uncorrelated; that of the longitude not times cos(lat).
         frame : str
             "icrs", "galactic" or "ecliptic".
         unit : str
@@ -147,9 +146,8 @@ class Vector(Frozen):
 
         Notes
         -----
-        Central intervals from the noncentral χ distribution (Rice's, in three dimensions) with the mean
-        variance; the upper end never below that of a search without a signal (the method CLs; Read 2002,
-        J. Phys. G 28, 2693).
+        Central intervals from the noncentral χ distribution (Rice's, in three dimensions) with the mean variance; the
+        upper end never below that of a search without a signal (the method CLs; Read 2002, J. Phys. G 28, 2693).
         """
         tail = (1 - between("probability", probability, 0, 1)) / 2
         sigma = np.sqrt(np.trace(self.covariance) / 3)

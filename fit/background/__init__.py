@@ -1,7 +1,7 @@
 """Backgrounds of known shape and unknown amplitude: systematic floors, gravitational waves, evidence.
 
-What sources share is a Gaussian field of a known spectrum. Its amplitude is estimated by the exact likelihood of the normal
-equations, with whatever else is fitted marginalised.
+What sources share is a Gaussian field of a known spectrum. Its amplitude is estimated by the exact likelihood of the
+normal equations, with whatever else is fitted marginalised.
 """
 
 from fit.background._amplitude import Amplitude, equations_of

@@ -4,8 +4,8 @@ With coefficients c ~ N(0, D) and K = I + D^½ N D^½, z = D^½ b, the evidence 
 
     ln Z = ½ zᵀ K⁻¹ z − ½ ln|K|.
 
-No sampler is needed. ln Z depends on the power that is assumed beforehand, the less power the less is lost by a degree that
-is not there: print it with the result, or marginalise it.
+No sampler is needed. ln Z depends on the power that is assumed beforehand, the less power the less is lost by a degree
+that is not there: print it with the result, or marginalise it.
 """
 
 from __future__ import annotations
@@ -49,13 +49,16 @@ def evidence(
     normal : NormalEquations, Solution, or sequence of NormalEquations
         What was summed or fitted; of several bins of redshift, say.
     spectrum : Spectrum
-        The power of the coefficients beforehand, such as `10 * Spectrum.power_law(0)`: 10 (µas/yr)² in each kind and degree.
+        The power of the coefficients beforehand, such as `10 * Spectrum.power_law(0)`: 10 (µas/yr)² in each kind and
+        degree.
     degrees : iterable of int, optional
         Which are there; all that were fitted unless given. Other coefficients are zero.
     amplitudes : (float, float), optional
-        Multiply the spectrum by an amplitude between these two, uniform in its logarithm beforehand, and marginalise it.
+        Multiply the spectrum by an amplitude between these two, uniform in its logarithm beforehand, and marginalise
+        it.
     varying : Spectrum, optional
-        Let each of the normal equations have coefficients of its own, with this power beforehand, beside the common ones.
+        Let each of the normal equations have coefficients of its own, with this power beforehand, beside the common
+        ones.
     noise_scale : float
         Factor on the catalogue's errors, √(χ²/dof) say.
 
@@ -165,8 +168,8 @@ def compare_models(models: Mapping[str, Any]) -> Comparison:
     Parameters
     ----------
     models : dict of str to float, or to a tuple
-        ln Z by name, or what `evidence` takes: (normal, spectrum, degrees), perhaps with a dict of its options. All must be
-        of the same data.
+        ln Z by name, or what `evidence` takes: (normal, spectrum, degrees), perhaps with a dict of its options. All
+        must be of the same data.
 
     Raises
     ------

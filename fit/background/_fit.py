@@ -2,8 +2,8 @@
 
 What the data say of one amplitude, with the other amplitudes and the scale of the errors marginalised.
 
-Everything is a function of √A, in which the likelihood is smooth down to zero. ln|K| and Q are computed at Chebyshev nodes of
-the amplitudes (for one spectrum they are known everywhere) and summed over the others and over κ.
+Everything is a function of √A, in which the likelihood is smooth down to zero. ln|K| and Q are computed at Chebyshev
+nodes of the amplitudes (for one spectrum they are known everywhere) and summed over the others and over κ.
 """
 
 from __future__ import annotations
@@ -42,8 +42,9 @@ def posteriors(
 
     Notes
     -----
-    The prior of the others is the uniform-shrinkage one, A/(A + u) uniform with u the amplitude seen at one standard error
-    (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ. The evidence is the mean likelihood under the same.
+    The prior of the others is the uniform-shrinkage one, A/(A + u) uniform with u the amplitude seen at one standard
+    error (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ. The evidence is the mean likelihood under
+    the same.
     """
     with blas_for(len(likelihood.rhs)):
         grid = _Grid(likelihood, best)
@@ -191,8 +192,8 @@ class Background(Result):
     log_likelihood : float
         Logarithm of the likelihood of these amplitudes, relative to no background.
     log_evidence : float
-        ln of the mean likelihood, relative to no background, for amplitudes A whose A/(A + u) is uniform beforehand, u the
-        amplitude that is seen at one standard error.
+        ln of the mean likelihood, relative to no background, for amplitudes A whose A/(A + u) is uniform beforehand, u
+        the amplitude that is seen at one standard error.
     degrees, free : tuple of int
         Where the background is, and which degrees were fitted without a prior.
     n_data : int
@@ -273,8 +274,8 @@ def fit_amplitudes(
     spectra : Spectrum or sequence of Spectrum
         One for each amplitude.
     noise_scale : bool, optional
-        Estimate a factor on the catalogue's errors as well. Unless given it is, but for a solution whose errors come from
-        residuals.
+        Estimate a factor on the catalogue's errors as well. Unless given it is, but for a solution whose errors come
+        from residuals.
     degrees : iterable of int, optional
         Where the background is; all that are fitted and not free unless given.
     free : iterable of int
@@ -291,8 +292,8 @@ def fit_amplitudes(
 
     Notes
     -----
-    The likelihood is exact for Gaussian errors (that of the dense 2N × 2N covariance to 1e-10). Tried on 500 skies, ranks
-    of the true amplitude are uniform.
+    The likelihood is exact for Gaussian errors (that of the dense 2N × 2N covariance to 1e-10). Tried on 500 skies,
+    ranks of the true amplitude are uniform.
 
     Examples
     --------

@@ -194,8 +194,8 @@ def floor(
 
     Systematics are taken for a Gaussian field with one power for each mode of either parity: T of odd and S of even
     degrees, to which a spin belongs, and T of even and S of odd ones, to which a glide does. Degree 1 is fitted freely;
-    the powers are medians of the exact posterior, flat in the root of each beforehand, with the other power and the scale
-    of the errors marginalised.
+    the powers are medians of the exact posterior, flat in the root of each beforehand, with the other power and the
+    scale of the errors marginalised.
 
     Parameters
     ----------
@@ -218,12 +218,12 @@ def floor(
     -----
     The floor extrapolates from degrees 2, 3, … to degree 1, on the assumption that each mode has the same power: a
     spectrum that rises towards low degrees makes it too small. On skies drawn from Gaia EDR3's published one
-    (`vsh.models.covariance.LINDEGREN_2021`) spin and acceleration scatter by 1.18, 1.49 and 1.79 of the errors with the floor at degrees
-    3, 7 and 10, and three standard deviations hold 98, 95 and 91 %: the lower degree holds better there. Systematics of degrees that are not fitted leak into those
-    that are, and make the powers larger than they are, not the coverage. The median of the posterior covers better than
-    the largest likelihood where modes are few (degree 3: 12 of each parity). Where there is nothing it enlarges errors by
-    4 % at degree 7, 8 % at 4, 12 % at 3, and takes away what the higher degrees cost. Coverage on simulated skies:
-    docs/backgrounds.md.
+    (`vsh.models.covariance.LINDEGREN_2021`) spin and acceleration scatter by 1.18, 1.49 and 1.79 of the errors with the
+    floor at degrees 3, 7 and 10, and three standard deviations hold 98, 95 and 91 %: the lower degree holds better
+    there. Systematics of degrees that are not fitted leak into those that are, and make the powers larger than they
+    are, not the coverage. The median of the posterior covers better than the largest likelihood where modes are few
+    (degree 3: 12 of each parity). Where there is nothing it enlarges errors by 4 % at degree 7, 8 % at 4, 12 % at 3,
+    and takes away what the higher degrees cost. Coverage on simulated skies: docs/backgrounds.md.
 
     Examples
     --------
@@ -266,8 +266,8 @@ def add_floor(solution: Solution) -> Solution:
     Parameters
     ----------
     solution : Solution
-        Solution of motions, to degree 3 or higher and without a prior; anything else stays as it is. Degrees beyond 10 are not
-        asked: they take longer, and say less of degree 1.
+        Solution of motions, to degree 3 or higher and without a prior; anything else stays as it is. Degrees beyond 10
+        are not asked: they take longer, and say less of degree 1.
     """
     if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):
         return solution

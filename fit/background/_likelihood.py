@@ -1,8 +1,9 @@
 """The likelihood of the amplitudes of Gaussian backgrounds, whatever else is fitted marginalised.
 
-The coefficients of a background are c_i ~ N(0, D_i) with D = Σ_k A_k D_k, D_k the variances of spectrum k for an amplitude
-of one. What is free (degree 1) has a flat prior and is eliminated by the Schur complement: N', b', χ0' = χ0 − b₁ᵀ N₁₁⁻¹ b₁.
-With κ the scale of the catalogue's errors, τ = κ², a = A/τ and n the numbers less those that are free, up to a constant
+The coefficients of a background are c_i ~ N(0, D_i) with D = Σ_k A_k D_k, D_k the variances of spectrum k for an
+amplitude of one. What is free (degree 1) has a flat prior and is eliminated by the Schur complement: N', b', χ0' = χ0 −
+b₁ᵀ N₁₁⁻¹ b₁. With κ the scale of the catalogue's errors, τ = κ², a = A/τ and n the numbers less those that are free, up
+to a constant
 
     ln L(A, κ) = −(n/2) ln τ − ½ ln|K(a)| − (χ0' − Q(a))/(2τ),    K(a) = I + D^½ N' D^½,   Q(a) = b'ᵀ D^½ K⁻¹ D^½ b',
 

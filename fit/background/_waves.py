@@ -110,8 +110,8 @@ class WaveLimit(Result):
             Flat in Ω; in √Ω, the amplitude of the waves; in ln Ω; or in each coefficient of degree 2, as most published
             limits have it, which is no likelihood of Ω: it gives a limit on the power that this one sky has.
         lowest : float, optional
-            Where the prior flat in ln Ω begins, a millionth of the largest Ω that is not excluded unless given: that limit
-            depends on it.
+            Where the prior flat in ln Ω begins, a millionth of the largest Ω that is not excluded unless given: that
+            limit depends on it.
 
         Raises
         ------
@@ -209,18 +209,19 @@ def wave_limit(
     Parameters
     ----------
     normal : NormalEquations or Solution
-        What was summed or fitted, to degree 2 at least. Degrees above the highest named are left out; those below it that are
-        not named, degree 1 among them, are fitted freely.
+        What was summed or fitted, to degree 2 at least. Degrees above the highest named are left out; those below it
+        that are not named, degree 1 among them, are fitted freely.
     degrees : iterable of int
-        Where waves are looked for. General relativity gives 5/6 of the power to degree 2; each higher one has little signal
-        and the errors that sources share, which pass for waves.
+        Where waves are looked for. General relativity gives 5/6 of the power to degree 2; each higher one has little
+        signal and the errors that sources share, which pass for waves.
     hubble : float
         H0 for which Ω is meant; the default gives h70² Ω. [km/s/Mpc]
     noise_scale : bool, optional
-        Marginalise a factor on the catalogue's errors. Unless given, for all but a solution whose errors come from residuals.
+        Marginalise a factor on the catalogue's errors. Unless given, for all but a solution whose errors come from
+        residuals.
     systematics : sequence of Spectrum, optional
-        Backgrounds whose amplitudes are marginalised: one flat spectrum where degrees beyond 2 are used, none for degree 2
-        alone, unless given.
+        Backgrounds whose amplitudes are marginalised: one flat spectrum where degrees beyond 2 are used, none for
+        degree 2 alone, unless given.
 
     Raises
     ------
@@ -233,9 +234,9 @@ def wave_limit(
     -----
     Book & Flanagan (2011, PhRvD 83, 024024) give the spectrum; the likelihood is exact for Gaussian errors of the size
     quoted, up to a factor: ranks of 500 known Ω are uniform. Where errors are wrong from source to source, clip or fit
-    robustly first (`fit.robust.student_t`) and give that solution: with errors four times too small on half the sky and no
-    waves, 95 % intervals leave zero out on 4 % of the skies, those of plain normal equations on 9 %. A scalar wave has only the degree that the acceleration has: no limit is
-    offered.
+    robustly first (`fit.robust.student_t`) and give that solution: with errors four times too small on half the sky and
+    no waves, 95 % intervals leave zero out on 4 % of the skies, those of plain normal equations on 9 %. A scalar wave
+    has only the degree that the acceleration has: no limit is offered.
     """
     equations = equations_of(normal)
     degrees = fitted_degrees(equations.modes, degrees)

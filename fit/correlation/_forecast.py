@@ -77,8 +77,7 @@ def predict_covariance(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike
     modes : Modes, or the degree lmax
         What to fit.
     sigma : float, (2, n) array or None
-        Errors in place of the sources' own [µas/yr]; needed
-        where they have none.
+        Errors in place of the sources' own [µas/yr]; needed where they have none.
 
     Returns
     -------

@@ -64,9 +64,8 @@ def influence_map(
 
     Notes
     -----
-    With C = N⁻¹ and N = Σ wₖ Nₖ, ∂C/∂wₖ = −C Nₖ C. Between two parameters that is −Σ gᵢᵀ W gⱼ over the
-    sources of the pixel, where gᵢ is the vector field whose coefficients are the column of C that
-    belongs to parameter i.
+    With C = N⁻¹ and N = Σ wₖ Nₖ, ∂C/∂wₖ = −C Nₖ C. Between two parameters that is −Σ gᵢᵀ W gⱼ over the sources of the
+    pixel, where gᵢ is the vector field whose coefficients are the column of C that belongs to parameter i.
     """
     from vsh.sky.pixels import pixels_of
 

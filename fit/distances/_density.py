@@ -196,9 +196,8 @@ def magnitude_counts(magnitude: FloatArray, modulus: FloatArray) -> FloatArray:
 def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
     """The luminosity function by which counts of a magnitude-limited catalogue are most probable.
 
-    Only the shape of the counts at each distance matters, so that neither density nor clusters bear on it
-    (Sandage, Tammann & Yahil 1979, ApJ 232, 352; the curve is free as that of Efstathiou, Ellis & Peterson 1988,
-    MNRAS 232, 431).
+    Only the shape of the counts at each distance matters, so that neither density nor clusters bear on it (Sandage,
+    Tammann & Yahil 1979, ApJ 232, 352; the curve is free as that of Efstathiou, Ellis & Peterson 1988, MNRAS 232, 431).
     """
     total = counts.sum()
     if total < _LEAST:

@@ -9,10 +9,11 @@ from vsh.tools.units import AU_PER_YEAR, JULIAN_YEAR, KM_S_MYR
 
 #: Distance of the Galactic centre and its error [kpc]: GRAVITY Collaboration (2021, A&A 647, A59), with systematics.
 R0 = (8.275, 0.034)
-#: Motion of Sgr A* along Galactic longitude, towards lower ones, and its error [mas/yr]: Reid & Brunthaler (2020, ApJ 892, 39).
+#: Motion of Sgr A* along Galactic longitude, towards lower ones, and its error [mas/yr]: Reid & Brunthaler (2020, ApJ
+#: 892, 39).
 SGR_A = (6.411, 0.008)
-#: The Sun's own speed along Galactic rotation [km/s]: Schönrich, Binney & Dehnen (2010, MNRAS 403, 1829), 12.24 ± 0.47 with
-#: systematics of 2.
+#: The Sun's own speed along Galactic rotation [km/s]: Schönrich, Binney & Dehnen (2010, MNRAS 403, 1829), 12.24 ± 0.47
+#: with systematics of 2.
 SOLAR_SPEED = 12.24
 SOLAR_SPEED_ERROR = 2.1
 #: By which that speed is divided. [kpc]
@@ -91,9 +92,9 @@ def distance_of_centre(
     acceleration, acceleration_error : float
         Towards the centre. [µas/yr]
     speed, speed_error : float
-        Ω0 and its error, `angular_speed()` and `angular_speed_error()` unless given: the motion of Sgr A* less the Sun's own
-        speed over R0, whose ± 2.1 km/s make ± 0.26 km/s/kpc. That R0 is 8.178 kpc; 5 % more of it change the result by half
-        a per cent. [km/s/kpc]
+        Ω0 and its error, `angular_speed()` and `angular_speed_error()` unless given: the motion of Sgr A* less the
+        Sun's own speed over R0, whose ± 2.1 km/s make ± 0.26 km/s/kpc. That R0 is 8.178 kpc; 5 % more of it change the
+        result by half a per cent. [km/s/kpc]
 
     Returns
     -------

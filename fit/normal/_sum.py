@@ -92,8 +92,8 @@ def normal_equations(
         How many; one a core unless given. The sum is taken in the order of the sources,
         so the number of threads does not change a bit of it.
     covariance : Covariance or (2n, 2n) array, optional
-        Covariance of the motions of a field, all east components first, in place of the errors that the field has; for at most
-        10 000 sources (`vsh.models.covariance`). [(µas/yr)²]
+        Covariance of the motions of a field, all east components first, in place of the errors that the field has; for
+        at most 10 000 sources (`vsh.models.covariance`). [(µas/yr)²]
 
     Raises
     ------

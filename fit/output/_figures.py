@@ -41,8 +41,8 @@ _SIGNAL = 0.05
 def plot_spectrum(solution: Any, *, ax: Any = None) -> Axes:
     """Power by degree and kind: with its error where there is a signal, as an upper limit where there need be none.
 
-    An arrow begins at the limit (95 %) of what the power may be where p > 5 %; dotted is what noise alone gives on average.
-    The axis at the right is the root of the power.
+    An arrow begins at the limit (95 %) of what the power may be where p > 5 %; dotted is what noise alone gives on
+    average. The axis at the right is the root of the power.
 
     Parameters
     ----------

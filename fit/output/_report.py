@@ -25,8 +25,7 @@ def report(solution: Any, *, check: Any = None, truth: dict[str, Any] | None = N
     check : CrossCheck, optional
         Both solvers at degree 1, from `fit.cross_check`.
     truth : dict of str to Vector, optional
-        "spin" and "acceleration" of a simulated
-        catalogue, printed beside what was found.
+        "spin" and "acceleration" of a simulated catalogue, printed beside what was found.
     source : str, optional
         What was fitted.
 

@@ -41,7 +41,8 @@ class Correlation(Result):
     n_pairs : (k,) array
         How many pairs, each counted once and as far as the bin sees it; of a bin that is smooth no whole number.
     covariance : (2k, 2k) array
-        Covariance of ξ+ and then ξ−, from how blocks of the sky and pairs of them scatter; nan of less than four blocks. [(µas/yr)⁴]
+        Covariance of ξ+ and then ξ−, from how blocks of the sky and pairs of them scatter; nan of less than four
+        blocks. [(µas/yr)⁴]
     edges : (k + 2,) array
         Edges of the bins: each rises from one edge to the next as sin², and falls to the one after. [rad]
     window : (lmax + 1,) array
@@ -104,7 +105,8 @@ class Correlation(Result):
         Parameters
         ----------
         templates : sequence of str, or dict of functions
-            Some of "spin", "glide" and "waves"; or, by name, functions of θ [rad] that give ξ+ and ξ− of unit amplitude, (2, n).
+            Some of "spin", "glide" and "waves"; or, by name, functions of θ [rad] that give ξ+ and ξ− of unit
+            amplitude, (2, n).
         hubble : float
             For which Ω is meant; 70 makes it h70² Ω. [km/s/Mpc]
 
@@ -176,16 +178,16 @@ def correlation_function(
     field : Field or Parts
         The sources. Parts are gone through once.
     edges : (k + 2,) array
-        Edges of k smooth bins: bin i rises from edges[i] to edges[i + 1] as sin², and falls to edges[i + 2]; next to each other
-        they add up to one. [rad, from 0 to π]
+        Edges of k smooth bins: bin i rises from edges[i] to edges[i + 1] as sin², and falls to edges[i + 2]; next to
+        each other they add up to one. [rad, from 0 to π]
     lmax : int, optional
-        To which the bins are resolved: 25 over the narrowest step between edges unless given. Sums go half as far again,
-        and give ξ+ as all pairs would to 1e-4 of its largest value, ξ− to 2e-4.
+        To which the bins are resolved: 25 over the narrowest step between edges unless given. Sums go half as far
+        again, and give ξ+ as all pairs would to 1e-4 of its largest value, ξ− to 2e-4.
     nside : int
         Resolution of the HEALPix blocks whose scatter gives the errors.
     weights : (n,) array, optional
-        Weights of each source of a Field; 2/(σ_α*² + σ_δ²) unless given. They must not follow from the motions: sources that fit
-        would count more.
+        Weights of each source of a Field; 2/(σ_α*² + σ_δ²) unless given. They must not follow from the motions: sources
+        that fit would count more.
     threads : int, optional
         How many; one a core unless given. Their number changes no bit.
 
@@ -198,8 +200,8 @@ def correlation_function(
 
     Notes
     -----
-    Pseudo-spectra of the weighted motions (Hivon et al. 2002, ApJ 567, 2; Szapudi et al. 2001, ApJ 548, L115), for motions
-    with Wigner's d^l_{1,±1}; self-pairs are taken from every degree.
+    Pseudo-spectra of the weighted motions (Hivon et al. 2002, ApJ 567, 2; Szapudi et al. 2001, ApJ 548, L115), for
+    motions with Wigner's d^l_{1,±1}; self-pairs are taken from every degree.
 
     Examples
     --------

@@ -8,10 +8,10 @@ that sources do not share is in no power, whatever its size.
 
 Errors of sums over pairs, from how the sums of blocks of the sky scatter.
 
-What is estimated is a sum over pairs of blocks, R_kk + Σ R_km. Leaving out block after block, as the jackknife does, counts
-what a pair of blocks scatters by twice, once with each of them (Efron & Stein 1981, Ann. Stat. 9, 586): without a signal,
-errors come out √2 too large. The scatter of the pairs themselves, free of what their blocks have in common, is therefore
-taken off once.
+What is estimated is a sum over pairs of blocks, R_kk + Σ R_km. Leaving out block after block, as the jackknife does,
+counts what a pair of blocks scatters by twice, once with each of them (Efron & Stein 1981, Ann. Stat. 9, 586): without
+a signal, errors come out √2 too large. The scatter of the pairs themselves, free of what their blocks have in common,
+is therefore taken off once.
 """
 
 from __future__ import annotations
@@ -187,7 +187,8 @@ class PairPower(Result):
     toroidal, spheroidal : (lmax,) arrays
         P_T and P_S of degrees 1 … lmax; as often below the truth as above. [(µas/yr)²]
     covariance : (2 lmax, 2 lmax) array
-        Covariance of both, from how blocks of the sky and pairs of them scatter; nan of less than four blocks. [(µas/yr)⁴]
+        Covariance of both, from how blocks of the sky and pairs of them scatter; nan of less than four blocks.
+        [(µas/yr)⁴]
     n_blocks : int
         How many blocks.
     n_data : int
@@ -245,9 +246,9 @@ def power(
 ) -> PairPower:
     """Power of the motions by kind and degree, from the correlation of pairs at all angles.
 
-    Errors of sources add no bias, whatever their size, nor does the coverage of the sky on average over fields that prefer
-    no direction (one glide, seen on part of the sky, is another matter: fit it); degrees beyond `lmax` leak in where the
-    coverage is uneven. Where errors are right, a fit's powers are the more precise ones (`fit.spectrum`).
+    Errors of sources add no bias, whatever their size, nor does the coverage of the sky on average over fields that
+    prefer no direction (one glide, seen on part of the sky, is another matter: fit it); degrees beyond `lmax` leak in
+    where the coverage is uneven. Where errors are right, a fit's powers are the more precise ones (`fit.spectrum`).
 
     Parameters
     ----------
@@ -263,8 +264,8 @@ def power(
 
     Notes
     -----
-    ξ± of all pairs fitted by Σ P_l d^l/4π with the weights of the pairs for weights, which is the pseudo-spectrum freed of
-    the sky's coverage (Hivon et al. 2002, ApJ 567, 2).
+    ξ± of all pairs fitted by Σ P_l d^l/4π with the weights of the pairs for weights, which is the pseudo-spectrum freed
+    of the sky's coverage (Hivon et al. 2002, ApJ 567, 2).
 
     Examples
     --------

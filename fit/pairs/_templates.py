@@ -61,7 +61,8 @@ class TemplateFit(Result):
     theta : (k,) array
         Angles of the bins. [rad]
     coefficients : (t,) array
-        How many coefficients of the sky, weighed by the power that a template has in each, its amplitude is the square of.
+        How many coefficients of the sky, weighed by the power that a template has in each, its amplitude is the square
+        of.
     n_effective : float
         Number of blocks from which errors were estimated.
     """
@@ -92,9 +93,9 @@ class TemplateFit(Result):
     def interval(self, probability: float = 0.95) -> FloatArray:
         """Limits of each amplitude, (t, 2), as likely to be passed above as below; none is below zero.
 
-        An amplitude is a sum of squares of k coefficients less their noise s², which is k χ² and no Gaussian: its own error goes
-        with it. With Var = 2 k s⁴ + 4 s² P both follow from value and error, and the limits from the non-central F of k and the
-        number of blocks, less one.
+        An amplitude is a sum of squares of k coefficients less their noise s², which is k χ² and no Gaussian: its own
+        error goes with it. With Var = 2 k s⁴ + 4 s² P both follow from value and error, and the limits from the
+        non-central F of k and the number of blocks, less one.
 
         Parameters
         ----------

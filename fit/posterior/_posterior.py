@@ -83,9 +83,8 @@ class Posterior(SampleResult):
     def samples(self) -> dict[str, FloatArray]:
         """Samples after burn-in and thinning, by name: arrays (n,).
 
-        v_x, v_y, v_z and speed [km/s, toward the apex, along the axes of `frame`]; H0
-        [km/s/Mpc]; a_x, a_y, a_z [µas/yr]; and what else was free: peculiar_dispersion [km/s],
-        excess_noise [µas/yr], outlier_fraction.
+        v_x, v_y, v_z and speed [km/s, toward the apex, along the axes of `frame`]; H0 [km/s/Mpc]; a_x, a_y, a_z
+        [µas/yr]; and what else was free: peculiar_dispersion [km/s], excess_noise [µas/yr], outlier_fraction.
 
         Raises
         ------
@@ -139,8 +138,8 @@ class Posterior(SampleResult):
     def to_arviz(self) -> Any:
         """The samples as arviz' InferenceData (its DataTree from version 1 on), a chain for each walker.
 
-        Every quantity of `samples` by its name; and `velocity` and `acceleration` with the coordinate `axis` (x, y, z). Units and the
-        frame are attributes; `sample_stats` has the log-probability.
+        Every quantity of `samples` by its name; and `velocity` and `acceleration` with the coordinate `axis` (x, y, z).
+        Units and the frame are attributes; `sample_stats` has the log-probability.
 
         Raises
         ------

@@ -120,10 +120,9 @@ class Priors(InNotebook):
         [km/s/Mpc] "flat" has no upper limit; the chain stays below 1000.
     peculiar_dispersion : float or prior, optional
         Dispersion of peculiar velocities in each component, beside the flow where one is fitted: 750 unless given, 150
-        with flows. [km/s] Fixed, it enters the weights
-        alone, for the cosmology's H0; with a prior, the scatter of the galaxies bears on the product of
-        dispersion and H0, and so, as far as the dispersion is known, on H0. Redshifts scatter by it, or by the prior's
-        mean.
+        with flows. [km/s] Fixed, it enters the weights alone, for the cosmology's H0; with a prior, the scatter of the
+        galaxies bears on the product of dispersion and H0, and so, as far as the dispersion is known, on H0. Redshifts
+        scatter by it, or by the prior's mean.
     flow_amplitude : prior, optional
         On the size of the flow, one for the theory's own fσ8. The flow that is seen then bears on H0; without, its
         amplitudes stand for the cosmology's H0 and weigh only.

@@ -52,7 +52,8 @@ def binned(
     ----------
     field : Field, Parts or iterable of Fields
         Parts are gone through once where the edges are given, three times otherwise, and twice more where somebody says
-        in which frame redshifts stand (of a stream, they are taken as true ones). Sources without a usable redshift are left out; a note counts and names them.
+        in which frame redshifts stand (of a stream, they are taken as true ones). Sources without a usable redshift are
+        left out; a note counts and names them.
     modes : Modes, or the degree lmax
         What to fit.
     edges : (B + 1,) array, or int
@@ -63,8 +64,8 @@ def binned(
         "heliocentric", "cmb", "local-group", or "true" as redshifts are taken where it is not given; the field's own
         unless given. It bears on the mean of 1/d of each bin, not on which sources a bin holds.
     peculiar_dispersion : float, optional
-        Dispersion of the velocities of galaxies beside flows, in their redshifts (where they are not true ones) and errors: 150 unless
-        given; 750 with flows=None, in the redshifts alone. [km/s]
+        Dispersion of the velocities of galaxies beside flows, in their redshifts (where they are not true ones) and
+        errors: 150 unless given; 750 with flows=None, in the redshifts alone. [km/s]
     flows : "linear", LinearTheory or None
         Velocities that near galaxies share: they add to the errors of the bins and correlate them. "linear", Planck's,
         unless given; without (None) bins of near galaxies differ significantly where nothing but flows is there.

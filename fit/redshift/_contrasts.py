@@ -3,8 +3,8 @@
 Flows that galaxies share, as the bins of redshift see them.
 
 A flow moves whole neighbourhoods: it does not average out over the sources of a bin, and neighbouring bins share it. Of
-every bin's normal equations N c = b it changes b by X a, with X = Σ Aᵀ W F over its sources, F the modes of a flow, and a
-their amplitudes, one on average. The coefficients of all bins then have the covariance (N⁻¹X)(N⁻¹X)ᵀ more.
+every bin's normal equations N c = b it changes b by X a, with X = Σ Aᵀ W F over its sources, F the modes of a flow, and
+a their amplitudes, one on average. The coefficients of all bins then have the covariance (N⁻¹X)(N⁻¹X)ᵀ more.
 """
 
 from __future__ import annotations

@@ -106,8 +106,7 @@ class BinnedSolution(Result):
     free : (q,) int array
         Their places among the modes.
     mean_inverse_distance : (B,) array
-        Mean of 1/d_M of the sources beyond the flow, weighted by information; nan where there is
-        none. [1/Mpc]
+        Mean of 1/d_M of the sources beyond the flow, weighted by information; nan where there is none. [1/Mpc]
     notes : tuple of str
     flow_covariance : (B q, B q) array or None
         What flows that galaxies share add to it; None without flows. Errors of the `solutions` hold it.

@@ -1,7 +1,6 @@
 """How the result varies when parts of the sky are left out or drawn again: jackknife and bootstrap over blocks.
 
-Normal equations add, so the sky is cut into blocks once, and every replicate is a sum of
-blocks that are already there.
+Normal equations add, so the sky is cut into blocks once, and every replicate is a sum of blocks that are already there.
 
 If neighbours share errors, blocks must be larger than the correlation length (`compare_blocks` estimates it). Errors
 common to the whole sky, above all a glide or a rotation of the frame, cannot be detected by any resampling.

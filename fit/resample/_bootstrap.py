@@ -1,7 +1,8 @@
 """How the result varies when the sources are drawn again: bootstrap over sources, whole or to first order.
 
-Resampling detects errors that differ from source to source. What neighbours share needs blocks (`fit.resample.jackknife`),
-and errors common to the whole sky, above all a glide or a rotation of the frame, cannot be detected by any resampling.
+Resampling detects errors that differ from source to source. What neighbours share needs blocks
+(`fit.resample.jackknife`), and errors common to the whole sky, above all a glide or a rotation of the frame, cannot be
+detected by any resampling.
 """
 
 from __future__ import annotations
@@ -110,8 +111,9 @@ class Resampled(AboutSolution):
         return np.percentile(self.replicates, [50 - 50 * probability, 50 + 50 * probability], axis=0)
 
 
-#: Power of (1 − leverage) by which residuals are divided: those of sources that make much of their own fit are too small. With ½, ¾ and
-#: 1 pulls are 1.06, 0.92 and 0.80 where 100 sources with 70 coefficients have all the weight, 1.08, 0.98 and 0.89 with 30 and 16.
+#: Power of (1 − leverage) by which residuals are divided: those of sources that make much of their own fit are too
+#: small. With ½, ¾ and 1 pulls are 1.06, 0.92 and 0.80 where 100 sources with 70 coefficients have all the weight,
+#: 1.08, 0.98 and 0.89 with 30 and 16.
 _POWER = 0.75
 #: Poisson numbers with mean 1, less that mean, by 16 random bits; their variance is 0.99997.
 _POISSON = np.searchsorted(gammaincc(np.arange(1, 13), 1.0), (np.arange(2**16) + 0.5) / 2**16).astype(np.float32) - 1
@@ -146,12 +148,12 @@ def bootstrap(
     rng : Generator or int
         The source of all randomness.
     method : {"auto", "full", "one-step"}
-        "one-step" takes the first step from the fit to the solution of a draw, N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾, all
-        draws in one pass; "full" solves again for every draw, and its errors are too large where few sources have most of the
-        weight. "auto" takes one step. `Resampled.method` says which it was.
+        "one-step" takes the first step from the fit to the solution of a draw, N⁻¹ Σ (k − 1) Aᵀ C⁻¹ Δ/(1 − leverage)^¾,
+        all draws in one pass; "full" solves again for every draw, and its errors are too large where few sources have
+        most of the weight. "auto" takes one step. `Resampled.method` says which it was.
     covariance : Covariance or (2n, 2n) array, optional
-        Covariance of the motions, all east components first, in place of the field's errors (`fit.normal_equations`). Motions
-        are whitened first, and drawn as what each source says that those before it do not.
+        Covariance of the motions, all east components first, in place of the field's errors (`fit.normal_equations`).
+        Motions are whitened first, and drawn as what each source says that those before it do not.
     progress : bool
         Show a bar, after two seconds.
 
@@ -162,9 +164,10 @@ def bootstrap(
 
     Notes
     -----
-    One step is the score bootstrap of Kline & Santos (2012, J. Econometric Methods 1, 23), with residuals that allow for
-    what each source makes of its own fit. Pulls are 0.92 to 1.00 from 300 equal sources at degree 3 to catalogues in which 100 of
-    20 000 sources (degree 5), or 30 of 600 (degree 2), have all the weight; those of "full" are 0.81 in the latter.
+    One step is the score bootstrap of Kline & Santos (2012, J. Econometric Methods 1, 23), with residuals that allow
+    for what each source makes of its own fit. Pulls are 0.92 to 1.00 from 300 equal sources at degree 3 to catalogues
+    in which 100 of 20 000 sources (degree 5), or 30 of 600 (degree 2), have all the weight; those of "full" are 0.81 in
+    the latter.
     """
     modes, rng = modes_for(field, modes), generator(rng)
     choice("method", method, ("auto", "full", "one-step"))

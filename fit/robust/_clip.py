@@ -97,10 +97,9 @@ def clip(
 ) -> Clipped:
     """Fit, leave out what lies too far from the fit, and fit again until nothing changes.
 
-    The distance is X = √(Δᵀ C⁻¹ Δ), Δ the residual of a source, C its covariance. Every
-    round looks at all sources again, so one left out may come back. For Gaussian errors
-    κ times the median leaves out a fraction 2^(−κ²) of good sources; of a scalar field the limit is the one that leaves
-    out as many (κ = 3: 3.1 standard errors).
+    The distance is X = √(Δᵀ C⁻¹ Δ), Δ the residual of a source, C its covariance. Every round looks at all sources
+    again, so one left out may come back. For Gaussian errors κ times the median leaves out a fraction 2^(−κ²) of good
+    sources; of a scalar field the limit is the one that leaves out as many (κ = 3: 3.1 standard errors).
 
     Parameters
     ----------
@@ -115,8 +114,8 @@ def clip(
     max_rounds : int
         Largest number of rounds.
     covariance : Covariance or (2n, 2n) array, optional
-        Covariance of the motions of a field, all east components first, in place of its errors (`fit.normal_equations`). The
-        distance of a source is then by its own block of the matrix.
+        Covariance of the motions of a field, all east components first, in place of its errors
+        (`fit.normal_equations`). The distance of a source is then by its own block of the matrix.
 
     Raises
     ------

@@ -194,8 +194,7 @@ def student_t(
     modes : Modes, or the degree lmax
         What to fit.
     nu : float, optional
-        Degrees of freedom of the distribution; estimated by maximum likelihood, between
-        0.5 and 200, unless given.
+        Degrees of freedom of the distribution; estimated by maximum likelihood, between 0.5 and 200, unless given.
     tolerance : float
         The fit has settled when no coefficient moves by so much of its error.
     max_rounds : int
@@ -210,11 +209,10 @@ def student_t(
 
     Notes
     -----
-    Weights u = (ν + k)/(ν + X²) for k components: Lange, Little & Taylor (1989, JASA 84, 881), with X² divided by one less the
-    source's leverage, so that ν is estimated from residuals as large as the errors. The covariance is a
-    sandwich, source by source: right for symmetric errors of any distribution at any place (pulls within
-    5 % at degree 6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that
-    neighbours share.
+    Weights u = (ν + k)/(ν + X²) for k components: Lange, Little & Taylor (1989, JASA 84, 881), with X² divided by one
+    less the source's leverage, so that ν is estimated from residuals as large as the errors. The covariance is a
+    sandwich, source by source: right for symmetric errors of any distribution at any place (pulls within 5 % at degree
+    6 on 400 sources, and with errors 5 times too small on half the sky), not for errors that neighbours share.
     """
     modes, sky = modes_for(field, modes), as_parts(field, Weighed)
     weight = StudentT(4.0 if nu is None else nu, estimated=nu is None, components=modes.components)

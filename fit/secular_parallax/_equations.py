@@ -4,10 +4,10 @@ A source at transverse comoving distance d moves by
 
     µ = −u_⊥ k + ã_⊥ + ω × r,   k = 1/d_P,   u = v H0/H_ref,
 
-(Bachchan, Hobbs & Lindegren 2016, sect. 2.3 and 4), where distances are those for H_ref: the
-data see the product v H0 only. Where redshifts hold velocities and errors, k is the mean of 1/d (`fit.distances`), and
-its variance s² adds s² |v|²/3 to that of the motion, and with flows s² σ² for theirs. Each source is turned to the axes of its error ellipse, in which
-a variance that is the same in all directions (peculiar velocities, excess noise) is simply added.
+(Bachchan, Hobbs & Lindegren 2016, sect. 2.3 and 4), where distances are those for H_ref: the data see the product v H0
+only. Where redshifts hold velocities and errors, k is the mean of 1/d (`fit.distances`), and its variance s² adds s²
+|v|²/3 to that of the motion, and with flows s² σ² for theirs. Each source is turned to the axes of its error ellipse,
+in which a variance that is the same in all directions (peculiar velocities, excess noise) is simply added.
 """
 
 from __future__ import annotations

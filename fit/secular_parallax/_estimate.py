@@ -1,7 +1,8 @@
 """Our velocity for a known Hubble constant, or the Hubble constant for a known velocity.
 
 Least squares as in Bachchan, Hobbs & Lindegren (2016, A&A 589, A71), sect. 4, with redshifts as they are and flows that
-galaxies share. Velocities are ours with respect to the background and point toward the apex; galaxies move the other way.
+galaxies share. Velocities are ours with respect to the background and point toward the apex; galaxies move the other
+way.
 """
 
 from __future__ import annotations
@@ -79,11 +80,12 @@ def observer_velocity(
 
     Notes
     -----
-    Flows of linear theory are unknowns unless flows=None: on the real sky they are nearly the whole error. On simulated skies
-    with such flows, 10⁴ galaxies to z = 0.03 and heliocentric redshifts, 68 and 95 % intervals hold 0.71 and 0.96, those of
-    `hubble_constant` 0.73 and 0.98 (benchmarks/flows_by_default.py). Without them, on skies of independent velocities of 300 and 750 km/s, pulls are 1.0
-    and the bias below 0.2 standard errors, with magnitudes and without; `flow_covariance` then says what flows would add.
-    A dispersion that is wrong biases: 300 km/s taken for 450 gives pulls of 1.2; `preferred` says what the residuals prefer.
+    Flows of linear theory are unknowns unless flows=None: on the real sky they are nearly the whole error. On simulated
+    skies with such flows, 10⁴ galaxies to z = 0.03 and heliocentric redshifts, 68 and 95 % intervals hold 0.71 and
+    0.96, those of `hubble_constant` 0.73 and 0.98 (benchmarks/flows_by_default.py). Without them, on skies of
+    independent velocities of 300 and 750 km/s, pulls are 1.0 and the bias below 0.2 standard errors, with magnitudes
+    and without; `flow_covariance` then says what flows would add. A dispersion that is wrong biases: 300 km/s taken for
+    450 gives pulls of 1.2; `preferred` says what the residuals prefer.
     """
     if hubble is None:
         raise DegeneracyError(
@@ -162,8 +164,7 @@ def hubble_constant(
     field, cosmology, peculiar_dispersion, spin, acceleration, excess_noise, **distances
         As for `observer_velocity`.
     velocity : "planck", "paper", Vector or (3,) array
-        Ours, toward the apex; an array is along the field's axes. The covariance of a Vector
-        is propagated. [km/s]
+        Ours, toward the apex; an array is along the field's axes. The covariance of a Vector is propagated. [km/s]
     hubble : float, optional
         The H0 for which the peculiar velocities are weighed; the cosmology's unless given. It
         shifts no expectation. [km/s/Mpc]

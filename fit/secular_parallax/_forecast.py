@@ -35,7 +35,8 @@ def predict_errors(
     Parameters
     ----------
     sources, sigma
-        As for `fit.correlation.predict_covariance`, with redshifts: true ones unless the sources or the options say another frame.
+        As for `fit.correlation.predict_covariance`, with redshifts: true ones unless the sources or the options say
+        another frame.
     hubble : float
         For the velocity, and the scale of H0's error [km/s/Mpc]
     velocity

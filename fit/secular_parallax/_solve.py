@@ -88,9 +88,9 @@ class LocalGroup:
 
         c = Dᵀ (D Dᵀ + Σ)⁻¹ V,   P = (1 + Dᵀ Σ⁻¹ D)⁻¹,
 
-    D the modes where we are and Σ what else there is in V. The motions tell amplitudes times h = H0/H_ref, so that their
-    mean is h c; P stands for H_ref, as all variances of the flow. This is linear in h, and the Group's speed by itself
-    says nothing of H0: had h been taken as known, or V as drawn from flows of known size, H_ref would come back.
+    D the modes where we are and Σ what else there is in V. The motions tell amplitudes times h = H0/H_ref, so that
+    their mean is h c; P stands for H_ref, as all variances of the flow. This is linear in h, and the Group's speed by
+    itself says nothing of H0: had h been taken as known, or V as drawn from flows of known size, H_ref would come back.
     """
 
     modes: FlowModes
@@ -168,9 +168,9 @@ def solve_for(
 ) -> dict[str, Any]:
     """Least squares for θ with (u, ã, ω[, v]) = to_u θ: the spin fixed, free or none, the flow marginalised.
 
-    `to_u` is (9 or 12, p), `ratio` H0/H_ref in the weights, `group` a measurement of the flow where we are, `velocity` ours
-    where H0 is the first of θ; `left_out` are the sums with the columns of a flow that the fit leaves out. Returns what a
-    solution is made with.
+    `to_u` is (9 or 12, p), `ratio` H0/H_ref in the weights, `group` a measurement of the flow where we are, `velocity`
+    ours where H0 is the first of θ; `left_out` are the sums with the columns of a flow that the fit leaves out. Returns
+    what a solution is made with.
     """
     width = 9 if velocity is None else 12
     sums = with_acceleration(sums, acceleration, rows.frame)

@@ -171,9 +171,9 @@ def expansion(solution: HarmonicSolution, *, hubble: float = 70.0) -> Shear:
     Parameters
     ----------
     solution : Solution
-        To degree 2 at least. Its errors are taken as they are: of a robust fit where some are wrong, of a fit with a floor
-        (`fit.background.floor`) where sources share some. The toroidal part of degree 2 is no expansion, and as large only
-        if neither is one.
+        To degree 2 at least. Its errors are taken as they are: of a robust fit where some are wrong, of a fit with a
+        floor (`fit.background.floor`) where sources share some. The toroidal part of degree 2 is no expansion, and as
+        large only if neither is one.
     hubble : float
         To which rates are compared. [km/s/Mpc]
 

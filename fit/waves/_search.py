@@ -221,9 +221,9 @@ def search(
 
     Notes
     -----
-    2F = gᵀF⁻¹g of the coefficients, with all others free: the F-statistic of pulsar timing (Babak & Sesana 2012, PRD 85,
-    044034). Of noise alone χ² with two degrees of freedom in any one direction. A wave at the limit of what is
-    seen is found within some 30° of its direction or its opposite's ring: low degrees resolve no more. Errors that sources
+    2F = gᵀF⁻¹g of the coefficients, with all others free: the F-statistic of pulsar timing (Babak & Sesana 2012, PRD
+    85, 044034). Of noise alone χ² with two degrees of freedom in any one direction. A wave at the limit of what is seen
+    is found within some 30° of its direction or its opposite's ring: low degrees resolve no more. Errors that sources
     share pass for waves, as any field of low degree does: see what `fit.background.floor` says first.
     """
     equations = equations_of(normal)
@@ -253,16 +253,16 @@ def search_in_time(
 ) -> WaveSearch:
     """Look for one gravitational wave of a frequency within the mission, in positions along scan.
 
-    Each source keeps five parameters of its own, and the frame a rotation and a glide that swing at the frequency; what is
-    left is compared with a wave from every direction, its two polarisations with cosine and sine of time.
+    Each source keeps five parameters of its own, and the frame a rotation and a glide that swing at the frequency; what
+    is left is compared with a wave from every direction, its two polarisations with cosine and sine of time.
 
     Parameters
     ----------
     observations : Observations
         Observations as `vsh.io.epochs.read_observations` gives them.
     frequency : float
-        Frequency of the wave. Below about one cycle in the time that they span, positions and motions of the sources take all of
-        it. [1/yr]
+        Frequency of the wave. Below about one cycle in the time that they span, positions and motions of the sources
+        take all of it. [1/yr]
     lmax : int
         The highest degree; a wave has 99 % of its power up to 5.
     nside : int
@@ -286,13 +286,14 @@ def search_in_time(
 
     Notes
     -----
-    The response is that of a wave much shorter than the distances of the sources (Book & Flanagan 2011), and much longer
-    than the time from one field of view to the other. 2F of noise is χ² with four degrees of freedom in one direction;
-    the p-value is of all directions at this frequency: of several that are tried, it is to be multiplied by their number.
+    The response is that of a wave much shorter than the distances of the sources (Book & Flanagan 2011), and much
+    longer than the time from one field of view to the other. 2F of noise is χ² with four degrees of freedom in one
+    direction; the p-value is of all directions at this frequency: of several that are tried, it is to be multiplied by
+    their number.
 
-    Amplitudes and limits are those of an attitude that is known from elsewhere. Where the attitude was solved from the same
-    sky, as in Gaia's releases, it takes a part of the wave up: of waves put into such a solution 0.49 to 0.62 of the
-    amplitude is found, and the "95 %" limit is 0.50 to 0.64 of the true one. A p-value of noise stays what it is.
+    Amplitudes and limits are those of an attitude that is known from elsewhere. Where the attitude was solved from the
+    same sky, as in Gaia's releases, it takes a part of the wave up: of waves put into such a solution 0.49 to 0.62 of
+    the amplitude is found, and the "95 %" limit is 0.50 to 0.64 of the true one. A p-value of noise stays what it is.
     """
     arguments.a(Observations)("observations", observations)
     modes = as_modes(lmax)

@@ -21,8 +21,8 @@ from vsh.tools.types import FloatArray, PathName
 class Iteration:
     """(S − C A⁻¹ Cᵀ) x = r step by step, for several right-hand sides at once.
 
-    Sources and attitude solved in turn are a simple iteration with the preconditioner S⁻¹; with conjugate directions they are
-    conjugate gradients with Gauss–Seidel's. The part of x along the null space stays what it was.
+    Sources and attitude solved in turn are a simple iteration with the preconditioner S⁻¹; with conjugate directions
+    they are conjugate gradients with Gauss–Seidel's. The part of x along the null space stays what it was.
     """
 
     def __init__(self, equations: Any, r: FloatArray, conjugate: bool = True) -> None:

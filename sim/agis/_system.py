@@ -8,7 +8,8 @@ An observation of source i at time t, under the position angle ψ, is
 
 with δu = p (Δα* + µ_α* t) + q (Δδ + µ_δ t) + ϖ f and the attitude's error ε(t) a spline along the axes of the sky
 (Lindegren et al. 2012, A&A 538, A78, linearised). The normal equations [S C; Cᵀ A] have blocks of five rows for each
-source in S, and a band of twelve in A. A is factored once; what is left for the sources is (S − C A⁻¹ Cᵀ) x = g_s − C A⁻¹ g_a.
+source in S, and a band of twelve in A. A is factored once; what is left for the sources is (S − C A⁻¹ Cᵀ) x = g_s − C
+A⁻¹ g_a.
 """
 
 from __future__ import annotations
@@ -219,7 +220,8 @@ class ExactErrors(Equations):
     ) -> FloatArray:
         """Covariance that the same fit really has, with all that sources share through the attitude; exact, without noise drawn.
 
-        A solve by conjugate gradients for each mode: their running sum is a lower bound of the variance that only grows.
+        A solve by conjugate gradients for each mode: their running sum is a lower bound of the variance that only
+        grows.
         """
         fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
         g = fit.functionals(np.arange(len(fit.modes)))
@@ -333,16 +335,17 @@ class System(ExactErrors):
     Raises
     ------
     DegeneracyError
-        If nothing is measured across the scan and there is no prior, if there are more unknowns than observations, if no
-        source has transits enough; or if a coefficient of the attitude is not determined, which the message names.
+        If nothing is measured across the scan and there is no prior, if there are more unknowns than observations, if
+        no source has transits enough; or if a coefficient of the attitude is not determined, which the message names.
     ParameterError
         If a number is not above zero, the memory would not do, or numba is missing and needed.
 
     Notes
     -----
-    Errors of what is fitted to the sources hold for this model: observations independent of each other with the errors that
-    were given, an attitude that is a spline with these knots, and nothing else unknown. `formal_covariance` takes the
-    attitude for known, as catalogues and `sim.observe` with a mission's `attitude` in µas do; `true_covariance` does not.
+    Errors of what is fitted to the sources hold for this model: observations independent of each other with the errors
+    that were given, an attitude that is a spline with these knots, and nothing else unknown. `formal_covariance` takes
+    the attitude for known, as catalogues and `sim.observe` with a mission's `attitude` in µas do; `true_covariance`
+    does not.
 
     Examples
     --------
@@ -436,8 +439,8 @@ class System(ExactErrors):
         known : (coefficients, 3) array, optional
             Mean of the prior on the attitude (default: zero); needs `System(prior=…)`. [µas]
         first : {"sources", "attitude"}
-            The block that is updated first. If the starting values are worse for the sources than for the attitude, take
-            the sources: their errors are removed in the first update.
+            The block that is updated first. If the starting values are worse for the sources than for the attitude,
+            take the sources: their errors are removed in the first update.
         method : {"conjugate", "simple"}
             Conjugate gradients, or sources and attitude updated in turn, which converges slowly.
         iterations : int

@@ -151,8 +151,7 @@ def peculiar(
     rng : Generator or int
         Drawn from once, here: the same signal gives the same sky again.
     length : float, optional
-        Velocities r apart are correlated by exp(−r²/(2 length²));
-        independent unless given [Mpc]
+        Velocities r apart are correlated by exp(−r²/(2 length²)); independent unless given [Mpc]
     flow : "linear", LinearTheory or VelocityGrid, optional
         Add the flow of linear theory, with Planck's power spectrum or another; or a given one.
     exact : bool
@@ -238,8 +237,7 @@ def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None,
     Parameters
     ----------
     velocity : (3,) array
-        Ours with respect to the background, towards the apex, along the
-        axes of the frame [km/s]
+        Ours with respect to the background, towards the apex, along the axes of the frame [km/s]
     cosmology : astropy cosmology, optional
         Flat, Ω_m = 0.315, H0 = 67.3 unless given.
     hubble : float, optional

@@ -215,9 +215,8 @@ def anisotropic_expansion(shear: ArrayLike) -> Signal:
 def off_centre_void(direction: ArrayLike, amplitude: float = 0.02, peak: float = 1.0) -> Signal:
     """We are off the centre of a large void: a dipole that grows with redshift and fades again.
 
-    µ = A f(z) (e − (e·r) r), f = (z/z_p) e^{1 − z/z_p}. The amplitude is that of Bachchan et al.
-    (2016, Table 1); the profile is a description of theirs ("increases at high z, decreases at
-    very high z"), not the solution of a model.
+    µ = A f(z) (e − (e·r) r), f = (z/z_p) e^{1 − z/z_p}. The amplitude is that of Bachchan et al. (2016, Table 1); the
+    profile is a description of theirs ("increases at high z, decreases at very high z"), not the solution of a model.
 
     Parameters
     ----------
@@ -334,8 +333,8 @@ def plane_wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
     direction : (3,) array
         Where it travels to, along the axes of the frame; of any length. Its source is on the other side of the sky.
     plus, cross : float
-        Rates of the strain in two polarisations: south–south less east–east at `direction`, and south–east. A strain h of
-        frequency f has 2πf h; 1 µas/yr is h = 2.4e-11 at 1 nHz (`vsh.models.waves.strain_of`). [µas/yr]
+        Rates of the strain in two polarisations: south–south less east–east at `direction`, and south–east. A strain h
+        of frequency f has 2πf h; 1 µas/yr is h = 2.4e-11 at 1 nHz (`vsh.models.waves.strain_of`). [µas/yr]
 
     Raises
     ------
@@ -344,8 +343,8 @@ def plane_wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
 
     Notes
     -----
-    Pyne et al. (1996, ApJ 465, 566), Book & Flanagan (2011, PRD 83, 024024), eq. 58; only what happens at the Earth, which
-    all sources share. ∫|V|² dΩ = (2π/3)(plus² + cross²).
+    Pyne et al. (1996, ApJ 465, 566), Book & Flanagan (2011, PRD 83, 024024), eq. 58; only what happens at the Earth,
+    which all sources share. ∫|V|² dΩ = (2π/3)(plus² + cross²).
 
     Examples
     --------

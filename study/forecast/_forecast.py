@@ -26,7 +26,8 @@ from vsh.tools.notebook import InNotebook
 from vsh.tools.types import Rng, Table
 from vsh.tools.units import AU_PER_YEAR, hubble_rate
 
-#: So many stand for all: so many quasars; of galaxies the nearest and every tenth of the rest, fewer where flows are unknowns.
+#: So many stand for all: so many quasars; of galaxies the nearest and every tenth of the rest, fewer where flows are
+#: unknowns.
 _QUASARS, _GALAXIES, _NEAREST, _EVERY, _IN_FLOWS = 5000, 100_000, 4000, 20, 2000
 #: The highest degree that is looked at.
 _DEGREES = 400
@@ -123,7 +124,8 @@ def forecast_surveys(
     flows : bool
         Velocity and H0 with flows as unknowns, too.
     rng : Generator or int
-        Random numbers of galaxies, and of places on a sky that is not uniform; errors move with it by a per cent or two.
+        Random numbers of galaxies, and of places on a sky that is not uniform; errors move with it by a per cent or
+        two.
 
     Raises
     ------
@@ -132,8 +134,9 @@ def forecast_surveys(
 
     Notes
     -----
-    5000 quasars, and some 9000 of 100 000 galaxies (2000 with flows), stand for all, with errors that carry the same information; covariances are those
-    of fits to degree 2. Direction, V0, R0 and Ω hold the floor of the survey. "Degrees": to which a field with the power of DR3's systematics at large angles (Lindegren et al.
+    5000 quasars, and some 9000 of 100 000 galaxies (2000 with flows), stand for all, with errors that carry the same
+    information; covariances are those of fits to degree 2. Direction, V0, R0 and Ω hold the floor of the survey.
+    "Degrees": to which a field with the power of DR3's systematics at large angles (Lindegren et al.
     2021) stands above the noise, kind by kind. Waves: what noise alone gives with 95 % in degree 2; one wave: the error of
     its rate when its direction is known.
     """

@@ -88,7 +88,8 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
 def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> Iterator[Path]:
     """A folder to write results to, which takes the place of --output when all of them are written.
 
-    It holds, besides, the configuration that repeats the run (`run.toml`), whom to cite for it, and where it comes from.
+    It holds, besides, the configuration that repeats the run (`run.toml`), whom to cite for it, and where it comes
+    from.
     """
     check_folder(options.output, options.program, options.overwrite)
     Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)

@@ -454,7 +454,8 @@ def flow_modes(
     nearest, farthest : float
         Limits of the distances. Sources beyond 600 Mpc/h count as having independent peculiar velocities. [Mpc/h]
     n_modes : int
-        The largest number of modes. Each radial function contributes all 2l + 1 orders of its degree, so there may be fewer.
+        The largest number of modes. Each radial function contributes all 2l + 1 orders of its degree, so there may be
+        fewer.
     theory : LinearTheory
         Power spectrum of matter and growth rate (default: Planck 2018).
     max_degree : int
@@ -467,8 +468,8 @@ def flow_modes(
 
     Notes
     -----
-    The first three modes are the bulk flow, the first function of degree 1. For 500 galaxies between 6 and 90 Mpc/h, the
-    covariance from 250, 500 and 1000 modes differs from the exact one by 3, 2 and 1 % in Frobenius norm.
+    The first three modes are the bulk flow, the first function of degree 1. For 500 galaxies between 6 and 90 Mpc/h,
+    the covariance from 250, 500 and 1000 modes differs from the exact one by 3, 2 and 1 % in Frobenius norm.
     """
     if not nearest < farthest:
         raise ParameterError(f"farthest ({farthest:g} Mpc/h) must exceed nearest ({nearest:g} Mpc/h)")

@@ -1,7 +1,7 @@
 """The gate for everything that is written: files and folders are whole or not there, and nothing of somebody else's is replaced.
 
-A file is ours where it carries the mark that all our writers leave in it, or where this process wrote it. What a run reads is
-never written to (`reading`), and what two processes must not write at once is locked (`exclusive`).
+A file is ours where it carries the mark that all our writers leave in it, or where this process wrote it. What a run
+reads is never written to (`reading`), and what two processes must not write at once is locked (`exclusive`).
 """
 
 from __future__ import annotations
@@ -52,9 +52,8 @@ _LOCK = f"{UNFINISHED}lock-"
 def atomic_write(path: PathName) -> Iterator[Path]:
     """A name to write a new file under, which takes the place of `path` once it is complete.
 
-    A process killed at any moment leaves the old file or the new one, never a part of either; any
-    number of writers may write to one path at once, and one of them wins. A link stays a link: the
-    file it names is replaced.
+    A process killed at any moment leaves the old file or the new one, never a part of either; any number of writers may
+    write to one path at once, and one of them wins. A link stays a link: the file it names is replaced.
     """
     path = Path(os.path.realpath(path))
     check_not_read(path)

@@ -164,10 +164,9 @@ def map_blocks(
 ) -> Iterator[T]:
     """Yield function(slice) for consecutive slices of `size` out of `n`, in order.
 
-    NumPy lets go of the interpreter inside its loops, so threads suffice. The blocks share
-    the cores, so BLAS is held to one thread meanwhile: left alone, the two fight for the
-    cores and a sum takes ten times as long. At most two results a thread are waiting at any
-    time, however many blocks there are.
+    NumPy lets go of the interpreter inside its loops, so threads suffice. The blocks share the cores, so BLAS is held
+    to one thread meanwhile: left alone, the two fight for the cores and a sum takes ten times as long. At most two
+    results a thread are waiting at any time, however many blocks there are.
 
     Examples
     --------

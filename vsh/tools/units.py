@@ -1,7 +1,6 @@
 """The few constants between the outside and (rad, µas/yr).
 
-Each is the product of defining constants: the astronomical unit (IAU 2012 B2), the
-Julian year and the speed of light.
+Each is the product of defining constants: the astronomical unit (IAU 2012 B2), the Julian year and the speed of light.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ Each follows a part of the transits in one thread, lets go of the interpreter, a
 adds them up in the order of the parts gets the same bits from any number of threads. Several vectors go through one
 pass as the last axis, of length K; `lengths` is a tuple of K nothings, so that K is known when the loop is compiled.
 
-Transits are the columns of `Scans`, the table of the sources, and the knots' spacing and the middle of the mission. Indices
-are unsigned, which spares a look for negative ones: a quarter of the time.
+Transits are the columns of `Scans`, the table of the sources, and the knots' spacing and the middle of the mission.
+Indices are unsigned, which spares a look for negative ones: a quarter of the time.
 """
 
 from __future__ import annotations

@@ -30,13 +30,15 @@ from vsh.tools.units import JULIAN_YEAR
 
 #: Parts that the transits are cut into for threads: fixed, so that their number changes no bit of a sum.
 PARTS = 8
-#: Bytes: of a transit while transits are sorted and afterwards; of a source; of a source and right-hand side; of a coefficient.
+#: Bytes: of a transit while transits are sorted and afterwards; of a source; of a source and right-hand side; of a
+#: coefficient.
 _SORTING, _TRANSIT, _SOURCE, _COLUMN, _COEFFICIENT = 60, 64, 1440, 40 * (PARTS + 8), 3 * (12 + 5) * 8
 #: Bytes of a transit as it is kept.
 _KEPT = 28
 #: And of the libraries. [bytes]
 _BASE = 3e8
-#: CPU seconds (of a 2 GHz server core): of a million transits to follow, and for an iteration; of a million coefficients to solve for.
+#: CPU seconds (of a 2 GHz server core): of a million transits to follow, and for an iteration; of a million
+#: coefficients to solve for.
 _FOLLOW, _ITERATE, _SOLVE = 4.0, 0.085, 0.3
 #: Sources whose transits are counted for the estimate.
 _SAMPLE = 300

@@ -79,8 +79,8 @@ class AgisSolution(Frozen):
     ) -> Field:
         """The motions, or the position offsets, of some sources with the errors that would be quoted.
 
-        Quoted errors are those of each source for itself, as catalogues have them: sources that share a piece of the attitude
-        share errors that these do not tell. `System.true_covariance` does.
+        Quoted errors are those of each source for itself, as catalogues have them: sources that share a piece of the
+        attitude share errors that these do not tell. `System.true_covariance` does.
 
         Parameters
         ----------
@@ -157,8 +157,8 @@ def rotate_frame(
 ) -> tuple[AgisSolution, FloatArray, FloatArray]:
     """The frame rotator that ends a solution: ε₀ from radio positions, ω with a glide from motions of quasars.
 
-    As Bachchan, Hobbs & Lindegren (2016, section 4): positions of VLBI quasars are known with an error, motions of quasars
-    are zero but for a glide and a scatter of their own.
+    As Bachchan, Hobbs & Lindegren (2016, section 4): positions of VLBI quasars are known with an error, motions of
+    quasars are zero but for a glide and a scatter of their own.
     """
     arguments.a(AgisSolution)("solution", solution)
     offsets, sigma = [], []

@@ -22,7 +22,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 #: A column of a journal, 9 cm. [inch]
 WIDTH = 3.54
-#: Classes that everybody can tell apart (Okabe & Ito 2008), the three axes first; tests/vsh/figures/plot/test_colours.py.
+#: Classes that everybody can tell apart (Okabe & Ito 2008), the three axes first;
+#: tests/vsh/figures/plot/test_colours.py.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#000000", "#e69f00")
 KIND_COLOURS = {"T": COLOURS[1], "S": COLOURS[0], "F": COLOURS[0]}
 KIND_NAMES = {"T": "toroidal", "S": "spheroidal", "F": "scalar"}

@@ -83,9 +83,9 @@ def query(
     Raises
     ------
     ArchiveError
-        If the server cannot be reached, refuses the query, ends the job with an error, is too slow, or does not send a whole
-        table; if the answer was cut off at a limit, or is too large; if the file is the answer to another query, of another
-        service, or not as it was fetched. What was asked for is kept: the same call goes on where it was.
+        If the server cannot be reached, refuses the query, ends the job with an error, is too slow, or does not send a
+        whole table; if the answer was cut off at a limit, or is too large; if the file is the answer to another query,
+        of another service, or not as it was fetched. What was asked for is kept: the same call goes on where it was.
     WriteError
         If another process fetches the same file.
 
@@ -426,8 +426,8 @@ def _solved(release, prefix="g"):
     return f"{prefix}.{release.solution} IN ({', '.join(map(str, release.accepted))})"
 
 
-#: The 1.6 million quasars of Gaia-CRF3 (Gaia Collaboration, Klioner et al. 2022, A&A 667, A148), five- and six-parameter
-#: solutions, with the redshifts of DR3's own quasar module where there are any.
+#: The 1.6 million quasars of Gaia-CRF3 (Gaia Collaboration, Klioner et al. 2022, A&A 667, A148), five- and
+#: six-parameter solutions, with the redshifts of DR3's own quasar module where there are any.
 GAIA_CRF3 = f"""\
 SELECT {_listed(DR3)}, q.redshift_qsoc, f.used_for_reference_frame_spin
 FROM gaiadr3.gaia_source AS g
@@ -435,7 +435,8 @@ JOIN (SELECT DISTINCT source_id FROM gaiadr3.agn_cross_id) AS c ON g.source_id =
 LEFT JOIN gaiadr3.qso_candidates AS q ON g.source_id = q.source_id
 LEFT JOIN gaiadr3.frame_rotator_source AS f ON g.source_id = f.source_id
 WHERE {_solved(DR3)}"""
-#: The same sources as EDR3 had them: those of the acceleration paper (Gaia Collaboration, Klioner et al. 2021, A&A 649, A9).
+#: The same sources as EDR3 had them: those of the acceleration paper (Gaia Collaboration, Klioner et al. 2021, A&A 649,
+#: A9).
 GAIA_EDR3_QSO = f"""\
 SELECT {_listed(DR3)}, f.used_for_reference_frame_spin
 FROM gaiaedr3.gaia_source AS g

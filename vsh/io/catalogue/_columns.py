@@ -53,8 +53,8 @@ class Columns(InNotebook):
 
 #: Gaia's archive names.
 GAIA = Columns()
-#: Sets of names that are called by one: the archive's, those of VizieR's tables of Gaia (I/355/gaiadr3, I/350/gaiaedr3), and those that
-#: the IERS's lists of ICRF2 and ICRF3 are given, where they are read as tables.
+#: Sets of names that are called by one: the archive's, those of VizieR's tables of Gaia (I/355/gaiadr3,
+#: I/350/gaiaedr3), and those that the IERS's lists of ICRF2 and ICRF3 are given, where they are read as tables.
 NAMED = {
     "gaia": GAIA,
     "vizier": Columns(

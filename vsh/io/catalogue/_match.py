@@ -182,8 +182,7 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     Raises
     ------
     TableError
-        If the file cannot be read, holds no such lines, or one of them is damaged; the message
-        names the line.
+        If the file cannot be read, holds no such lines, or one of them is damaged; the message names the line.
     """
     if name not in ("icrf", "iers"):
         raise TableError(f"sources are named by icrf or iers, not {name!r}")

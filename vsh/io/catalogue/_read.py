@@ -70,21 +70,22 @@ def read_field(
         Where the table keeps what; Gaia's archive names unless given. A dict goes from roles to names, with "names"
         for one of these sets that it changes: {"names": "vizier", "redshift": "zsp"}.
     units : dict, optional
-        From column names of the table to units, "uas/yr" say; they override the table's.
-        A column without a unit is taken in Gaia's (deg, mas/yr) if it has Gaia's name,
-        and a note says so.
+        From column names of the table to units, "uas/yr" say; they override the table's. A column without a unit is
+        taken in Gaia's (deg, mas/yr) if it has Gaia's name, and a note says so.
     on_bad : {"raise", "drop"}
         What to do about rows that cannot be used.
     frame : {"icrs", "galactic", "ecliptic"}, optional
         Axes of positions and motions; ICRS unless given. Columns called l, b, glon, … in place of ra and
         dec ask for it.
     roles : iterable of str
-        Those of name, redshift, magnitude, redshift_error, distance, distance_error that are wanted: what is not read takes no time.
+        Those of name, redshift, magnitude, redshift_error, distance, distance_error that are wanted: what is not read
+        takes no time.
     where : str, optional
         A condition on the table's columns, in its units: "phot_g_mean_mag < 19 and 0.5 < redshift < 2"; see
         `vsh.io.tables.Where`. Rows with a missing value in it are not selected; a note counts all that are left out.
     format : str, optional
-        Format of a file whose ending does not tell it: fits, votable, ecsv, mrt, csv, parquet, hdf5, cds, ascii or icrf.
+        Format of a file whose ending does not tell it: fits, votable, ecsv, mrt, csv, parquet, hdf5, cds, ascii or
+        icrf.
 
     Returns
     -------

@@ -4,8 +4,8 @@ Lindegren et al. (2012, A&A 538, A78), sect. 3.6 and 5.1.2: a position at time t
 
     w = (Δα* + µ_α* t) sin ψ + (Δδ + µ_δ t) cos ψ + f_ϖ ϖ,
 
-observations far from the fit have less weight, and what scatter is left is an excess noise of the source. The two depend
-on each other and are found in turn.
+observations far from the fit have less weight, and what scatter is left is an excess noise of the source. The two
+depend on each other and are found in turn.
 """
 
 from __future__ import annotations

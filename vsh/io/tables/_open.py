@@ -32,8 +32,7 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     Parameters
     ----------
     source : path of a file or a folder of files, astropy Table, pandas DataFrame (or a class made from
-        it), an object with `__arrow_c_stream__` (pyarrow, polars, DuckDB), dict or structured array
-        The table.
+        it), an object with `__arrow_c_stream__` (pyarrow, polars, DuckDB), dict or structured array The table.
     format : str, optional
         Format of a file by its name in `vsh.tools.formats.FORMATS`; its ending or its first bytes tell it unless given.
 

@@ -28,8 +28,7 @@ def transverse_distance(
     redshift : (n,) array
         One for each source.
     cosmology : astropy cosmology, optional
-        Its shape; its H0 too unless `hubble` is given;
-        flat, Ω_m = 0.315, H0 = 67.3 unless given.
+        Its shape; its H0 too unless `hubble` is given; flat, Ω_m = 0.315, H0 = 67.3 unless given.
     hubble : float, optional
         H0, to which distances are inversely proportional [km/s/Mpc]
 
@@ -116,8 +115,8 @@ def hubble_value(cosmology: Cosmology) -> float:
 def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> FloatArray:
     """By what sources move more by our own motion than at the same transverse distance in flat space: d_M/d_P, (n,).
 
-    Our velocity moves a source by v/d_P with d_P = d_M/√(1 + Ω_k (d_M H0/c)²), its own by v/d_M (Weinberg 1972, Gravitation and
-    Cosmology, sect. 14.4).
+    Our velocity moves a source by v/d_P with d_P = d_M/√(1 + Ω_k (d_M H0/c)²), its own by v/d_M (Weinberg 1972,
+    Gravitation and Cosmology, sect. 14.4).
 
     Examples
     --------
