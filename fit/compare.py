@@ -225,9 +225,14 @@ def compare_catalogues(
     fitted = differences[kept]
     sources = [_with_own_errors(each, chosen[kept], fitted) for each, chosen in ((a, pairs.a), (b, pairs.b))]
     comparison = FrameComparison(
-        (labels[0], labels[1]), solution, tuple(str(called[i]) for i in order), differences.motion[:, order].T, far[order],
-        solution.quality.factor, correlation_matrices(sources, modes.lmax, labels=list(labels)),
-    )  # fmt: skip
+        (labels[0], labels[1]),
+        solution,
+        tuple(str(called[i]) for i in order),
+        differences.motion[:, order].T,
+        far[order],
+        solution.quality.factor,
+        correlation_matrices(sources, modes.lmax, labels=list(labels)),
+    )
     return comparison, fitted
 
 

@@ -41,8 +41,11 @@ class NamedSolution(LinearSolution):
             "sigma": self.sigma,
             "covariance": self.covariance,
         }
-        rest = {entry.name: encoded(getattr(self, entry.name)) for entry in fields(self)
-                if entry.name not in ("names", "values", "covariance")}  # fmt: skip
+        rest = {
+            entry.name: encoded(getattr(self, entry.name))
+            for entry in fields(self)
+            if entry.name not in ("names", "values", "covariance")
+        }
         return columns, {"fields": rest}, {}
 
     @classmethod

@@ -293,9 +293,11 @@ class Run:
         self, model: Any, begin: FloatArray, seed: int, steps: int, progress: bool, save_every: float, most: int = 0
     ) -> None:
         self.sampler = emcee.EnsembleSampler(
-            *begin.shape, model.log_probability, vectorize=True,
+            *begin.shape,
+            model.log_probability,
+            vectorize=True,
             moves=[(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
-        )  # fmt: skip
+        )
         first = model.log_probability(begin)
         if not np.isfinite(first).all():
             raise ParameterError(f"{(~np.isfinite(first)).sum()} of {len(begin)} walkers would start at zero density")

@@ -337,12 +337,23 @@ class Solution(HarmonicSolution):
 
     def _pack(self):
         columns = coefficient_columns(self.modes) | {
-            "value": self.coefficients.values, "sigma": self.sigma, "covariance": self.covariance,
-        }  # fmt: skip
-        rest = {"lmax": self.modes.lmax, "chi2": exact(self.chi2), "n_data": int(self.n_data), "frame": self.frame,
-                "notes": list(map(str, self.notes)), "errors_from": self.errors_from,
-                "covariance_dof": exact(self.covariance_dof), "by_prior": exact(self.by_prior), "unshrunk": encoded(self.unshrunk),
-                "unit": self.unit, "floor": encoded(self.floor)}  # fmt: skip
+            "value": self.coefficients.values,
+            "sigma": self.sigma,
+            "covariance": self.covariance,
+        }
+        rest = {
+            "lmax": self.modes.lmax,
+            "chi2": exact(self.chi2),
+            "n_data": int(self.n_data),
+            "frame": self.frame,
+            "notes": list(map(str, self.notes)),
+            "errors_from": self.errors_from,
+            "covariance_dof": exact(self.covariance_dof),
+            "by_prior": exact(self.by_prior),
+            "unshrunk": encoded(self.unshrunk),
+            "unit": self.unit,
+            "floor": encoded(self.floor),
+        }
         return columns, rest, self._units
 
     @property
@@ -363,9 +374,20 @@ class Solution(HarmonicSolution):
     def _plain(cls, columns, rest):
         """What every solution is made of, in the order of its attributes."""
         coefficients = cls._coefficients(rest["lmax"], columns["value"])
-        return (coefficients, columns["covariance"], number(rest["chi2"]), count(rest["n_data"]), check_frame(rest["frame"]),
-                words(rest["notes"]), str(rest["errors_from"]), number(rest["covariance_dof"]), number(rest["by_prior"]), decoded(rest["unshrunk"]),
-                str(rest["unit"]), decoded(rest.get("floor")))  # fmt: skip
+        return (
+            coefficients,
+            columns["covariance"],
+            number(rest["chi2"]),
+            count(rest["n_data"]),
+            check_frame(rest["frame"]),
+            words(rest["notes"]),
+            str(rest["errors_from"]),
+            number(rest["covariance_dof"]),
+            number(rest["by_prior"]),
+            decoded(rest["unshrunk"]),
+            str(rest["unit"]),
+            decoded(rest.get("floor")),
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

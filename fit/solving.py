@@ -93,9 +93,13 @@ def solve(
         # The difference of two numbers that are equal to eleven digits.
         chi2, notes = max(chi2, 0.0), (*notes, _LOST)
     about: dict[str, Any] = {
-        "covariance": (covariance + covariance.T) / 2, "chi2": chi2, "n_data": normal.n_data,
-        "frame": normal.frame or "icrs", "notes": notes, "by_prior": by_prior,
-    }  # fmt: skip
+        "covariance": (covariance + covariance.T) / 2,
+        "chi2": chi2,
+        "n_data": normal.n_data,
+        "frame": normal.frame or "icrs",
+        "notes": notes,
+        "by_prior": by_prior,
+    }
     if isinstance(normal.modes, ScalarModes):
         return ScalarSolution(ScalarCoefficients(normal.modes, values), **about, unit=normal.unit or "")
     return Solution(Coefficients(normal.modes, values), **about, unit=normal.unit or "µas/yr")

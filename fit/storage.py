@@ -127,9 +127,12 @@ def coefficient_columns(modes: Modes) -> dict[str, list[Any]]:
     """The columns that name each coefficient."""
     each = list(modes)
     return {
-        "coefficient": [str(mode) for mode in each], "kind": [mode.kind for mode in each],
-        "l": [mode.l for mode in each], "m": [mode.m for mode in each], "part": [mode.part or "-" for mode in each],
-    }  # fmt: skip
+        "coefficient": [str(mode) for mode in each],
+        "kind": [mode.kind for mode in each],
+        "l": [mode.l for mode in each],
+        "m": [mode.m for mode in each],
+        "part": [mode.part or "-" for mode in each],
+    }
 
 
 def exact(x: Any) -> str:

@@ -99,12 +99,20 @@ def crf3(
     sigma = deviation[pixel].T * size
     motion = (truth(lon, lat) + drawn[1:]) / MAS
     columns = {
-        "source_id": _identifiers(lon, lat), "ra": np.degrees(lon), "dec": np.degrees(lat),
-        "parallax": ZERO_POINT + drawn[0] / MAS, "parallax_error": sigma[0] / MAS, "pmra": motion[0], "pmdec": motion[1],
-        "pmra_error": sigma[1] / MAS, "pmdec_error": sigma[2] / MAS, "parallax_pmra_corr": correlation[pixel, 0, 1],
-        "parallax_pmdec_corr": correlation[pixel, 0, 2], "pmra_pmdec_corr": correlation[pixel, 1, 2],
+        "source_id": _identifiers(lon, lat),
+        "ra": np.degrees(lon),
+        "dec": np.degrees(lat),
+        "parallax": ZERO_POINT + drawn[0] / MAS,
+        "parallax_error": sigma[0] / MAS,
+        "pmra": motion[0],
+        "pmdec": motion[1],
+        "pmra_error": sigma[1] / MAS,
+        "pmdec_error": sigma[2] / MAS,
+        "parallax_pmra_corr": correlation[pixel, 0, 1],
+        "parallax_pmdec_corr": correlation[pixel, 0, 2],
+        "pmra_pmdec_corr": correlation[pixel, 1, 2],
         "astrometric_params_solved": np.where(six, 95, 31).astype(np.int16),
-    }  # fmt: skip
+    }
     return _table(columns | _light(rest, six, magnitude))
 
 
@@ -226,13 +234,19 @@ def epochs(
     from vsh.io import tables
 
     columns = {
-        "source_id": source.astype(np.int64) + 1, "transit_id": np.arange(len(source), dtype=np.int64),
-        "obs_time_tcb": (at_sun - early).astype(np.int64), "obs_time_bary_corr": early[:, 0].astype(np.int64),
-        "centroid_pos_al": centroid / MAS, "centroid_pos_error_al": sigma / MAS,
-        "scan_pos_angle": np.degrees(transits.angle), "parallax_factor_al": transits.parallax_factor,
-        "used_by_agis_al": np.ones(shape, bool), "ra0": np.degrees(population.lon[source]),
-        "dec0": np.degrees(population.lat[source]), "agis_source_excess_noise": np.zeros(len(source)),
-    }  # fmt: skip
+        "source_id": source.astype(np.int64) + 1,
+        "transit_id": np.arange(len(source), dtype=np.int64),
+        "obs_time_tcb": (at_sun - early).astype(np.int64),
+        "obs_time_bary_corr": early[:, 0].astype(np.int64),
+        "centroid_pos_al": centroid / MAS,
+        "centroid_pos_error_al": sigma / MAS,
+        "scan_pos_angle": np.degrees(transits.angle),
+        "parallax_factor_al": transits.parallax_factor,
+        "used_by_agis_al": np.ones(shape, bool),
+        "ra0": np.degrees(population.lon[source]),
+        "dec0": np.degrees(population.lat[source]),
+        "agis_source_excess_noise": np.zeros(len(source)),
+    }
     return tables.table_of(columns, {"REFEPOCH": EPOCH, "RELEASE": "simulated DR4 epoch astrometry"}, _EPOCH_UNITS)
 
 

@@ -260,9 +260,16 @@ def _solved_together(population, rng, mission, variability, excess_noise, quote,
         )
     error = mission.transit_error(population.magnitude, excess_noise)
     solution, system, notes = solve_mission(
-        mission.scanning_law, population.lon, population.lat, error, rng,
-        variability=variability, knots=mission.knots, threads=threads, progress=progress,
-    )  # fmt: skip
+        mission.scanning_law,
+        population.lon,
+        population.lat,
+        error,
+        rng,
+        variability=variability,
+        knots=mission.knots,
+        threads=threads,
+        progress=progress,
+    )
     keep = solution.solved
     note = f"simulated: {len(system.scans)} transits in {mission.years:g} years, errors of {mission.release}"
     # What a field of the solution says of itself.

@@ -38,9 +38,15 @@ def plot_density(population: Population, nside: int = 16, title: str | None = No
     pixel = pixels_of(population.lon, population.lat, nside)
     density = np.bincount(pixel, minlength=12 * nside**2) / (41252.96 / (12 * nside**2))
     axes = plot_map(
-        density, "sources per square degree", frame=population.frame, title=title or f"{len(population)} sources", ax=ax, vmin=0,
-        vmax=np.percentile(density, 99), extend="max",
-    )  # fmt: skip
+        density,
+        "sources per square degree",
+        frame=population.frame,
+        title=title or f"{len(population)} sources",
+        ax=ax,
+        vmin=0,
+        vmax=np.percentile(density, 99),
+        extend="max",
+    )
     ecliptic = triad(np.linspace(0, 2 * np.pi, 721), np.zeros(721))[2]
     draw_line(axes, *angles(rotation_matrix("ecliptic", population.frame) @ ecliptic), color="cyan", label="ecliptic")
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 0.0), borderaxespad=0)
@@ -88,9 +94,7 @@ def plot_histograms(population: Population, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_tracks(
-    times: FloatArray, variability: Variability, rng: Rng, n_tracks: int = 3, *, ax: Any = None
-) -> Axes:  # fmt: skip
+def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks: int = 3, *, ax: Any = None) -> Axes:
     """Variable photocentres: tracks on the sky of a few draws.
 
     Parameters

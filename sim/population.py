@@ -350,9 +350,13 @@ def _positions(n, rng, sky, map_frame):
 
 
 @arguments.accepts(
-    n=arguments.whole, rng=arguments.seed, min_redshift=arguments.positive, max_redshift=arguments.positive,
-    bias=arguments.not_negative, size=arguments.whole,
-)  # fmt: skip
+    n=arguments.whole,
+    rng=arguments.seed,
+    min_redshift=arguments.positive,
+    max_redshift=arguments.positive,
+    bias=arguments.not_negative,
+    size=arguments.whole,
+)
 def clustered_galaxies(
     n: int,
     rng: Rng,

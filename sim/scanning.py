@@ -249,10 +249,15 @@ class NominalScanningLaw(Frozen):
             Show a bar, after two seconds.
         """
         lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
-        parts = list(map_blocks(
-            lambda part: (part.start, self.transits_of_block(lon[part], lat[part])),
-            len(lon), BLOCK, threads, "transits" if progress else None,
-        ))  # fmt: skip
+        parts = list(
+            map_blocks(
+                lambda part: (part.start, self.transits_of_block(lon[part], lat[part])),
+                len(lon),
+                BLOCK,
+                threads,
+                "transits" if progress else None,
+            )
+        )
         names = ("time", "angle", "parallax_factor", "view", "across")
         source = [block.source + start for start, block in parts] or [np.zeros(0, int)]
         return Transits(

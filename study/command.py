@@ -67,10 +67,16 @@ def _run(options):
     finishing.print_line(options, running.written(folder, [x.name for x in Path(folder).iterdir() if x.is_file()]))
     if options.html:
         finishing.write_page(
-            options.html, f"A simulation study: {study.settings['name']}", _text(study, rows), drawn, captions=_CAPTIONS,
-            sheets=result.tables, provenance=running.provenance([], options), command=options.command,
+            options.html,
+            f"A simulation study: {study.settings['name']}",
+            _text(study, rows),
+            drawn,
+            captions=_CAPTIONS,
+            sheets=result.tables,
+            provenance=running.provenance([], options),
+            command=options.command,
             lead=f"{count} realisations of each case, {study.settings['frame']} axes",
-        )  # fmt: skip
+        )
         finishing.print_line(options, f"written to {options.html}")
 
 

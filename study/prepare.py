@@ -86,10 +86,13 @@ def _make(study, case, kind, progress):
     quoted, scattered = (_turned(population, each, frame) for each in (formal, true))
     s1, s2 = scattered.sigma
     arrays = {
-        "lon": quoted.lon, "lat": quoted.lat, "sigma": quoted.sigma, "rho": quoted.rho,
+        "lon": quoted.lon,
+        "lat": quoted.lat,
+        "sigma": quoted.sigma,
+        "rho": quoted.rho,
         # L of the true covariance, L Lᵀ: noise is L times unit normals.
         "noise": np.stack([s1, scattered.rho * s2, s2 * np.sqrt(1 - scattered.rho**2)]),
-    }  # fmt: skip
+    }
     return arrays | ({"redshift": population.redshift, "magnitude": population.magnitude} if kind == "galaxies" else {})
 
 

@@ -23,7 +23,11 @@ from vsh.tools.files import read_arrays
 
 def prepared_sources(study: Study, case: dict[str, Any], folder: Path, progress: bool = True) -> Path:
     """The file with all sources of a case and the folder with their transits, made if they are not there."""
-    wanted = {"sources": {key: value for key, value in case.items() if key != "name"}, "mission": study.mission, "seed": study.settings["seed"]}  # fmt: skip
+    wanted = {
+        "sources": {key: value for key, value in case.items() if key != "name"},
+        "mission": study.mission,
+        "seed": study.settings["seed"],
+    }
     return kept(folder, "joint", wanted, lambda path: _make_joint(study, case, path.with_suffix(""), progress))
 
 
@@ -41,8 +45,16 @@ def _make_joint(study, case, scans, progress):
         vlbi = np.zeros(0, int)
         if "vlbi" in case:
             vlbi = np.sort(chosen.choice(len(quasars), case["vlbi"]["number"], replace=False))
-        agis.joint_system(law, mixture.lon, mixture.lat, mixture.sigma, knots=mission["knots"], number=len(quasars),
-                          folder=scans, progress=progress)  # fmt: skip
+        agis.joint_system(
+            law,
+            mixture.lon,
+            mixture.lat,
+            mixture.sigma,
+            knots=mission["knots"],
+            number=len(quasars),
+            folder=scans,
+            progress=progress,
+        )
     except ValueError as error:
         raise StudyError(f"case {case['name']}: {error}") from error
     arrays = {entry.name: getattr(mixture, entry.name) for entry in fields(mixture)}
@@ -80,9 +92,15 @@ def _system(path, mission):
     mixture = agis.Mixture(**arrays)
     law = sim.NominalScanningLaw(years=settings["years"], gaps=tuple(map(tuple, gaps)))
     system, _ = agis.joint_system(
-        law, mixture.lon, mixture.lat, mixture.sigma, knots=settings["knots"], number=int(mixture.are("quasars").sum()),
-        folder=path.with_suffix(""), threads=1,
-    )  # fmt: skip
+        law,
+        mixture.lon,
+        mixture.lat,
+        mixture.sigma,
+        knots=settings["knots"],
+        number=int(mixture.are("quasars").sum()),
+        folder=path.with_suffix(""),
+        threads=1,
+    )
     return system, mixture, vlbi
 
 

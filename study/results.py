@@ -61,10 +61,16 @@ def summary(study: Study, realisations: Any) -> list[dict[str, Any]]:
             error = scatter / np.sqrt(len(value))
             n, away = len(value), np.abs(value - true) / sigma[name]
             row = {
-                "case": case, "parameter": name, "n": n, "truth": true, "mean": float(value.mean()), "std": scatter,
-                "sigma": float(sigma[name].mean()), "off": float((value.mean() - true) / error) if error > 0 else float("nan"),
+                "case": case,
+                "parameter": name,
+                "n": n,
+                "truth": true,
+                "mean": float(value.mean()),
+                "std": scatter,
+                "sigma": float(sigma[name].mean()),
+                "off": float((value.mean() - true) / error) if error > 0 else float("nan"),
                 "std_error": float(scatter / np.sqrt(2 * max(1, n - 1))),
-            }  # fmt: skip
+            }
             for share, reach in ((68, 1.0), (95, 1.959963984540054)):
                 row[f"within_{share}"] = float((away <= reach).mean())
                 row[f"within_{share}_error"] = float(np.sqrt(chance(reach) * (1 - chance(reach)) / n))

@@ -79,9 +79,15 @@ def usable_columns(
                 notes = (*notes, f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing")
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
     invalid = invalid_rows(
-        lon, lat, motion, sigma, rho, dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items()
-        if c not in MEASURED}, placeholders({c: columns[c] for c in _MOTIONS}), turns=1
-    )  # fmt: skip
+        lon,
+        lat,
+        motion,
+        sigma,
+        rho,
+        dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items() if c not in MEASURED},
+        placeholders({c: columns[c] for c in _MOTIONS}),
+        turns=1,
+    )
     keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat))
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
@@ -255,8 +261,13 @@ class Tabled(Weighed):
     """What a noun of sources knows of tables; `_table` gives its columns, their units, and plain facts, all by name."""
 
     units_shown: ClassVar[dict[str, str]] = {
-        "lon": "rad", "lat": "rad", "motion": "µas/yr", "sigma": "µas/yr", "distance": "Mpc", "distance_error": "Mpc",
-    }  # fmt: skip
+        "lon": "rad",
+        "lat": "rad",
+        "motion": "µas/yr",
+        "sigma": "µas/yr",
+        "distance": "Mpc",
+        "distance_error": "Mpc",
+    }
 
     def _table(self) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
         raise NotImplementedError
@@ -388,8 +399,15 @@ class Field(Tabled):
         >>> field.motion.ravel()
         array([100., 200.])
         """
-        given = {"ra": ra, "dec": dec, "pmra": pmra, "pmdec": pmdec, "pmra_error": pmra_error, "pmdec_error": pmdec_error,
-                 "pmra_pmdec_corr": pmra_pmdec_corr}  # fmt: skip
+        given = {
+            "ra": ra,
+            "dec": dec,
+            "pmra": pmra,
+            "pmdec": pmdec,
+            "pmra_error": pmra_error,
+            "pmdec_error": pmdec_error,
+            "pmra_pmdec_corr": pmra_pmdec_corr,
+        }
         if not set(measured) <= set(MEASURED):
             raise FieldError(
                 f"no column is called {', '.join(set(measured) - set(MEASURED))}: {', '.join(MEASURED)} are"
@@ -423,8 +441,13 @@ class Field(Tabled):
         """
         columns, frame = skycoord_columns(coord)
         return cls.from_columns(
-            **columns, pmra_error=pmra_error, pmdec_error=pmdec_error, pmra_pmdec_corr=pmra_pmdec_corr, frame=frame, **further
-        )  # fmt: skip
+            **columns,
+            pmra_error=pmra_error,
+            pmdec_error=pmdec_error,
+            pmra_pmdec_corr=pmra_pmdec_corr,
+            frame=frame,
+            **further,
+        )
 
     @classmethod
     def without_motions(cls, sources: Any, sigma: ArrayLike | None = None) -> Field:

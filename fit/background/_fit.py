@@ -245,9 +245,12 @@ class Background(Result):
     def to_table(self) -> Table:
         """A row for each spectrum as an astropy Table."""
         columns: dict[str, Any] = {
-            "spectrum": list(self.names), "amplitude": self.amplitudes, "sigma": self.sigma, "low": self.intervals[:, 0],
+            "spectrum": list(self.names),
+            "amplitude": self.amplitudes,
+            "sigma": self.sigma,
+            "low": self.intervals[:, 0],
             "high": self.intervals[:, 1],
-        }  # fmt: skip
+        }
         return tables.table_of(columns, {"frame": self.frame, "n_data": self.n_data})
 
     def plot(self, *, ax: Any = None) -> Any:
@@ -320,10 +323,20 @@ def fit_amplitudes(
     k = len(likelihood)
     error = float(np.sqrt(best.covariance[k, k]) / (2 * best.noise_scale)) if scaled else 0.0
     return Background(
-        tuple(spectrum.name for spectrum in listed), best.amplitudes, best.covariance[:k, :k],
-        np.array([amplitude.interval(0.68) for amplitude in amplitudes]), best.noise_scale, error, best.log_likelihood, evidence, degrees, flat,
-        equations.n_data, equations.frame or "icrs", equations.notes,
-    )  # fmt: skip
+        tuple(spectrum.name for spectrum in listed),
+        best.amplitudes,
+        best.covariance[:k, :k],
+        np.array([amplitude.interval(0.68) for amplitude in amplitudes]),
+        best.noise_scale,
+        error,
+        best.log_likelihood,
+        evidence,
+        degrees,
+        flat,
+        equations.n_data,
+        equations.frame or "icrs",
+        equations.notes,
+    )
 
 
 def _is_empty(free):

@@ -110,10 +110,12 @@ class Floor(Result):
         """A row for each parity as an astropy Table."""
         rows = self._rows()
         columns: dict[str, Any] = {
-            "parameter": [row[0] for row in rows], "power": [row[1] for row in rows],
-            "power_low": [row[2][0] for row in rows], "power_high": [row[2][1] for row in rows],
+            "parameter": [row[0] for row in rows],
+            "power": [row[1] for row in rows],
+            "power_low": [row[2][0] for row in rows],
+            "power_high": [row[2][1] for row in rows],
             "floor": [row[3] for row in rows],
-        }  # fmt: skip
+        }
         units = dict.fromkeys(("power", "power_low", "power_high"), "uas2 / yr2") | {"floor": "uas / yr"}
         return tables.table_of(columns, {"parity_p_value": self.parity_p_value}, units)
 
@@ -251,9 +253,17 @@ def floor(
     odd, even = (amplitude.quantile(0.5, "root") for amplitude in amplitudes)
     intervals = [amplitude.interval(0.68, "root") for amplitude in amplitudes]
     return Floor(
-        odd, even, intervals[0], intervals[1], parity_p_value(best, common), degrees, best.noise_scale, best.log_likelihood,
-        equations.n_data, errors_of(normal),
-    )  # fmt: skip
+        odd,
+        even,
+        intervals[0],
+        intervals[1],
+        parity_p_value(best, common),
+        degrees,
+        best.noise_scale,
+        best.log_likelihood,
+        equations.n_data,
+        errors_of(normal),
+    )
 
 
 #: A floor beside a solution is estimated up to this degree: higher ones take longer, and say less of degree 1.

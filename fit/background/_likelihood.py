@@ -133,8 +133,14 @@ class Likelihood:
             return self._maximum()
 
     def _maximum(self):
-        best = minimize(self._loss, np.ones(len(self)), jac=True, bounds=[(0, 60)] * len(self), method="L-BFGS-B",
-                        options={"ftol": 1e-13, "gtol": 1e-7})  # fmt: skip
+        best = minimize(
+            self._loss,
+            np.ones(len(self)),
+            jac=True,
+            bounds=[(0, 60)] * len(self),
+            method="L-BFGS-B",
+            options={"ftol": 1e-13, "gtol": 1e-7},
+        )
         ratios = self.unit * np.expm1(best.x)
         ratios[best.x < 1e-6] = 0.0  # rounding of the search is no background
         logdet, gain = self.parts(ratios)

@@ -173,8 +173,10 @@ class WaveLimit(Result):
         lines.append(
             f"parity         P_T2 and P_S2, equal for waves, differ with a p-value of {printed_p_value(self.parity_p_value)}"
         )
-        lines.append(f"errors         scaled by {self.noise_scale:.4g}" + (
-            f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else ""))  # fmt: skip
+        lines.append(
+            f"errors         scaled by {self.noise_scale:.4g}"
+            + (f"; marginalised: systematics, {', '.join(self.systematics)}" if self.systematics else "")
+        )
         if years is None:
             lines.append("band           f < 1/T with T the time that the motions were measured over")
         else:
@@ -255,6 +257,15 @@ def wave_limit(
     )
     power, noise, squares = squares_of(equations, degrees[-1], scaled)
     return WaveLimit(
-        amplitude, degrees, float(hubble), tuple(other.name for other in others), best.noise_scale, power, noise, squares,
-        parity_p_value(apart, together), equations.n_data, equations.notes,
-    )  # fmt: skip
+        amplitude,
+        degrees,
+        float(hubble),
+        tuple(other.name for other in others),
+        best.noise_scale,
+        power,
+        noise,
+        squares,
+        parity_p_value(apart, together),
+        equations.n_data,
+        equations.notes,
+    )

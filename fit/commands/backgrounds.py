@@ -31,8 +31,10 @@ class Backgrounds:
     @property
     def captions(self) -> dict[str, str]:
         """Captions of the figures, for the page."""
-        return {"floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
-                    "waves": "Energy in gravitational waves: posteriors and 95 % limits."}  # fmt: skip
+        return {
+            "floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
+            "waves": "Energy in gravitational waves: posteriors and 95 % limits.",
+        }
 
 
 def found(solution: Any, options: argparse.Namespace) -> Backgrounds:

@@ -29,11 +29,15 @@ def _run(options):
         return tables | ({"Sources that were left out": comparison.outliers_table()} if comparison.names else {})
 
     finishing.finish(
-        options, finishing.RunResult(comparison.report(), sheets, comparison.solution.notes, comparison.solution.latex),
-        provenance=lambda: running.provenance(paths, options, matched=len(kept) + len(comparison.names), left_out=len(comparison.names)),
-        draw=lambda: _draw(comparison, kept), write=lambda folder, meta: _write(folder, comparison, meta),
+        options,
+        finishing.RunResult(comparison.report(), sheets, comparison.solution.notes, comparison.solution.latex),
+        provenance=lambda: running.provenance(
+            paths, options, matched=len(kept) + len(comparison.names), left_out=len(comparison.names)
+        ),
+        draw=lambda: _draw(comparison, kept),
+        write=lambda folder, meta: _write(folder, comparison, meta),
         page=lambda drawn, meta: _page(comparison, kept, options, meta, drawn),
-    )  # fmt: skip
+    )
 
 
 def _write(folder, comparison, meta):
@@ -61,10 +65,16 @@ def _page(comparison, kept, options, meta, drawn):
         "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle."
     }
     write_html(
-        comparison.solution, kept, options.html, command=options.command, source=" − ".join(comparison.labels), provenance=meta,
-        figures=drawn.drawn, captions=captions,
+        comparison.solution,
+        kept,
+        options.html,
+        command=options.command,
+        source=" − ".join(comparison.labels),
+        provenance=meta,
+        figures=drawn.drawn,
+        captions=captions,
         sections={"Under the names of the ICRF3 papers": comparison.parameters_table()} | left_out,
-    )  # fmt: skip
+    )
 
 
 def _has_motions(path, options):
@@ -81,7 +91,7 @@ def _read(path, what, options):
     from vsh.io.catalogue import read_field, read_positions
 
     if what == "motions":
-        return read_field(path, roles=("name",), **reading.arguments(options)).to_frame(options.frame)  # fmt: skip
+        return read_field(path, roles=("name",), **reading.arguments(options)).to_frame(options.frame)
     if options.frame != (options.catalogue_frame or "icrs"):
         raise VshError(f"positions are compared in the axes they are given in: leave out --frame {options.frame}")
     return read_positions(

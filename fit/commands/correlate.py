@@ -50,11 +50,14 @@ def _run(options):
         return {"Correlations": matrices.to_table()} | {f"Leakage, {label}": leak.to_table() for label, leak in leaks}
 
     finishing.finish(
-        options, finishing.RunResult(text, sheets, [note.removeprefix("  - ") for note in notes]),
+        options,
+        finishing.RunResult(text, sheets, [note.removeprefix("  - ") for note in notes]),
         provenance=lambda: running.provenance(paths, options, sources=[_count(f) for f in fields]),
-        draw=lambda: _draw(matrices, influences, leaks), write=lambda folder, meta: _write(folder, matrices, influences, leaks, meta),
-        title=f"What the sky of {' and '.join(labels)} cannot tell apart", captions=_caption,
-    )  # fmt: skip
+        draw=lambda: _draw(matrices, influences, leaks),
+        write=lambda folder, meta: _write(folder, matrices, influences, leaks, meta),
+        title=f"What the sky of {' and '.join(labels)} cannot tell apart",
+        captions=_caption,
+    )
 
 
 def _notes(field):

@@ -65,14 +65,24 @@ def _run(options):
         about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta}
         plain = (fit.fit_field(field, options.lmax, floor=False), field) if options.beside else None
         fit.output.write_html(
-            solution, kept, options.html, figures=drawn.drawn, command=options.command, captions=backgrounds.captions,
-            beside={"plain least squares, all sources": plain} if plain else {}, **about,
-        )  # fmt: skip
+            solution,
+            kept,
+            options.html,
+            figures=drawn.drawn,
+            command=options.command,
+            captions=backgrounds.captions,
+            beside={"plain least squares, all sources": plain} if plain else {},
+            **about,
+        )
 
     finishing.finish(
-        options, finishing.RunResult(text, sheets, [*lines, *solution.notes], solution.latex), provenance=provenance, write=write, page=page,
+        options,
+        finishing.RunResult(text, sheets, [*lines, *solution.notes], solution.latex),
+        provenance=provenance,
+        write=write,
+        page=page,
         draw=lambda: fit.output.draw_figures(solution, kept) | backgrounds.draw(),
-    )  # fmt: skip
+    )
 
 
 def _fit(field, modes, options):

@@ -30,10 +30,15 @@ def _run(options):
     text += "\n" + power.report() if power else ""
     tabled = {"Correlation by angle": correlation, "Templates": fitted, "Power by degree": power}
     finishing.finish(
-        options, finishing.RunResult(text, lambda: {name: each.to_table() for name, each in tabled.items() if each}, correlation.notes), provenance=lambda: running.provenance(options.catalogue, options, sources=correlation.n_data // 2),
-        draw=lambda: _draw(correlation, fitted, power), write=lambda folder, meta: _write(folder, correlation, fitted, power, meta),
+        options,
+        finishing.RunResult(
+            text, lambda: {name: each.to_table() for name, each in tabled.items() if each}, correlation.notes
+        ),
+        provenance=lambda: running.provenance(options.catalogue, options, sources=correlation.n_data // 2),
+        draw=lambda: _draw(correlation, fitted, power),
+        write=lambda folder, meta: _write(folder, correlation, fitted, power, meta),
         title=f"Pairs of {Path(options.catalogue).name}",
-    )  # fmt: skip
+    )
 
 
 def _write(folder, correlation, fitted, power, meta):

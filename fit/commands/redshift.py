@@ -105,12 +105,19 @@ def _run(options):
         finishing.print_line(options, texts[-1])
     text = "\n".join(texts)
     finishing.finish(
-        options, finishing.RunResult(text, lambda: {_HEADINGS[name]: result.to_table() for name, result in results.items()}, () if isinstance(whole, Parts) else whole.notes),
+        options,
+        finishing.RunResult(
+            text,
+            lambda: {_HEADINGS[name]: result.to_table() for name, result in results.items()},
+            () if isinstance(whole, Parts) else whole.notes,
+        ),
         printed=not (options.json or options.latex),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
-        draw=lambda: _draw(results, truth), write=lambda folder, meta: _write(results, folder, meta),
-        title=f"Motions against redshift: {source.label}", captions=_CAPTIONS,
-    )  # fmt: skip
+        draw=lambda: _draw(results, truth),
+        write=lambda folder, meta: _write(results, folder, meta),
+        title=f"Motions against redshift: {source.label}",
+        captions=_CAPTIONS,
+    )
     if unfinished is not None:
         raise unfinished
 
@@ -172,9 +179,14 @@ def _binned(field, options):
 
     edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
     return binned(
-        field, options.lmax, edges, shared_higher_degrees=options.shared_higher_degrees, threads=options.threads,
-        **_frame(options), **_flows(options),
-    )  # fmt: skip
+        field,
+        options.lmax,
+        edges,
+        shared_higher_degrees=options.shared_higher_degrees,
+        threads=options.threads,
+        **_frame(options),
+        **_flows(options),
+    )
 
 
 def _frame(options):
@@ -217,9 +229,15 @@ def _posterior(field, options, common):
         l, b = prior.direction
         prior = Vector.from_spherical(prior.amplitude, l, b, (1e-3 * prior.amplitude, 1e-3, 1e-3), "galactic", "km/s")
     return sample(
-        field, prior, hubble, n_samples=options.n_samples, rng=options.seed, checkpoint=options.checkpoint,
-        threads=options.threads, **common,
-    )  # fmt: skip
+        field,
+        prior,
+        hubble,
+        n_samples=options.n_samples,
+        rng=options.seed,
+        checkpoint=options.checkpoint,
+        threads=options.threads,
+        **common,
+    )
 
 
 def _write(results, folder, meta):

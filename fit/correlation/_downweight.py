@@ -135,9 +135,14 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
     for bound in np.geomspace(max(first, max_correlation), max_correlation, 12):
         limit[()] = bound
         minimum = minimize(
-            cost, keep, jac=True, method="SLSQP", bounds=[(1e-6, 1.0)] * len(used),
-            constraints={"type": "ineq", "fun": slack, "jac": slope}, options={"maxiter": 200, "ftol": 1e-8},
-        )  # fmt: skip
+            cost,
+            keep,
+            jac=True,
+            method="SLSQP",
+            bounds=[(1e-6, 1.0)] * len(used),
+            constraints={"type": "ineq", "fun": slack, "jac": slope},
+            options={"maxiter": 200, "ftol": 1e-8},
+        )
         keep = np.clip(minimum.x, 1e-6, 1.0)
     keep[keep < 1e-5] = 0.0
     if slack(keep).min() < -1e-3:

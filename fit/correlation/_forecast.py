@@ -98,10 +98,16 @@ def predict_covariance(sources: Any, modes: Modes | int = 1, *, sigma: ArrayLike
     for k, kind in enumerate(KINDS):
         to_coefficients[modes.slice_of(kind, 1), 3 * k : 3 * k + 3] = FIRST_DEGREE
     return Prediction(
-        Coefficients(modes, np.full(len(modes), np.nan)), solution.covariance, float("nan"), solution.n_data,
-        solution.frame, solution.notes, "the predicted weights", _weight=as_parts(field).sum(_information, roles=(), words="weights"),
+        Coefficients(modes, np.full(len(modes), np.nan)),
+        solution.covariance,
+        float("nan"),
+        solution.n_data,
+        solution.frame,
+        solution.notes,
+        "the predicted weights",
+        _weight=as_parts(field).sum(_information, roles=(), words="weights"),
         _alone=to_coefficients.T @ normal.matrix @ to_coefficients,
-    )  # fmt: skip
+    )
 
 
 def _information(field):
@@ -145,13 +151,21 @@ def compare_cuts(
     for name, case in cases.items():
         prediction = predict_covariance(reweighted(field, case), modes)
         worst, pair = prediction.largest
-        rows.append((
-            name, prediction.n_sources, *(np.sqrt(np.mean(getattr(prediction, v).sigma ** 2)) for v in ("spin", "acceleration")),
-            worst, " ".join(pair), prediction.efficiency,
-        ))  # fmt: skip
+        rows.append(
+            (
+                name,
+                prediction.n_sources,
+                *(np.sqrt(np.mean(getattr(prediction, v).sigma ** 2)) for v in ("spin", "acceleration")),
+                worst,
+                " ".join(pair),
+                prediction.efficiency,
+            )
+        )
     names = ("case", "sources", "sigma_spin", "sigma_acceleration", "largest_correlation", "of", "efficiency")
-    return tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)),
-                           units=dict.fromkeys(("sigma_spin", "sigma_acceleration"), "uas / yr"))  # fmt: skip
+    return tables.table_of(
+        dict(zip(names, zip(*rows, strict=True), strict=True)),
+        units=dict.fromkeys(("sigma_spin", "sigma_acceleration"), "uas / yr"),
+    )
 
 
 def reweighted(field: Field, case: ArrayLike | None) -> Field:

@@ -196,8 +196,10 @@ class CorrelationMatrices(Result):
         max_size : int
             The largest matrix that is printed.
         """
-        lines = [f"Correlations in {self.frame} axes: " + ("upper {}, lower {}".format(*self.labels[:2])
-                 if len(self.labels) > 1 else self.labels[0])]  # fmt: skip
+        lines = [
+            f"Correlations in {self.frame} axes: "
+            + ("upper {}, lower {}".format(*self.labels[:2]) if len(self.labels) > 1 else self.labels[0])
+        ]
         if len(self.names) <= max_size:
             width = max(9, max(map(len, self.names)) + 2)
             lines.append(" " * width + "".join(f"{name:>{width}}" for name in self.names))

@@ -55,8 +55,15 @@ def plot_matrix(correlations: Any, *, ax: Any = None) -> Axes:
 
 @styled
 def plot_influence(
-    values: FloatArray, field: Field, title: str, label: str, *, max_sources: int = 3000, smooth: float | None = None, ax: Any = None
-) -> SkyAxes:  # fmt: skip
+    values: FloatArray,
+    field: Field,
+    title: str,
+    label: str,
+    *,
+    max_sources: int = 3000,
+    smooth: float | None = None,
+    ax: Any = None,
+) -> SkyAxes:
     """A map of influence on the sky with the sources, as smooth as they can tell."""
     if smooth is None:
         smooth = float(np.clip(2 * np.degrees(np.sqrt(4 * _TOGETHER / max(1, len(field)))), 0.0, 60.0))

@@ -22,7 +22,9 @@ def plot_orbit(galactic_orbit: Any, *, ax: Any = None) -> Axes:
         label="found",
     )
     expected = [expected_acceleration(galactic_orbit.r0), 0, 0]
-    axes.scatter(range(3), expected, marker="_", s=400, color=COLOURS[1], label="circular orbit, motion of Sgr A*", zorder=1)  # fmt: skip
+    axes.scatter(
+        range(3), expected, marker="_", s=400, color=COLOURS[1], label="circular orbit, motion of Sgr A*", zorder=1
+    )
     axes.axhline(0, color="0.6", linewidth=0.6)
     axes.set_xlim(-0.5, 2.5)
     axes.set_xticks(range(3), ["towards the\ncentre", "along\nrotation", "towards the\nnorth pole"])

@@ -40,12 +40,20 @@ def packed(moments: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]
             values.append(grid.ravel())
     values_of = np.concatenate(values)
     columns = {
-        "of": kinds, "m": np.concatenate(m), "n": np.concatenate(n), "real": values_of.real, "imaginary": values_of.imag,
-    }  # fmt: skip
+        "of": kinds,
+        "m": np.concatenate(m),
+        "n": np.concatenate(n),
+        "real": values_of.real,
+        "imaginary": values_of.imag,
+    }
     rest = {
-        "lmax": moments.lmax, "chi2_null": exact(moments.chi2_null), "n_data": moments.n_data, "frame": moments.frame,
-        "unit": moments.unit, "notes": list(map(str, moments.notes)),
-    }  # fmt: skip
+        "lmax": moments.lmax,
+        "chi2_null": exact(moments.chi2_null),
+        "n_data": moments.n_data,
+        "frame": moments.frame,
+        "unit": moments.unit,
+        "notes": list(map(str, moments.notes)),
+    }
     return columns, rest, {}
 
 
@@ -59,10 +67,15 @@ def unpacked(columns: dict[str, Any], rest: dict[str, Any]) -> dict[str, Any]:
     of_weights, of_values = shapes(kind, lmax)
     split = int(np.prod(of_weights))
     return {
-        "lmax": lmax, "weights": values[:split].reshape(of_weights), "motions": values[split:].reshape(of_values),
-        "chi2_null": number(rest["chi2_null"]), "n_data": count(rest["n_data"]), "frame": rest["frame"],
-        "notes": words(rest["notes"]), "unit": str(rest["unit"]),
-    }  # fmt: skip
+        "lmax": lmax,
+        "weights": values[:split].reshape(of_weights),
+        "motions": values[split:].reshape(of_values),
+        "chi2_null": number(rest["chi2_null"]),
+        "n_data": count(rest["n_data"]),
+        "frame": rest["frame"],
+        "notes": words(rest["notes"]),
+        "unit": str(rest["unit"]),
+    }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,9 +211,11 @@ class Moments(Result):
         if cut == 0:
             return self
         return replace(
-            self, lmax=lmax, weights=self.weights[:, : 2 * lmax + 1, -2 * cut : 2 * cut],
+            self,
+            lmax=lmax,
+            weights=self.weights[:, : 2 * lmax + 1, -2 * cut : 2 * cut],
             motions=self.motions[:, : lmax + 1, -cut:cut],
-        )  # fmt: skip
+        )
 
     def normal_equations(self, modes: Modes | int | None = None) -> NormalEquations:
         """Normal equations of any degree up to theirs.

@@ -17,5 +17,13 @@ def plot_moments(moments: Any, *, ax: Any = None) -> SkyAxes:
     ring = np.abs(lat_of[:, None] - lat).argmin(1)
     column = np.round(lon_of / (2 * np.pi) * weight.shape[1]).astype(int) % weight.shape[1]
     values = weight[ring, column]
-    return plot_map(values, "weight of the sources  [(yr/µas)² a steradian]", frame=moments.frame, ax=ax, vmin=0, extend="max",
-                    vmax=np.percentile(values, 99), title=f"{moments.n_sources} sources, to degree {moments.lmax}")  # fmt: skip
+    return plot_map(
+        values,
+        "weight of the sources  [(yr/µas)² a steradian]",
+        frame=moments.frame,
+        ax=ax,
+        vmin=0,
+        extend="max",
+        vmax=np.percentile(values, 99),
+        title=f"{moments.n_sources} sources, to degree {moments.lmax}",
+    )

@@ -59,8 +59,15 @@ class WhiteRows(Frozen):
         times = np.broadcast_to(np.asarray(times, float), self.motion.shape).ravel()
         rows, motion = self.rows.reshape(len(self.modes), -1), self.motion.ravel()
         weighted = rows * times
-        return NormalEquations(self.modes, weighted @ rows.T, weighted @ motion, float(times @ motion**2),
-                               2 * len(self), self.frame, self.notes)  # fmt: skip
+        return NormalEquations(
+            self.modes,
+            weighted @ rows.T,
+            weighted @ motion,
+            float(times @ motion**2),
+            2 * len(self),
+            self.frame,
+            self.notes,
+        )
 
 
 #: A normal matrix beyond this is refused. [bytes]

@@ -62,14 +62,24 @@ def plot_spectrum(solution: Any, *, ax: Any = None) -> Axes:
         colour, marker = KIND_COLOURS[kind], "o" if kind == "T" else "s"
         own = [row for row in rows if row.kind == kind]
         l = np.array([row.l for row in own]) + side * 0.09
-        power, error, noise, p = (np.array([getattr(row, x) for row in own], float) for x in ("power", "error", "noise", "p_value"))  # fmt: skip
+        power, error, noise, p = (
+            np.array([getattr(row, x) for row in own], float) for x in ("power", "error", "noise", "p_value")
+        )
         seen = np.isfinite(power)
         signal = seen & (p <= _SIGNAL)
         limited = seen & ~signal & (noise > 0)
         axes.errorbar(l[signal], power[signal], error[signal], fmt=marker, color=colour)
         limit = np.array([row.limit() if shown else np.nan for row, shown in zip(own, limited, strict=True)])
-        axes.errorbar(l[limited], limit[limited], 0.45 * limit[limited], uplims=True, fmt="none", capsize=2.5, color=colour,
-                      elinewidth=0.8)  # fmt: skip
+        axes.errorbar(
+            l[limited],
+            limit[limited],
+            0.45 * limit[limited],
+            uplims=True,
+            fmt="none",
+            capsize=2.5,
+            color=colour,
+            elinewidth=0.8,
+        )
         axes.hlines(noise, l - 0.2, l + 0.2, color=colour, linestyle=":")
         handles.append(Line2D([], [], color=colour, marker=marker, linestyle="none", label=KIND_NAMES[kind]))
         levels += [*power[signal], *(power + error)[signal], *limit[limited], *(0.5 * limit[limited]), *noise]
@@ -183,7 +193,9 @@ def plot_residuals(
     reach = float(np.clip(np.percentile(np.abs(seen), 98), 3, None)) if seen.size else 3.0
     label = f"χ² of residuals, too large or too small by  [σ]; χ²/n = {chi2.sum() / max(1, dof.sum()):.2f}"
     title = f"residuals of {int(sources.sum())} sources, pixels of {58.6 / nside:.1f}°"
-    return plot_map(deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both")  # fmt: skip
+    return plot_map(
+        deviate, label, frame=solution.frame, cmap=DIVERGING, title=title, ax=ax, vmin=-reach, vmax=reach, extend="both"
+    )
 
 
 def _residual_sums(field, solution, nside):

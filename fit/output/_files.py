@@ -43,7 +43,7 @@ def draw_figures(solution: Any, field: Field | ScalarField | Parts) -> dict[str,
 
 def write_figures(
     solution: Any, field: Field | ScalarField | Parts, folder: PathName, *, format: str = "png", dpi: float = 300
-) -> list[Path]:  # fmt: skip
+) -> list[Path]:
     """Draw the sky, the spectrum, the correlations and the residuals into files; returns their paths."""
     from vsh.figures.plot import save_figures
 
@@ -98,6 +98,13 @@ def _skies(solution, field, beside):
         return ()
     own = f"degree {solution.modes.lmax}, errors from {solution.errors_from}" if beside else ""
     return [
-        Shown(label, sample_of(sources) if isinstance(sources, Parts) else sources, each.coefficients, each.covariance, each.unit, each.n_sources)
+        Shown(
+            label,
+            sample_of(sources) if isinstance(sources, Parts) else sources,
+            each.coefficients,
+            each.covariance,
+            each.unit,
+            each.n_sources,
+        )
         for label, (each, sources) in {own: (solution, field), **beside}.items()
-    ]  # fmt: skip
+    ]

@@ -80,12 +80,18 @@ def html_report(
     static = page.words(f"The sky of this page {page.STATIC}." if skies and not turned.html else "", "faint")
     vectors = vectors_of(solution)
     panels = [
-        _cards(solution), page.words(_warnings(solution), "warning"), page.heading("The sky", turned),
-        page.heading(" and ".join(vectors).capitalize(), *_vectors(solution, truth or {})), _check(check), _powers(solution),
+        _cards(solution),
+        page.words(_warnings(solution), "warning"),
+        page.heading("The sky", turned),
+        page.heading(" and ".join(vectors).capitalize(), *_vectors(solution, truth or {})),
+        _check(check),
+        _powers(solution),
         *(page.sheet(heading, columns) for heading, columns in (sections or {}).items()),
-        page.heading("Figures", page.figures(shown, texts), static), _coefficients(solution), page.notes(solution.notes),
+        page.heading("Figures", page.figures(shown, texts), static),
+        _coefficients(solution),
+        page.notes(solution.notes),
         page.provenance(provenance or {}, command),
-    ]  # fmt: skip
+    ]
     modes = solution.modes
     lead = (
         f"{f'{source} — ' if source else ''}{solution.n_sources} sources, degree {modes.lowest} to {modes.lmax} ({len(modes)} coefficients), "

@@ -179,8 +179,9 @@ def _degrees(solution):
         f"from noise alone ({law}) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
         *(["p scaled: with errors multiplied by √(χ²/dof)"] if both else []),
         f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}"
-        + (f"{'p scaled':>11}" if both else "") + f"{'z':>8}{'M&K Z':>8}",
-    ]  # fmt: skip
+        + (f"{'p scaled':>11}" if both else "")
+        + f"{'z':>8}{'M&K Z':>8}",
+    ]
     for row in power_rows(solution):
         lines.append(
             f"{row.degree:8}{row.power:>13}{row.debiased:>13}{row.error:>11}{row.root:>9}{row.p_value:>11}"

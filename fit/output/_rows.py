@@ -116,10 +116,19 @@ def power_rows(solution: Any) -> list[PowerRow]:
     """Rows of the table of powers; the second p-value is with errors scaled by √(χ²/dof) where χ² asks for it."""
     scaled = spectrum(solution.scaled)
     return [
-        PowerRow(f"{d.kind}{d.l}", f"{d.power:.5g}", f"{d.debiased:.5g}", f"{d.error:.3g}", f"{np.sqrt(d.power):.3g}",
-                 p_value(d.p_value), p_value(s.p_value), f"{d.z:.2f}", f"{d.mk_z:.2f}")
+        PowerRow(
+            f"{d.kind}{d.l}",
+            f"{d.power:.5g}",
+            f"{d.debiased:.5g}",
+            f"{d.error:.3g}",
+            f"{np.sqrt(d.power):.3g}",
+            p_value(d.p_value),
+            p_value(s.p_value),
+            f"{d.z:.2f}",
+            f"{d.mk_z:.2f}",
+        )
         for d, s in zip(spectrum(solution), scaled, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def is_scaled(solution: Any) -> bool:
@@ -144,25 +153,48 @@ def vectors_table(solution: Any) -> Table:
     """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each."""
     vectors = vectors_of(solution)
     names = (
-        "amplitude", "amplitude_error", "debiased_amplitude", "limit_95", "lon", "lat", "lon_error", "lat_error", "p_value",
-    )  # fmt: skip
+        "amplitude",
+        "amplitude_error",
+        "debiased_amplitude",
+        "limit_95",
+        "lon",
+        "lat",
+        "lon_error",
+        "lat_error",
+        "p_value",
+    )
     # The chance of a degree knows of how many replicates the errors are; a vector does not.
     chances = {d.kind: d.p_value for d in spectrum(solution) if d.l == 1}
     kinds = dict(zip(vectors, "TS" if len(vectors) > 1 else "S", strict=False))
     rows = [
-        (*v.value, *v.sigma, *v.covariance[np.triu_indices(3, 1)], v.amplitude, v.amplitude_error, v.debiased_amplitude, v.amplitude_limit(0.95),
-         *v.direction, *v.direction_error, chances.get(kinds[name], v.p_value))
+        (
+            *v.value,
+            *v.sigma,
+            *v.covariance[np.triu_indices(3, 1)],
+            v.amplitude,
+            v.amplitude_error,
+            v.debiased_amplitude,
+            v.amplitude_limit(0.95),
+            *v.direction,
+            *v.direction_error,
+            chances.get(kinds[name], v.p_value),
+        )
         for name, v in vectors.items()
-    ]  # fmt: skip
+    ]
     heads = ("x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "cov_xy", "cov_xz", "cov_yz", *names)
     values = np.array(rows, float).reshape(-1, len(heads)).T
     unit = solution.unit.replace("µ", "u")  # as astropy writes it
     units = dict.fromkeys(heads[:6] + names[:4], unit) | dict.fromkeys(heads[6:9], _squared(unit))
     units |= dict.fromkeys(names[4:8], "deg")
     meta = {
-        "frame": solution.frame, "lmax": solution.modes.lmax, "n_sources": solution.n_sources, "n_data": solution.n_data,
-        "chi2": float(solution.chi2), "reduced_chi2": float(solution.reduced_chi2), "errors_from": solution.errors_from,
-    }  # fmt: skip
+        "frame": solution.frame,
+        "lmax": solution.modes.lmax,
+        "n_sources": solution.n_sources,
+        "n_data": solution.n_data,
+        "chi2": float(solution.chi2),
+        "reduced_chi2": float(solution.reduced_chi2),
+        "errors_from": solution.errors_from,
+    }
     columns = {"name": np.array(list(vectors), str)} | dict(zip(heads, values, strict=True))
     return tables.table_of(columns, meta, {name: each for name, each in units.items() if each})
 

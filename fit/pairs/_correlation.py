@@ -129,7 +129,9 @@ class Correlation(Result):
             f"ξ± = ⟨u∥u∥'⟩ ± ⟨u⊥u⊥'⟩ [(µas/yr)²]; errors from the scatter of {self.n_blocks} blocks of the sky",
             f"{'angle':>8}{'pairs':>12}{'ξ+':>12}{'±':>10}{'ξ−':>12}{'±':>10}",
         ]
-        for row in zip(np.degrees(self.theta), self.n_pairs, self.plus, self.sigma_plus, self.minus, self.sigma_minus, strict=True):  # fmt: skip
+        for row in zip(
+            np.degrees(self.theta), self.n_pairs, self.plus, self.sigma_plus, self.minus, self.sigma_minus, strict=True
+        ):
             angle, pairs, plus, one, minus, two = row
             lines.append(f"{angle:7.2f}°{pairs:12.4g}{plus:12.4g}{one:10.2g}{minus:12.4g}{two:10.2g}")
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
@@ -137,9 +139,14 @@ class Correlation(Result):
     def to_table(self) -> Table:
         """A row for each bin, as an astropy Table."""
         columns = {
-            "theta": self.theta, "plus": self.plus, "sigma_plus": self.sigma_plus, "minus": self.minus,
-            "sigma_minus": self.sigma_minus, "weight": self.weight, "n_pairs": self.n_pairs,
-        }  # fmt: skip
+            "theta": self.theta,
+            "plus": self.plus,
+            "sigma_plus": self.sigma_plus,
+            "minus": self.minus,
+            "sigma_minus": self.sigma_minus,
+            "weight": self.weight,
+            "n_pairs": self.n_pairs,
+        }
         units = {"theta": "rad"} | dict.fromkeys(("plus", "sigma_plus", "minus", "sigma_minus"), "uas2 / yr2")
         return tables.table_of(columns, self._plain_facts(), units)
 
@@ -158,7 +165,12 @@ class Correlation(Result):
         return plot_pairs(self, fit, ax=ax)
 
 
-@arguments.accepts(field=arguments.a(Field, Parts), edges=lambda _, value: checked_edges(value), nside=arguments.whole, lmax=arguments.whole)  # fmt: skip
+@arguments.accepts(
+    field=arguments.a(Field, Parts),
+    edges=lambda _, value: checked_edges(value),
+    nside=arguments.whole,
+    lmax=arguments.whole,
+)
 def correlation_function(
     field: Field | Parts,
     edges: ArrayLike,
@@ -244,6 +256,17 @@ def correlation_function(
         plus, minus = (np.where(empty, np.nan, each) for each in (plus, minus))
     each = np.array([block.weights[0] for block in blocks])  # Σ w Y_00
     return Correlation(
-        edges[1:-1], plus, minus, weight / 2, count, covariance, edges, by_weight, len(blocks),
-        frame, 2 * round(float(total.alone[2])), notes, float(each.sum() ** 2 / np.sum(each**2)),
-    )  # fmt: skip
+        edges[1:-1],
+        plus,
+        minus,
+        weight / 2,
+        count,
+        covariance,
+        edges,
+        by_weight,
+        len(blocks),
+        frame,
+        2 * round(float(total.alone[2])),
+        notes,
+        float(each.sum() ** 2 / np.sum(each**2)),
+    )

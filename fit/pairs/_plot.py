@@ -20,8 +20,9 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: Any = None) -> Any:
     degrees = np.degrees(correlation.theta)
     step = 0.12 * np.min(np.diff(degrees)) if len(degrees) > 1 else 0.0
     for values, sigma, side, marker, colour, label in (
-        (correlation.plus, correlation.sigma_plus, -step, "o", _PLUS, "ξ₊"), (correlation.minus, correlation.sigma_minus, step, "s", _MINUS, "ξ₋"),
-    ):  # fmt: skip
+        (correlation.plus, correlation.sigma_plus, -step, "o", _PLUS, "ξ₊"),
+        (correlation.minus, correlation.sigma_minus, step, "s", _MINUS, "ξ₋"),
+    ):
         error = sigma if np.isfinite(sigma).any() else None
         axes.errorbar(degrees + side, values, error, fmt=marker, markersize=3, color=colour, label=label)
     if fit is not None:
@@ -60,8 +61,9 @@ def plot_power(power: Any, *, ax: Any = None) -> Axes:
     (axes,) = panels(ax)
     l = np.arange(1, len(power.toroidal) + 1)
     for kind, values, error, side, marker in (
-        ("T", power.toroidal, power.errors[0], -0.08, "o"), ("S", power.spheroidal, power.errors[1], 0.08, "s"),
-    ):  # fmt: skip
+        ("T", power.toroidal, power.errors[0], -0.08, "o"),
+        ("S", power.spheroidal, power.errors[1], 0.08, "s"),
+    ):
         error = error if np.isfinite(error).all() else None
         axes.errorbar(l + side, values, error, fmt=marker, color=KIND_COLOURS[kind], label=KIND_NAMES[kind])
     axes.axhline(0, color="0.6", linewidth=0.6)

@@ -227,9 +227,12 @@ class PairPower(Result):
     def to_table(self) -> Table:
         """A row for each degree, as an astropy Table."""
         columns = {
-            "l": np.arange(1, len(self.toroidal) + 1), "toroidal": self.toroidal, "sigma_toroidal": self.errors[0],
-            "spheroidal": self.spheroidal, "sigma_spheroidal": self.errors[1],
-        }  # fmt: skip
+            "l": np.arange(1, len(self.toroidal) + 1),
+            "toroidal": self.toroidal,
+            "sigma_toroidal": self.errors[0],
+            "spheroidal": self.spheroidal,
+            "sigma_spheroidal": self.errors[1],
+        }
         units = dict.fromkeys([name for name in columns if name != "l"], "uas2 / yr2")
         return tables.table_of(columns, self._plain_facts(), units)
 

@@ -80,8 +80,10 @@ class ParallaxModel:
         excess_noise = np.broadcast_to(columns.get("excess_noise", self.priors.excess_noise), ratio.shape)
         # Without a prior the flow's amplitude stands for H_ref and weighs only; with one it tells H0.
         flow = columns["flow_amplitude"] * ratio if "flow_amplitude" in columns else np.ones(ratio.shape)
-        inside = [np.clip(value, axis.low, axis.high)
-                  for value, axis in zip((spread, excess_noise, flow), self.likelihood.axes, strict=True)]  # fmt: skip
+        inside = [
+            np.clip(value, axis.low, axis.high)
+            for value, axis in zip((spread, excess_noise, flow), self.likelihood.axes, strict=True)
+        ]
         return np.stack(inside), ratio
 
     def conditional(self, numbers: FloatArray, with_priors: bool = True) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -53,11 +53,26 @@ def plot_corner(
     figure = plt.figure(figsize=(size, size), layout="none") if ax is None else figure_of(panels(ax, k, k))
     with plt.rc_context({"axes.spines.top": True, "axes.spines.right": True}):
         corner.corner(
-            data, fig=figure, labels=[label(name) for name in chosen], levels=(0.683, 0.954), truths=true, truth_color=COLOURS[1],
-            quantiles=(0.15865525, 0.5, 0.84134475), show_titles=True, titles=[_LABELS.get(name, name) for name in chosen],
-            title_fmt=".3g", title_kwargs={"fontsize": 7}, label_kwargs={"fontsize": 8}, color=COLOURS[0], plot_datapoints=False,
-            smooth=1.0, bins=30, max_n_ticks=3, labelpad=0.12, range=[_reach(*each) for each in zip(data.T, true, strict=True)],
-        )  # fmt: skip
+            data,
+            fig=figure,
+            labels=[label(name) for name in chosen],
+            levels=(0.683, 0.954),
+            truths=true,
+            truth_color=COLOURS[1],
+            quantiles=(0.15865525, 0.5, 0.84134475),
+            show_titles=True,
+            titles=[_LABELS.get(name, name) for name in chosen],
+            title_fmt=".3g",
+            title_kwargs={"fontsize": 7},
+            label_kwargs={"fontsize": 8},
+            color=COLOURS[0],
+            plot_datapoints=False,
+            smooth=1.0,
+            bins=30,
+            max_n_ticks=3,
+            labelpad=0.12,
+            range=[_reach(*each) for each in zip(data.T, true, strict=True)],
+        )
     if ax is None:
         edge = 0.8 / size  # else corner cuts labels off
         figure.subplots_adjust(left=edge, bottom=edge, right=1 - 0.1 / size, top=1 - 0.35 / size)
@@ -112,7 +127,14 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: Any = None) -> Any:
     r_hat, size = posterior.r_hat, posterior.effective_size
     left_out = min(len(chain), 5 * np.nan_to_num(max(posterior.autocorrelation.values()), nan=np.inf))
     for axes, name, values in zip(drawn, names, np.moveaxis(chain, 2, 0), strict=True):
-        axes.plot(np.arange(0, len(chain), every), values[::every, ::each], color=COLOURS[0], alpha=0.2, linewidth=0.3, rasterized=True)  # fmt: skip
+        axes.plot(
+            np.arange(0, len(chain), every),
+            values[::every, ::each],
+            color=COLOURS[0],
+            alpha=0.2,
+            linewidth=0.3,
+            rasterized=True,
+        )
         axes.axvspan(0, left_out, color="0.85", zorder=0)
         axes.set_ylabel(label(name) if name in UNITS else f"${name}$")
         axes.set_title(f"R̂ = {r_hat[name]:.3f}, effective size {size[name]:.0f}", loc="right", fontsize=6.5, pad=2)

@@ -167,10 +167,20 @@ def sample(
     if checkpoint is not None:
         check_writable(checkpoint)
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
-        identity = fingerprint(_data(field, rows), f"{rows.n_data // 2} sources, {rows.frame}", given.describe() | {
-            "cosmology": repr(cosmology), "spin": spin_said, "outliers": repr(outliers),
-            "outlier width": str(outlier_width), "distances": _in_words(distances), "walkers": str(n_walkers), "seed": str(seed),
-        })  # fmt: skip
+        identity = fingerprint(
+            _data(field, rows),
+            f"{rows.n_data // 2} sources, {rows.frame}",
+            given.describe()
+            | {
+                "cosmology": repr(cosmology),
+                "spin": spin_said,
+                "outliers": repr(outliers),
+                "outlier width": str(outlier_width),
+                "distances": _in_words(distances),
+                "walkers": str(n_walkers),
+                "seed": str(seed),
+            },
+        )
     begun = perf_counter()
     with nullcontext() if checkpoint is None else exclusive(checkpoint):
         if checkpoint is not None:
@@ -192,7 +202,9 @@ def _data(field, rows):
 
 def _in_words(distances):
     """How distances follow from redshifts, the same text in every run."""
-    return str({
-        name: named_function(value) if callable(value) and not isinstance(value, type) else repr(value)
-        for name, value in sorted(distances.items())
-    })  # fmt: skip
+    return str(
+        {
+            name: named_function(value) if callable(value) and not isinstance(value, type) else repr(value)
+            for name, value in sorted(distances.items())
+        }
+    )

@@ -171,9 +171,13 @@ def equal_information(field: Field | Parts, n_bins: int) -> FloatArray:
     if sources < n_bins:
         raise DegeneracyError(f"{sources} sources do not fill {n_bins} bins")
     inner = weighted_quantiles(
-        sky, partial(_usable_column, column="redshift"), partial(_usable_column, column="information"),
-        np.arange(1, n_bins) / n_bins, roles=("redshift",), words="bins of redshift",
-    )  # fmt: skip
+        sky,
+        partial(_usable_column, column="redshift"),
+        partial(_usable_column, column="information"),
+        np.arange(1, n_bins) / n_bins,
+        roles=("redshift",),
+        words="bins of redshift",
+    )
     edges = np.r_[min(lowest), inner, np.nextafter(max(highest), np.inf)]
     if not (np.diff(edges) > 0).all():
         raise DegeneracyError(
@@ -264,9 +268,16 @@ def _joint(normals, edges, columns):
         values = theta[index]
         chi2 = float(normal.chi2_null - 2 * values @ normal.rhs + values @ normal.matrix @ values)
         solutions.append(
-            Solution(Coefficients(modes, values), covariance[np.ix_(index, index)], chi2, normal.n_data,
-                     normal.frame, normal.notes, "the catalogue, all bins together")
-        )  # fmt: skip
+            Solution(
+                Coefficients(modes, values),
+                covariance[np.ix_(index, index)],
+                chi2,
+                normal.n_data,
+                normal.frame,
+                normal.notes,
+                "the catalogue, all bins together",
+            )
+        )
     noise, added = covariance[: 6 * bins, : 6 * bins], None
     if columns is not None:
         carried = covariance @ np.concatenate([*(x[own] for x in columns), sum(x[rest] for x in columns)])

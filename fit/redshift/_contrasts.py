@@ -72,18 +72,23 @@ class Trend(Result):
 
     def report(self) -> str:
         """The slopes and their test as text."""
-        lines = [f"slopes of {name:14}" + "".join(f"{x:+10.3f} ± {s:.3f}" for x, s in zip(v.value, v.sigma, strict=True))
-                 for name, v in (("spin", self.spin), ("acceleration", self.acceleration))]  # fmt: skip
+        lines = [
+            f"slopes of {name:14}" + "".join(f"{x:+10.3f} ± {s:.3f}" for x, s in zip(v.value, v.sigma, strict=True))
+            for name, v in (("spin", self.spin), ("acceleration", self.acceleration))
+        ]
         lines.append(f"no slope: χ² = {self.test.chi2:.2f} for {self.test.dof}, p-value {self.test.p_value:.4g}")
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
         """The slopes of spin and acceleration with their errors as an astropy Table."""
         names = [f"{name}_{axis}" for name in ("spin", "acceleration") for axis in "xyz"]
-        return tables.table_of({
-            "parameter": names, "slope": np.concatenate([self.spin.value, self.acceleration.value]),
-            "sigma": np.concatenate([self.spin.sigma, self.acceleration.sigma]),
-        })  # fmt: skip
+        return tables.table_of(
+            {
+                "parameter": names,
+                "slope": np.concatenate([self.spin.value, self.acceleration.value]),
+                "sigma": np.concatenate([self.spin.sigma, self.acceleration.sigma]),
+            }
+        )
 
     def plot(self, *, ax: Any = None) -> Any:
         """The slopes with their errors, on matplotlib axes."""

@@ -21,20 +21,31 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: Any 
     # A bin measures the mean of 1/d, and that is where its marker stands.
     z, edges = np.clip(binned.effective_redshift, binned.edges[:-1], binned.edges[1:]), binned.edges
     logarithmic = edges[0] > 0 and edges[-1] > 5 * edges[0]
-    for (components, amplitude), name, symbol in zip(drawn.reshape(2, 2), ("acceleration", "spin"), ("ã", "ω"), strict=True):  # fmt: skip
+    for (components, amplitude), name, symbol in zip(
+        drawn.reshape(2, 2), ("acceleration", "spin"), ("ã", "ω"), strict=True
+    ):
         vectors = [getattr(solution, name) for solution in binned.solutions]
         for i, (axis, colour) in enumerate(zip("xyz", COLOURS, strict=False)):
             away = z * 1.03 ** (i - 1) if logarithmic else z + (i - 1) * 0.006 * (edges[-1] - edges[0])
             components.errorbar(
-                away, [v.value[i] for v in vectors], [v.sigma[i] for v in vectors], fmt="os^"[i], color=colour,
+                away,
+                [v.value[i] for v in vectors],
+                [v.sigma[i] for v in vectors],
+                fmt="os^"[i],
+                color=colour,
                 label=f"{symbol}$_{axis}$",
-            )  # fmt: skip
+            )
         components.axhline(0, color="0.7", linewidth=0.6, zorder=0)
         components.set_ylabel(f"{name}  [µas/yr]")
         amplitude.errorbar(
-            z, [v.amplitude for v in vectors], [v.amplitude_error for v in vectors],
-            xerr=[z - edges[:-1], edges[1:] - z], fmt="s", color="0.25", label="as fitted",
-        )  # fmt: skip
+            z,
+            [v.amplitude for v in vectors],
+            [v.amplitude_error for v in vectors],
+            xerr=[z - edges[:-1], edges[1:] - z],
+            fmt="s",
+            color="0.25",
+            label="as fitted",
+        )
         amplitude.plot(
             z, [v.debiased_amplitude for v in vectors], "_", color=COLOURS[1], ms=8, mew=1.5, label="noise-debiased"
         )

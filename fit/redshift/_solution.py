@@ -269,9 +269,12 @@ class BinnedSolution(Result):
     def to_table(self) -> Table:
         """Spin and acceleration in each bin, with errors, as an astropy Table."""
         columns = {
-            "z_low": self.edges[:-1], "z_high": self.edges[1:], "z": self.redshift, "sources": self.counts,
+            "z_low": self.edges[:-1],
+            "z_high": self.edges[1:],
+            "z": self.redshift,
+            "sources": self.counts,
             "chi2_dof": np.array([s.reduced_chi2 for s in self.solutions]),
-        }  # fmt: skip
+        }
         for name in ("spin", "acceleration"):
             vectors = [getattr(solution, name) for solution in self.solutions]
             for i, axis in enumerate("xyz"):
@@ -311,9 +314,7 @@ class BinnedSolution(Result):
     def _chosen(self, kind, l):
         """Values (B, q) of some of the free coefficients, their covariance, which they are, and what of it is noise."""
         modes = list(self.modes)
-        keep = [
-            i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)
-        ]  # fmt: skip
+        keep = [i for i, k in enumerate(self.free) if kind in (None, modes[k].kind) and l in (None, modes[k].l)]
         if not keep:
             raise ParameterError(f"no free coefficients of kind {kind} and degree {l} in the bins")
         free = self.free[keep]

@@ -271,9 +271,17 @@ class ParallaxParts:
         if len(facts["frames"]) > 1:
             raise FrameError(f"parts are in {' and '.join(sorted(facts['frames']))}: take all to one frame")
         return cls(
-            sky, calibration, options, facts["n_data"], min(facts["variance"]), max(facts["rate"]),
-            hubble_value(calibration.cosmology), next(iter(facts["frames"])), merge_notes(*facts["notes"]), facts["n_own"],
-        )  # fmt: skip
+            sky,
+            calibration,
+            options,
+            facts["n_data"],
+            min(facts["variance"]),
+            max(facts["rate"]),
+            hubble_value(calibration.cosmology),
+            next(iter(facts["frames"])),
+            merge_notes(*facts["notes"]),
+            facts["n_own"],
+        )
 
     def sums(
         self, spread: ArrayLike = 0.0, excess_noise: ArrayLike = 0.0, *, ratio: float = 1.0, threads: int | None = None

@@ -218,9 +218,12 @@ def hubble_constant(
     if velocity.covariance.any():
         step = 1e-4 * velocity.amplitude
         slopes = np.stack(
-            [(at(velocity.value + s)["values"] - at(velocity.value - s)["values"]) / (2 * step)
-             for s in step * np.eye(3)], axis=1,
-        )  # fmt: skip
+            [
+                (at(velocity.value + s)["values"] - at(velocity.value - s)["values"]) / (2 * step)
+                for s in step * np.eye(3)
+            ],
+            axis=1,
+        )
         solved["covariance"] = solved["covariance"] + slopes @ velocity.covariance @ slopes.T
     return HubbleSolution(**solved, preferred=preferred, peculiar_dispersion=dispersion, assumed_velocity=velocity)
 

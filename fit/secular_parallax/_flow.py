@@ -110,9 +110,10 @@ class Flow(Result):
     def report(self) -> str:
         """The bulk flow by distance as text."""
         lines = [
-            f"The flow of galaxies, {self.modes.theory.name} as its prior, {len(self.modes)} modes", "─" * WIDTH,
+            f"The flow of galaxies, {self.modes.theory.name} as its prior, {len(self.modes)} modes",
+            "─" * WIDTH,
             f"{'Mpc/h':>8}  mean velocity of a shell, {self.frame} axes [km/s]",
-        ]  # fmt: skip
+        ]
         for radius in self._radii():
             v = self.bulk(radius)
             cells = "".join(f"{cell:>17}" for cell in components(v, 0))

@@ -91,9 +91,10 @@ class VelocityForecast(Result):
     def report(self) -> str:
         """The table as text."""
         lines = [
-            "Errors to come: a component of our velocity [km/s] / H0 [km/s/Mpc], with the cosmic variance of linear flows", "─" * WIDTH,
+            "Errors to come: a component of our velocity [km/s] / H0 [km/s/Mpc], with the cosmic variance of linear flows",
+            "─" * WIDTH,
             f"{'':8}{'z below':>8}{'sources':>9}" + "".join(f"{name:>16}" for name in self.known),
-        ]  # fmt: skip
+        ]
         for i, catalogue in enumerate(self.catalogues):
             for j, limit in enumerate(self.limits):
                 cells = "".join(
@@ -193,6 +194,10 @@ def forecast_velocity(
                 constant.append(h.hubble_error)
     shape = len(catalogues), len(limits)
     return VelocityForecast(
-        tuple(catalogues), tuple(map(float, limits)), tuple(KNOWN), np.reshape(sources, shape),
-        np.reshape(velocity, (*shape, len(KNOWN))), np.reshape(constant, (*shape, len(KNOWN))),
-    )  # fmt: skip
+        tuple(catalogues),
+        tuple(map(float, limits)),
+        tuple(KNOWN),
+        np.reshape(sources, shape),
+        np.reshape(velocity, (*shape, len(KNOWN))),
+        np.reshape(constant, (*shape, len(KNOWN))),
+    )

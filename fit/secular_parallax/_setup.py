@@ -94,9 +94,14 @@ def parallax_equations(
     flows, grid = _theory_left(given), given.get("reconstruction")
     radial = dispersion if flows is None else float(np.hypot(dispersion, flows.sigma))
     calibration = calibrate(
-        field, given.get("redshift_frame"), radial, cosmology=cosmology, density=given.get("density"),
-        luminosity=given.get("luminosity"), magnitudes=given.get("magnitudes"),
-    )  # fmt: skip
+        field,
+        given.get("redshift_frame"),
+        radial,
+        cosmology=cosmology,
+        density=given.get("density"),
+        luminosity=given.get("luminosity"),
+        magnitudes=given.get("magnitudes"),
+    )
     modes = None
     if flows is not None:
         modes = modes_within(calibration.flow_limits, calibration.cosmology, flows, given.get("n_modes", 250))

@@ -24,6 +24,12 @@ def plot_shear(tensor: Any, *, ax: Any = None) -> SkyAxes:
     ):
         there, up = angles(np.stack([axis, -axis], axis=1))
         draw_points(axes, there, up, s=36, color=colour, edgecolor="white", label=f"{rate:+.2f} ± {error:.2f}")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=3, title="rate along the axis  [µas/yr]", title_fontsize=7)  # fmt: skip
+    axes.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.02),
+        ncols=3,
+        title="rate along the axis  [µas/yr]",
+        title_fontsize=7,
+    )
     axes.set_title(f"expansion of degree 2: motions to {np.hypot(*motion).max():.2g} µas/yr")
     return axes

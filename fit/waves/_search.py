@@ -234,9 +234,16 @@ def search(
     white = Whitened.of(equations.matrix, equations.rhs, np.isin(modes.degrees, wanted))
     statistic, amplitudes, spread = map_of(white, modes, nside)
     search = WaveSearch(
-        statistic, amplitudes, norm_limit(np.sqrt(statistic) * spread, spread, 2), 1.0, n_skies, wanted, equations.frame or "icrs",
-        equations.n_data, notes=equations.notes,
-    )  # fmt: skip
+        statistic,
+        amplitudes,
+        norm_limit(np.sqrt(statistic) * spread, spread, 2),
+        1.0,
+        n_skies,
+        wanted,
+        equations.frame or "icrs",
+        equations.n_data,
+        notes=equations.notes,
+    )
     return replace(search, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng))
 
 
@@ -317,9 +324,18 @@ def search_in_time(
     white = Whitened.of(matrix, rhs, np.tile(modes.degrees >= 2, 2))
     statistic, amplitudes, spread = map_of(white, modes, nside, copies=2)
     search = WaveSearch(
-        statistic, amplitudes, norm_limit(np.sqrt(statistic) * spread, spread, 4), 1.0, n_skies, tuple(range(2, modes.lmax + 1)),
-        "icrs", used, float(frequency), "µas", (*observations.notes, SOLVED_ATTITUDE),
-    )  # fmt: skip
+        statistic,
+        amplitudes,
+        norm_limit(np.sqrt(statistic) * spread, spread, 4),
+        1.0,
+        n_skies,
+        tuple(range(2, modes.lmax + 1)),
+        "icrs",
+        used,
+        float(frequency),
+        "µas",
+        (*observations.notes, SOLVED_ATTITUDE),
+    )
     return replace(search, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng, copies=2))
 
 

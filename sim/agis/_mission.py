@@ -64,8 +64,12 @@ def observations(
 
 
 @arguments.accepts(
-    scans=arguments.a(Scans), rng=arguments.seed, random=arguments.not_negative, systematic=arguments.not_negative, attitude=arguments.not_negative
-)  # fmt: skip
+    scans=arguments.a(Scans),
+    rng=arguments.seed,
+    random=arguments.not_negative,
+    systematic=arguments.not_negative,
+    attitude=arguments.not_negative,
+)
 def start_errors(
     scans: Scans, rng: Rng, *, random: float = 1e5, systematic: float = 1e4, attitude: float = 10.0
 ) -> tuple[FloatArray, FloatArray]:
@@ -84,10 +88,23 @@ ACROSS = 5.0
 
 
 def joint_system(
-    law: Any, lon: FloatArray, lat: FloatArray, sigma: FloatArray, *, knots: float = 30.0, across: float = ACROSS,
-    ccds: int = 1, full: int | None = FULL, number: int | None = None, prior: float | None = None, smoothing: float = 1e6, motion: GlobalMotion | None = None,
-    folder: Any = None, threads: int | None = None, progress: bool = False,
-) -> tuple[System, list[str]]:  # fmt: skip
+    law: Any,
+    lon: FloatArray,
+    lat: FloatArray,
+    sigma: FloatArray,
+    *,
+    knots: float = 30.0,
+    across: float = ACROSS,
+    ccds: int = 1,
+    full: int | None = FULL,
+    number: int | None = None,
+    prior: float | None = None,
+    smoothing: float = 1e6,
+    motion: GlobalMotion | None = None,
+    folder: Any = None,
+    threads: int | None = None,
+    progress: bool = False,
+) -> tuple[System, list[str]]:
     """The normal equations of a mission, scaled to the number of its sources.
 
     Parameters
@@ -123,13 +140,27 @@ def joint_system(
     law, knots, notes = as_whole(law, number or len(lon), knots, full)
     planned = plan(law, lon, lat, knots, ccds=ccds)
     # All of it before the work begins; transits on disk need no memory of their own.
-    check_memory(planned.memory_on_disk if folder else planned.memory, "the joint solution",
-                 "take fewer sources, or knots farther apart")  # fmt: skip
+    check_memory(
+        planned.memory_on_disk if folder else planned.memory,
+        "the joint solution",
+        "take fewer sources, or knots farther apart",
+    )
     if smoothing < ROUGH:
         notes.append(
             f"smoothing of {smoothing:g} µas is a statement on the attitude: errors hold only where it bends no more"
         )
-    scan = scans(law, lon, lat, sigma, across * np.asarray(sigma), knots, ccds=ccds, folder=folder, threads=threads, progress=progress)  # fmt: skip
+    scan = scans(
+        law,
+        lon,
+        lat,
+        sigma,
+        across * np.asarray(sigma),
+        knots,
+        ccds=ccds,
+        folder=folder,
+        threads=threads,
+        progress=progress,
+    )
     return System(scan, prior, smoothing=smoothing, motion=motion, threads=threads), notes
 
 
@@ -144,9 +175,18 @@ def as_whole(law: Any, n: int, knots: float, full: int | None = FULL) -> tuple[A
 
 
 def solve_mission(
-    law: Any, lon: FloatArray, lat: FloatArray, sigma: FloatArray, rng: Rng, *, variability: Variability | None = None,
-    variable: BoolArray | None = None, sources: ArrayLike | None = None, progress: bool = False, **options: Any,
-) -> tuple[AgisSolution, System, list[str]]:  # fmt: skip
+    law: Any,
+    lon: FloatArray,
+    lat: FloatArray,
+    sigma: FloatArray,
+    rng: Rng,
+    *,
+    variability: Variability | None = None,
+    variable: BoolArray | None = None,
+    sources: ArrayLike | None = None,
+    progress: bool = False,
+    **options: Any,
+) -> tuple[AgisSolution, System, list[str]]:
     """Observe the sources of a mission and solve for them and the attitude.
 
     Parameters
@@ -231,9 +271,14 @@ class Mixture(Frozen):
 
 @arguments.accepts(mission=arguments.a(Mission), quasars=arguments.a(Population))
 def mixture(
-    mission: Mission, quasars: Population, galaxies: Population | None = None, stars: Population | None = None, *,
-    excess_noise: ArrayLike = 0.0, star_error: float | None = None,
-) -> Mixture:  # fmt: skip
+    mission: Mission,
+    quasars: Population,
+    galaxies: Population | None = None,
+    stars: Population | None = None,
+    *,
+    excess_noise: ArrayLike = 0.0,
+    star_error: float | None = None,
+) -> Mixture:
     """The sources of a mission with the errors of their transits.
 
     Parameters
@@ -268,7 +313,11 @@ def mixture(
             sigma = np.full(n, arguments.positive("star_error", star_error))
         unknown = np.full(n, np.nan)
         redshift = unknown if population.redshift is None else population.redshift
-        for name, column in zip(columns, (population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)), strict=True):  # fmt: skip
+        for name, column in zip(
+            columns,
+            (population.lon, population.lat, sigma, population.magnitude, redshift, np.full(n, index)),
+            strict=True,
+        ):
             columns[name].append(column)
     joined = {name: np.concatenate(parts) for name, parts in columns.items()}
     arguments.float_array("sigma", joined["sigma"])

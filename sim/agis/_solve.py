@@ -183,10 +183,21 @@ def solve_observations(
     done[~equations.solved] = np.nan
     scans = equations.scans
     return AgisSolution(
-        done, h, len(history), bool(rested or work.residual < _SOLVED), np.array(history), np.array(updates), fit.modes, fit.formal,
-        equations.formal, equations.solved, scans.lon, scans.lat, scans.frame,
+        done,
+        h,
+        len(history),
+        bool(rested or work.residual < _SOLVED),
+        np.array(history),
+        np.array(updates),
+        fit.modes,
+        fit.formal,
+        equations.formal,
+        equations.solved,
+        scans.lon,
+        scans.lat,
+        scans.frame,
         equations.motion.parameters((x + solved)[..., None])[:, 0] if equations.motion is not None else None,
-    )  # fmt: skip
+    )
 
 
 def _left(passes, along, across, x, attitude):

@@ -43,14 +43,22 @@ class Equations(InNotebook):
     """S, A factored, and what both do to vectors; those of sources are (n, 5, K)."""
 
     def __init__(
-        self, scans: Scans, prior: float | None, smoothing: float, motion: GlobalMotion | None,
-        threads: int | None, compiled: bool | None,
-    ) -> None:  # fmt: skip
+        self,
+        scans: Scans,
+        prior: float | None,
+        smoothing: float,
+        motion: GlobalMotion | None,
+        threads: int | None,
+        compiled: bool | None,
+    ) -> None:
         self.scans, self.prior, self.smoothing, self.motion = scans, prior, smoothing, motion
         self.coefficients = scans.intervals + 3
         self._check_data()
-        check_memory(system_memory(scans.n_sources, self.coefficients, 1), "the normal equations",
-                     "take fewer sources, or knots farther apart")  # fmt: skip
+        check_memory(
+            system_memory(scans.n_sources, self.coefficients, 1),
+            "the normal equations",
+            "take fewer sources, or knots farther apart",
+        )
         self.passes, blocks, band, self.solved = self._determined(threads, compiled)
         self._check_numbers()
         blocks[~self.solved] = np.eye(5)
@@ -228,9 +236,15 @@ class ExactErrors(Equations):
         return self._covariance(g, tolerance, iterations, progress, variability, variable)
 
     def covariance_of(
-        self, functionals: ArrayLike, *, variability: Variability | None = None, variable: ArrayLike | None = None,
-        tolerance: float = 1e-3, iterations: int = 2000, progress: bool = False,
-    ) -> FloatArray:  # fmt: skip
+        self,
+        functionals: ArrayLike,
+        *,
+        variability: Variability | None = None,
+        variable: ArrayLike | None = None,
+        tolerance: float = 1e-3,
+        iterations: int = 2000,
+        progress: bool = False,
+    ) -> FloatArray:
         """Covariance of any linear functionals Σ g x of the sources' parameters."""
         g = arguments.float_array("functionals", functionals)
         if g.ndim != 3 or g.shape[:2] != (self.scans.n_sources, 5):
@@ -484,11 +498,20 @@ class System(ExactErrors):
         arguments.choice("first", first, ("sources", "attitude"))
         arguments.choice("method", method, ("conjugate", "simple"))
         solved = solve_observations(
-            self, *observed, start=first_start, attitude=first_attitude, known=known, first=first, conjugate=method == "conjugate",
+            self,
+            *observed,
+            start=first_start,
+            attitude=first_attitude,
+            known=known,
+            first=first,
+            conjugate=method == "conjugate",
             iterations=arguments.whole("iterations", iterations),
-            stop=None if stop is None else arguments.positive("stop", stop), fit=low_fit(self, arguments.indices("sources", sources, n)),
-            watch=watch, checkpoint=checkpoint, progress=progress,
-        )  # fmt: skip
+            stop=None if stop is None else arguments.positive("stop", stop),
+            fit=low_fit(self, arguments.indices("sources", sources, n)),
+            watch=watch,
+            checkpoint=checkpoint,
+            progress=progress,
+        )
         if not solved.converged and stop is not None:
             warnings.warn(
                 f"not converged after {solved.iterations} iterations: degrees 1 to {solved.modes.lmax} still change; allow more, or read "

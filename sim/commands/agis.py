@@ -42,16 +42,19 @@ def report(
     counts = ", ".join(f"{np.sum(mixture.are(kind))} {kind}" for kind in agis.KINDS if mixture.are(kind).any())
     sigma = np.sqrt(np.einsum("nii->ni", solution.formal))
     lines = [
-        "Sources and attitude solved together", "",
+        "Sources and attitude solved together",
+        "",
         f"sources      {counts}; {system.solved.sum()} solved",
         f"transits     {len(scans)}, {options.across:g} times the error across the scan",
         f"attitude     {scans.intervals} intervals of {scans.spacing * JULIAN_YEAR:.4g} s, "
         + ("solved" if system.prior is None else f"known to {system.prior:g} µas"),
-        f"iterations   {solution.iterations}, " + ("at rest" if solution.converged else "NOT at rest: large scales are not what they will be"),
-        *(f"note         {note}" for note in notes), "",
+        f"iterations   {solution.iterations}, "
+        + ("at rest" if solution.converged else "NOT at rest: large scales are not what they will be"),
+        *(f"note         {note}" for note in notes),
+        "",
         "True over formal error, this draw of the noise (rms over sources)",
         f"{'':12}{'α*':>8}{'δ':>8}{'ϖ':>8}{'µα*':>8}{'µδ':>8}",
-    ]  # fmt: skip
+    ]
     for kind in agis.KINDS:
         here = mixture.are(kind) & system.solved
         if here.any():
@@ -67,7 +70,11 @@ def report(
             for name, value in zip(system.motion.names, solution.global_parameters, strict=True)
         ]
     if exact:
-        lines += ["", "Exact errors of a fit of degree 1 to the quasars [µas/yr, coefficients]", f"{'':18}{'formal':>10}{'true':>10}{'ratio':>8}"]  # fmt: skip
+        lines += [
+            "",
+            "Exact errors of a fit of degree 1 to the quasars [µas/yr, coefficients]",
+            f"{'':18}{'formal':>10}{'true':>10}{'ratio':>8}",
+        ]
         lines += [f"{name:18}{formal:10.4f}{true:10.4f}{true / formal:8.3f}" for name, (formal, true) in exact.items()]
         formal, true = np.array([exact[str(mode)] for mode in vsh.Modes(1)][3:]).T
         lines.append(f"acceleration: true/formal {np.sqrt(np.sum(true**2) / np.sum(formal**2)):.3f}")
@@ -84,7 +91,11 @@ def write(
     motions = solution.field(
         truth, sources=mixture.are("quasars"), redshift=mixture.redshift, magnitude=mixture.magnitude
     )
-    meta = {f"{name}_{axis}": float(v) for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration)) for axis, v in zip("XYZ", vector, strict=True)}  # fmt: skip
+    meta = {
+        f"{name}_{axis}": float(v)
+        for name, vector in (("SPIN", options.spin), ("ACC", options.acceleration))
+        for axis, v in zip("XYZ", vector, strict=True)
+    }
     motions.write(folder / "motions.fits", meta | {"PROGRAM": f"vsh-agis {vsh.__version__}"})
     tables.write_table(named["sources"], folder / "sources.fits", {"UNITS": "muas, muas/yr"})
     tables.write_table(named["convergence"], folder / "convergence.ecsv")
@@ -95,9 +106,17 @@ def tables_of(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mi
     from vsh.io.tables import table_of
 
     names = ("ra", "dec", "parallax", "pmra", "pmdec")
-    columns = {"ra": np.degrees(mixture.lon), "dec": np.degrees(mixture.lat), "kind": np.array(agis.KINDS)[mixture.kind], "transits": system.scans.counts}  # fmt: skip
+    columns = {
+        "ra": np.degrees(mixture.lon),
+        "dec": np.degrees(mixture.lat),
+        "kind": np.array(agis.KINDS)[mixture.kind],
+        "transits": system.scans.counts,
+    }
     columns |= {f"error_{name}": solution.sources[:, i] for i, name in enumerate(names)}
-    columns |= {f"sigma_{name}": np.sqrt(np.where(system.solved, solution.formal[:, i, i], np.nan)) for i, name in enumerate(names)}  # fmt: skip
+    columns |= {
+        f"sigma_{name}": np.sqrt(np.where(system.solved, solution.formal[:, i, i], np.nan))
+        for i, name in enumerate(names)
+    }
     history = {str(mode): solution.history[:, i] for i, mode in enumerate(solution.modes)}
     return {
         "convergence": table_of({"iteration": np.arange(1, len(solution.history) + 1)} | history),
@@ -116,7 +135,9 @@ def draw(system: agis.System, solution: agis.AgisSolution, mixture: agis.Mixture
     height = 2 * np.radians(0.342) * np.sqrt(max(1.0, system.scans.spacing * JULIAN_YEAR / 30.0))
     edges = np.minimum(_ANGLES * height, np.pi)
     edges = edges[: np.searchsorted(edges, np.pi) + 1]
-    angles = agis.correlation_by_angle(solution.sources[quasars, 2], mixture.lon[quasars], mixture.lat[quasars], edges, sigma=size)  # fmt: skip
+    angles = agis.correlation_by_angle(
+        solution.sources[quasars, 2], mixture.lon[quasars], mixture.lat[quasars], edges, sigma=size
+    )
     nside = 2 ** int(np.clip(np.log2(np.sqrt(quasars.sum() / 120)), 0, 4))
     return {
         "convergence": agis.plot_convergence(solution),
@@ -168,10 +189,21 @@ def _solve(options, law, mixture, full, work, streams):
     noise, start, chosen, radio = streams
     quasars = mixture.are("quasars")
     system, notes = agis.joint_system(
-        law, mixture.lon, mixture.lat, mixture.sigma, knots=options.knots, across=options.across, ccds=options.ccds, full=full, number=options.quasars,
-        prior=None if options.attitude == "solved" else options.attitude, smoothing=options.smoothing,
-        motion=_global(options, mixture), folder=work / "scans" if options.map else None, progress=True,
-    )  # fmt: skip
+        law,
+        mixture.lon,
+        mixture.lat,
+        mixture.sigma,
+        knots=options.knots,
+        across=options.across,
+        ccds=options.ccds,
+        full=full,
+        number=options.quasars,
+        prior=None if options.attitude == "solved" else options.attitude,
+        smoothing=options.smoothing,
+        motion=_global(options, mixture),
+        folder=work / "scans" if options.map else None,
+        progress=True,
+    )
     variability = sim.Variability(options.variability, options.tau) if options.variability else None
     observed = agis.observations(system.scans, noise, variability=variability, variable=quasars)
     errors = {"random": options.start[0], "systematic": options.start[1], "attitude": options.start_attitude}
@@ -180,18 +212,31 @@ def _solve(options, law, mixture, full, work, streams):
     if system.prior is not None:  # what is known of the attitude is off by as much
         known = system.prior * start.standard_normal(attitude.shape)
     solution = system.solve(
-        *observed, start=sources, attitude=attitude, known=known, first=options.first, method=options.method,
-        iterations=options.iterations, stop=options.stop, sources=quasars, checkpoint=work / "checkpoint.npz", progress=True,
-    )  # fmt: skip
+        *observed,
+        start=sources,
+        attitude=attitude,
+        known=known,
+        first=options.first,
+        method=options.method,
+        iterations=options.iterations,
+        stop=options.stop,
+        sources=quasars,
+        checkpoint=work / "checkpoint.npz",
+        progress=True,
+    )
     solution, rotated = _framed(system, solution, options, quasars, chosen, radio)
     exact = _exact(system, mixture) if options.exact else {}
     text = report(system, solution, notes + rotated, mixture, options, exact)
     result = finishing.RunResult(text, lambda: tables_of(system, solution, mixture), notes + rotated)
     finishing.finish(
-        options, result, provenance=lambda: running.provenance([], options),
-        draw=lambda: draw(system, solution, mixture), write=lambda folder, meta: write(folder, solution, mixture, result.tables, options),
-        title=f"{options.quasars} quasars and the attitude, solved together", captions=CAPTIONS,
-    )  # fmt: skip
+        options,
+        result,
+        provenance=lambda: running.provenance([], options),
+        draw=lambda: draw(system, solution, mixture),
+        write=lambda folder, meta: write(folder, solution, mixture, result.tables, options),
+        title=f"{options.quasars} quasars and the attitude, solved together",
+        captions=CAPTIONS,
+    )
     (work / "checkpoint.npz").unlink()
     if options.map:
         shutil.rmtree(work / "scans", ignore_errors=True)

@@ -87,8 +87,11 @@ class SurveyForecast(InNotebook):
         """A row for each survey, as an astropy Table."""
         from vsh.io import tables
 
-        columns: dict[str, Any] = {"survey": list(self.surveys), "quasars": [s.n_quasars for s in self.surveys.values()],
-                                   "galaxies": [s.n_galaxies for s in self.surveys.values()]}  # fmt: skip
+        columns: dict[str, Any] = {
+            "survey": list(self.surveys),
+            "quasars": [s.n_quasars for s in self.surveys.values()],
+            "galaxies": [s.n_galaxies for s in self.surveys.values()],
+        }
         columns |= {name: [float(self.values[survey][name]) for survey in self.surveys] for name in QUANTITIES}
         units = {
             "µas/yr": "uas / yr",
@@ -184,14 +187,18 @@ def _of_quasars(field, survey, power):
     tensors = [tensor_of(Coefficients(Modes(2), row)) for row in np.linalg.cholesky(prediction.covariance).T]
     degrees = np.arange(1, _DEGREES + 1)
     return {
-        "spin": spin, "acceleration": acceleration, "acceleration_floor": floored, "acceleration_law": float(np.hypot(acceleration, law)),
-        "direction": float(np.degrees(floored / known)), "speed": circular_speed(known, floored, *R0)[1],
+        "spin": spin,
+        "acceleration": acceleration,
+        "acceleration_floor": floored,
+        "acceleration_law": float(np.hypot(acceleration, law)),
+        "direction": float(np.degrees(floored / known)),
+        "speed": circular_speed(known, floored, *R0)[1],
         "r0": distance_of_centre(known, floored)[1],
         "waves": 6 / 5 * (noise + mode) * float(chdtri(10, 0.05)) / (4 * np.pi * hubble_rate(_HUBBLE) ** 2),
         "wave": float(np.sqrt(noise * 6 / (4 * np.pi))),
         "shear": 100 * float(np.sqrt(np.mean(np.sum(np.square(tensors), axis=0)))) / hubble_rate(_HUBBLE),
         "degree": float(_last_above(power, (2 * degrees + 1) * noise)),
-    }  # fmt: skip
+    }
 
 
 def _last_above(power, noise):

@@ -26,7 +26,15 @@ def plot_forecast(forecast: Any, *, ax: Any = None) -> Any:
         for further in (f"{name}_floor", f"{name}_flows"):
             if further in QUANTITIES:
                 more = np.array([forecast.values[survey][further] for survey in names])
-                axes.scatter(place, more, marker="_", s=70, linewidths=1.4, color=COLOURS[1], label=QUANTITIES[further][0].strip())  # fmt: skip
+                axes.scatter(
+                    place,
+                    more,
+                    marker="_",
+                    s=70,
+                    linewidths=1.4,
+                    color=COLOURS[1],
+                    label=QUANTITIES[further][0].strip(),
+                )
         if axes.get_legend_handles_labels()[0]:
             axes.legend(fontsize=5.5, loc="best", handletextpad=0.1)
         if seen.any():

@@ -20,9 +20,13 @@ def _run(options):
         surveys[name] = Survey(n, sigma=sigma, says="as given")
     forecast = forecast_surveys(surveys, sky=options.sky, flows=not options.no_flows)
     finishing.finish(
-        options, finishing.RunResult(forecast.report(), lambda: {"Errors to come": forecast.to_table()}), provenance=lambda: running.provenance([], options),
-        draw=lambda: {"forecast": forecast.plot()}, write=lambda folder, meta: _write(folder, forecast, meta), title="What catalogues to come will tell",
-    )  # fmt: skip
+        options,
+        finishing.RunResult(forecast.report(), lambda: {"Errors to come": forecast.to_table()}),
+        provenance=lambda: running.provenance([], options),
+        draw=lambda: {"forecast": forecast.plot()},
+        write=lambda folder, meta: _write(folder, forecast, meta),
+        title="What catalogues to come will tell",
+    )
 
 
 def _write(folder, forecast, meta):

@@ -121,13 +121,20 @@ def subsets(sources: Sources) -> dict[str, BoolArray]:
     chosen = {"five parameters": five, "six parameters": sources.six, "all": five | sources.six}
     if field.magnitude is not None:
         g = field.magnitude
-        chosen |= {"G ≤ 18": five & (g <= 18), "18 < G ≤ 19": five & (g > 18) & (g <= 19),
-                   "19 < G ≤ 20": five & (g > 19) & (g <= 20), "G > 20": five & (g > 20)}  # fmt: skip
+        chosen |= {
+            "G ≤ 18": five & (g <= 18),
+            "18 < G ≤ 19": five & (g > 18) & (g <= 19),
+            "19 < G ≤ 20": five & (g > 19) & (g <= 20),
+            "G > 20": five & (g > 20),
+        }
     if sources.wavenumber is not None and np.isfinite(sources.wavenumber[five]).any():
         nu = sources.wavenumber
         low, high = np.nanquantile(nu[five], [1 / 3, 2 / 3])
-        chosen |= {"red third": five & (nu < low), "middle third": five & (nu >= low) & (nu < high),
-                   "blue third": five & (nu >= high)}  # fmt: skip
+        chosen |= {
+            "red third": five & (nu < low),
+            "middle third": five & (nu >= low) & (nu < high),
+            "blue third": five & (nu >= high),
+        }
     chosen |= {name: five & mask for name, mask in _places(field).items()}
     if sources.for_spin is not None:
         chosen["used for the frame's spin"] = five & sources.for_spin
@@ -142,11 +149,18 @@ def _places(field):
     beta = latitude("ecliptic")[1]
     plane = np.abs(np.sin(b)) < PLANE
     return {
-        "without the Galactic plane": ~plane, "|b| < 30°": np.abs(b) < np.pi / 6, "|b| ≥ 30°": np.abs(b) >= np.pi / 6,
-        "north Galactic half": b >= 0, "south Galactic half": b < 0, "north ecliptic half": beta >= 0,
-        "south ecliptic half": beta < 0, "north celestial half": field.lat >= 0, "south celestial half": field.lat < 0,
-        "half toward the centre": np.cos(l) >= 0, "half away from it": np.cos(l) < 0,
-    }  # fmt: skip
+        "without the Galactic plane": ~plane,
+        "|b| < 30°": np.abs(b) < np.pi / 6,
+        "|b| ≥ 30°": np.abs(b) >= np.pi / 6,
+        "north Galactic half": b >= 0,
+        "south Galactic half": b < 0,
+        "north ecliptic half": beta >= 0,
+        "south ecliptic half": beta < 0,
+        "north celestial half": field.lat >= 0,
+        "south celestial half": field.lat < 0,
+        "half toward the centre": np.cos(l) >= 0,
+        "half away from it": np.cos(l) < 0,
+    }
 
 
 #: The acceleration by five-parameter solutions, clipped at κ = 3: components in ICRS, and their errors. [µas/yr]
@@ -212,8 +226,11 @@ def run_gaia(
     for (name, field, lmax), stream in bar:
         rows.append(fit_sources(name, field, lmax, n_replicates, stream))
     degrees, others = rows[:max_lmax], rows[max_lmax:]
-    others += [DegreeOrSubset(name, int(mask.sum()), 0, None, None, f"{mask.sum()} sources, fewer than {FEWEST}")
-               for name, mask in chosen.items() if name not in enough]  # fmt: skip
+    others += [
+        DegreeOrSubset(name, int(mask.sum()), 0, None, None, f"{mask.sum()} sources, fewer than {FEWEST}")
+        for name, mask in chosen.items()
+        if name not in enough
+    ]
     study = GaiaStudy(sources, degrees, others, cross_check(five))
     if study.main.solution is None:
         raise DegeneracyError(f"the fit of degree {LMAX} to the five-parameter sources: {study.main.said}")

@@ -120,9 +120,12 @@ def row_table(rows: Sequence[DegreeOrSubset], truth: Mapping[str, Any] | None = 
     """A row a fit: sources, components of g and of the spin with both kinds of errors, amplitude and direction."""
     good: list[Any] = [row for row in rows if row.solution is not None]
     columns: dict[str, Any] = {
-        "fit": [row.name for row in good], "lmax": [row.solution.modes.lmax for row in good], "sources": [row.n_sources for row in good],
-        "clipped": [row.n_clipped for row in good], "chi2_dof": [row.solution.reduced_chi2 for row in good],
-    }  # fmt: skip
+        "fit": [row.name for row in good],
+        "lmax": [row.solution.modes.lmax for row in good],
+        "sources": [row.n_sources for row in good],
+        "clipped": [row.n_clipped for row in good],
+        "chi2_dof": [row.solution.reduced_chi2 for row in good],
+    }
     for name in ("acceleration", "spin"):
         short = {"acceleration": "g", "spin": "spin"}[name]
         for k, axis in enumerate("xyz"):
@@ -155,11 +158,14 @@ def power_table(study: GaiaStudy) -> Table:
     rows = []
     for fitted in dict.fromkeys((study.main, study.degrees[-1])):
         if fitted.resampled is not None:
-            rows += [(fitted.name, f"{row.kind}{row.l}", row.power, row.debiased, row.error, row.p_value, row.z)
-                     for row in spectrum(fitted.resampled)]  # fmt: skip
+            rows += [
+                (fitted.name, f"{row.kind}{row.l}", row.power, row.debiased, row.error, row.p_value, row.z)
+                for row in spectrum(fitted.resampled)
+            ]
     names = ("fit", "of", "power", "noise_debiased", "error", "p_value", "z")
-    return tables.table_of(dict(zip(names, zip(*rows, strict=True), strict=True)),
-                           units=dict.fromkeys(names[2:5], "uas2 / yr2"))  # fmt: skip
+    return tables.table_of(
+        dict(zip(names, zip(*rows, strict=True), strict=True)), units=dict.fromkeys(names[2:5], "uas2 / yr2")
+    )
 
 
 def correlation_table(study: GaiaStudy) -> Table:
@@ -179,8 +185,11 @@ def published_table(study: GaiaStudy) -> Table:
     magnitude = study.sources.field.magnitude
     if magnitude is not None:
         five = magnitude[~study.sources.six]
-        rows += [(f"of them G ≤ {limit:g}", float(count), np.nan, float((five <= limit).sum()), np.nan)
-                 for limit, count in COUNTS.items() if limit < 21]  # fmt: skip
+        rows += [
+            (f"of them G ≤ {limit:g}", float(count), np.nan, float((five <= limit).sum()), np.nan)
+            for limit, count in COUNTS.items()
+            if limit < 21
+        ]
     rows.append(("clipped, about", float(CLIPPED), np.nan, float(main.n_clipped), np.nan))
     for axis, value, error, ours, sigma in zip("xyz", COMPONENTS, ERRORS, g.value, g.sigma, strict=True):
         rows.append((f"g_{axis} [µas/yr]", value, error, ours, sigma))
@@ -241,11 +250,19 @@ def write_gaia(
     main: Any = study.main
     five = study.sources.field[~study.sources.six]
     page = html_report(
-        main.resampled, drawn, check=study.check, truth=None if truth is None else dict(truth), source=study.sources.label,
-        provenance=dict(provenance or {}), title="The acceleration of the Solar System from Gaia's quasars",
-        sections={_HEADINGS[name]: table for name, table in made.items()}, captions=CAPTIONS,
-        skies=[Shown("degree 3, errors from the bootstrap", five, main.solution.coefficients, main.resampled.covariance)],
-    )  # fmt: skip
+        main.resampled,
+        drawn,
+        check=study.check,
+        truth=None if truth is None else dict(truth),
+        source=study.sources.label,
+        provenance=dict(provenance or {}),
+        title="The acceleration of the Solar System from Gaia's quasars",
+        sections={_HEADINGS[name]: table for name, table in made.items()},
+        captions=CAPTIONS,
+        skies=[
+            Shown("degree 3, errors from the bootstrap", five, main.solution.coefficients, main.resampled.covariance)
+        ],
+    )
     close_figures(drawn.values())
     write_page(folder / "gaia.html", page)
     return text
@@ -268,8 +285,11 @@ def _report(study, made, truth):
         listed = ", ".join(f"{v:+.3f}" for v in truth["acceleration"].value)
         draws = main.resampled.covariance_dof
         expected = 6 * draws / (draws - 4)  # of three numbers with a covariance from so many draws, twice
-        lines += ["", f"A simulated catalogue; the truth is g = ({listed}) µas/yr. The last column of the tables is χ² of spin and g "
-                  f"against it, {expected:.1f} ± {np.sqrt(12) * expected / 6:.1f} where the errors are right."]  # fmt: skip
+        lines += [
+            "",
+            f"A simulated catalogue; the truth is g = ({listed}) µas/yr. The last column of the tables is χ² of spin and g "
+            f"against it, {expected:.1f} ± {np.sqrt(12) * expected / 6:.1f} where the errors are right.",
+        ]
     for name, table in made.items():
         lines += ["", f"## {_HEADINGS[name]}", "", *_markdown(_shown(name, table))]
     lines += [

@@ -64,10 +64,17 @@ def without_windows() -> None:
 
 
 def write_page(
-    path: PathName, title: str, text: str, figures: Figures, *, sheets: Mapping[str, Any] | None = None,
-    captions: Mapping[str, str] | None = None, lead: str = "", provenance: Mapping[str, Any] | None = None,
+    path: PathName,
+    title: str,
+    text: str,
+    figures: Figures,
+    *,
+    sheets: Mapping[str, Any] | None = None,
+    captions: Mapping[str, str] | None = None,
+    lead: str = "",
+    provenance: Mapping[str, Any] | None = None,
     command: Sequence[str] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Write a page of a run: its figures, tables that sort, what was printed, and where it comes from."""
     from vsh.figures import page
 
@@ -158,8 +165,15 @@ def finish(
         else:
             shown = {name: captions(name) for name in drawn.drawn} if callable(captions) else captions
             write_page(
-                options.html, title, result.text, drawn, sheets=result.tables, captions=shown, provenance=meta, command=options.command
-            )  # fmt: skip
+                options.html,
+                title,
+                result.text,
+                drawn,
+                sheets=result.tables,
+                captions=shown,
+                provenance=meta,
+                command=options.command,
+            )
             print_line(options, f"written to {options.html}")
 
 

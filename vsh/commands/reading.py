@@ -117,9 +117,11 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Where a catalogue is read and summed in parts, in every command that reads one."""
     parser.add_argument(
-        "--workers", type=values.count(1), metavar="N",
+        "--workers",
+        type=values.count(1),
+        metavar="N",
         help="go through the catalogue in parts, of any size, with N processes; without this it is read whole",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",

@@ -204,12 +204,19 @@ def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[s
         "catalogue": paths[0].name if one else [path.name for path in paths],
         "sha256": hashes[0] if one else hashes,
         **counts,
-        "options": {key: _plain(value, paths) for key, value in vars(options).items() if value is not None and key not in NOT_TOLD},
+        "options": {
+            key: _plain(value, paths)
+            for key, value in vars(options).items()
+            if value is not None and key not in NOT_TOLD
+        },
         "versions": {
-            "vsh-astrometry": vsh.__version__, "python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__,
+            "vsh-astrometry": vsh.__version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
             "astropy": astropy.__version__,
         },
-    }  # fmt: skip
+    }
 
 
 def _plain(value, paths):

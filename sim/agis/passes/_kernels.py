@@ -35,9 +35,11 @@ _ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 def _spline(f):
     g = 1.0 - f
     return (
-        g * g * g / 6.0, (4.0 - 6.0 * f * f + 3.0 * f * f * f) / 6.0,
-        (4.0 - 6.0 * g * g + 3.0 * g * g * g) / 6.0, f * f * f / 6.0,
-    )  # fmt: skip
+        g * g * g / 6.0,
+        (4.0 - 6.0 * f * f + 3.0 * f * f * f) / 6.0,
+        (4.0 - 6.0 * g * g + 3.0 * g * g * g) / 6.0,
+        f * f * f / 6.0,
+    )
 
 
 @njit(inline="always")

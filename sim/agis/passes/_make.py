@@ -20,9 +20,15 @@ class SparsePasses:
 
     def __init__(self, scans: Any, table: FloatArray) -> None:
         source, knot, frac, sin, cos, fal, fac, spacing, middle = (
-            scans.source, scans.knot, *(np.asarray(getattr(scans, each), float) for each in ("frac", "sin", "cos", "along_factor", "across_factor")),
-            scans.spacing, scans.middle,
-        )  # fmt: skip
+            scans.source,
+            scans.knot,
+            *(
+                np.asarray(getattr(scans, each), float)
+                for each in ("frac", "sin", "cos", "along_factor", "across_factor")
+            ),
+            scans.spacing,
+            scans.middle,
+        )
         table = np.asarray(table, float)
         k, n, self.coefficients = len(source), len(table), scans.intervals + 3
         t = (knot + frac) * spacing - middle

@@ -134,7 +134,9 @@ _WIDEST = 0.5
 FULL = 500_000
 
 
-def scaled(n: int, law: NominalScanningLaw | None = None, *, knots: float = 30.0, full: int = FULL) -> tuple[NominalScanningLaw, float]:  # fmt: skip
+def scaled(
+    n: int, law: NominalScanningLaw | None = None, *, knots: float = 30.0, full: int = FULL
+) -> tuple[NominalScanningLaw, float]:
     """A scanning law and knots with which n sources are seen as `full` ones are by the whole mission.
 
     As many sources in a field, observations in an interval and transits of a source: with s = n/full the fields are
@@ -165,7 +167,9 @@ def scaled(n: int, law: NominalScanningLaw | None = None, *, knots: float = 30.0
 CCDS, CCD_STEP = 9, 4.85
 #: Sources followed together, and transits sorted together.
 _SOURCES, _SORTED = 20_000, 4_000_000
-_RECORD = np.dtype([("time", "f8"), ("source", "i4"), ("sin", "f4"), ("cos", "f4"), ("along_factor", "f4"), ("across_factor", "f4")])  # fmt: skip
+_RECORD = np.dtype(
+    [("time", "f8"), ("source", "i4"), ("sin", "f4"), ("cos", "f4"), ("along_factor", "f4"), ("across_factor", "f4")]
+)
 _NAMES = tuple(_RECORD.names or ())
 #: The name of the file that tells which scans a folder holds.
 _KEY = re.compile(r"[0-9a-f]{16}\.json")
@@ -286,9 +290,14 @@ def scans(
         raise ParameterError("scans need a source at least")
     weights = np.stack([1 / along**2, 1 / across**2]) / ccds
     fixed: dict[str, Any] = {
-        "lon": lon.copy(), "lat": lat.copy(), "weights": weights,
-        "intervals": int(np.ceil(law.years / spacing)), "spacing": spacing, "years": law.years, "frame": law.frame,
-    }  # fmt: skip
+        "lon": lon.copy(),
+        "lat": lat.copy(),
+        "weights": weights,
+        "intervals": int(np.ceil(law.years / spacing)),
+        "spacing": spacing,
+        "years": law.years,
+        "frame": law.frame,
+    }
     key = _key(law, fixed, ccds)
     if folder is None:
         check_memory(
@@ -310,7 +319,11 @@ def _ours(folder):
     known = {f"{name}.npy" for name in _COLUMNS}
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, not a folder for scans")
-    others = [each.name for each in folder.iterdir() if each.name not in known and not _KEY.fullmatch(each.name)] if folder.exists() else []  # fmt: skip
+    others = (
+        [each.name for each in folder.iterdir() if each.name not in known and not _KEY.fullmatch(each.name)]
+        if folder.exists()
+        else []
+    )
     if others:
         raise ParameterError(f"{folder} holds other files ({others[0]}, …): name a new folder for scans")
     return folder
@@ -334,7 +347,13 @@ def _followed(law, lon, lat, ccds, threads, progress, folder):
             sun = turn @ sun
             east, north = (np.einsum("ij,ij->j", v[:, transits.source], sun) for v in (p, q))
             # As of the parallax along the scan: the Sun seen from 1 % beyond the Earth.
-            columns = (transits.source + start, sin, cos, transits.parallax_factor, 1.01 * distance * (sin * north - cos * east))  # fmt: skip
+            columns = (
+                transits.source + start,
+                sin,
+                cos,
+                transits.parallax_factor,
+                1.01 * distance * (sin * north - cos * east),
+            )
             for name, column in zip(_NAMES[1:], columns, strict=True):
                 out[name] = column[:, None]
             out = out.ravel()

@@ -44,8 +44,17 @@ def plot_errors_by_magnitude(
     group = np.clip(np.searchsorted(edges, g, side="right") - 1, 0, len(edges) - 2)
     (axes,) = panels(ax)
     for column, name in enumerate(_PARAMETERS):
-        ratio, counts = ratio_by(solution.sources[kept, column], np.sqrt(solution.formal[kept, column, column]), group, len(edges) - 1)  # fmt: skip
-        axes.errorbar((edges[:-1] + edges[1:]) / 2 + 0.03 * (column - 2), ratio, ratio / np.sqrt(2 * np.maximum(counts, 1)), marker=_MARKS[column], label=name, color=COLOURS[column])  # fmt: skip
+        ratio, counts = ratio_by(
+            solution.sources[kept, column], np.sqrt(solution.formal[kept, column, column]), group, len(edges) - 1
+        )
+        axes.errorbar(
+            (edges[:-1] + edges[1:]) / 2 + 0.03 * (column - 2),
+            ratio,
+            ratio / np.sqrt(2 * np.maximum(counts, 1)),
+            marker=_MARKS[column],
+            label=name,
+            color=COLOURS[column],
+        )
     axes.axhline(1, color="0.3", linewidth=0.6)
     axes.set_yscale("log")
     low, high = axes.get_ylim()
@@ -60,7 +69,7 @@ def plot_errors_by_magnitude(
 @styled
 def plot_correlation(
     angle: FloatArray, correlation: FloatArray, pairs: IntArray, draws: int = 1, *, ax: Any = None
-) -> Axes:  # fmt: skip
+) -> Axes:
     """Correlation of errors by the angle between two sources."""
     (axes,) = panels(ax)
     middle = np.degrees((angle[:-1] + angle[1:]) / 2)
@@ -74,7 +83,7 @@ def plot_correlation(
 
 def plot_ratio_map(
     solution: AgisSolution, nside: int = 8, sources: ArrayLike | None = None, *, ax: Any = None
-) -> SkyAxes:  # fmt: skip
+) -> SkyAxes:
     """True over formal errors of the motions over the sky, from this draw of the noise."""
     kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
     pixel = pixels_of(solution.lon[kept], solution.lat[kept], nside)
@@ -84,5 +93,12 @@ def plot_ratio_map(
         squares.append(ratio_by(solution.sources[kept, column], sigma, pixel, 12 * nside**2)[0] ** 2)
     ratio = np.sqrt(np.mean(squares, axis=0))
     seen = ratio[np.isfinite(ratio)]
-    return plot_map(ratio, "true / formal error of the motions", frame=solution.frame, ax=ax, extend="max",
-                    vmin=min(1.0, seen.min()), vmax=np.percentile(seen, 98))  # fmt: skip
+    return plot_map(
+        ratio,
+        "true / formal error of the motions",
+        frame=solution.frame,
+        ax=ax,
+        extend="max",
+        vmin=min(1.0, seen.min()),
+        vmax=np.percentile(seen, 98),
+    )

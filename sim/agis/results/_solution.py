@@ -109,7 +109,10 @@ class AgisSolution(Frozen):
         kept = chosen[self.solved[chosen]]
         if not len(kept):
             raise ParameterError(f"none of {len(chosen)} sources is solved")
-        notes = [f"simulated: sources and attitude solved together in {self.iterations} iterations; errors are those of each source alone", *self.notes]  # fmt: skip
+        notes = [
+            f"simulated: sources and attitude solved together in {self.iterations} iterations; errors are those of each source alone",
+            *self.notes,
+        ]
         if not self.converged:
             notes.append("the joint solution had not come to rest: large scales are not what they will be")
         if len(kept) < len(chosen):
@@ -126,7 +129,17 @@ class AgisSolution(Frozen):
         if truth is not None:
             motion = motion + as_signal(truth)(self.lon[kept], self.lat[kept], z)
         rho = covariance[:, 0, 1] / (sigma[0] * sigma[1])
-        return Field(self.lon[kept], self.lat[kept], motion, sigma, rho, redshift=z, magnitude=g, frame=self.frame, notes=tuple(notes))  # fmt: skip
+        return Field(
+            self.lon[kept],
+            self.lat[kept],
+            motion,
+            sigma,
+            rho,
+            redshift=z,
+            magnitude=g,
+            frame=self.frame,
+            notes=tuple(notes),
+        )
 
     def rotated(self, orientation: ArrayLike, spin: ArrayLike, note: str = "") -> AgisSolution:
         """The same solution in a frame turned back by ε₀ + ω t.

@@ -19,9 +19,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("catalogue2", help="the one that is subtracted")
     parser.add_argument("--lmax", type=values.count(1), default=2, help="highest degree of the fit (default: 2)")
     parser.add_argument(
-        "--what", choices=["positions", "motions"],
+        "--what",
+        choices=["positions", "motions"],
         help="what is compared (default: motions where both have some, positions otherwise)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--by", choices=["name", "position"], default="name", help="how sources are matched (default: name)"
     )
@@ -29,9 +30,12 @@ def make_parser() -> argparse.ArgumentParser:
         "--radius", type=values.positive, metavar="ARCSEC", help="of a match by position, arcsec (default: 1)"
     )
     parser.add_argument(
-        "--threshold", type=values.positive, default=5.0, metavar="X",
+        "--threshold",
+        type=values.positive,
+        default=5.0,
+        metavar="X",
         help="differences beyond so many errors are left out and listed (default: 5)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--position-error", type=values.positive, metavar="UAS", help="one error for all positions, µas"
     )

@@ -20,13 +20,18 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("catalogue2", nargs="?", help="a second one, for the other triangle of the matrix")
     parser.add_argument("--lmax", type=values.count(1), default=1, help="highest degree of the fit (default: 1)")
     parser.add_argument(
-        "--parameters", choices=[values.FRAME, "modes"], default=values.FRAME,
+        "--parameters",
+        choices=[values.FRAME, "modes"],
+        default=values.FRAME,
         help="spin and acceleration (with --lmax 1), or all coefficients",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--influence", type=_pair, action="append", metavar="NAME,NAME",
+        "--influence",
+        type=_pair,
+        action="append",
+        metavar="NAME,NAME",
         help="map what drives the correlation of two parameters, or the variance of one: omega_y,a_x; may be repeated",
-    )  # fmt: skip
+    )
     parser.add_argument("--nside", type=values.nside, default=16, help="of these maps (default: 16)")
     parser.add_argument(
         "--add-sources", type=values.count(1), default=1000, metavar="N", help="sources to add (default: 1000)"

@@ -44,10 +44,14 @@ def make_parser() -> argparse.ArgumentParser:
     )
     errors.add_argument("--bootstrap", type=values.count(2), metavar="N", help="errors from N draws of the sources")
     errors.add_argument(
-        "--jackknife", type=values.nside, nargs="?", const=0, metavar="NSIDE",
+        "--jackknife",
+        type=values.nside,
+        nargs="?",
+        const=0,
+        metavar="NSIDE",
         help="errors from leaving out HEALPix blocks; without NSIDE several sizes are compared and the report says which is "
         "long enough",
-    )  # fmt: skip
+    )
     _add_backgrounds(parser)
     parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
     parsing.add_threads(parser)

@@ -18,13 +18,18 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--only", type=_names, metavar="NAME,…", help="some of the known surveys")
     parser.add_argument(
-        "--survey", type=_surveys, metavar="NAME=N,SIGMA",
+        "--survey",
+        type=_surveys,
+        metavar="NAME=N,SIGMA",
         help="a survey of your own: number of quasars, and their error in µas/yr",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--sky", type=_sky, default="uniform", metavar="{uniform,gums,igql}",
+        "--sky",
+        type=_sky,
+        default="uniform",
+        metavar="{uniform,gums,igql}",
         help="distribution of the quasars: uniform, without the Galactic plane, or that of the known ones (default: uniform)",
-    )  # fmt: skip
+    )
     parser.add_argument("--no-flows", action="store_true", help="leave out velocity and H0 with flows as unknowns")
     parser.add_argument("--output", metavar="DIR", help="write report, table and figure to this folder")
     reading.add_figures(parser)

@@ -24,9 +24,12 @@ def make_parser() -> argparse.ArgumentParser:
         "--lmax", type=values.count(1), help="highest degree of the sums; what resolves the bins unless given"
     )
     parser.add_argument(
-        "--templates", type=_templates, default=values.TEMPLATES, metavar="NAME,…",
+        "--templates",
+        type=_templates,
+        default=values.TEMPLATES,
+        metavar="NAME,…",
         help=f"what is fitted: some of {', '.join(values.TEMPLATES)}, or none (default: all)",
-    )  # fmt: skip
+    )
     parser.add_argument("--powers", type=values.count(1), metavar="L", help="powers by degree up to L from pairs, too")
     parser.add_argument(
         "--nside", type=values.nside, default=2, help="of the blocks of the sky that errors come from (default: 2)"

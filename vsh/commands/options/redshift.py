@@ -33,9 +33,11 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--lmax", type=values.count(1), default=1, help="highest degree in the bins (default: 1)")
     parser.add_argument("--shared-higher-degrees", action="store_true", help="degrees above 1 the same in all bins")
     parser.add_argument(
-        "--peculiar-dispersion", type=_dispersion, metavar="SIGMA|free",
+        "--peculiar-dispersion",
+        type=_dispersion,
+        metavar="SIGMA|free",
         help="dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 with --no-flows); free: estimated from the residuals",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--omega-m", type=_fraction, metavar="X", help="matter density of a flat cosmology (default: 0.315)"
     )
@@ -54,14 +56,16 @@ def make_parser() -> argparse.ArgumentParser:
     )
     distances = parser.add_argument_group("redshifts, and flows that galaxies share")
     distances.add_argument(
-        "--redshift-frame", choices=values.REDSHIFT_FRAMES,
+        "--redshift-frame",
+        choices=values.REDSHIFT_FRAMES,
         help="frame of the redshifts, if the table does not specify it; true: cosmological redshifts",
-    )  # fmt: skip
+    )
     distances.add_argument("--no-magnitudes", action="store_true", help="distances follow from redshifts alone")
     distances.add_argument(
-        "--no-flows", action="store_true",
+        "--no-flows",
+        action="store_true",
         help="leave out the flows that galaxies share: errors are then several times too small on the real sky",
-    )  # fmt: skip
+    )
     distances.add_argument(
         "--flows", action="store_true", help="the default: fit the flow that linear theory expects as well"
     )
@@ -74,9 +78,11 @@ def make_parser() -> argparse.ArgumentParser:
         help="use the Local Group's velocity as a constraint on the flow at our position (for --velocity)",
     )
     distances.add_argument(
-        "--flow-amplitude", type=_amplitude, metavar="MEAN,SIGMA",
+        "--flow-amplitude",
+        type=_amplitude,
+        metavar="MEAN,SIGMA",
         help="with --posterior: prior on the flow's amplitude, relative to linear theory, so that the flow constrains H0",
-    )  # fmt: skip
+    )
     distances.add_argument(
         "--reconstruction",
         metavar="FILE",
@@ -160,8 +166,13 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     for name in ("flows", "local_group", "reconstruction", "flow_amplitude"):
         if getattr(options, name) and options.no_flows:
             parser.error(f"--{name.replace('_', '-')} does not go with --no-flows")
-    for name, needs in (("flow_amplitude", "posterior"),
-                        ("local_group", "velocity"), ("h0_range", "posterior"), ("peculiar_dispersion_max", "posterior"), ("h0_error", "posterior")):  # fmt: skip
+    for name, needs in (
+        ("flow_amplitude", "posterior"),
+        ("local_group", "velocity"),
+        ("h0_range", "posterior"),
+        ("peculiar_dispersion_max", "posterior"),
+        ("h0_error", "posterior"),
+    ):
         if getattr(options, name) and not getattr(options, needs):
             parser.error(f"--{name.replace('_', '-')} needs --{needs}")
     if not (options.h0 or options.velocity or options.bins or options.posterior):

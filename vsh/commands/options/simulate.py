@@ -25,9 +25,10 @@ def make_parser() -> argparse.ArgumentParser:
         epilog="Example: vsh-sim quasars --number 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
     )
     parser.add_argument(
-        "kind", choices=["quasars", "galaxies", "vlbi", "crf3"],
-        help="vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns"
-    )  # fmt: skip
+        "kind",
+        choices=["quasars", "galaxies", "vlbi", "crf3"],
+        help="vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns",
+    )
     parser.add_argument(
         "--number",
         type=values.count(1),
@@ -45,9 +46,12 @@ def make_parser() -> argparse.ArgumentParser:
         "--spin", type=values.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="ICRS, µas/yr (default: none)"
     )
     parser.add_argument(
-        "--acceleration", type=values.vector, default=values.vector(ACCELERATION), metavar="X,Y,Z",
+        "--acceleration",
+        type=values.vector,
+        default=values.vector(ACCELERATION),
+        metavar="X,Y,Z",
         help="ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--orientation", type=values.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas"
     )
@@ -67,9 +71,11 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--flow", choices=["linear"], help="galaxies: add the flow of linear theory, which they share")
     parser.add_argument(
-        "--redshifts", choices=["true", "heliocentric", "cmb"], default="true",
+        "--redshifts",
+        choices=["true", "heliocentric", "cmb"],
+        default="true",
         help="of the expansion alone, or as they are seen, with velocities in them (default: true)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--redshift-error", type=_redshift_error, default=0.0, metavar="SIGMA", help="or spectroscopic, photometric"
     )

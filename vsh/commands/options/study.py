@@ -18,9 +18,11 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")
     parser.add_argument("--paper", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument(
-        "--gaia", metavar="FILE", help="the acceleration paper of Gaia Collaboration, Klioner et al. (2021), from a file of "
+        "--gaia",
+        metavar="FILE",
+        help="the acceleration paper of Gaia Collaboration, Klioner et al. (2021), from a file of "
         "vsh-archive gaia-crf3 or vsh-sim crf3",
-    )  # fmt: skip
+    )
     parser.add_argument("--output", required=True, metavar="DIR", help="a new folder, or that of the same study")
     parser.add_argument("--n-realisations", type=values.count(1), metavar="N", help="in place of the configuration's")
     parser.add_argument("--workers", type=values.count(1), metavar="N", help="processes; one a core unless given")

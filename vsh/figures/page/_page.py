@@ -66,7 +66,11 @@ def cards(items: Iterable[tuple[str, str, str]]) -> Panel:
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, sortable: bool = False, summary: str = "") -> Panel:
     """A table of text."""
-    cell = "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>" if sortable else "<th scope='col'>{}</th>"  # fmt: skip
+    cell = (
+        "<th scope='col' aria-sort='none'><button type='button'>{}</button></th>"
+        if sortable
+        else "<th scope='col'>{}</th>"
+    )
     head = "".join(cell.format(escape(title)) if title else "<td></td>" for title in heads)
     body = "".join(_row(row) for row in rows)
     opened = '<table class="sortable">' if sortable else "<table>"
@@ -106,7 +110,9 @@ def figure(picture: bytes, caption: str) -> Panel:
     """A picture with its caption."""
     data = base64.b64encode(picture).decode()
     text = escape(caption)
-    return Panel(f'<figure class="picture"><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>')  # fmt: skip
+    return Panel(
+        f'<figure class="picture"><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
+    )
 
 
 def pictures(figures: Sequence[Panel]) -> Panel:
@@ -146,7 +152,9 @@ def provenance(facts: Mapping[str, Any], command: Sequence[str] | None = None) -
             f"<tr><th scope='row'>{escape(key.replace('_', ' '))}</th><td class='broken'>{escape(inner)}</td></tr>"
         )
     again = [words("To repeat the run:"), preformatted(shlex.join(command), "command")] if command else []
-    return heading("Where this comes from", *again, Panel(f"<div class='wide'><table><tbody>{''.join(rows)}</tbody></table></div>"))  # fmt: skip
+    return heading(
+        "Where this comes from", *again, Panel(f"<div class='wide'><table><tbody>{''.join(rows)}</tbody></table></div>")
+    )
 
 
 _SEAL = re.compile(r"<!-- sha256 of the rest: ([0-9a-f]{64}) -->\n")
@@ -197,10 +205,14 @@ def page(title: str, panels: Iterable[Panel], *, lead: str = "") -> str:
     texts = [bundle() if name == "d3" else _asset(f"{name}.js") for name in needed]
     style = _asset("page.css")
     return _PAGE.substitute(
-        title=escape(title), lead=f'<p class="lead">{escape(lead)}</p>' if lead else "", style=style, style_hash=_hash(style),
-        body="\n".join(panel.html for panel in kept), scripts="\n".join(f"<script>{text}</script>" for text in texts),
+        title=escape(title),
+        lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
+        style=style,
+        style_hash=_hash(style),
+        body="\n".join(panel.html for panel in kept),
+        scripts="\n".join(f"<script>{text}</script>" for text in texts),
         script_hashes=" ".join(map(_hash, texts)) or "'none'",
-    )  # fmt: skip
+    )
 
 
 @lru_cache
@@ -292,10 +304,13 @@ def sky(*shown: Shown) -> Panel:
         raise ParameterError("solutions side by side must have one frame and one unit")
     sent = [_sky(each) for each in shown]
     data = {
-        "axes": ANGLES[shown[0].field.frame], "unit": shown[0].unit, "sure": SURE, "longest": LONGEST * STEP / 12.0,
+        "axes": ANGLES[shown[0].field.frame],
+        "unit": shown[0].unit,
+        "sure": SURE,
+        "longest": LONGEST * STEP / 12.0,
         "grid": dict(zip(("lon", "lat"), (_floats(np.degrees(each)) for each in even_grid(STEP)), strict=True)),
         "skies": sent,
-    }  # fmt: skip
+    }
     top = max(each["lmax"] for each in sent)
     figures = "".join(_figure(i, each, sent[i]["sent"]) for i, each in enumerate(shown))
     # "<" would end the block wherever a name holds "</script>".
@@ -347,14 +362,22 @@ def _sky(shown):
     order = np.argsort(-sure, kind="stable")[:MAX_SOURCES]
     names = [] if field.name is None else [str(name) for name in field.name[order[:MAX_NAMES]]]
     return {
-        "label": shown.label, "lmax": min(modes.lmax, MAX_LMAX), "fitted": modes.lmax, "sent": int(order.size), "names": names,
+        "label": shown.label,
+        "lmax": min(modes.lmax, MAX_LMAX),
+        "fitted": modes.lmax,
+        "sent": int(order.size),
+        "names": names,
         "sources": {
-            "lon": _floats(np.degrees(field.lon[order])), "lat": _floats(np.degrees(field.lat[order])),
-            "motion": _floats(field.motion[:, order]), "error": _floats(field.sigma[:, order]),
-            "residual": _floats(residual[:, order]), "sigmas": _floats(np.sqrt(sure[order])),
+            "lon": _floats(np.degrees(field.lon[order])),
+            "lat": _floats(np.degrees(field.lat[order])),
+            "motion": _floats(field.motion[:, order]),
+            "error": _floats(field.sigma[:, order]),
+            "residual": _floats(residual[:, order]),
+            "sigmas": _floats(np.sqrt(sure[order])),
         },
-        **_fields(shown, *even_grid(STEP)), "marks": _marks(shown),
-    }  # fmt: skip
+        **_fields(shown, *even_grid(STEP)),
+        "marks": _marks(shown),
+    }
 
 
 def _fields(shown, lon, lat):

@@ -20,9 +20,17 @@ _PLACES = ((0.5, 1.0), (0.0, 1.0), (1.0, 1.0), (0.5, 0.5), (0.0, 0.5), (1.0, 0.5
 
 
 def draw_vectors(
-    axes: SkyAxes, lon: FloatArray, lat: FloatArray, motion: FloatArray, *, scale: float | None = None,
-    longest: float = LONGEST, color: Any = "#0072b2", linewidth: float = 0.8, **style: Any,
-) -> Any:  # fmt: skip
+    axes: SkyAxes,
+    lon: FloatArray,
+    lat: FloatArray,
+    motion: FloatArray,
+    *,
+    scale: float | None = None,
+    longest: float = LONGEST,
+    color: Any = "#0072b2",
+    linewidth: float = 0.8,
+    **style: Any,
+) -> Any:
     """Motions as arrows along their great circles, each in the middle of its place.
 
     One that would go over the seam or the limb of the map stands before or behind its place, or is shortened: none is
@@ -111,8 +119,16 @@ def _heads(lines, size):
     along = along / np.maximum(np.hypot(*along.T), 1e-12)[:, None]
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     size = np.minimum(size, 0.55 * chord)
-    return list(np.stack([tip + 0.25 * size * along, tip - 0.75 * size * along + 0.42 * size * across,
-                          tip - 0.75 * size * along - 0.42 * size * across], axis=1))  # fmt: skip
+    return list(
+        np.stack(
+            [
+                tip + 0.25 * size * along,
+                tip - 0.75 * size * along + 0.42 * size * across,
+                tip - 0.75 * size * along - 0.42 * size * across,
+            ],
+            axis=1,
+        )
+    )
 
 
 def even_grid(step: float = 12.0) -> tuple[FloatArray, FloatArray]:

@@ -38,9 +38,16 @@ def significance_of(motion: FloatArray, basis: FloatArray, covariance: FloatArra
 
 @styled
 def plot_field(
-    field: Field, coefficients: Coefficients, *, covariance: FloatArray | None = None, title: str | None = None,
-    unit: str = "µas/yr", ax: Any = None, projection: str = "hammer", centre: tuple[float, float] | None = None,
-) -> SkyAxes:  # fmt: skip
+    field: Field,
+    coefficients: Coefficients,
+    *,
+    covariance: FloatArray | None = None,
+    title: str | None = None,
+    unit: str = "µas/yr",
+    ax: Any = None,
+    projection: str = "hammer",
+    centre: tuple[float, float] | None = None,
+) -> SkyAxes:
     """The sources of a field and the motions fitted to them, as sure as they are.
 
     Arrows stand evenly on the map; with a covariance their colour is amplitude over error, and grey below 2. Stars with
@@ -90,8 +97,16 @@ def plot_field(
     if hatched is not None:
         handles.append(Patch(facecolor="none", edgecolor="0.55", hatch="//////", linewidth=0.0, label="no sources"))
     if handles:
-        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.02), ncols=2, borderaxespad=0,
-                    fontsize=6.5, title=why, title_fontsize=6.5)  # fmt: skip
+        axes.legend(
+            handles=handles,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.02),
+            ncols=2,
+            borderaxespad=0,
+            fontsize=6.5,
+            title=why,
+            title_fontsize=6.5,
+        )
     if covariance is not None:
         scale = ScalarMappable(Normalize(0, TOP), _colours())
         bar = colour_bar(axes, scale, "an arrow over its error (grey: below 2)", extend="max", shrink=0.6)
@@ -124,9 +139,30 @@ def _key(axes, largest, unit):
     power = 10 ** np.floor(np.log10(largest))
     length = float(max(k * power for k in (1, 2, 5) if k == 1 or k * power <= largest))
     share = np.radians(LONGEST) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
-    axes.annotate("", (share, 0.03), (0.0, 0.03), xycoords="axes fraction", textcoords="axes fraction",
-                  arrowprops={"arrowstyle": "-|>,head_width=0.12,head_length=0.25", "linewidth": 0.8, "color": "0.25", "shrinkA": 0, "shrinkB": 0})  # fmt: skip
-    axes.text(0.0, 0.045, f"{length:g} {unit}", transform=axes.transAxes, fontsize=6, color="0.25", va="bottom", path_effects=HALO)  # fmt: skip
+    axes.annotate(
+        "",
+        (share, 0.03),
+        (0.0, 0.03),
+        xycoords="axes fraction",
+        textcoords="axes fraction",
+        arrowprops={
+            "arrowstyle": "-|>,head_width=0.12,head_length=0.25",
+            "linewidth": 0.8,
+            "color": "0.25",
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
+    )
+    axes.text(
+        0.0,
+        0.045,
+        f"{length:g} {unit}",
+        transform=axes.transAxes,
+        fontsize=6,
+        color="0.25",
+        va="bottom",
+        path_effects=HALO,
+    )
 
 
 @styled
@@ -150,7 +186,9 @@ def plot_scalar_field(
     middle = float(np.median(values))
     reach = float(np.abs(values - middle).max()) or 1.0
     label = f"the field as fitted{f'  [{field.unit}]' if field.unit else ''}"
-    axes = plot_map(values, label, frame=field.frame, cmap=DIVERGING, title=title, ax=ax, vmin=middle - reach, vmax=middle + reach)  # fmt: skip
+    axes = plot_map(
+        values, label, frame=field.frame, cmap=DIVERGING, title=title, ax=ax, vmin=middle - reach, vmax=middle + reach
+    )
     draw_sources(axes, field.lon, field.lat, color="0.15", alpha=0.5)
     draw_empty(axes, field.lon, field.lat)
     return axes

@@ -41,9 +41,16 @@ def draw_map(axes: SkyAxes, values: ArrayLike, cmap: str = SEQUENTIAL, **style: 
 
 @styled
 def plot_map(
-    values: ArrayLike, label: str, *, frame: str = "icrs", cmap: str = SEQUENTIAL, title: str | None = None, ax: Any = None,
-    extend: str = "neither", **style: Any,
-) -> SkyAxes:  # fmt: skip
+    values: ArrayLike,
+    label: str,
+    *,
+    frame: str = "icrs",
+    cmap: str = SEQUENTIAL,
+    title: str | None = None,
+    ax: Any = None,
+    extend: str = "neither",
+    **style: Any,
+) -> SkyAxes:
     """A HEALPix map on the sky with its colour bar; what has no value is grey.
 
     Parameters

@@ -92,7 +92,9 @@ def draw_direction(
         circle = np.cos(np.radians(cone)) * r[:, None] + np.sin(np.radians(cone)) * side
         draw_line(axes, *angles(circle), color=color, linewidth=1.1, path_effects=HALO)
         label = f"{label}, {100 * probability:.0f} % within {cone:.{0 if cone >= 3 else 1}f}°"
-    return draw_points(axes, lon, lat, marker="*", s=42, color=color, edgecolor="white", linewidths=0.4, zorder=7, label=label)  # fmt: skip
+    return draw_points(
+        axes, lon, lat, marker="*", s=42, color=color, edgecolor="white", linewidths=0.4, zorder=7, label=label
+    )
 
 
 #: So many rows have a name each, and so many a number in each cell.
@@ -140,5 +142,13 @@ def draw_matrix(axes: Axes, matrix: FloatArray, names: Sequence[str], groups: Se
         for (row, column), value in np.ndenumerate(off):
             if np.isfinite(value):
                 white = abs(value) > 0.6 * reach
-                axes.text(column, row, f"{value:+.2f}".replace("-", "−"), ha="center", va="center", fontsize=6.5, color="w" if white else "k")  # fmt: skip
+                axes.text(
+                    column,
+                    row,
+                    f"{value:+.2f}".replace("-", "−"),
+                    ha="center",
+                    va="center",
+                    fontsize=6.5,
+                    color="w" if white else "k",
+                )
     return image

@@ -120,9 +120,13 @@ class SkyAxes(WCSAxes):
 
 @styled
 def sky_axes(
-    frame: str = "icrs", ax: Any = None, *, projection: str = "hammer", centre: tuple[float, float] | None = None,
+    frame: str = "icrs",
+    ax: Any = None,
+    *,
+    projection: str = "hammer",
+    centre: tuple[float, float] | None = None,
     below: float = 0.0,
-) -> SkyAxes:  # fmt: skip
+) -> SkyAxes:
     """A map of the sky to draw on, longitude increasing to the left.
 
     Parameters
@@ -246,7 +250,18 @@ def _graticule(axes):
         if any(abs(x - at) < half + other and abs(y - up) < 1.2 * _SIZE * _POINT for at, up, other in taken):
             continue
         taken.append((x, y, half))
-        axes.text(x, y, words, ha="center", va="center", fontsize=_SIZE, color="0.25", path_effects=HALO, zorder=9, gid="graticule")  # fmt: skip
+        axes.text(
+            x,
+            y,
+            words,
+            ha="center",
+            va="center",
+            fontsize=_SIZE,
+            color="0.25",
+            path_effects=HALO,
+            zorder=9,
+            gid="graticule",
+        )
 
 
 def _inside(axes, x, y, half):

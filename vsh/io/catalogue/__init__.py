@@ -8,7 +8,10 @@ from vsh.tools.modules import old_names
 
 __all__ = ["GAIA", "Columns", "Counterparts", "match", "parts", "read_field", "read_icrf", "read_scalars"]
 
-__getattr__ = old_names(__name__, {
-    "iter_fields": ("vsh.io.catalogue._read.stream_fields", "`for field in vsh.io.catalogue.parts(source)`"),
-    "write_field": ("vsh.io.catalogue._read.write_field", "`field.write(path)`"),
-})  # fmt: skip
+__getattr__ = old_names(
+    __name__,
+    {
+        "iter_fields": ("vsh.io.catalogue._read.stream_fields", "`for field in vsh.io.catalogue.parts(source)`"),
+        "write_field": ("vsh.io.catalogue._read.write_field", "`field.write(path)`"),
+    },
+)

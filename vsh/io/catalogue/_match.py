@@ -108,9 +108,16 @@ def match(
     if not positions:
         extras = {column: _pick(getattr(a, column), i) for column in MEASURED} | {"redshift_frame": a.redshift_frame}
     return Field(
-        a.lon[i], a.lat[i], difference, sigma, covariance[2] / (sigma[0] * sigma[1]), name=_pick(a.name, i),
-        frame=a.frame, notes=(*a.notes, *b.notes, *notes), **extras,
-    )  # fmt: skip
+        a.lon[i],
+        a.lat[i],
+        difference,
+        sigma,
+        covariance[2] / (sigma[0] * sigma[1]),
+        name=_pick(a.name, i),
+        frame=a.frame,
+        notes=(*a.notes, *b.notes, *notes),
+        **extras,
+    )
 
 
 def _by_name(a, b):
@@ -315,7 +322,11 @@ def read_positions(
     keep, notes = select_usable(unusable, len(numbers["ra"]), on_bad, rows, (numbers["ra"], numbers["dec"]))
     notes = (*notes, *chosen) if clause else notes
     lon, lat = numbers["ra"][keep] * DEGREE, numbers["dec"][keep] * DEGREE
-    errors = np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS if sigma is None else np.full((2, lon.size), positive("sigma", sigma))  # fmt: skip
+    errors = (
+        np.stack([numbers["ra_error"], numbers["dec_error"]])[:, keep] * MAS
+        if sigma is None
+        else np.full((2, lon.size), positive("sigma", sigma))
+    )
     names = None if "name" not in roles else np.asarray(table[roles["name"]][0])[keep]
     if names is not None and names.dtype.kind not in "iu":
         names = names.astype(str)

@@ -125,8 +125,15 @@ class Reader:
         if not self.motions:
             piece, columns, notes = without_motions(open_table(piece), columns, self.sigma)
         fields = stream_fields(
-            piece, self.rows, columns=columns, units=self.units, on_bad=self.on_bad, frame=self.frame, roles=roles, where=self.where
-        )  # fmt: skip
+            piece,
+            self.rows,
+            columns=columns,
+            units=self.units,
+            on_bad=self.on_bad,
+            frame=self.frame,
+            roles=roles,
+            where=self.where,
+        )
         for field in ahead(fields):
             yield field.add_note(*notes) if notes else field
 

@@ -398,6 +398,13 @@ def read_scalars(
         for column, factor in factors.items()
     }
     return ScalarField.from_columns(
-        numbers[ra], numbers[dec], numbers[value], numbers[error], unit=target.to_string(),
-        name=None if name is None else columns[name][0], frame=frame_of({}, frame, opened.meta), on_bad=on_bad, notes=notes,
-    )  # fmt: skip
+        numbers[ra],
+        numbers[dec],
+        numbers[value],
+        numbers[error],
+        unit=target.to_string(),
+        name=None if name is None else columns[name][0],
+        frame=frame_of({}, frame, opened.meta),
+        on_bad=on_bad,
+        notes=notes,
+    )

@@ -98,10 +98,16 @@ def read_observations(
     time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
     design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
     return Observations(
-        flat["ra0"][first] * DEGREE, flat["dec0"][first] * DEGREE, number[order], time[order], design[:, order],
-        MAS * flat["centroid_pos_al"][order], MAS * flat["centroid_pos_error_al"][order], identifiers,
+        flat["ra0"][first] * DEGREE,
+        flat["dec0"][first] * DEGREE,
+        number[order],
+        time[order],
+        design[:, order],
+        MAS * flat["centroid_pos_al"][order],
+        MAS * flat["centroid_pos_error_al"][order],
+        identifiers,
         (*opened.notes, *notes),
-    )  # fmt: skip
+    )
 
 
 #: No observation is larger: times [ns], positions and errors [mas], angles [deg].
@@ -218,6 +224,11 @@ def read_epochs(
     if robust:
         notes = (*notes, f"epochs: {share:.2g} % of {solution.observations.sum()} observations have a weight below 0.2")
     return Field(
-        lon[keep], lat[keep], solution.values[keep][:, 3:].T, sigma, covariance[:, 0, 1] / (sigma[0] * sigma[1]),
-        name=observations.name[keep], notes=(*notes, *added_notes),
-    )  # fmt: skip
+        lon[keep],
+        lat[keep],
+        solution.values[keep][:, 3:].T,
+        sigma,
+        covariance[:, 0, 1] / (sigma[0] * sigma[1]),
+        name=observations.name[keep],
+        notes=(*notes, *added_notes),
+    )

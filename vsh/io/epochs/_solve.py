@@ -153,8 +153,13 @@ class _Sums:
         """Only some of the sources, numbered anew, and which observations are theirs."""
         inside = chosen[self.source]
         number = np.cumsum(chosen) - 1
-        part = _Sums(number[self.source[inside]], int(chosen.sum()), self.design[:, inside], self.position[inside],
-                     np.sqrt(self.noise[inside]))  # fmt: skip
+        part = _Sums(
+            number[self.source[inside]],
+            int(chosen.sum()),
+            self.design[:, inside],
+            self.position[inside],
+            np.sqrt(self.noise[inside]),
+        )
         return part, inside
 
 

@@ -191,8 +191,10 @@ def with_redshift(field: Field, min_redshift: float = FLOW_LIMIT, redshift_frame
     reasons = reasons_unusable(redshift, min_redshift)
     note = WithoutRedshift.of_table(reasons, len(field), field.lon, field.redshift, names=names)
     if bad.all():
-        error = NothingLeftError(f"{bad.sum()} of {len(field)} sources without a usable redshift: "
-                                 f"{count_unusable(redshift, min_redshift)}. No source is left")  # fmt: skip
+        error = NothingLeftError(
+            f"{bad.sum()} of {len(field)} sources without a usable redshift: "
+            f"{count_unusable(redshift, min_redshift)}. No source is left"
+        )
         error.notes = (note,)
         raise error
     return field[good].add_note(note)

@@ -306,8 +306,10 @@ class Spectrum(InNotebook):
         powers = float_array(f"the spectrum {self.name}", self.law(lmax), (2, lmax))
         if (powers < 0).any():
             kind, degree = np.argwhere(powers < 0)[0]
-            raise ParameterError(f"the power of {'TS'[kind]}{degree + 1} is {powers[kind, degree]:.3g} in the spectrum "
-                                 f"{self.name}: no field has a negative power")  # fmt: skip
+            raise ParameterError(
+                f"the power of {'TS'[kind]}{degree + 1} is {powers[kind, degree]:.3g} in the spectrum "
+                f"{self.name}: no field has a negative power"
+            )
         return powers
 
     def variances(self, modes: Modes | int) -> FloatArray:
