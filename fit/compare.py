@@ -63,11 +63,14 @@ class FrameComparison(AboutSolution):
     correlations: CorrelationMatrices
 
     def __repr__(self) -> str:
-        return f"<FrameComparison: {' − '.join(self.labels)}, {self.solution.n_sources} sources, {len(self.names)} left out>"
+        return (
+            f"<FrameComparison: {' − '.join(self.labels)}, {self.solution.n_sources} sources, {len(self.names)} left "
+            "out>"
+        )
 
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
-        """Rotation, glide and quadrupoles under the names and signs of the ICRF3 papers, each with its error; to degree 2."""
+        """Rotation, glide and quadrupoles with errors, by names and signs of the ICRF3 papers; to degree 2."""
         parameters = to_icrf3(self.solution.coefficients)
         sigma = self.solution.sigma
         return {
@@ -77,7 +80,7 @@ class FrameComparison(AboutSolution):
 
     @property
     def deformation_p_value(self) -> float:
-        """Probability of as much beyond rotation and glide from noise alone, all degrees together, by the errors quoted.
+        """Probability of as much beyond rotation and glide from noise alone, by the errors quoted.
 
         Right where the errors are and the two catalogues share no noise; too large where they do (half of it shared:
         below 0.05 on no sky).
@@ -115,16 +118,17 @@ class FrameComparison(AboutSolution):
             lines.append(f"{name:12}{value:+12.2f}{error:10.2f}{value / error:+12.1f}")
         if solution.modes.lmax > 1:
             lines.append(
-                f"deformation (degrees 2 to {solution.modes.lmax}): p = {printed_p_value(self.deformation_p_value)} of as much from noise alone, "
-                f"by the errors quoted"
+                f"deformation (degrees 2 to {solution.modes.lmax}): p = {printed_p_value(self.deformation_p_value)} of "
+                "as much from noise alone, by the errors quoted"
                 + (f"; {printed_p_value(self.deformation_p_value_scaled)} by scaled ones" if self.factor != 1 else "")
             )
         if self.factor > 1:
             lines.append(f"residuals suggest errors {self.factor:.3g} times as large: multiply those above by it")
         if self.factor < 1:
             lines.append(
-                f"residuals are {self.factor:.3g} of their errors: the catalogues share observations, or errors are too large. The scaled "
-                "p-value holds where all share alike; errors above stay as they are, since what is shared may still be wrong in both"
+                f"residuals are {self.factor:.3g} of their errors: the catalogues share observations, or errors are too"
+                " large. The scaled p-value holds where all share alike; errors above stay as they are, since what is "
+                "shared may still be wrong in both"
             )
         for label, index in ((a, 0), (b, 1)):
             value, pair = self.correlations.largest(index)

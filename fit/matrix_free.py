@@ -55,10 +55,10 @@ def conjugate_gradients(
     moving = np.bincount(system.modes.degrees, weights=p**2 * system.diagonal)
     worst = ", ".join(str(l) for l in sorted(np.argsort(-moving)[:5]))
     raise ConvergenceError(
-        f"no convergence to {tolerance:.0e} in {max_iterations} iterations (residual {np.sqrt(rz / start):.1e}, condition "
-        f"at least {_condition(alphas, betas):.1e}). Not determined: combinations of degrees {worst}, among others; "
-        f"{100 * system.empty_sky():.0f} % of the sky is empty at this resolution. Give a prior_power, lower lmax "
-        f"from {system.modes.lmax}, or allow more iterations"
+        f"no convergence to {tolerance:.0e} in {max_iterations} iterations (residual {np.sqrt(rz / start):.1e}, "
+        f"condition at least {_condition(alphas, betas):.1e}). Not determined: combinations of degrees {worst}, among "
+        f"others; {100 * system.empty_sky():.0f} % of the sky is empty at this resolution. Give a prior_power, lower "
+        f"lmax from {system.modes.lmax}, or allow more iterations"
     )
 
 

@@ -49,7 +49,7 @@ class Quality:
 
     @property
     def factor(self) -> float:
-        """By what errors would have to be multiplied for χ² to be as expected; 1 where they are not contradicted, or χ² is zero."""
+        """Factor on the errors for χ² to be as expected; 1 where they are not contradicted, or χ² is zero."""
         return float(np.sqrt(self.reduced)) if self.contradicted and self.chi2 > 0 else 1.0
 
     def warning(self) -> str | None:
@@ -67,7 +67,7 @@ class Quality:
 
 
 def log_p_value(chi2: float, dof: float) -> float:
-    """Logarithm of the probability of as much χ² or more; exact where the probability itself is zero in double precision.
+    """Logarithm of the probability of as much χ² or more; exact where the probability underflows.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def normal_deviate(chi2: float, dof: float) -> float:
 
 
 def f_p_value(chi2: float, numerator: float, denominator: float) -> float:
-    """Probability of as much or more of χ² whose scale was estimated: chi2/numerator against F(numerator, denominator)."""
+    """Probability of as much χ² or more where its scale was estimated: chi2/numerator against F."""
     if not numerator:
         return float("nan")
     if not np.isfinite(denominator) or denominator > 1e8:

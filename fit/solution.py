@@ -256,7 +256,10 @@ class Solution(HarmonicSolution):
     _coefficients = Coefficients
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors from {self.errors_from}>"
+        return (
+            f"<{type(self).__name__}: degree {self.modes.lmax}, {self.n_sources} sources, {self.frame}, errors from "
+            f"{self.errors_from}>"
+        )
 
     def report(self, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
         """A page of text.
@@ -319,7 +322,7 @@ class Solution(HarmonicSolution):
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom of χ²: data points less the parameters that they determined, rounded where a prior helped."""
+        """Degrees of freedom of χ²: data points less the parameters they determined, rounded where a prior helped."""
         return self.n_data - len(self.modes) + round(self.by_prior)
 
     @property
@@ -400,7 +403,7 @@ class ScalarSolution(Solution):
 
     @property
     def mean(self) -> tuple[float, float]:
-        """The mean over the sky with its standard error, f_00/√4π; of a fit of degree 0 the weighted mean of the sources."""
+        """The mean over the sky with its error, f_00/√4π; for degree 0 the weighted mean of the sources."""
         value, variance = self.coefficients.values[0], self.covariance[0, 0]
         return float(value / np.sqrt(4 * np.pi)), float(np.sqrt(variance / (4 * np.pi)))
 

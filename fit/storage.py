@@ -259,7 +259,8 @@ class Result(Frozen):
         stored = read(path)
         if not isinstance(stored, cls):
             raise TableError(
-                f"{printable(path)} holds a {type(stored).__name__}, not a {cls.__name__}: fit.storage.read takes either"
+                f"{printable(path)} holds a {type(stored).__name__}, not a {cls.__name__}: fit.storage.read takes "
+                "either"
             )
         return stored
 
@@ -297,7 +298,8 @@ def read(path: PathName) -> Any:
         home = _kind(kind, module)
     except (KeyError, ImportError):
         raise TableError(
-            f"{shown} holds a {printable(kind)} of the module {printable(module)}, which is not known here: import it first"
+            f"{shown} holds a {printable(kind)} of the module {printable(module)}, which is not known here: import it "
+            "first"
         ) from None
     try:
         columns = {name: _native(name, table[name]) for name in table.colnames}

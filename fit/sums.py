@@ -425,7 +425,7 @@ def leverage(
 
 
 def outer_products(field: Field, residual: FloatArray, factors: FloatArray) -> FloatArray:
-    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n), or (1, n) of scalars: what the scores ψ = factors C⁻¹Δ scatter by."""
+    """factors² C⁻¹ΔΔᵀC⁻¹ of each source as (3, n), or (1, n) of scalars: the scatter of the scores ψ = factors C⁻¹Δ."""
     score = weighed(field.weights, residual)
     if len(score) == 1:
         return score**2 * factors**2

@@ -71,7 +71,8 @@ def expected_covariances(
     mission.check_frame(population.frame)
     if isinstance(mission.attitude, str):
         raise ParameterError(
-            "if the attitude is solved with the sources, the errors of different sources are correlated: use sim.agis.System"
+            "if the attitude is solved with the sources, the errors of different sources are correlated: use "
+            "sim.agis.System"
         )
     columns = _COLUMNS[kind]
     if not len(population):
@@ -137,8 +138,8 @@ def errors_by_place(
     lost = ~np.isfinite(covariance).all((1, 2))
     if lost.any():
         raise ParameterError(
-            f"{lost.sum()} of {lost.size} sources have too few transits for five parameters in {mission.years:g} years: a longer "
-            "mission (years=, --years) gives all of them errors"
+            f"{lost.sum()} of {lost.size} sources have too few transits for five parameters in {mission.years:g} years:"
+            " a longer mission (years=, --years) gives all of them errors"
         )
     unit = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     return mission.transit_error(magnitude) * unit, covariance[:, 0, 1] / (unit[0] * unit[1])

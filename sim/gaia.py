@@ -39,8 +39,8 @@ _OUTLIERS, _TIMES = 0.002, 3.0
 _NSIDE = 32
 _CRF3_UNITS = {
     "ra": "deg", "dec": "deg", "parallax": "mas", "parallax_error": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
-    "pmra_error": "mas / yr", "pmdec_error": "mas / yr", "nu_eff_used_in_astrometry": "1 / um", "pseudocolour": "1 / um",
-    "phot_g_mean_mag": "mag", "bp_rp": "mag",
+    "pmra_error": "mas / yr", "pmdec_error": "mas / yr", "nu_eff_used_in_astrometry": "1 / um",
+    "pseudocolour": "1 / um", "phot_g_mean_mag": "mag", "bp_rp": "mag",
 }  # fmt: skip
 
 

@@ -351,7 +351,7 @@ class NominalScanningLaw(Frozen):
         self._state.update(times=times, z=z, u=u, w=w, bend=bend)
 
     def _refined(self, here, time, views):
-        """Times at which the fields really pass, by Newton steps: where a spin is long its axis does not move straight."""
+        """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
         last = np.nextafter(self.years, 0)
         for _ in range(4):
             _, u, w = self._axes(time)

@@ -84,7 +84,7 @@ def chain_products(weights: FloatArray, source: IntArray, times: FloatArray, tau
 
 
 def _steps(first):
-    """Indices of all second observations of a source, then of all third ones, …: chains take their j-th step together."""
+    """Indices of all second observations of a source, then of all third ones, …: chains step together."""
     starts = np.flatnonzero(first)
     rank = np.arange(len(first)) - np.repeat(starts, np.diff(np.r_[starts, len(first)]))
     order = np.argsort(rank, kind="stable")

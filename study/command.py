@@ -12,8 +12,10 @@ from vsh.tools.files import atomic_write
 from vsh.tools.notes import dropped
 
 _CAPTIONS = {
-    "calibration": "Mean less truth, scatter over formal errors, and how often intervals of 68 and 95 % hold the truth, each with "
-    "the error that the number of realisations leaves."
+    "calibration": (
+        "Mean less truth, scatter over formal errors, and how often intervals of 68 and 95 % hold the truth, each with "
+        "the error that the number of realisations leaves."
+    )
 }
 
 
@@ -89,7 +91,8 @@ def _draw(rows):
 def _text(study, rows):
     width = max(6, *(len(case["name"]) + 2 for case in study.cases))
     lines = [
-        f"{'case':{width}}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}{'68 %':>7}{'95 %':>7}"
+        f"{'case':{width}}{'parameter':14}{'truth':>10}{'mean':>12}{'scatter':>12}{'formal σ':>12}{'off/s.e.':>10}"
+        f"{'68 %':>7}{'95 %':>7}"
     ]
     for row in rows:
         lines.append(

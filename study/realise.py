@@ -62,7 +62,7 @@ def _make_joint(study, case, scans, progress):
 
 
 def solved_errors(study: Study, case: dict[str, Any], path: Path, rng: np.random.Generator) -> dict[str, Field]:
-    """One draw of all observations, solved: errors of motions, and of offsets from radio positions, by kind of source."""
+    """One draw of all observations, solved: errors of motions and of radio offsets, by kind of source."""
     system, mixture, vlbi = _system(path, json.dumps(study.mission, sort_keys=True))
     noise, radio = rng.spawn(2)
     quasars = case["quasars"]

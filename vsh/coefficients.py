@@ -62,7 +62,8 @@ class Coefficients(Frozen):
             raise ModesError(f"{np.isinf(values).sum()} of {values.size} coefficients are infinite")
         if values.shape != (len(self.modes),):
             raise ModesError(
-                f"degree {self.modes.lmax} has {len(self.modes)} coefficients; an array of shape {values.shape} was given"
+                f"degree {self.modes.lmax} has {len(self.modes)} coefficients; an array of shape {values.shape} was "
+                "given"
             )
         values.flags.writeable = False
         object.__setattr__(self, "values", values)

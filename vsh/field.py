@@ -113,8 +113,8 @@ def check_measured(noun: Any) -> None:
         sure = np.zeros(known.shape, bool) if noun.distance_error is None else np.isfinite(noun.distance_error)
         if (known & ~sure).any():
             raise FieldError(
-                f"{(known & ~sure).sum()} of {known.sum()} distances have no errors (distance_error=, --columns distance_error=NAME): "
-                "how far they are to be trusted is what they are worth"
+                f"{(known & ~sure).sum()} of {known.sum()} distances have no errors (distance_error=, --columns "
+                "distance_error=NAME): how far they are to be trusted is what they are worth"
             )
 
 
@@ -163,7 +163,7 @@ def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str,
 
 
 def joined(one: Any, other: Any) -> dict[str, Any]:
-    """The attributes of a field with the sources of two, one after the other; what one does not know of its sources is missing."""
+    """The attributes of a field with the sources of two; what one of them does not know is missing."""
     if other.frame != one.frame:
         raise FrameError(f"the fields are in {one.frame} and {other.frame}: take both to one frame")
     frames = {each.redshift_frame for each in (one, other) if each.redshift is not None}

@@ -135,7 +135,8 @@ def equations_of(source: Any) -> NormalEquations:
     source = _about(source)
     if isinstance(source, NormalEquations | HarmonicSolution) and source.modes.components != 2:
         raise ParameterError(
-            "backgrounds are fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field has neither"
+            "backgrounds are fields of motions: their spectra have toroidal and spheroidal parts, and a scalar field "
+            "has neither"
         )
     if isinstance(source, NormalEquations):
         return source if source.prior is None else source - source.prior

@@ -59,7 +59,10 @@ class Floor(Result):
     errors_from: str = "the catalogue"
 
     def __repr__(self) -> str:
-        return f"<Floor: spin ± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr, from degrees {words_of(self.degrees)}>"
+        return (
+            f"<Floor: spin ± {self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr, from degrees "
+            f"{words_of(self.degrees)}>"
+        )
 
     @property
     def spin_error(self) -> float:
@@ -89,7 +92,10 @@ class Floor(Result):
     def report(self) -> str:
         """The floor as text."""
         lines = [
-            f"Errors that sources share, from the power of degrees {words_of(self.degrees)} ({self.n_data // 2} sources)",
+            (
+                f"Errors that sources share, from the power of degrees {words_of(self.degrees)} ({self.n_data // 2} "
+                "sources)"
+            ),
             f"{'':12}{'power of a mode [(µas/yr)²]':>34}{'68 %':>22}{'floor [µas/yr]':>18}",
         ]
         for name, value, interval, error in self._rows():
@@ -99,8 +105,8 @@ class Floor(Result):
             f"the two parities differ with a p-value of {self.parity_p_value:.3g}; ln L gains {self.log_likelihood:.2f}"
         )
         lines.append(
-            "a spectrum that rises towards degree 1, as Gaia EDR3's published one does, makes the floor too small: true errors are then "
-            "1.2, 1.5, 1.8 times those with it from degree 3, 7, 10"
+            "a spectrum that rises towards degree 1, as Gaia EDR3's published one does, makes the floor too small: true"
+            " errors are then 1.2, 1.5, 1.8 times those with it from degree 3, 7, 10"
         )
         if self.noise_scale != 1:
             lines.append(f"the catalogue's errors were scaled by {self.noise_scale:.4f} along with it")
@@ -140,7 +146,8 @@ class Floor(Result):
         """
         if max(self.degrees) > modes.lmax:
             raise ModesError(
-                f"the floor was estimated from degrees {words_of(self.degrees)}, and these normal equations go to {modes.lmax}"
+                f"the floor was estimated from degrees {words_of(self.degrees)}, and these normal equations go to "
+                f"{modes.lmax}"
             )
         variances = self.spectrum.variances(modes)
         variances[~np.isin(modes.degrees, self.degrees)] = np.inf
@@ -164,7 +171,10 @@ class Floor(Result):
         covariance = np.array(solution.covariance)
         first = places(modes, (1,))
         covariance[first, first] += self.spectrum.variances(modes)[first]
-        note = f"coefficients of degrees {words_of(self.degrees)} are shrunk by their prior; their powers and p-values are of the fit without it"
+        note = (
+            f"coefficients of degrees {words_of(self.degrees)} are shrunk by their prior; their powers and p-values are"
+            " of the fit without it"
+        )
         try:
             plain = solve(normal)
             plain = replace(plain, covariance=plain.covariance * tau)
@@ -177,8 +187,10 @@ class Floor(Result):
             chi2=solution.chi2 * tau,
             unshrunk=plain,
             notes=(*solution.notes, note),
-            errors_from=f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)}: spin ± {self.spin_error:.3g}, "
-            f"acceleration ± {self.acceleration_error:.3g} µas/yr in each component",
+            errors_from=(
+                f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)}: spin ± "
+                f"{self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
+            ),
         )
 
     def _rows(self):

@@ -80,7 +80,7 @@ class WaveLimit(Result):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The likeliest Ω that together hold the true one with 68 %, for a prior flat in Ω; from zero where zero is likely."""
+        """The 68 % of likeliest Ω, for a prior flat in Ω; from zero where zero is likely."""
         return self.amplitude.interval(0.68)
 
     def likelihood(self, omega: ArrayLike) -> FloatArray:
@@ -159,8 +159,10 @@ class WaveLimit(Result):
         low, high = self.interval
         name = "h70² Ω" if self.hubble == 70 else "Ω"
         lines = [
-            f"Gravitational waves longer than the observations: {name} from degree{'s' * (len(self.degrees) > 1)} "
-            f"{words_of(self.degrees)} of {self.n_data // 2} sources",
+            (
+                f"Gravitational waves longer than the observations: {name} from degree{'s' * (len(self.degrees) > 1)} "
+                f"{words_of(self.degrees)} of {self.n_data // 2} sources"
+            ),
             f"likeliest      {self.maximum:.4g} ({low:.4g} … {high:.4g}, 68 %, flat in Ω)",
             "upper limits, 95 %",
         ]
@@ -171,7 +173,8 @@ class WaveLimit(Result):
             f"P_2            {self.power:.4g} (µas/yr)², of which noise gives {self.noise_power:.4g} on average"
         )
         lines.append(
-            f"parity         P_T2 and P_S2, equal for waves, differ with a p-value of {printed_p_value(self.parity_p_value)}"
+            "parity         P_T2 and P_S2, equal for waves, differ with a p-value of "
+            f"{printed_p_value(self.parity_p_value)}"
         )
         lines.append(
             f"errors         scaled by {self.noise_scale:.4g}"

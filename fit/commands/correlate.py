@@ -90,7 +90,8 @@ def _sky(correlation, field, label, options):
     lines += [f"{lmax:8d}{condition:12.4g}{largest:22.3f}" for lmax, condition, largest in rows]
     lines.append(
         f"{label}: errors of a fit of degree {options.lmax}: spin {_three(prediction.spin.sigma)}, acceleration "
-        f"{_three(prediction.acceleration.sigma)} µas/yr; {100 * prediction.efficiency:.0f} % of the information of a uniform sky of the same weight"
+        f"{_three(prediction.acceleration.sigma)} µas/yr; {100 * prediction.efficiency:.0f} % of the information of a "
+        "uniform sky of the same weight"
     )
     return "\n".join(lines) + "\n"
 
@@ -111,7 +112,8 @@ def _blame(correlation, field, label, pair, options):
     return (
         f"{label}: {what}\n"
         f"  depends most on the sky around {lon[k]:.0f}°, {lat[k]:+.0f}°: {coarse[k]:+.4f} if its weight were doubled\n"
-        f"  {options.add_sources} more sources of median error would help most around {lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
+        f"  {options.add_sources} more sources of median error would help most around "
+        f"{lon[at]:.0f}°, {lat[at]:+.0f}°: {added[at]:+.4f}\n"
     )
 
 
@@ -130,8 +132,8 @@ def _leak(leak, label, options):
     cells = ", ".join(f"{name} {value:.3g}" for name, value in biases.items())
     first = leak.fitted.lmax + 1
     return (
-        f"{label}: degrees {first} to {leak.unmodelled.lmax} left out, each of T and S with a power of {options.power_per_degree:g} (µas/yr)², "
-        f"bias the fit by (rms, µas/yr)\n  {cells}\n"
+        f"{label}: degrees {first} to {leak.unmodelled.lmax} left out, each of T and S with a power of "
+        f"{options.power_per_degree:g} (µas/yr)², bias the fit by (rms, µas/yr)\n  {cells}\n"
     )
 
 
@@ -159,7 +161,10 @@ def _caption(name):
     if name == "correlation":
         return "Correlations of the errors: what a fit to this sky cannot tell apart."
     if name.startswith("leakage"):
-        return "What degrees that are not fitted do to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in one."
+        return (
+            "What degrees that are not fitted do to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in "
+            "one."
+        )
     return "Where on the sky it comes from: the change if the weight of what is there were doubled."
 
 

@@ -47,7 +47,8 @@ class Downweighted(Result):
             value, pair = prediction.largest
             lines.append(
                 f"{words:7} largest correlation {value:+.3f}, of {pair[0]} and {pair[1]}; errors of spin "
-                f"{np.sqrt(np.mean(prediction.spin.sigma**2)):.3g}, of acceleration {np.sqrt(np.mean(prediction.acceleration.sigma**2)):.3g} µas/yr"
+                f"{np.sqrt(np.mean(prediction.spin.sigma**2)):.3g}, of acceleration "
+                f"{np.sqrt(np.mean(prediction.acceleration.sigma**2)):.3g} µas/yr"
             )
         return "\n".join(lines) + "\n"
 

@@ -1,4 +1,4 @@
-"""Leakage: on a non-uniform sky the harmonics are not orthogonal, and degrees that are not fitted bias those that are."""
+"""Leakage: harmonics are not orthogonal on a non-uniform sky, and degrees that are not fitted bias those that are."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ def recommend_lmax(
         best = lmax
     if not best:
         raise DegeneracyError(
-            f"not even degree 1 stays under a condition of {max_condition:g} and correlations of {max_correlation:g} on "
-            f"this sky: they are {condition:.3g} and {correlation:.2f}"
+            f"not even degree 1 stays under a condition of {max_condition:g} and correlations of {max_correlation:g} on"
+            f" this sky: they are {condition:.3g} and {correlation:.2f}"
         )
     return best

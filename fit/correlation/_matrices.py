@@ -73,7 +73,8 @@ def named(names: Sequence[str], what: Modes | int | str) -> Parameters:
     unknown = [name for name in names if name not in known]
     if unknown:
         raise ParameterError(
-            f"no parameter is called {', '.join(unknown)}; there are {', '.join(FRAME_NAMES)}, {', '.join(map(str, modes))}"
+            f"no parameter is called {', '.join(unknown)}; there are {', '.join(FRAME_NAMES)}, "
+            f"{', '.join(map(str, modes))}"
         )
     return Parameters(tuple(names), modes, np.stack([known[name] for name in names]))
 
@@ -249,8 +250,8 @@ class CorrelationMatrices(Result):
         for row, column in zip(*np.unravel_index(order, (3, 3)), strict=True):
             third = "xyz"[3 - row - column] if row != column else "none"
             lines.append(
-                f"  omega_{'xyz'[row]} and a_{'xyz'[column]}: {block[row, column]:+.3f}, of which {explained[row, column]:+.3f} by "
-                f"the dipole along {third}"
+                f"  omega_{'xyz'[row]} and a_{'xyz'[column]}: {block[row, column]:+.3f}, of which "
+                f"{explained[row, column]:+.3f} by the dipole along {third}"
             )
         return lines
 

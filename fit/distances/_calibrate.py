@@ -86,8 +86,8 @@ def calibrate(
     known, n = facts["magnitudes"], facts["n"]
     if magnitudes is None and 0 < known < n:
         raise FieldError(
-            f"{n - known} of {n} sources have no magnitude: leave those out (field[np.isfinite(field.magnitude)]), or use "
-            "no magnitudes (magnitudes=False, --no-magnitudes)"
+            f"{n - known} of {n} sources have no magnitude: leave those out (field[np.isfinite(field.magnitude)]), or "
+            "use no magnitudes (magnitudes=False, --no-magnitudes)"
         )
     if magnitudes and known < n:
         raise ParameterError(f"magnitudes are asked for, and {n - known} of {n} sources have none")
@@ -107,8 +107,8 @@ def calibrate(
         errors = errors_by_redshift(facts["variances"])
         bare = replace(bare, errors=errors)
         notes.append(
-            "no magnitudes: distances follow from redshifts alone, and where they are unsure by more than 5 % sources weigh by the "
-            "mean errors of their redshift; with magnitudes results would be surer"
+            "no magnitudes: distances follow from redshifts alone, and where they are unsure by more than 5 % sources "
+            "weigh by the mean errors of their redshift; with magnitudes results would be surer"
         )
     limit = max(facts["faintest"]) if use else None
     return replace(bare, density=_density(density, limit, facts, rms, bare), notes=tuple(notes))
@@ -197,9 +197,9 @@ def _facts(field, calibration):
 def _check_size(calibration, facts, dispersion):
     if 2 * facts["lost"] > facts["n"]:
         raise FieldError(
-            f"the errors and peculiar velocities of redshifts ({dispersion:g} km/s) are larger than c z of {facts['lost']} of "
-            f"{facts['n']} sources: their redshifts tell no distance. Take farther sources, or distances (distance=) that "
-            "something else tells"
+            f"the errors and peculiar velocities of redshifts ({dispersion:g} km/s) are larger than c z of "
+            f"{facts['lost']} of {facts['n']} sources: their redshifts tell no distance. Take farther sources, or "
+            "distances (distance=) that something else tells"
         )
 
 

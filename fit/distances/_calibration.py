@@ -91,9 +91,10 @@ class Calibration(InNotebook):
         if lost.any():
             at = lost.argmax()
             raise FieldError(
-                f"{lost.sum()} of {len(field)} redshifts give no distance once they are taken from {self.frame} ones to the frame of "
-                f"the microwave background: {count_unusable(corrected)} (first: row {at}, {field.redshift[at]:.6f} → "
-                f"{corrected[at]:.6f}). Leave those sources out: vsh.models.cosmology.with_redshift(field), or --on-bad drop"
+                f"{lost.sum()} of {len(field)} redshifts give no distance once they are taken from {self.frame} ones to"
+                f" the frame of the microwave background: {count_unusable(corrected)} (first: row {at}, "
+                f"{field.redshift[at]:.6f} → {corrected[at]:.6f}). Leave those sources out: "
+                "vsh.models.cosmology.with_redshift(field), or --on-bad drop"
             )
         return corrected
 

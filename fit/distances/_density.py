@@ -143,7 +143,7 @@ def fit_density(
     limits: tuple[float, float],
     cut: tuple[float, float] | None = None,
 ) -> SourceDensity:
-    """The density of what a catalogue holds, by which its redshifts are most probable, errors and velocities in them."""
+    """The density by which a catalogue's redshifts are most probable, with their errors and velocities."""
     if cut is not None and cut[1] > cut[0] > 0:
         inner = np.searchsorted(EDGES, np.log(cut)) - 1
         if inner[1] - inner[0] > 8 and counts[inner[0] : inner[1]].sum() > 0.2 * counts.sum():
@@ -202,8 +202,8 @@ def fit_luminosity(counts: FloatArray, limit: float) -> LuminosityFunction:
     total = counts.sum()
     if total < _LEAST:
         raise DegeneracyError(
-            f"{total:.0f} galaxies with magnitudes say nothing of a luminosity function: give one (luminosity=), or use no "
-            "magnitudes (magnitudes=False)"
+            f"{total:.0f} galaxies with magnitudes say nothing of a luminosity function: give one (luminosity=), or use"
+            " no magnitudes (magnitudes=False)"
         )
     by_magnitude = counts.sum(1)
     share = np.cumsum(by_magnitude) / total
@@ -243,7 +243,7 @@ def variance_sums(redshift: FloatArray, sigma: FloatArray) -> FloatArray:
 
 
 def errors_by_redshift(sums: FloatArray, knots: int = 6) -> ErrorsByRedshift:
-    """The curve whose mean is that of the variances, everywhere: they are taken as exponentially distributed about it."""
+    """The local mean of the variances, which are taken as exponentially distributed about it."""
     held = sums[0] > 0
     counts, totals = sums[:, held]
     x = (EDGES[1:] + EDGES[:-1])[held] / 2

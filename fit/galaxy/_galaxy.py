@@ -46,7 +46,7 @@ class GalacticOrbit(Result):
 
     @property
     def inward(self) -> tuple[float, float]:
-        """The component towards the centre and its error: unlike the amplitude, noise does not make it larger. [µas/yr]"""
+        """The component towards the centre and its error; noise does not make it larger. [µas/yr]"""
         return float(self.acceleration.value[0]), float(self.acceleration.sigma[0])
 
     @property
@@ -71,7 +71,8 @@ class GalacticOrbit(Result):
         value, error = self.inward
         if not value > 0:
             raise ParameterError(
-                f"this acceleration does not point to the centre ({value:.3g} ± {error:.2g} µas/yr towards it): no orbit"
+                f"this acceleration does not point to the centre ({value:.3g} ± {error:.2g} µas/yr towards it): no "
+                "orbit"
             )
         return value, error
 
@@ -130,7 +131,8 @@ class GalacticOrbit(Result):
             f"  {name:24}{v:+.3f} ± {s:.3f}" for name, v, s in zip(_NAMES, vector.value, vector.sigma, strict=True)
         ]
         lines.append(
-            f"  amplitude               {vector.amplitude:.3f} ± {vector.amplitude_error:.3f}, on average {self.amplitude_bias:.3f} too large"
+            f"  amplitude               {vector.amplitude:.3f} ± {vector.amplitude_error:.3f}, on average "
+            f"{self.amplitude_bias:.3f} too large"
         )
         lines.append(
             f"  along rotation and north: p = {printed_p_value(self.across_p_value)} of as much from noise alone"
@@ -138,9 +140,18 @@ class GalacticOrbit(Result):
         if self.inward[0] > 0:
             speed, centre = self.circular_speed, self.distance_of_centre
             lines += [
-                f"circular speed          {speed[0]:.1f} ± {speed[1]:.1f} km/s with R0 = {self.r0:g} ± {self.r0_error:g} kpc",
-                f"distance of the centre  {centre[0]:.2f} ± {centre[1]:.2f} kpc with the motion of Sgr A*, no R0 assumed",
-                f"expected inward         {expected_acceleration(self.r0):.3f} µas/yr with that motion and R0 = {self.r0:g} kpc",
+                (
+                    f"circular speed          {speed[0]:.1f} ± {speed[1]:.1f} km/s with R0 = {self.r0:g} ± "
+                    f"{self.r0_error:g} kpc"
+                ),
+                (
+                    f"distance of the centre  {centre[0]:.2f} ± {centre[1]:.2f} kpc with the motion of Sgr A*, no R0 "
+                    "assumed"
+                ),
+                (
+                    f"expected inward         {expected_acceleration(self.r0):.3f} µas/yr with that motion and R0 = "
+                    f"{self.r0:g} kpc"
+                ),
             ]
         else:
             lines.append("it does not point to the centre: no circular speed, no distance")
@@ -182,7 +193,8 @@ def orbit(acceleration: Any, *, r0: float = R0[0], r0_error: float = R0[1]) -> G
     vector = getattr(acceleration, "acceleration", acceleration)
     if not isinstance(vector, Vector):
         raise ParameterError(
-            f"an orbit follows from a solution with an acceleration, or from a Vector, not a {type(acceleration).__name__}"
+            "an orbit follows from a solution with an acceleration, or from a Vector, not a "
+            f"{type(acceleration).__name__}"
         )
     if vector.unit != "µas/yr":
         raise ParameterError(f"an acceleration in µas/yr is wanted, not in {vector.unit}")

@@ -126,7 +126,7 @@ def plot_power(solution: Any, *, ax: Any = None) -> Axes:
 
 @styled
 def plot_correlation(solution: Any, *, ax: Any = None) -> Axes:
-    """The correlation matrix of what was fitted, centred on zero, the components of spin and acceleration in place of degree 1.
+    """The correlation matrix of the fit, components of spin and acceleration in place of degree 1.
 
     Parameters
     ----------

@@ -22,7 +22,9 @@ from vsh.tools.types import Table
 
 _CAPTIONS = {
     "sky": "The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ.",
-    "spectrum": "Power by degree; arrows: 95 % limits where there is no signal; dotted: what noise alone gives on average.",
+    "spectrum": (
+        "Power by degree; arrows: 95 % limits where there is no signal; dotted: what noise alone gives on average."
+    ),
     "correlation": "Correlations of spin, acceleration and the coefficients of higher degrees.",
     "residuals": "Where residuals are larger (red) or smaller (blue) than their errors say, in standard deviations.",
 }
@@ -94,8 +96,8 @@ def html_report(
     ]
     modes = solution.modes
     lead = (
-        f"{f'{source} — ' if source else ''}{solution.n_sources} sources, degree {modes.lowest} to {modes.lmax} ({len(modes)} coefficients), "
-        f"{solution.frame} axes"
+        f"{f'{source} — ' if source else ''}{solution.n_sources} sources, degree {modes.lowest} to {modes.lmax} "
+        f"({len(modes)} coefficients), {solution.frame} axes"
     )
     return page.page(title or what_of(solution), panels, lead=lead)
 

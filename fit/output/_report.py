@@ -77,8 +77,8 @@ def what_of(solution: Any) -> str:
 
 #: Where residuals are larger than errors.
 NEXT_STEP = (
-    "next: --robust student (fit.robust.student_t) gives less weight to sources that scatter more than their errors say, and takes "
-    "its errors from the residuals"
+    "next: --robust student (fit.robust.student_t) gives less weight to sources that scatter more than their errors "
+    "say, and takes its errors from the residuals"
 )
 
 
@@ -100,15 +100,20 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
         warnings.append(
             (
                 "warning",
-                f"{solution.covariance_dof + 1:.0f} replicates are too few for the 2l + 1 coefficients of degree {lost[0]} and above: "
-                "p-values are nan there",
+                (
+                    f"{solution.covariance_dof + 1:.0f} replicates are too few for the 2l + 1 coefficients of degree "
+                    f"{lost[0]} and above: p-values are nan there"
+                ),
             )
         )
     if 0 < solution.dof < len(solution.modes):
         warnings.append(
             (
                 "warning",
-                f"{solution.dof} degrees of freedom for {len(solution.modes)} coefficients: χ² says little of the errors",
+                (
+                    f"{solution.dof} degrees of freedom for {len(solution.modes)} coefficients: χ² says little of the "
+                    "errors"
+                ),
             )
         )
     return warnings
@@ -175,7 +180,10 @@ def _degrees(solution):
     both = is_scaled(solution)
     law = "exact χ², any sky" if np.isinf(solution.covariance_dof) else "Hotelling's T²: the errors are estimates"
     lines = [
-        f"Power by degree, ∫{'|V|' if solution.modes.components == 2 else 'f'}²dΩ {squared(solution)}: as fitted, noise-debiased, its error; the p-value of as much",
+        (
+            f"Power by degree, ∫{'|V|' if solution.modes.components == 2 else 'f'}²dΩ {squared(solution)}: as fitted, "
+            "noise-debiased, its error; the p-value of as much"
+        ),
         f"from noise alone ({law}) and its normal deviate z; Mignard & Klioner's Z (uniform sky)",
         *(["p scaled: with errors multiplied by √(χ²/dof)"] if both else []),
         f"{'':8}{'power':>13}{'debiased':>13}{'±':>11}{'√power':>9}{'p-value':>11}"
@@ -195,11 +203,15 @@ def report_check(check: Any) -> str:
     """Whether two solvers agree, as text."""
     if check.largest < AGREE:
         return (
-            f"Cross-check: two independent least-squares solvers of degree 1, on the same {check.frame.n_sources} sources with the\n"
+            "Cross-check: two independent least-squares solvers of degree 1, "
+            f"on the same {check.frame.n_sources} sources with the\n"
             f"catalogue's errors, agree to {check.largest:.0e} σ. This tests the solvers, not the errors above."
         )
     lines = [
-        f"CROSS-CHECK FAILED: degree 1 on the same {check.frame.n_sources} sources by two solvers differs by {check.largest:.1e} σ",
+        (
+            f"CROSS-CHECK FAILED: degree 1 on the same {check.frame.n_sources} sources by two solvers differs by "
+            f"{check.largest:.1e} σ"
+        ),
         f"{'[µas/yr]':26}{'x':>16}{'y':>16}{'z':>16}",
     ]
     for name in ("spin", "acceleration"):
@@ -239,10 +251,10 @@ def html_of(solution: Any) -> str:
     )
     return (
         f"<p><b>Vector spherical harmonics</b>, degree 1 to {solution.modes.lmax}: {solution.n_sources} sources, "
-        f"{escape(solution.frame)} axes, χ²/dof {solution.reduced_chi2:.3f}, errors from {escape(solution.errors_from)}</p>"
-        f"<table><tr><th>[µas/yr]</th><th>x</th><th>y</th><th>z</th><th>amplitude</th></tr>{rows}</table>"
-        "<table><tr><th>degree</th><th>power [(µas/yr)²]</th><th>noise-debiased</th><th>±</th><th>p-value</th></tr>"
-        f"{powers}</table>" + (f"<ul>{toward}{notes}</ul>" if toward or notes else "")
+        f"{escape(solution.frame)} axes, χ²/dof {solution.reduced_chi2:.3f}, errors from "
+        f"{escape(solution.errors_from)}</p><table><tr><th>[µas/yr]</th><th>x</th><th>y</th><th>z</th><th>amplitude</th></tr>{rows}</table><table><tr><th>degree</th><th>power"
+        f" [(µas/yr)²]</th><th>noise-debiased</th><th>±</th><th>p-value</th></tr>{powers}</table>"
+        + (f"<ul>{toward}{notes}</ul>" if toward or notes else "")
     )
 
 

@@ -72,7 +72,7 @@ def components(vector: Vector, digits: int = 3) -> tuple[str, ...]:
 
 
 def amplitude(vector: Vector, digits: int = 3) -> str:
-    """Length with its error; at low signal to noise with its 68 % interval, or its upper limit where it is not significant."""
+    """Length with its error; at low signal to noise its 68 % interval, or an upper limit where not significant."""
     if np.isnan(vector.amplitude):  # errors of a fit that is to come
         return ""
     if not vector.amplitude_error > 0:

@@ -125,7 +125,10 @@ class Correlation(Result):
     def report(self) -> str:
         """The correlation by angle as text."""
         lines = [
-            f"Correlation of motions by angle: {self.n_data // 2} sources, sums to degree {self.lmax}, no pair of a source with itself",
+            (
+                f"Correlation of motions by angle: {self.n_data // 2} sources, sums to degree {self.lmax}, no pair of a"
+                " source with itself"
+            ),
             f"ξ± = ⟨u∥u∥'⟩ ± ⟨u⊥u⊥'⟩ [(µas/yr)²]; errors from the scatter of {self.n_blocks} blocks of the sky",
             f"{'angle':>8}{'pairs':>12}{'ξ+':>12}{'±':>10}{'ξ−':>12}{'±':>10}",
         ]
@@ -232,7 +235,8 @@ def correlation_function(
     lmax = int(np.ceil(25 / step)) if lmax is None else lmax
     if lmax * step < _RESOLVED / 3:
         raise ParameterError(
-            f"sums to degree {lmax} do not resolve bins of {np.degrees(step):.2g}°: lmax of {25 / step:.0f} or more, or wider bins"
+            f"sums to degree {lmax} do not resolve bins of {np.degrees(step):.2g}°: lmax of {25 / step:.0f} or more, or"
+            " wider bins"
         )
     sums_to = int(np.ceil(_BEYOND * lmax))
     total, blocks, frame, notes = sums_of(field, sums_to, nside, weights, threads)

@@ -214,7 +214,10 @@ class PairPower(Result):
     def report(self) -> str:
         """The powers as text."""
         lines = [
-            f"Power by degree from pairs of {self.n_data // 2} sources [(µas/yr)²]: no noise in it, whatever the errors;",
+            (
+                f"Power by degree from pairs of {self.n_data // 2} sources [(µas/yr)²]: no noise in it, whatever the "
+                "errors;"
+            ),
             f"errors from the scatter of {self.n_blocks} blocks of the sky",
             f"{'degree':>8}{'toroidal':>14}{'±':>10}{'spheroidal':>14}{'±':>10}",
         ]
@@ -352,7 +355,8 @@ def checked_edges(edges: ArrayLike) -> FloatArray:
     array = float_array("edges", edges)
     if array.ndim != 1 or array.size < 3:
         raise ParameterError(
-            f"edges are three angles or more, in rad: a bin rises from one to the next and falls to the third, not {array.size}"
+            "edges are three angles or more, in rad: a bin rises from one to the next and falls to the third, not "
+            f"{array.size}"
         )
     if not (np.diff(array) > 0).all() or array[0] < 0 or array[-1] > np.pi + 1e-9:
         raise ParameterError(

@@ -117,7 +117,8 @@ class TemplateFit(Result):
     def report(self) -> str:
         """Amplitudes as text."""
         lines = [
-            "Templates in the correlation of motions (errors from the scatter of blocks of the sky; 95 % as squares scatter)"
+            "Templates in the correlation of motions (errors from the scatter of blocks of the sky; 95 % as squares "
+            "scatter)"
         ]
         for name, value, error, (low, high) in zip(self.names, self.values, self.sigma, self.interval(), strict=True):
             cells = f"{value:+12.4g} ± {error:<10.2g}95 %: {low:.3g} … {high:<10.3g}"
@@ -205,7 +206,7 @@ def _limits(value, sigma, k, tail, dof):
 
 
 def _noncentrality(ratio, k, dof, p):
-    """The non-centrality for which so small an F of k and dof degrees of freedom has probability p; zero where none has."""
+    """The non-centrality for which an F of k and dof degrees of freedom is as small with probability p, or zero."""
     if ncfdtr(k, dof, 0.0, ratio) <= p:
         return 0.0
     high = 4 * k * (ratio + 10)

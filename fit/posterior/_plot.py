@@ -19,9 +19,9 @@ corner = import_quietly("corner")
 #: The data say something of a quantity if they take a tenth off the width of its prior.
 _TOLD = 0.9
 _LABELS = {
-    "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$", "peculiar_dispersion": r"$\sigma_{\rm pec}$",
-    "excess_noise": r"$\sigma_{\rm excess}$", "outlier_fraction": "outliers", "a_x": r"$\tilde a_x$",
-    "a_y": r"$\tilde a_y$", "a_z": r"$\tilde a_z$",
+    "v_x": "$v_x$", "v_y": "$v_y$", "v_z": "$v_z$", "speed": "$|v|$", "H0": "$H_0$",
+    "peculiar_dispersion": r"$\sigma_{\rm pec}$", "excess_noise": r"$\sigma_{\rm excess}$", "outlier_fraction": "outliers",
+    "a_x": r"$\tilde a_x$", "a_y": r"$\tilde a_y$", "a_z": r"$\tilde a_z$",
 }  # fmt: skip
 
 
@@ -120,7 +120,7 @@ def _draw_prior(drawn, posterior, names):
 
 @styled
 def plot_trace(posterior: Any, n_shown: int = 40, *, ax: Any = None) -> Any:
-    """Coordinates of the sampler against steps, some walkers; the burn-in shaded, R̂ and the effective size beside each."""
+    """Coordinates of some walkers against steps; the burn-in shaded, R̂ and the effective size beside each."""
     names, chain = posterior.model.names, posterior.chain
     drawn = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
     each, every = max(1, chain.shape[1] // n_shown), max(1, len(chain) // 2000)

@@ -201,8 +201,8 @@ class Posterior(SampleResult):
         length = f"{steps / slowest:.1f} autocorrelation times" if known else "so few that some walkers never moved"
         wanted = int(np.ceil(2.5 * ENOUGH * slowest)) if known else 10 * steps
         raise ConvergenceError(
-            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for "
-            f"n_samples={wanted * walkers} or more, or max_samples= (a chain with a checkpoint goes on from where it is)"
+            f"{steps} steps are {length}; {ENOUGH} times are needed for a result. Ask for n_samples={wanted * walkers} "
+            "or more, or max_samples= (a chain with a checkpoint goes on from where it is)"
         )
 
 

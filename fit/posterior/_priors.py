@@ -81,8 +81,8 @@ _HUBBLE_PRIORS: dict[str, Prior] = {"planck": PLANCK_HUBBLE, "flat": Flat(0.0)}
 #: Units of the quantities of a posterior.
 UNITS = {
     "v_x": "km/s", "v_y": "km/s", "v_z": "km/s", "speed": "km/s", "H0": "km/s/Mpc", "peculiar_dispersion": "km/s",
-    "excess_noise": "µas/yr", "outlier_fraction": "", "flow_amplitude": "", "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr",
-    "omega_x": "µas/yr", "omega_y": "µas/yr", "omega_z": "µas/yr",
+    "excess_noise": "µas/yr", "outlier_fraction": "", "flow_amplitude": "",
+    "a_x": "µas/yr", "a_y": "µas/yr", "a_z": "µas/yr", "omega_x": "µas/yr", "omega_y": "µas/yr", "omega_z": "µas/yr",
 }  # fmt: skip
 #: Names that are too long for the table.
 SHORT_NAMES = {"peculiar_dispersion": "dispersion"}
@@ -258,9 +258,9 @@ def checked_priors(priors: Priors, frame: str, distances: DistanceOptions | None
         )
     if velocity.name == "flat" and not integrable_over_cube(hubble):
         raise ParameterError(
-            f"with a prior flat in the velocity the posterior of H0 goes as p(H0)/H0³, which for {hubble} has no integral: small H0 "
-            'would dominate it. Take velocity_prior="flat-product" (flat in v · H0: the prior on H0 comes '
-            "back), or give H0 a lower limit, Normal(mean, sigma, low=…) or Flat(low, high)"
+            f"with a prior flat in the velocity the posterior of H0 goes as p(H0)/H0³, which for {hubble} has no"
+            ' integral: small H0 would dominate it. Take velocity_prior="flat-product" (flat in v · H0: the prior on'
+            " H0 comes back), or give H0 a lower limit, Normal(mean, sigma, low=…) or Flat(low, high)"
         )
     dispersion = priors.peculiar_dispersion
     if dispersion is None or isinstance(dispersion, (int, float, np.number)):

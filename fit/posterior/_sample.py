@@ -49,8 +49,8 @@ def posterior_equations(
     rows = parallax_equations(field, cosmology, peculiar_dispersion=given.typical_dispersion, **distances)
     if rows.n_own:
         raise ParameterError(
-            f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes redshifts "
-            "alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
+            f"{rows.n_own} sources have distances in Mpc, of which the motions tell v, not v · H0: the posterior takes "
+            "redshifts alone. Leave those distances out, or fit with fit.secular_parallax.observer_velocity"
         )
     rows = noted(rows, field, distances.get("redshift_frame"))
     if rows.left_out is not None:

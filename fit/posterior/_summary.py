@@ -141,7 +141,7 @@ class Samples(SampleResult):
         return self.walkers
 
     def to_arviz(self) -> Any:
-        """The samples as arviz' InferenceData, a chain for each walker: as `Posterior.to_arviz`, without log-probabilities.
+        """The samples as arviz' InferenceData, a chain for each walker, without log-probabilities.
 
         Raises
         ------
@@ -224,19 +224,23 @@ def table_lines(result: SampleResult) -> list[str]:
     """The table of medians and intervals of a SampleResult, as lines."""
     size, r_hat = result._effective(), result._r_hat()
     lines = [
-        f"effective      {min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at most; digits are those they have",
+        (
+            f"effective      {min(size.values()):.0f} independent samples at least, R̂ {max(r_hat.values()):.3f} at "
+            "most; digits are those they have"
+        ),
         f"{'':18}{'median':>10}{'68 %':>22}{'95 %':>22}",
     ]
     for name, row in result.summary().items():
         cells = _as_sure(row, size[name])
         lines.append(
-            f"{SHORT_NAMES.get(name, name):18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>11} …{cells[4]:>9}  {UNITS[name]}"
+            f"{SHORT_NAMES.get(name, name):18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>11} …{cells[4]:>9} "
+            f" {UNITS[name]}"
         )
     return lines
 
 
 def _as_sure(row, effective):
-    """Median and limits to as many digits as the sample has: the Monte Carlo error of the median is not below the last."""
+    """Median and limits to the digits that the Monte Carlo error of the median allows."""
     error = np.sqrt(np.pi / 2) * row.sigma / np.sqrt(max(effective, 1.0))
     digits = int(np.clip(np.floor(-np.log10(error)), -6, 12)) if np.isfinite(error) and error > 0 else 4
     return [f"{round(value, digits):.{max(digits, 0)}f}" for value in row[:5]]
@@ -269,7 +273,7 @@ def _at_limits(posterior, near=0.02, share=1e-3):
         if np.mean(leaning) > share:
             who = "of the prior" if limit == given else "of the sampler"
             lines.append(
-                f"warning        {100 * np.mean(leaning):.2g} % of the samples lie next to H0 = {limit:g}, a limit {who}: the result "
-                "depends on where it is"
+                f"warning        {100 * np.mean(leaning):.2g} % of the samples lie next to H0 = {limit:g}, a limit "
+                f"{who}: the result depends on where it is"
             )
     return lines

@@ -136,9 +136,11 @@ def binned(
         mean_inverse_distance,
         tuple(notes),
         flow_covariance,
-        ""
-        if flow is None
-        else f"{len(flow.modes)} modes of {flow.theory.name}, and {flow.dispersion:g} km/s beside them",
+        (
+            ""
+            if flow is None
+            else f"{len(flow.modes)} modes of {flow.theory.name}, and {flow.dispersion:g} km/s beside them"
+        ),
     )
 
 
@@ -351,8 +353,8 @@ def permutation_test(
         raise ParameterError(f"permutations are for bins of degree 1, not {binned.modes.lmax}")
     if binned.flow_share > FLOW_MATTERS:
         raise ParameterError(
-            "redshifts dealt out anew tear flows apart that near galaxies share, and every p-value is then too small: the "
-            "bins' own tests hold them (or permute bins that were fitted with flows=None)"
+            "redshifts dealt out anew tear flows apart that near galaxies share, and every p-value is then too small: "
+            "the bins' own tests hold them (or permute bins that were fitted with flows=None)"
         )
     rng = generator(rng)
     field = with_redshift(field, 0.0)

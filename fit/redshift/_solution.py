@@ -61,8 +61,9 @@ def text_of(binned: Any, velocity: Vector | None, p_values: Mapping[str, float] 
         )
     if binned.counts.sum() >= _MANY and binned.modes.lmax < 7:
         lines.append(
-            "warning: errors that sources share over the sky, as Gaia's, are not in the p-values: with them p < 0.05 on 11 to 14 % of skies "
-            "at degrees 1 to 3. --lmax 7 (degree 7) gives 3 to 7 % where the bins cover the same sky; where they cover different skies it does not help"
+            "warning: errors that sources share over the sky, as Gaia's, are not in the p-values: with them p < 0.05 on"
+            " 11 to 14 % of skies at degrees 1 to 3. --lmax 7 (degree 7) gives 3 to 7 % where the bins cover the same "
+            "sky; where they cover different skies it does not help"
         )
     if binned.flow_share > 0.01:
         lines.append(f"errors and p-values hold flows that galaxies share: {binned.flow}")
@@ -154,7 +155,7 @@ class BinnedSolution(Result):
 
     @property
     def effective_redshift(self) -> FloatArray:
-        """The redshift whose 1/d_M is the bin's mean, (B,): where a secular parallax is measured. Mean redshift where there is no distance."""
+        """The redshift whose 1/d_M is the bin's mean, (B,); the mean redshift where there is no distance."""
         from vsh.models.cosmology import redshift_of
 
         return np.where(
@@ -171,7 +172,7 @@ class BinnedSolution(Result):
 
     @property
     def flow_share(self) -> float:
-        """The largest share that flows have in the variance of any combination of the bins' coefficients; 0 without flows."""
+        """The largest share of flows in the variance of any combination of the bins' coefficients; 0 without flows."""
         if self.flow_covariance is None:
             return 0.0
         size = float(eigh(self.flow_covariance, self.covariance, eigvals_only=True)[-1])

@@ -69,7 +69,8 @@ def block_bootstrap(
     p, blocks = len(modes), normals_of_blocks(field, modes, nside, progress, covariance)
     if len(blocks) * p * p * 8 > MEMORY:
         raise DegeneracyError(
-            f"{len(blocks)} blocks of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from {modes.lmax}"
+            f"{len(blocks)} blocks of {p} × {p} do not fit into memory: lower nside from {nside} or lmax from "
+            f"{modes.lmax}"
         )
     normals = list(blocks)
     matrices = np.array([normal.matrix.ravel() for normal in normals])

@@ -88,13 +88,13 @@ def excess_noise(
     if np.any(np.abs(steps[free]) > 0.05) or np.any(steps[~free] < -0.05):
         if scale and parameters[0] > 100:
             raise ConvergenceError(
-                f"beside an excess noise {np.sqrt(parameters[0]):.3g} times as large as the errors no factor on them can be told: fit "
-                "without one (scale=False, --excess-noise add)"
+                f"beside an excess noise {np.sqrt(parameters[0]):.3g} times as large as the errors no factor on them "
+                "can be told: fit without one (scale=False, --excess-noise add)"
             )
         away = ", ".join(f"{step:+.2g}" for step in steps)
         raise ConvergenceError(
-            f"the excess noise has not settled after {problem.n_rounds} fits: it is {away} of its errors from the maximum of the "
-            f"likelihood; allow more than max_rounds={max_rounds}"
+            f"the excess noise has not settled after {problem.n_rounds} fits: it is {away} of its errors from the "
+            f"maximum of the likelihood; allow more than max_rounds={max_rounds}"
         )
     unit = problem.unit
     enlarged = sky.map(problem.enlarged(parameters))
@@ -200,7 +200,7 @@ class _Restricted:
         return value / n, np.array(slope) / n
 
     def maximum(self, max_rounds, tolerance):
-        """The parameters of the largest likelihood, searched along ln(1 + s²) and ln f²: s² may be a millionth or a million."""
+        """The parameters of the largest likelihood, searched along ln(1 + s²) and ln f²."""
         begun = max(self.excess(), 1e-2)
         start = np.array([np.log1p(begun), 0.0][: 1 + self.scale])
         bounds = [(0.0, None), (np.log(1e-6), None)][: len(start)]
@@ -237,7 +237,7 @@ class _Restricted:
         return solution.chi2 / max(solution.dof, 1) - 1
 
     def errors(self, parameters):
-        """Standard errors of the parameters from the expected information, for as many sources as are left by the coefficients."""
+        """Standard errors from the expected information of as many sources as the coefficients leave."""
         return np.sqrt(np.diag(np.linalg.pinv(self.information(parameters))))
 
     def information(self, parameters):

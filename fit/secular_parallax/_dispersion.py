@@ -37,7 +37,7 @@ class Preferred:
 
     @property
     def constrained(self) -> bool:
-        """Whether the residuals constrain it at all: 68 % of the likelihood within less than a third of what was tried, and not at its end."""
+        """Whether residuals constrain it: 68 % of the likelihood within a third of what was tried, not at its end."""
         return self.high - self.low < GRID[-1] / 3 and self.high < 0.95 * GRID[-1]
 
 
@@ -70,7 +70,7 @@ def _summary(log: FloatArray, taken: float) -> Preferred:
 
 
 def freed(estimate: Callable[..., Any], field: Any, word: str) -> Any:
-    """An estimate with the dispersion that its residuals prefer; what 68 % of its likelihood leave open adds to the errors."""
+    """An estimate with the dispersion that its residuals prefer, whose uncertainty adds to the errors."""
     if word != "free":
         raise ParameterError(f"a dispersion is a number [km/s], or 'free', not {word!r}")
     if not isinstance(field, Field):
@@ -88,5 +88,8 @@ def freed(estimate: Callable[..., Any], field: Any, word: str) -> Any:
         solution = estimate(peculiar_dispersion=best)
     ends = [estimate(peculiar_dispersion=min(x, most)) for x in (preferred.low, preferred.high)]
     shift = (ends[1].values - ends[0].values) / 2
-    note = f"the dispersion of peculiar velocities is what the residuals prefer, {preferred.low:.0f} to {preferred.high:.0f} km/s (68 %)"
+    note = (
+        f"the dispersion of peculiar velocities is what the residuals prefer, {preferred.low:.0f} to "
+        f"{preferred.high:.0f} km/s (68 %)"
+    )
     return replace(solution, covariance=solution.covariance + np.outer(shift, shift), notes=(*solution.notes, note))

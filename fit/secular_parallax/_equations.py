@@ -228,7 +228,7 @@ def equations_of(
 
 
 def _axes(field, calibration, k):
-    """Direction and variances of the error ellipses; circles where distances are unsure and only redshifts may weigh."""
+    """Direction and variances of error ellipses; circles where distances are unsure and only redshifts may weigh."""
     (s1, s2), rho = field.sigma**2, field.rho
     if calibration.errors is not None:
         unsure = ~k.own & (np.sqrt(k.variance) > _SURE * k.mean)

@@ -89,7 +89,8 @@ def observer_velocity(
     """
     if hubble is None:
         raise DegeneracyError(
-            f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to fit.posterior.sample"
+            f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to "
+            "fit.posterior.sample"
         )
     known: dict[str, Any] = {
         "cosmology": cosmology,
@@ -120,7 +121,7 @@ def velocity_from(
     excess_noise: float = 0.0,
     local_group: Vector | bool | None = None,
 ) -> VelocitySolution:
-    """Our velocity from equations, whose distances are for this H0; `local_group` is for forecasts alone: ours is not independent of it."""
+    """Our velocity from equations with distances for this H0; `local_group` is for forecasts alone."""
     ratio = hubble / rows.hubble
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     to_u = np.eye(9)
@@ -238,7 +239,8 @@ def local_group_of(value: Vector | bool | None, rows: ParallaxEquations | Parall
         return None
     if rows.modes is None:
         raise ParameterError(
-            "the Local Group tells the flow where we are: local_group= needs galaxies with a flow (z < 0.2, not flows=None)"
+            "the Local Group tells the flow where we are: local_group= needs galaxies with a flow (z < 0.2, not "
+            "flows=None)"
         )
     if value is not True and not isinstance(value, Vector):
         raise ParameterError(f"local_group is a Vector in km/s, or True, not {value!r}")

@@ -91,7 +91,10 @@ class VelocityForecast(Result):
     def report(self) -> str:
         """The table as text."""
         lines = [
-            "Errors to come: a component of our velocity [km/s] / H0 [km/s/Mpc], with the cosmic variance of linear flows",
+            (
+                "Errors to come: a component of our velocity [km/s] / H0 [km/s/Mpc], with the cosmic variance of linear"
+                " flows"
+            ),
             "─" * WIDTH,
             f"{'':8}{'z below':>8}{'sources':>9}" + "".join(f"{name:>16}" for name in self.known),
         ]

@@ -80,7 +80,10 @@ def _left_out(solution):
     return [
         "",
         f"warning        not in the errors above: flows of linear theory, which galaxies share, add ± {first}",
-        f"               and ± {glide:.2g} µas/yr in each component of the acceleration; without --no-flows they are fitted",
+        (
+            f"               and ± {glide:.2g} µas/yr in each component of the acceleration; without --no-flows they "
+            "are fitted"
+        ),
     ]
 
 
@@ -91,7 +94,10 @@ def _cosmic(solution):
     if solution.flow is None:
         return "errors without flows that galaxies share"
     modes = solution.flow.modes
-    return f"{100 * solution.cosmic_share:.0f} % of the error's variance is cosmic ({len(modes)} modes of {modes.theory.name})"
+    return (
+        f"{100 * solution.cosmic_share:.0f} % of the error's variance is cosmic ({len(modes)} modes of "
+        f"{modes.theory.name})"
+    )
 
 
 def _correlations(solution):
@@ -171,5 +177,8 @@ def _hubble(solution, quality):
     scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
     return [
         f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
-        f"{'H0':14}{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc, {pull:.1f} standard errors from zero{scaled}",
+        (
+            f"{'H0':14}{solution.hubble:.2f} ± {solution.hubble_error:.2f} km/s/Mpc, {pull:.1f} standard errors from "
+            f"zero{scaled}"
+        ),
     ]

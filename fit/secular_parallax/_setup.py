@@ -51,9 +51,9 @@ def dispersion_of(peculiar_dispersion: float | None, options: DistanceOptions) -
         return LEFT_DISPERSION
     if peculiar_dispersion > 1.3 * flows.sigma:
         raise ParameterError(
-            f"with flows a dispersion of {peculiar_dispersion:g} km/s counts them twice: they are {flows.sigma:.0f} km/s in each "
-            "component by themselves, and peculiar_dispersion= is what galaxies have beside them (150 to 300; 150 unless given). Without flows: "
-            "flows=None, --no-flows"
+            f"with flows a dispersion of {peculiar_dispersion:g} km/s counts them twice: they are {flows.sigma:.0f} "
+            "km/s in each component by themselves, and peculiar_dispersion= is what galaxies have beside them (150 to "
+            "300; 150 unless given). Without flows: flows=None, --no-flows"
         )
     return peculiar_dispersion
 
@@ -86,7 +86,8 @@ def parallax_equations(
     unknown = set(options) - set(DistanceOptions.__annotations__)
     if unknown:
         raise ParameterError(
-            f"no argument is called {', '.join(sorted(unknown))}; there are {', '.join(DistanceOptions.__annotations__)}"
+            f"no argument is called {', '.join(sorted(unknown))}; there are "
+            f"{', '.join(DistanceOptions.__annotations__)}"
         )
     given = DistanceOptions(**options)  # type: ignore[typeddict-item]
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology

@@ -74,7 +74,7 @@ class Shear(Result):
 
     @property
     def norm(self) -> float:
-        """|Σ|, the root of the sum of all squares as estimated; noise makes it too large. P_S2 = (4π/5) |Σ|². [µas/yr]"""
+        """|Σ|, the root of the sum of squares; noise makes it too large. P_S2 = (4π/5) |Σ|². [µas/yr]"""
         return float(np.linalg.norm(self.tensor))
 
     @property
@@ -84,7 +84,7 @@ class Shear(Result):
 
     @property
     def axes(self) -> FloatArray:
-        """Principal axes in rows, (3, 3); an axis has no sign, and none of its own where two rates are equal within errors."""
+        """Principal axes in rows, (3, 3), without sign; undetermined where two rates are equal within errors."""
         vectors = np.linalg.eigh(self.tensor)[1][:, ::-1].T
         return vectors * np.where(vectors[:, 2:] < 0, -1, 1)
 
@@ -136,12 +136,17 @@ class Shear(Result):
     def report(self) -> str:
         """The expansion as text."""
         lines = [
-            f"Expansion that differs from axis to axis, from degree 2 of {self.n_data // 2} sources ({self.frame} axes)",
+            (
+                f"Expansion that differs from axis to axis, from degree 2 of {self.n_data // 2} sources ({self.frame} "
+                "axes)"
+            ),
             "tensor [µas/yr]  "
             + "  ".join(f"{n} {v:+.3f} ± {s:.3f}" for n, v, s in zip(_NAMES, self.values, self.sigma, strict=True)),
             f"p-value          {printed_p_value(self.p_value)} of as much from noise alone",
-            f"|Σ|              {self.norm:.3g} µas/yr as found, {self.percent(self.norm):.3g} % of H0 = {self.hubble:g}; "
-            f"below {self.limit():.3g} µas/yr, {self.percent(self.limit()):.3g} % (95 %)",
+            (
+                f"|Σ|              {self.norm:.3g} µas/yr as found, {self.percent(self.norm):.3g} % of H0 = "
+                f"{self.hubble:g}; below {self.limit():.3g} µas/yr, {self.percent(self.limit()):.3g} % (95 %)"
+            ),
             f"{'principal axes':17}{'rate [µas/yr]':>20}{'% of H0':>10}{'l':>8}{'b':>8}",
         ]
         matrix = rotation_matrix(self.frame, "galactic")

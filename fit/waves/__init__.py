@@ -1,4 +1,4 @@
-"""One gravitational wave from one direction: its best strain, how likely noise alone is, and how strong it can be at most."""
+"""One gravitational wave from one direction: its best strain, how likely noise alone is, and limits."""
 
 from typing import TYPE_CHECKING
 

@@ -88,7 +88,10 @@ def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: i
 @styled
 def plot_search(search: Any, *, ax: Any = None) -> Any:
     """2F and the limit of every direction that a wave may travel to."""
-    heading = f"largest 2F = {search.statistic.max():.1f}; p = {printed_p_value(search.p_value)} with all directions looked at"
+    heading = (
+        f"largest 2F = {search.statistic.max():.1f}; p = {printed_p_value(search.p_value)} with all directions "
+        "looked at"
+    )
     drawn = panels(ax, 2, 1, size=(WIDTH, 5.2))
     for place, values, label, cmap, title in (
         (0, search.statistic, "2F of a wave that travels there", "viridis", heading),

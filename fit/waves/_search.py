@@ -146,8 +146,15 @@ class WaveSearch(Result):
         lines = [
             f"One gravitational wave, in degrees {self.degrees[0]} to {self.degrees[-1]} of {self.n_data} numbers"
             + (f", at {self.frequency:.4g} a year" if self.frequency else ", longer than the observations"),
-            f"largest 2F       {self.statistic.max():.2f} of {len(self.statistic)} directions; χ² of {len(self.amplitudes)} each from noise alone",
-            f"p-value          {'at most ' * (self.p_value * (1 + self.n_skies) < 1.5)}{printed_p_value(self.p_value)} that noise alone gives as much anywhere ({self.n_skies} simulated skies)",
+            (
+                f"largest 2F       {self.statistic.max():.2f} of {len(self.statistic)} directions; χ² of "
+                f"{len(self.amplitudes)} each from noise alone"
+            ),
+            (
+                "p-value         "
+                f" {'at most ' * (self.p_value * (1 + self.n_skies) < 1.5)}{printed_p_value(self.p_value)} that noise "
+                f"alone gives as much anywhere ({self.n_skies} simulated skies)"
+            ),
         ]
         for frame in dict.fromkeys((self.frame, "galactic")):
             place = there.to_frame(frame).direction
@@ -249,8 +256,8 @@ def search(
 
 #: Note of every search in time.
 SOLVED_ATTITUDE = (
-    "warning: amplitudes and limits are those of an attitude that is known from elsewhere; where it was solved from the same sky, as in "
-    "Gaia's releases, 0.5 to 0.6 of a wave is left, and a 95 % limit is half of the truth"
+    "warning: amplitudes and limits are those of an attitude that is known from elsewhere; where it was solved from the"
+    " same sky, as in Gaia's releases, 0.5 to 0.6 of a wave is left, and a 95 % limit is half of the truth"
 )
 
 
@@ -342,7 +349,7 @@ def search_in_time(
 def _sources(
     observations: Observations, rate: float, size: int = 2000
 ) -> Iterator[tuple[Any, FloatArray, FloatArray, int]]:
-    """Some sources at a time: which, the 4 × 4 forms and sides that their five parameters leave, and how many observations."""
+    """Some sources at a time: which, the 4 × 4 forms and sides that their parameters leave, number of observations."""
     n = len(observations.lon)
     bounds = np.searchsorted(observations.source, np.arange(n + 1))
     for start in range(0, n, size):

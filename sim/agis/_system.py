@@ -146,8 +146,9 @@ class Equations(InNotebook):
         scans = self.scans
         if self.prior is None and not (scans.weights[1] > 0).any():
             raise DegeneracyError(
-                "no across-scan data: along the scan alone coefficient 0 of the attitude, and every other, is determined about "
-                "one axis of three. Give sigma_across, or a prior, to which the attitude is known from elsewhere"
+                "no across-scan data: along the scan alone coefficient 0 of the attitude, and every other, is "
+                "determined about one axis of three. Give sigma_across, or a prior, to which the attitude is known "
+                "from elsewhere"
             )
 
     def _check_numbers(self):
@@ -158,8 +159,8 @@ class Equations(InNotebook):
         if self.prior is None and left < unknown:
             longer = f"knots of {3 * scans.years * JULIAN_YEAR / left:.0f} s or more, " if left > 0 else ""
             raise DegeneracyError(
-                f"too few sources for the knots: {observed:.0f} observations of {n} sources for {5 * n + unknown} unknowns "
-                f"({scans.intervals} intervals). Take {longer}more sources, sim.agis.scaled, or a prior"
+                f"too few sources for the knots: {observed:.0f} observations of {n} sources for {5 * n + unknown} "
+                f"unknowns ({scans.intervals} intervals). Take {longer}more sources, sim.agis.scaled, or a prior"
             )
 
     def _determined(self, threads, compiled):
@@ -188,8 +189,8 @@ class Equations(InNotebook):
             coefficient = (int(digits[0]) - 1) // 3 if digits else 0
             day = coefficient * self.scans.spacing * 365.25
             raise DegeneracyError(
-                f"the attitude is not determined at its coefficient {coefficient} of {self.coefficients} (day {day:.2f}): "
-                "lower the smoothing, take more sources, or a prior"
+                f"the attitude is not determined at its coefficient {coefficient} of {self.coefficients} (day "
+                f"{day:.2f}): lower the smoothing, take more sources, or a prior"
             ) from None
 
 
@@ -211,7 +212,7 @@ class ExactErrors(Equations):
     def formal_covariance(
         self, modes: Modes | int, lon: ArrayLike | None = None, lat: ArrayLike | None = None
     ) -> FloatArray:
-        """Covariance of a fit of harmonics to the motions as it would be quoted: sources for themselves, the attitude known."""
+        """Covariance of a fit to the motions as it would be quoted: each source alone, the attitude known."""
         return MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat)).formal
 
     def true_covariance(
@@ -226,7 +227,7 @@ class ExactErrors(Equations):
         iterations: int = 2000,
         progress: bool = False,
     ) -> FloatArray:
-        """Covariance that the same fit really has, with all that sources share through the attitude; exact, without noise drawn.
+        """Covariance that the same fit really has, with all that sources share through the attitude; exact.
 
         A solve by conjugate gradients for each mode: their running sum is a lower bound of the variance that only
         grows.
@@ -288,7 +289,7 @@ class ExactErrors(Equations):
         return right
 
     def _varying(self, solved, variability, variable):
-        """What photocentres that vary add: Σ over sources of aᵀ C a, a how much each observation counts in a functional."""
+        """What varying photocentres add: Σ over sources of aᵀ C a, a the weight of each observation in a functional."""
         scans = self.scans
         order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
         if variable is not None:
@@ -318,8 +319,9 @@ def _solved(equations, right, tolerance, iterations, bar):
         if (len(gains) >= _REST and grown.max() < tolerance) or work.residual < 1e-12:
             return work.x
     raise ConvergenceError(
-        f"variances still grew by {100 * grown.max():.2g} % in the last {_REST} of {iterations} iterations; standard errors are at "
-        f"least {', '.join(f'{x:.4g}' for x in np.sqrt(total))}. Allow more iterations, or a larger tolerance"
+        f"variances still grew by {100 * grown.max():.2g} % in the last {_REST} of {iterations} iterations; standard "
+        f"errors are at least {', '.join(f'{x:.4g}' for x in np.sqrt(total))}. Allow more iterations, or a larger "
+        "tolerance"
     )
 
 
@@ -368,7 +370,8 @@ class System(ExactErrors):
     >>> law = sim.NominalScanningLaw(years=2.0)
     >>> quasars = sim.quasars(100, rng=1)
     >>> system = System(scans(law, quasars.lon, quasars.lat, 100.0, 500.0, knots=2 * 86400.0))
-    >>> ratio = system.true_covariance(1, quasars.lon, quasars.lat) / system.formal_covariance(1, quasars.lon, quasars.lat)
+    >>> place = quasars.lon, quasars.lat
+    >>> ratio = system.true_covariance(1, *place) / system.formal_covariance(1, *place)
     >>> bool(ratio[3, 3] > 1)
     True
     """
@@ -389,8 +392,8 @@ class System(ExactErrors):
         prior = None if prior is None else arguments.positive("prior", prior)
         if arguments.positive("smoothing", smoothing) < ROUGH:
             warnings.warn(
-                f"smoothing of {smoothing:g} µas is a statement on the attitude: errors hold only where its coefficients really "
-                f"bend no more; {ROUGH:g} and more bridge gaps alone",
+                f"smoothing of {smoothing:g} µas is a statement on the attitude: errors hold only where its "
+                f"coefficients really bend no more; {ROUGH:g} and more bridge gaps alone",
                 VshWarning,
                 stacklevel=2,
             )
@@ -514,8 +517,8 @@ class System(ExactErrors):
         )
         if not solved.converged and stop is not None:
             warnings.warn(
-                f"not converged after {solved.iterations} iterations: degrees 1 to {solved.modes.lmax} still change; allow more, or read "
-                "large scales with care",
+                f"not converged after {solved.iterations} iterations: degrees 1 to {solved.modes.lmax} still change; "
+                "allow more, or read large scales with care",
                 VshWarning,
                 stacklevel=2,
             )

@@ -232,7 +232,7 @@ class SecularParallax(Observer):
 
 
 def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None, hubble: float | None = None) -> Signal:
-    """Parallax by our own motion through the Universe: µ = −v_⊥/d_P, towards the antapex; d_P is d_M where space is flat.
+    """Parallax by our own motion through the Universe: µ = −v_⊥/d_P, towards the antapex; d_P = d_M in flat space.
 
     Parameters
     ----------

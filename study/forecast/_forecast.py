@@ -62,7 +62,10 @@ class SurveyForecast(InNotebook):
         """The table as text."""
         wide = max(12, *(len(name) + 2 for name in self.surveys))
         lines = [
-            f"Errors to come (68 %), quasars on a sky that is {self.sky}, galaxies to z = 0.03 (errors of faint ones as Gaia's)",
+            (
+                f"Errors to come (68 %), quasars on a sky that is {self.sky}, galaxies to z = 0.03 (errors of faint "
+                "ones as Gaia's)"
+            ),
             f"{'':42}" + "".join(f"{name:>{wide}}" for name in self.surveys),
             f"{'quasars':42}" + "".join(f"{survey.n_quasars:>{wide}}" for survey in self.surveys.values()),
             f"{'galaxies':42}" + "".join(f"{survey.n_galaxies or '':>{wide}}" for survey in self.surveys.values()),
@@ -75,11 +78,13 @@ class SurveyForecast(InNotebook):
             lines.append(f"{words + (f' [{unit}]' if unit else ''):42}{shown}")
         lines += [f"  {name}: {survey.says}; floor {survey.floor:g} µas/yr" for name, survey in self.surveys.items()]
         lines.append(
-            "floors are an assumption, and direction, V0, R0 and Ω hold them; DR3's law of angles (Lindegren et al. 2021, 292 exp(−θ/12°)) put "
-            f"to degree 1 gives {_LAW:.1f} µas/yr, ten times as much, which the acceleration that DR3 measured (5.05 for 4.8) excludes"
+            "floors are an assumption, and direction, V0, R0 and Ω hold them; DR3's law of angles (Lindegren et al. "
+            f"2021, 292 exp(−θ/12°)) put to degree 1 gives {_LAW:.1f} µas/yr, ten times as much, which the "
+            "acceleration that DR3 measured (5.05 for 4.8) excludes"
         )
         lines.append(
-            "velocity and H0 without flows: independent velocities of 300 km/s; with them: linear theory, one sky's cosmic variance"
+            "velocity and H0 without flows: independent velocities of 300 km/s; with them: linear theory, one sky's "
+            "cosmic variance"
         )
         return "\n".join(lines) + "\n"
 
@@ -139,9 +144,9 @@ def forecast_surveys(
     -----
     5000 quasars, and some 9000 of 100 000 galaxies (2000 with flows), stand for all, with errors that carry the same
     information; covariances are those of fits to degree 2. Direction, V0, R0 and Ω hold the floor of the survey.
-    "Degrees": to which a field with the power of DR3's systematics at large angles (Lindegren et al.
-    2021) stands above the noise, kind by kind. Waves: what noise alone gives with 95 % in degree 2; one wave: the error of
-    its rate when its direction is known.
+    "Degrees": to which a field with the power of DR3's systematics at large angles (Lindegren et al. 2021) stands above
+    the noise, kind by kind. Waves: what noise alone gives with 95 % in degree 2; one wave: the error of its rate when
+    its direction is known.
     """
     surveys = dict(SURVEYS if surveys is None else arguments.a(dict)("surveys", surveys))
     if not surveys or not all(isinstance(each, Survey) for each in surveys.values()):
@@ -157,8 +162,10 @@ def forecast_surveys(
     power = Spectrum.from_covariance(LINDEGREN_2021).power(_DEGREES)[0]
     some = galaxies(_GALAXIES, near)
     values = {
-        name: _of_quasars(Field(lon, lat, still, survey.errors(len(lon))), survey, power)
-        | _of_galaxies(survey, some, flows)
+        name: (
+            _of_quasars(Field(lon, lat, still, survey.errors(len(lon))), survey, power)
+            | _of_galaxies(survey, some, flows)
+        )
         for name, survey in surveys.items()
     }
     return SurveyForecast(surveys, values, sky)

@@ -87,7 +87,7 @@ class Survey(InNotebook):
 
 @lru_cache(maxsize=1)
 def _quasars():
-    """Magnitudes of Gaia-CRF3's quasars, and factors on their errors: enough of them for information to half a per cent."""
+    """Magnitudes of Gaia-CRF3's quasars, and factors on their errors: information to half a per cent."""
     five, six = (count // 8 for count in CRF3_COUNTS.values())
     return crf3_magnitudes(five, six, 1), np.where(np.arange(five + six) < five, 1.0, SIX_PARAMETERS)
 

@@ -32,9 +32,13 @@ from vsh.tools.types import Table
 from vsh.vector import Vector, correlation_of
 
 CAPTIONS = {
-    "acceleration_by_degree": "The acceleration by the highest degree of the fit: thick bars from the bootstrap, thin ones the "
-    "catalogue's; bands: the published values.",
-    "acceleration_by_subset": "The acceleration by subsets of the sources: bars from the bootstrap; lines: all five-parameter sources.",
+    "acceleration_by_degree": (
+        "The acceleration by the highest degree of the fit: thick bars from the bootstrap, thin ones the "
+        "catalogue's; bands: the published values."
+    ),
+    "acceleration_by_subset": (
+        "The acceleration by subsets of the sources: bars from the bootstrap; lines: all five-parameter sources."
+    ),
     "density": "Sources a square degree.",
     "powers": "Power by degree of the highest fit, errors from the bootstrap.",
 }
@@ -154,7 +158,7 @@ def _chi2(vector, true):
 
 
 def power_table(study: GaiaStudy) -> Table:
-    """Powers of the main fit and of the highest degree, with p-values that allow for the bootstrap's own uncertainty."""
+    """Powers of the main fit and of the highest degree, with p-values that allow for the bootstrap's uncertainty."""
     rows = []
     for fitted in dict.fromkeys((study.main, study.degrees[-1])):
         if fitted.resampled is not None:
@@ -273,13 +277,19 @@ def _report(study, made, truth):
     lines = [
         "# The acceleration of the Solar System from Gaia's quasars",
         "",
-        f"{study.sources.label}: {main.n_sources} five-parameter and {int(study.sources.six.sum())} six-parameter sources. "
-        f"Fits of degree 3 to five-parameter sources, clipped at κ = 3 ({main.n_clipped} left out), errors from "
-        f"{main.resampled.errors_from}, unless a table says otherwise. After Gaia Collaboration, Klioner et al. (2021, A&A 649, A9).",
+        (
+            f"{study.sources.label}: {main.n_sources} five-parameter and {int(study.sources.six.sum())} six-parameter "
+            f"sources. Fits of degree 3 to five-parameter sources, clipped at κ = 3 ({main.n_clipped} left out), "
+            f"errors from {main.resampled.errors_from}, unless a table says otherwise. After Gaia Collaboration, "
+            "Klioner et al. (2021, A&A 649, A9)."
+        ),
         "",
-        f"**g = ({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(g.value, g.sigma, strict=True))}) µas/yr**: "
-        f"{g.amplitude:.2f} ± {g.amplitude_error:.2f} µas/yr toward α = {g.direction[0]:.1f}° ± {g.direction_error[0]:.1f}°, "
-        f"δ = {g.direction[1]:+.1f}° ± {g.direction_error[1]:.1f}°. {_floor_words(main.solution, g)}",
+        (
+            f"**g = ({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(g.value, g.sigma, strict=True))}) µas/yr**: "
+            f"{g.amplitude:.2f} ± {g.amplitude_error:.2f} µas/yr toward α = {g.direction[0]:.1f}° ± "
+            f"{g.direction_error[0]:.1f}°, δ = {g.direction[1]:+.1f}° ± {g.direction_error[1]:.1f}°. "
+            f"{_floor_words(main.solution, g)}"
+        ),
     ]
     if truth:
         listed = ", ".join(f"{v:+.3f}" for v in truth["acceleration"].value)
@@ -287,14 +297,19 @@ def _report(study, made, truth):
         expected = 6 * draws / (draws - 4)  # of three numbers with a covariance from so many draws, twice
         lines += [
             "",
-            f"A simulated catalogue; the truth is g = ({listed}) µas/yr. The last column of the tables is χ² of spin and g "
-            f"against it, {expected:.1f} ± {np.sqrt(12) * expected / 6:.1f} where the errors are right.",
+            (
+                f"A simulated catalogue; the truth is g = ({listed}) µas/yr. The last column of the tables is χ² of "
+                f"spin and g against it, {expected:.1f} ± {np.sqrt(12) * expected / 6:.1f} where the errors are right."
+            ),
         ]
     for name, table in made.items():
         lines += ["", f"## {_HEADINGS[name]}", "", *_markdown(_shown(name, table))]
     lines += [
         "",
-        "Thirds of colour are by the effective wavenumber, nu_eff_used_in_astrometry; halves of the sky are fitted to degree 1.",
+        (
+            "Thirds of colour are by the effective wavenumber, nu_eff_used_in_astrometry; halves of the sky are fitted "
+            "to degree 1."
+        ),
     ]
     failed = [row for row in (*study.degrees, *study.subsets) if row.solution is None]
     if failed:
@@ -313,8 +328,9 @@ def _floor_words(solution, g):
     total = ", ".join(f"{np.hypot(s, shared.acceleration_error):.2f}" for s in g.sigma)
     low, high = shared.acceleration_interval
     return (
-        f"Not in these errors: what sources share, ± {shared.acceleration_error:.2f} µas/yr in each component ({low:.2f} … {high:.2f}, "
-        f"68 %) from the power of degrees 2 to {solution.modes.lmax}; with it ± ({total}) µas/yr."
+        f"Not in these errors: what sources share, ± {shared.acceleration_error:.2f} µas/yr in each component "
+        f"({low:.2f} … {high:.2f}, 68 %) from the power of degrees 2 to {solution.modes.lmax}; with it ± ({total}) "
+        "µas/yr."
     )
 
 

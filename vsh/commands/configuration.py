@@ -86,7 +86,7 @@ def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, An
 def merged(
     parser: argparse.ArgumentParser, make_parser: Callable[[], argparse.ArgumentParser], words: Sequence[str]
 ) -> tuple[list[str], Configuration]:
-    """The words of the command line, with those that its --config stands for before them; what is on the line prevails."""
+    """The words of the command line after those of its --config; what is on the line prevails."""
     here = given(make_parser(), words)
     try:
         kept = read(here["config"], parser.prog)

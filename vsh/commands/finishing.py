@@ -97,7 +97,8 @@ def of_page(path: PathName) -> str:
 
 #: Letters that LaTeX obeys.
 _ESCAPED = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    "<": r"\textless{}", ">": r"\textgreater{}",
 }  # fmt: skip
 
 
@@ -178,7 +179,7 @@ def finish(
 
 
 def as_json(options: argparse.Namespace, result: RunResult) -> str:
-    """A result as one JSON object: command, version, what was asked, notes, and tables column by column; what is no number is null."""
+    """A result as one JSON object: command, version, options, notes, and tables by column; nan is null."""
     document = {
         "command": options.program,
         "version": vsh.__version__,

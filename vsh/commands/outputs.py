@@ -54,15 +54,15 @@ def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
     foreign = sorted(x.name for x in path.iterdir() if x.name not in {MARK, *recorded})
     if foreign:
         raise VshError(
-            f"{shown} holds files that {command} did not write ({printable(', '.join(foreign[:5]))}): move them, or name "
-            "another folder"
+            f"{shown} holds files that {command} did not write ({printable(', '.join(foreign[:5]))}): move them, or "
+            "name another folder"
         )
     hashes = recorded if isinstance(recorded, dict) else {}
     changed = sorted(x for x, sha in hashes.items() if (path / x).exists() and digest(path / x) != sha)
     if changed:
         raise VshError(
-            f"{shown} holds files that were changed since {command} wrote them ({printable(', '.join(changed[:5]))}): move "
-            "them, or name another folder"
+            f"{shown} holds files that were changed since {command} wrote them ({printable(', '.join(changed[:5]))}): "
+            "move them, or name another folder"
         )
 
 

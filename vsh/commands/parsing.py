@@ -1,4 +1,4 @@
-"""From the words of a command to its options: nothing but the standard library is imported here, nor by `vsh.commands.options`."""
+"""From the words of a command to its options, as `vsh.commands.options` with the standard library alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NEGATIVE = re.compile(r"-[\d.]")
 
 
 class Words(Protocol):
-    """A module of `vsh.commands.options`; it may have `check(parser, options)`, which ends with what contradicts itself."""
+    """A module of `vsh.commands.options`; its `check(parser, options)` refuses options that contradict each other."""
 
     def make_parser(self) -> argparse.ArgumentParser:
         """The parser of its options."""

@@ -28,12 +28,18 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         "--columns",
         type=values.columns,
         metavar="ROLE=NAME,…",
-        help="names of the columns: a set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), or both (vizier,redshift=zsp)",
+        help=(
+            "names of the columns: a set (gaia, the default; vizier; icrf), pairs (pmra=mu_ra,redshift=z), or both "
+            "(vizier,redshift=zsp)"
+        ),
     )
     parser.add_argument(
         "--input-format",
         choices=values.INPUT_FORMATS,
-        help="format of the catalogue, if not clear from its name; mrt and cds are the journals' tables, ascii lets astropy guess",
+        help=(
+            "format of the catalogue, if not clear from its name; mrt and cds are the journals' tables, ascii lets "
+            "astropy guess"
+        ),
     )
     parser.add_argument("--units", type=values.pairs, metavar="NAME=UNIT,…", help="units of columns: mu_ra=uas/yr")
     parser.add_argument(

@@ -97,7 +97,7 @@ def vector(text: str) -> tuple[float, ...]:
 
 
 def velocity(text: str) -> str | tuple[float, ...]:
-    """Our velocity as every command takes it: a name, or SPEED,L,B (`vsh.commands.reading.velocity_of` has the Vector)."""
+    """Our velocity as every command takes it: a name, or SPEED,L,B."""
     if text in VELOCITIES:
         return text
     try:
@@ -106,8 +106,8 @@ def velocity(text: str) -> str | tuple[float, ...]:
         speed, l, b = 0.0, 0.0, 0.0
     if not (0 < speed < 3e5 and abs(l) <= 360 and abs(b) <= 90):
         raise argparse.ArgumentTypeError(
-            f"{' or '.join(VELOCITIES)}, or SPEED,L,B is wanted (km/s above zero; Galactic longitude and latitude of the apex, "
-            f"degrees), not {text!r}"
+            f"{' or '.join(VELOCITIES)}, or SPEED,L,B is wanted (km/s above zero; Galactic longitude and latitude of "
+            f"the apex, degrees), not {text!r}"
         )
     return speed, l, b
 

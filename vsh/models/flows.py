@@ -355,7 +355,10 @@ class FlowModes(Frozen):
         return sum((2 * l + 1) * count for l, count in enumerate(self.counts))
 
     def __repr__(self) -> str:
-        return f"<FlowModes: {len(self)} to degree {len(self.counts) - 1}, {self.radii[0]:.3g} to {self.radii[-1]:.3g} Mpc/h>"
+        return (
+            f"<FlowModes: {len(self)} to degree {len(self.counts) - 1}, {self.radii[0]:.3g} to {self.radii[-1]:.3g} "
+            "Mpc/h>"
+        )
 
     def at(self, lon: FloatArray, lat: FloatArray, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What every mode adds to the velocities of sources.

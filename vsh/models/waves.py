@@ -79,7 +79,7 @@ def unit(direction: ArrayLike) -> FloatArray:
 
 
 def degree_amplitudes(lmax: int) -> FloatArray:
-    """c_l = (−1)^l √(π α_l/6), the coefficients of a wave of unit rate along z, (lmax,), with α_l those of a background.
+    """c_l = (−1)^l √(π α_l/6), coefficients of a wave of unit rate along z, (lmax,), α_l those of a background.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Arguments checked where they come in, each refusal a `ParameterError` that names the argument; and arrays among them."""
+"""Arguments and arrays checked where they come in; each refusal is a `ParameterError` that names the argument."""
 
 from __future__ import annotations
 

@@ -143,8 +143,10 @@ def doubtful(columns: Mapping[str, FloatArray]) -> tuple[str, ...]:
     listed = ", ".join(f"{value:g}" for value in values[:4])
     count = f"{rows.sum()} row{' has' if rows.sum() == 1 else 's have'}"
     return (
-        f"warning: {count} a motion of {listed} in one component: a mark of missing values? It is used (first: row {rows.argmax()}); "
-        "leave such rows out with --where",
+        (
+            f"warning: {count} a motion of {listed} in one component: a mark of missing values? It is used (first: row "
+            f"{rows.argmax()}); leave such rows out with --where"
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""The gate for everything that is written: files and folders are whole or not there, and nothing of somebody else's is replaced.
+"""The gate for all writing: files and folders are whole or not there, and nothing of somebody else's is replaced.
 
 A file is ours where it carries the mark that all our writers leave in it, or where this process wrote it. What a run
 reads is never written to (`reading`), and what two processes must not write at once is locked (`exclusive`).
@@ -81,7 +81,7 @@ def atomic_write(path: PathName) -> Iterator[Path]:
 
 
 def is_ours(path: PathName) -> bool:
-    """Whether a file carries our mark, or this process wrote it and nobody changed it since; an empty one may be anybody's."""
+    """Whether a file carries our mark, or this process wrote it and nobody changed it since."""
     path = Path(os.path.realpath(path))
     if not path.is_file():
         return False
@@ -128,7 +128,7 @@ def reading(paths: Iterable[PathName]) -> Iterator[None]:
 
 
 def check_not_read(path: PathName, shown: str | None = None) -> None:
-    """Raise WriteError where a path is what the run reads, lies in a folder that it reads, or is a folder with it inside."""
+    """Raise WriteError where a path is, holds or lies in what the run reads."""
     path = Path(os.path.realpath(path))
     for source in _READ.get():
         if path == source or path in source.parents or (source in path.parents and source.is_dir()):

@@ -32,7 +32,8 @@ _TABLES = "vsh.io.tables."
 FORMATS = (
     Format("fits", "fits", (".fits", ".fit"), re.compile(rb"SIMPLE  ="), _TABLES + "_fits:open_fits", "FITS", True),
     Format("votable", "votable", (".vot", ".votable", ".xml"),
-           re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml|<!--|<VOTABLE)"), _TABLES + "_votable:open_votable", "VOTable", True),
+           re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml|<!--|<VOTABLE)"), _TABLES + "_votable:open_votable", "VOTable",
+           True),
     Format("ecsv", "ascii.ecsv", (".ecsv",), re.compile(rb"(\xef\xbb\xbf)?#\s*%ECSV", re.IGNORECASE),
            _TABLES + "_text:open_text", "ECSV", True),
     Format("mrt", "ascii.mrt", (".mrt",), re.compile(rb"[\s\S]*^Byte-by-byte Description", re.MULTILINE),
@@ -41,7 +42,8 @@ FORMATS = (
            _TABLES + "_text:open_text", "CSV", True),
     Format("parquet", "parquet", (".parquet", ".pq"), re.compile(rb"PAR1"), _TABLES + "_arrow:open_parquet", "Parquet",
            True, "parquet"),
-    Format("hdf5", "hdf5", (".hdf5", ".h5"), re.compile(rb"\x89HDF\r\n"), _TABLES + "_source:open_hdf5", "HDF5", False, "hdf5"),
+    Format("hdf5", "hdf5", (".hdf5", ".h5"), re.compile(rb"\x89HDF\r\n"), _TABLES + "_source:open_hdf5", "HDF5",
+           False, "hdf5"),
     Format("cds", "ascii.cds", (), None, _TABLES + "_source:open_cds"),
     Format("ascii", "ascii", (), None, _TABLES + "_source:open_ascii"),
 )  # fmt: skip

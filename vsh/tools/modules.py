@@ -50,14 +50,15 @@ def warn_if_hidden() -> None:
         from vsh.tools.errors import VshWarning  # NumPy comes with it
 
         warnings.warn(
-            f"{place} hides the package {name} of vsh-astrometry, so that `import {name}` gives yours: rename it, or run from another folder",
+            f"{place} hides the package {name} of vsh-astrometry, so that `import {name}` gives yours: rename it, or "
+            "run from another folder",
             VshWarning,
             stacklevel=3,
         )
 
 
 def import_ours() -> None:
-    """Import our packages where something of the user's hides them: for commands, which a folder's files do not concern."""
+    """Import our packages where something of the user's hides them: commands do not depend on the folder."""
     for name in hidden():
         spec = PathFinder.find_spec(name, [_ROOT])
         if spec is not None and spec.loader is not None:
@@ -152,7 +153,7 @@ def old_names(
 def lazily(
     module: str, names: Sequence[str], attributes: Mapping[str, list[str]]
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """A face's `__getattr__` and `__dir__`: what its files hold of `attributes`, or sub-modules, is imported when first asked for."""
+    """A face's `__getattr__` and `__dir__`: attributes of its files, or sub-modules, imported when first asked for."""
     submodules = () if attributes else names
     get, _, _ = lazy_loader.attach(module, submodules=submodules, submod_attrs=dict(attributes))
     return get, lambda: list(names)

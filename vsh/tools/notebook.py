@@ -15,7 +15,7 @@ _WIDTH = 160
 
 
 class InNotebook:
-    """Gives a noun a form in notebooks: its attributes in a table; arrays by their shape and range, missing ones not at all."""
+    """A noun's form in notebooks: its attributes in a table, arrays by shape and range, missing ones not at all."""
 
     #: Units of attributes, by name.
     units_shown: ClassVar[dict[str, str]] = {}
@@ -51,7 +51,7 @@ def as_html(title: str, rows: dict[str, str | None], *, heading: str = "") -> st
 
 
 def shown(value: Any) -> str | None:
-    """A value in a cell, in HTML: arrays by shape and range, what is longer cut; None for what is not there, and for functions."""
+    """A value in a cell, in HTML: arrays by shape and range; None for what is missing, and for functions."""
     if value is None or (callable(value) and not hasattr(value, "_repr_html_")):
         return None
     if isinstance(value, np.ndarray):

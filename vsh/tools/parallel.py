@@ -101,7 +101,7 @@ def end_with_parent() -> None:
 
 
 def process_pool(workers: int) -> ProcessPoolExecutor:
-    """Processes that leave an interrupt to the one that starts them, and end with it; submit to them within `uninterrupted`."""
+    """Processes that leave an interrupt to their parent, and end with it; submit to them within `uninterrupted`."""
     # Spawned, not forked: the threads of NumPy and Arrow do not survive a fork.
     return ProcessPoolExecutor(workers, get_context("spawn"), _begin)
 

@@ -1,4 +1,4 @@
-"""What is printed reaches its reader, or the command ends in one line. Nothing but the standard library is imported here."""
+"""What is printed reaches its reader, or the command ends in one line; with the standard library alone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """Letters that standard output cannot take are printed as ?; a full disk is told, and a reader who has seen enough is left alone."""
+    """Print letters that standard output cannot take as ?, report a full disk, end quietly where a pipe closes."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
@@ -45,7 +45,7 @@ def silence() -> None:
 
 
 def silence_if_broken() -> None:
-    """After an error that is told: where standard output takes no more, what waits to go there is not tried, and told, again."""
+    """After an error in printing: do not try, and fail, again with what still waits for standard output."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()

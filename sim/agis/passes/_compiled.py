@@ -111,7 +111,7 @@ class CompiledPasses:
 
 
 def _by_place(lon, lat):
-    """The order of sources in bands of latitude, along each by longitude; a band as high as about fifty of them are wide."""
+    """The order of sources in bands of latitude, along each by longitude; some fifty in a square of a band's height."""
     band = np.floor(lat / np.sqrt(4 * np.pi * 50 / len(lat)))
     return np.lexsort((lon, band))
 

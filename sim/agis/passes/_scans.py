@@ -61,9 +61,9 @@ class Plan(InNotebook):
 
     def __str__(self) -> str:
         return (
-            f"{self.transits / 1e6:.1f} million transits, {3 * self.coefficients / 1e6:.1f} million coefficients of the attitude: "
-            f"{self.memory / GIB:.1f} GiB, {self.setup_seconds / 60:.1f} CPU minutes before the first iteration, "
-            f"{self.iteration_seconds:.1f} CPU seconds for each"
+            f"{self.transits / 1e6:.1f} million transits, {3 * self.coefficients / 1e6:.1f} million coefficients of the"
+            f" attitude: {self.memory / GIB:.1f} GiB, {self.setup_seconds / 60:.1f} CPU minutes before the first "
+            f"iteration, {self.iteration_seconds:.1f} CPU seconds for each"
         )
 
 
@@ -154,8 +154,8 @@ def scaled(
     if law.half_height / root > _WIDEST:
         least = int(np.ceil(full * (law.half_height / _WIDEST) ** 2))
         raise ParameterError(
-            f"{n} sources are too few to stand for {full}: a field would be {np.degrees(2 * law.half_height / root):.0f}° high. "
-            f"Take {least} or more, or scale nothing"
+            f"{n} sources are too few to stand for {full}: a field would be "
+            f"{np.degrees(2 * law.half_height / root):.0f}° high. Take {least} or more, or scale nothing"
         )
     # Gaps that were drawn are kept as they are.
     kept = {"dead_time": 0.0, "rng": None, "gaps": tuple(map(tuple, law.lost))}
@@ -372,9 +372,11 @@ def _sorted(parts, fixed, folder):
     total = sum(map(len, parts))
     dtypes = {name: np.dtype("i4") if name in ("source", "knot") else np.dtype("f4") for name in _COLUMNS}
     columns = {
-        name: np.empty(total, dtype)
-        if folder is None
-        else np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, (total,))
+        name: (
+            np.empty(total, dtype)
+            if folder is None
+            else np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, (total,))
+        )
         for name, dtype in dtypes.items()
     }
     edges = np.linspace(0, fixed["years"], total // _SORTED + 2)

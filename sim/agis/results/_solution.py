@@ -22,7 +22,7 @@ _COLUMNS = {"position": slice(0, 2), "motion": slice(3, 5)}
 
 @dataclass(frozen=True, eq=False)
 class AgisSolution(Frozen):
-    """Corrections to the parameters of sources and attitude: estimate less truth, where the observations were noise alone.
+    """Corrections to sources and attitude: estimate less truth, where the observations were noise alone.
 
     Attributes
     ----------
@@ -110,7 +110,10 @@ class AgisSolution(Frozen):
         if not len(kept):
             raise ParameterError(f"none of {len(chosen)} sources is solved")
         notes = [
-            f"simulated: sources and attitude solved together in {self.iterations} iterations; errors are those of each source alone",
+            (
+                f"simulated: sources and attitude solved together in {self.iterations} iterations; errors are those of "
+                "each source alone"
+            ),
             *self.notes,
         ]
         if not self.converged:
@@ -195,5 +198,8 @@ def rotate_frame(
         covariance = np.linalg.inv(np.einsum("pin,qin->pq", weighted, rows))
         offsets.append((covariance @ np.einsum("pin,in->p", weighted, motion))[:3])
         sigma.append(np.sqrt(np.diag(covariance))[:3])
-    words = f"frame rotated: ε₀ = {np.round(offsets[0], 2).tolist()} µas, ω = {np.round(offsets[1], 3).tolist()} µas/yr taken away"
+    words = (
+        f"frame rotated: ε₀ = {np.round(offsets[0], 2).tolist()} µas, ω = {np.round(offsets[1], 3).tolist()} µas/yr "
+        "taken away"
+    )
     return solution.rotated(offsets[0], offsets[1], words), np.concatenate(offsets), np.concatenate(sigma)

@@ -14,8 +14,10 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-agis",
-        description="Solve quasars, galaxies and stars together with the attitude of the satellite that sees them, by conjugate "
-        "gradients. A run that is killed goes on where it was when it is started again.",
+        description=(
+            "Solve quasars, galaxies and stars together with the attitude of the satellite that sees them, by conjugate"
+            " gradients. A run that is killed goes on where it was when it is started again."
+        ),
         epilog="Example: vsh-agis --quasars 20000 --sky igql --exact --output igql; vsh-fit igql/motions.fits --lmax 1",
     )
     add = parser.add_argument

@@ -11,8 +11,10 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-archive",
-        description="Fetch a catalogue from an archive (TAP), as a FITS file that vsh-fit reads. A file that is there is "
-        "the answer; an interrupted call goes on where it was.",
+        description=(
+            "Fetch a catalogue from an archive (TAP), as a FITS file that vsh-fit reads. A file that is there is "
+            "the answer; an interrupted call goes on where it was."
+        ),
         epilog="Example: vsh-archive gaia-crf3 --output qso.fits, then vsh-fit qso.fits --clip 3",
     )
     parser.add_argument("what", help=f"{', '.join(values.QUERIES)}, or a file with a query in ADQL")

@@ -11,8 +11,10 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-compare",
-        description="Match two catalogues of one sky and fit their differences, with both covariances: how one frame is turned "
-        "against the other, drifts and is deformed, and which sources do not fit.",
+        description=(
+            "Match two catalogues of one sky and fit their differences, with both covariances: how one frame is turned "
+            "against the other, drifts and is deformed, and which sources do not fit."
+        ),
         epilog="Example: vsh-compare icrf3sx.txt icrf2-all.txt --lmax 2 --output comparison --html comparison.html",
     )
     parser.add_argument("catalogue", help=f"ICRF2 or ICRF3 as the IERS distributes them, or {values.A_TABLE}")

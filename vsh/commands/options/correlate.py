@@ -12,9 +12,14 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-correlate",
-        description="Show which parameters are correlated on a catalogue's sky: which part of the sky causes it, and what leaks into "
-        "a fit from degrees that were left out. Positions and errors are enough; no motions are needed.",
-        epilog="Example: vsh-correlate gums.fits igql.fits --influence omega_y,a_x --leakage 6 --frame galactic --output results",
+        description=(
+            "Show which parameters are correlated on a catalogue's sky: which part of the sky causes it, and what leaks"
+            " into a fit from degrees that were left out. Positions and errors are enough; no motions are needed."
+        ),
+        epilog=(
+            "Example: vsh-correlate gums.fits igql.fits --influence omega_y,a_x --leakage 6 --frame galactic --output "
+            "results"
+        ),
     )
     parser.add_argument("catalogue", help=values.A_TABLE)
     parser.add_argument("catalogue2", nargs="?", help="a second one, for the other triangle of the matrix")

@@ -11,8 +11,10 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-fit",
-        description="Fit vector spherical harmonics to a catalogue of proper motions: the spin of its frame, the "
-        "acceleration of the Solar System, and the power of every degree.",
+        description=(
+            "Fit vector spherical harmonics to a catalogue of proper motions: the spin of its frame, the "
+            "acceleration of the Solar System, and the power of every degree."
+        ),
         epilog="Example: vsh-fit catalogue.fits --lmax 3 --clip 3 --frame galactic --output results",
     )
     parser.add_argument("catalogue", nargs="?", help=values.A_TABLE)
@@ -49,8 +51,10 @@ def make_parser() -> argparse.ArgumentParser:
         nargs="?",
         const=0,
         metavar="NSIDE",
-        help="errors from leaving out HEALPix blocks; without NSIDE several sizes are compared and the report says which is "
-        "long enough",
+        help=(
+            "errors from leaving out HEALPix blocks; without NSIDE several sizes are compared and the report says which"
+            " is long enough"
+        ),
     )
     _add_backgrounds(parser)
     parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
@@ -79,8 +83,10 @@ def _add_backgrounds(parser):
     group.add_argument(
         "--floor",
         action="store_true",
-        help="put errors that sources share into the errors of spin and acceleration, estimated from degrees 2 to --lmax "
-        "(3 at least), and a prior of that power on those degrees",
+        help=(
+            "put errors that sources share into the errors of spin and acceleration, estimated from degrees 2 to --lmax"
+            " (3 at least), and a prior of that power on those degrees"
+        ),
     )
     group.add_argument(
         "--waves", action="store_true", help="limit the energy in gravitational waves by degree 2, of three kinds"

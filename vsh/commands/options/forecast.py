@@ -12,8 +12,10 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-forecast",
-        description="Forecast uncertainties of spin, acceleration, R0, gravitational waves, shear, our velocity and H0: for Gaia "
-        "DR3, DR4, DR5, a successor in the near infrared, VLBI, and your own survey.",
+        description=(
+            "Forecast uncertainties of spin, acceleration, R0, gravitational waves, shear, our velocity and H0: for "
+            "Gaia DR3, DR4, DR5, a successor in the near infrared, VLBI, and your own survey."
+        ),
         epilog="Example: vsh-forecast --only 'Gaia DR4' --survey mine=5000,3.0 --output forecast",
     )
     parser.add_argument("--only", type=_names, metavar="NAME,…", help="some of the known surveys")
@@ -28,7 +30,10 @@ def make_parser() -> argparse.ArgumentParser:
         type=_sky,
         default="uniform",
         metavar="{uniform,gums,igql}",
-        help="distribution of the quasars: uniform, without the Galactic plane, or that of the known ones (default: uniform)",
+        help=(
+            "distribution of the quasars: uniform, without the Galactic plane, or that of the known ones (default: "
+            "uniform)"
+        ),
     )
     parser.add_argument("--no-flows", action="store_true", help="leave out velocity and H0 with flows as unknowns")
     parser.add_argument("--output", metavar="DIR", help="write report, table and figure to this folder")

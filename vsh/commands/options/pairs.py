@@ -11,8 +11,10 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-pairs",
-        description="Correlate the motions of pairs of sources by the angle between them: of any number of sources, and without "
-        "bias from their errors. Spin, glide and gravitational waves are fitted to the curves.",
+        description=(
+            "Correlate the motions of pairs of sources by the angle between them: of any number of sources, and without"
+            " bias from their errors. Spin, glide and gravitational waves are fitted to the curves."
+        ),
         epilog="Example: vsh-pairs crf3.fits --bins 18 --powers 5 --output results",
     )
     parser.add_argument("catalogue", help=values.A_TABLE)

@@ -13,9 +13,14 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-redshift",
-        description="Fit our velocity or the Hubble constant to proper motions and redshifts: our velocity for a known Hubble "
-        "constant, the Hubble constant for a known velocity, the posterior of both, and spin and acceleration in bins of redshift.",
-        epilog="Example: vsh-redshift galaxies.fits --h0 67.4 --velocity planck --bins 0.001,0.01,0.03 --output results",
+        description=(
+            "Fit our velocity or the Hubble constant to proper motions and redshifts: our velocity for a known Hubble "
+            "constant, the Hubble constant for a known velocity, the posterior of both, and spin and acceleration in "
+            "bins of redshift."
+        ),
+        epilog=(
+            "Example: vsh-redshift galaxies.fits --h0 67.4 --velocity planck --bins 0.001,0.01,0.03 --output results"
+        ),
     )
     parser.add_argument("catalogue", help=values.A_TABLE)
     parser.add_argument(
@@ -36,7 +41,10 @@ def make_parser() -> argparse.ArgumentParser:
         "--peculiar-dispersion",
         type=_dispersion,
         metavar="SIGMA|free",
-        help="dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 with --no-flows); free: estimated from the residuals",
+        help=(
+            "dispersion of peculiar velocities in each component, km/s (default: 150 with flows, 750 with --no-flows); "
+            "free: estimated from the residuals"
+        ),
     )
     parser.add_argument(
         "--omega-m", type=_fraction, metavar="X", help="matter density of a flat cosmology (default: 0.315)"
@@ -81,7 +89,9 @@ def make_parser() -> argparse.ArgumentParser:
         "--flow-amplitude",
         type=_amplitude,
         metavar="MEAN,SIGMA",
-        help="with --posterior: prior on the flow's amplitude, relative to linear theory, so that the flow constrains H0",
+        help=(
+            "with --posterior: prior on the flow's amplitude, relative to linear theory, so that the flow constrains H0"
+        ),
     )
     distances.add_argument(
         "--reconstruction",

@@ -11,8 +11,9 @@ ACCELERATION = "-0.235965,-3.755779,-2.080491"
 #: Lengths of mission at which errors of transits give those of a release.
 YEARS = {"DR3": 2.8, "DR4": 5.0, "DR5": 10.0, "paper": 5.0}
 NOT_OF_CRF3 = (
-    "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts", "redshift_error", "variability", "attitude", "excess_noise",
-    "years", "dead_time", "redshift_range", "release", "no_transits",
+    "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts",
+    "redshift_error", "variability", "attitude", "excess_noise", "years", "dead_time", "redshift_range", "release",
+    "no_transits",
 )  # fmt: skip
 
 
@@ -20,9 +21,14 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-sim",
-        description="Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "
-        "that vary, five-parameter solutions. The table is one that vsh-fit reads; its metadata hold the truth.",
-        epilog="Example: vsh-sim quasars --number 500000 --sky igql --variability 100 --tau 2 --seed 1 --output quasars.fits",
+        description=(
+            "Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "
+            "that vary, five-parameter solutions. The table is one that vsh-fit reads; its metadata hold the truth."
+        ),
+        epilog=(
+            "Example: vsh-sim quasars --number 500000 --sky igql --variability 100 --tau 2 --seed 1 --output "
+            "quasars.fits"
+        ),
     )
     parser.add_argument(
         "kind",
@@ -96,7 +102,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--years",
         type=values.positive,
-        help=f"length of the mission (default: that of the release, {', '.join(f'{name} {years:g}' for name, years in YEARS.items())})",
+        help=(
+            "length of the mission (default: that of the release, "
+            f"{', '.join(f'{name} {years:g}' for name, years in YEARS.items())})"
+        ),
     )
     parser.add_argument("--redshift-range", type=_range, metavar="LOW,HIGH", help="of galaxies (default: 0.001,0.03)")
     parser.add_argument("--dead-time", type=values.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")

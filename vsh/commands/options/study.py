@@ -11,8 +11,10 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
     parser = argparse.ArgumentParser(
         prog="vsh-study",
-        description="Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
-        "An interrupted study resumes where it stopped.",
+        description=(
+            "Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
+            "An interrupted study resumes where it stopped."
+        ),
         epilog="Example: vsh-study study.toml --output results; vsh-study --gaia crf3.fits --output gaia",
     )
     parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")
@@ -20,8 +22,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--gaia",
         metavar="FILE",
-        help="the acceleration paper of Gaia Collaboration, Klioner et al. (2021), from a file of "
-        "vsh-archive gaia-crf3 or vsh-sim crf3",
+        help=(
+            "the acceleration paper of Gaia Collaboration, Klioner et al. (2021), from a file of "
+            "vsh-archive gaia-crf3 or vsh-sim crf3"
+        ),
     )
     parser.add_argument("--output", required=True, metavar="DIR", help="a new folder, or that of the same study")
     parser.add_argument("--n-realisations", type=values.count(1), metavar="N", help="in place of the configuration's")

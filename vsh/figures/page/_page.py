@@ -111,7 +111,8 @@ def figure(picture: bytes, caption: str) -> Panel:
     data = base64.b64encode(picture).decode()
     text = escape(caption)
     return Panel(
-        f'<figure class="picture"><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
+        f'<figure class="picture"><img alt="{text}"'
+        f' src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
     )
 
 
@@ -165,7 +166,8 @@ _PAGE = Template("""<!doctype html>
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src $style_hash; script-src $script_hashes">
+<meta http-equiv="Content-Security-Policy"
+content="default-src 'none'; img-src data:; style-src $style_hash; script-src $script_hashes">
 <meta name="generator" content="vsh-astrometry">
 <title>$title</title>
 <link rel="icon" href="data:,">
@@ -331,7 +333,8 @@ def _controls(top):
 <option value="S">S, flowing</option></select></label>
 <label class="row" for="only"><input type="checkbox" id="only"> this degree alone</label>
 <label for="projection">projection <select id="projection"><option value="hammer">Hammer</option>
-<option value="mollweide">Mollweide</option><option value="globe">globe</option><option value="polar">half, equal areas</option></select></label>
+<option value="mollweide">Mollweide</option><option value="globe">globe</option>
+<option value="polar">half, equal areas</option></select></label>
 <span class="row"><button id="farther" type="button" aria-label="zoom out">−</button>
 <button id="closer" type="button" aria-label="zoom in">+</button>
 <button id="home" type="button">reset</button></span>
@@ -339,7 +342,8 @@ def _controls(top):
 
 
 _KEYS = f"""<p class="faint" id="sky-keys">Drag or arrow keys turn it, + and − zoom, 0 goes back, n and p step through the
-sources. Coloured arrows stand above {SURE:.0f} σ, grey ones below; stars with circles: where acceleration and spin point, with 68 % cones.</p>"""
+sources. Coloured arrows stand above {SURE:.0f} σ, grey ones below; stars with circles: where acceleration and spin
+point, with 68 % cones.</p>"""
 
 
 def _figure(i, shown, sent):
@@ -347,9 +351,10 @@ def _figure(i, shown, sent):
     caption = f"{sent} of {n} sources, those with the most significant residuals" if sent < n else f"all {n} sources"
     caption = f"{shown.label}: {caption}" if shown.label else caption
     return (
-        f'<figure><canvas tabindex="0" role="img" aria-label="{escape(shown.label)} sky with the fitted field as arrows; the text '
-        f'below says what is shown" aria-describedby="said-{i} sky-keys"></canvas>'
-        f'<figcaption><p class="faint">{escape(caption)}</p><p class="said" id="said-{i}" role="status" aria-live="polite"></p></figcaption></figure>'
+        f'<figure><canvas tabindex="0" role="img" aria-label="{escape(shown.label)} sky with the fitted field as'
+        f' arrows; the text below says what is shown" aria-describedby="said-{i} sky-keys"></canvas><figcaption><p'
+        f' class="faint">{escape(caption)}</p><p class="said" id="said-{i}" role="status"'
+        ' aria-live="polite"></p></figcaption></figure>'
     )
 
 

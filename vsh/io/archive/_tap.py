@@ -264,7 +264,8 @@ def _fetch(address, part, end, most, progress):
                 bar.update(len(block))
                 if time.monotonic() > end:
                     raise ArchiveError(
-                        f"{address}: {file.tell()} bytes came within the time (patience): the same call later fetches it again"
+                        f"{address}: {file.tell()} bytes came within the time (patience): the same call later fetches "
+                        "it again"
                     )
                 if file.tell() > most:
                     raise ArchiveError(f"{address}: the answer is larger than {most:g} bytes (max_bytes): ask for less")
@@ -294,8 +295,8 @@ def _rows(part, max_rows):
     limit = max_rows if max_rows is not None and rows >= max_rows else next((n for n in _LIMITS if rows == n), None)
     if limit:
         raise ArchiveError(
-            f"the answer was cut off at {limit} rows: ask for more (max_rows, or log in and hand over the file), or for a part of "
-            "the sources at a time (… AND random_index BETWEEN …)"
+            f"the answer was cut off at {limit} rows: ask for more (max_rows, or log in and hand over the file), or for"
+            " a part of the sources at a time (… AND random_index BETWEEN …)"
         )
     return rows
 
@@ -410,9 +411,9 @@ DR4 = DataRelease("DR4", 2017.5, 66, "gaiadr4", "astrometric_params", _SINGLE, "
 RELEASES = {release.name: release for release in (DR3, DR4)}
 #: What a fit needs, what selections look at, and what tells of the quality.
 _COLUMNS = (
-    "source_id", "ra", "dec", "parallax", "parallax_error", "pmra", "pmdec", "pmra_error", "pmdec_error", "pmra_pmdec_corr",
-    "parallax_pmra_corr", "parallax_pmdec_corr", "astrometric_params_solved", "nu_eff_used_in_astrometry", "pseudocolour",
-    "ruwe", "phot_g_mean_mag", "bp_rp",
+    "source_id", "ra", "dec", "parallax", "parallax_error", "pmra", "pmdec", "pmra_error", "pmdec_error",
+    "pmra_pmdec_corr", "parallax_pmra_corr", "parallax_pmdec_corr", "astrometric_params_solved",
+    "nu_eff_used_in_astrometry", "pseudocolour", "ruwe", "phot_g_mean_mag", "bp_rp",
 )  # fmt: skip
 _NAME = re.compile(r"[A-Za-z_][\w]*(\.[A-Za-z_][\w]*){0,2}")
 

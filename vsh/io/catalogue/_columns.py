@@ -58,8 +58,9 @@ GAIA = Columns()
 NAMED = {
     "gaia": GAIA,
     "vizier": Columns(
-        ra="RA_ICRS", dec="DE_ICRS", pmra="pmRA", pmdec="pmDE", pmra_error="e_pmRA", pmdec_error="e_pmDE", pmra_pmdec_corr=("pmRApmDEcor",),
-        name=("Source", "ID", "Name"), magnitude=("Gmag",), redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),
+        ra="RA_ICRS", dec="DE_ICRS", pmra="pmRA", pmdec="pmDE", pmra_error="e_pmRA", pmdec_error="e_pmDE",
+        pmra_pmdec_corr=("pmRApmDEcor",), name=("Source", "ID", "Name"), magnitude=("Gmag",),
+        redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),
     ),
     "icrf": replace(GAIA, name=("iers", "icrf")),
 }  # fmt: skip
@@ -73,8 +74,8 @@ FURTHER_UNITS = {
 #: Those whose unit is asked for where a table does not tell it: nobody would see that kpc were taken for Mpc.
 MUST_SAY = ("distance", "distance_error")
 #: Names that positions have in other frames than the equatorial one.
-_OTHER_FRAMES = {"l": "galactic", "b": "galactic", "glon": "galactic", "glat": "galactic", "gal_lon": "galactic",
-                 "gal_lat": "galactic", "elon": "ecliptic", "elat": "ecliptic", "ecl_lon": "ecliptic", "ecl_lat": "ecliptic"}  # fmt: skip
+_OTHER_FRAMES = dict.fromkeys(("l", "b", "glon", "glat", "gal_lon", "gal_lat"), "galactic")
+_OTHER_FRAMES |= dict.fromkeys(("elon", "elat", "ecl_lon", "ecl_lat"), "ecliptic")
 
 
 def as_columns(columns: Any) -> Columns:
@@ -131,7 +132,7 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
 
 
 def frame_of(where: Mapping[str, str], frame: str | None, meta: Mapping[str, Any] | None = None) -> str:
-    """The frame of a table's positions: the one that was told, that of a field that was written, or ICRS if the columns' names say nothing else."""
+    """The frame of a table's positions: the one given, that in its header, or by the columns' names ICRS or another."""
     if frame is not None:
         return check_frame(frame)
     stated = next((value for key, value in (meta or {}).items() if str(key).upper() == FRAME_KEY), None)
@@ -327,8 +328,8 @@ def _further(role, name, unit, wanted, given):
     elif role in ("redshift", "redshift_error"):
         if parsed != u.dimensionless_unscaled:
             raise TableError(
-                f"column {name!r} is in {printable(unit)!r}, not a redshift: divide velocities by c, or say which column "
-                f"has redshifts (--columns {role}=NAME)"
+                f"column {name!r} is in {printable(unit)!r}, not a redshift: divide velocities by c, or say which "
+                f"column has redshifts (--columns {role}=NAME)"
             )
         return 1.0
     return _factor(name, unit, wanted, given)

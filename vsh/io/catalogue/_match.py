@@ -287,7 +287,8 @@ def read_positions(
     wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
     if wrong:
         raise TableError(
-            f"columns: nothing of positions is called {', '.join(wrong)}; there are {', '.join((*_COLUMNS, *_OPTIONAL))}"
+            f"columns: nothing of positions is called {', '.join(wrong)}; there are "
+            f"{', '.join((*_COLUMNS, *_OPTIONAL))}"
         )
     opened = open_icrf(source, "icrf" if listed else format)
     if listed or known == "icrf":

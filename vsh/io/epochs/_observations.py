@@ -21,7 +21,10 @@ from vsh.tools.types import FloatArray, IntArray, OnBad
 from vsh.tools.units import DEGREE, MAS
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
-_COLUMNS = ("source_id", "obs_time_tcb", "centroid_pos_al", "centroid_pos_error_al", "scan_pos_angle", "parallax_factor_al", "ra0", "dec0")  # fmt: skip
+_COLUMNS = (
+    "source_id", "obs_time_tcb", "centroid_pos_al", "centroid_pos_error_al", "scan_pos_angle", "parallax_factor_al",
+    "ra0", "dec0",
+)  # fmt: skip
 _OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id")
 #: What columns without a unit are in, and others are turned to.
 _UNITS = {"obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
@@ -112,8 +115,8 @@ def read_observations(
 
 #: No observation is larger: times [ns], positions and errors [mas], angles [deg].
 _MOST = {
-    "obs_time_tcb": 1e20, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e9, "scan_pos_angle": 1e6,
-    "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
+    "obs_time_tcb": 1e20, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e9,
+    "scan_pos_angle": 1e6, "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
 }  # fmt: skip
 
 
@@ -128,8 +131,8 @@ def _observations(
         values = np.asarray(values)
         if values.dtype.kind not in "iufb":
             raise TableError(
-                f"{label}: column {name!r} holds {values.dtype.name}, not numbers (arrays of a transit's CCDs are read from FITS "
-                "and VOTable; elsewhere a row is one observation)"
+                f"{label}: column {name!r} holds {values.dtype.name}, not numbers (arrays of a transit's CCDs are read "
+                "from FITS and VOTable; elsewhere a row is one observation)"
             )
         # What a transit has once, all its CCDs have.
         spread = np.broadcast_to(values.reshape(values.shape + (1,) * (len(shape) - values.ndim)), shape)

@@ -209,7 +209,7 @@ def _dispersion(part):
 
 
 def _excess(part, weight, all_of):
-    """The excess variance with which Σ w r²/(σ² + s²) is as large as the degrees of freedom; zero if it is smaller anyway."""
+    """The excess variance with which Σ w r²/(σ² + s²) equals the degrees of freedom; zero if it is smaller anyway."""
     own, freedom = np.zeros(part.n), _freedom(part, weight)
     squares, slope = part.squares(weight, own, all_of)
     moving = squares > freedom

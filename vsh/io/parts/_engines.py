@@ -164,8 +164,8 @@ class Processes(Engine):
             pickle.dumps(work)
         except Exception as error:  # whatever an object makes of being pickled
             raise ParameterError(
-                f"this cannot be sent to other processes ({error}): functions must stand in a module that can be imported, "
-                "not be a lambda or within another; or let Dask send them, with its own collections"
+                f"this cannot be sent to other processes ({error}): functions must stand in a module that can be "
+                "imported, not be a lambda or within another; or let Dask send them, with its own collections"
             ) from error
         tree = Tree()
         for leaf in self._in_order(work, pieces, done):

@@ -98,8 +98,8 @@ def _kind(path, label):
                 return row.kind
         known = "" if label == STANDARD_INPUT else f" Known endings: {', '.join(READ)}, each also with .gz."
         raise TableError(
-            f"{label}: unrecognised format.{known} Name it: --input-format {'|'.join(BY_NAME)}, where ascii is any text in "
-            "columns (format=…)"
+            f"{label}: unrecognised format.{known} Name it: --input-format {'|'.join(BY_NAME)}, where ascii is any text"
+            " in columns (format=…)"
         ) from None
 
 
@@ -111,7 +111,7 @@ def _open_folder(path, label, format):
 
 
 def files_of(path: PathName, format: str | None = None) -> list[Path]:
-    """The files that `open_table` would read from a path: those of a folder in the order of their names, or the file."""
+    """The files that `open_table` would read from a path: those of a folder by name, or the file."""
     path, label = Path(path), printable(path)
     if path.is_dir():
         return _tables_in(path, label, format)[1]
@@ -153,7 +153,7 @@ def _is_hats(path):
 
 
 def _main_table(path, label):
-    """The folder of the main catalogue of a HATS collection, whose margin cache repeats sources; else the folder itself."""
+    """The main catalogue of a HATS collection, whose margin cache repeats sources; else the folder itself."""
     properties = path / "collection.properties"
     if not properties.is_file():
         return path

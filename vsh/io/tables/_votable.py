@@ -95,7 +95,8 @@ def _check_text(path, label):
         while chunk := file.read(2**20):
             if _ELSEWHERE.search(carry + chunk):
                 raise TableError(
-                    f"{label} keeps its rows elsewhere (STREAM href), where nothing is fetched from: get a VOTable with the rows in it"
+                    f"{label} keeps its rows elsewhere (STREAM href), where nothing is fetched from: get a VOTable with"
+                    " the rows in it"
                 )
             for kind, number in _SIZE.findall(carry + chunk):
                 product = 1

@@ -22,7 +22,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 }
 _NUMBERS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Mod: np.mod}
 _ORDER = {
-    ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge, ast.Eq: operator.eq, ast.NotEq: operator.ne,
+    ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
+    ast.Eq: operator.eq, ast.NotEq: operator.ne,
 }  # fmt: skip
 #: Longer ones are not typed by hand, and would keep the parser busy; nor are larger powers.
 MAX_LENGTH, MAX_PARTS, MAX_POWER = 2000, 300, 20.0
@@ -160,7 +161,8 @@ class Where(InNotebook):
         value, unknown = self._of(node, block)
         if np.asarray(value).dtype != bool:
             raise TableError(
-                f"--where: {printable(ast.unparse(node))} is no condition; & and | bind closer than <: put parentheses, or say and, or"
+                f"--where: {printable(ast.unparse(node))} is no condition; & and | bind closer than <: put parentheses,"
+                " or say and, or"
             )
         return np.asarray(value), np.asarray(unknown)
 
@@ -221,6 +223,6 @@ def _small(node):
 
 def _refused(node):
     return TableError(
-        f"--where: {printable(ast.unparse(node))[:80]} is not allowed; there are columns, numbers, text, comparisons, and, or, not, "
-        f"in, column(), ismissing(), {', '.join(f'{name}()' for name in FUNCTIONS)}"
+        f"--where: {printable(ast.unparse(node))[:80]} is not allowed; there are columns, numbers, text, comparisons, "
+        f"and, or, not, in, column(), ismissing(), {', '.join(f'{name}()' for name in FUNCTIONS)}"
     )

@@ -62,8 +62,8 @@ def transverse_distance(
     farthest = _exact(np.linspace(redshift.min(), redshift.max(), 64), cosmology)
     if not (farthest > 0).all():
         raise FieldError(
-            f"redshifts up to {redshift.max():.3g} reach beyond the antipode of this closed cosmology, where distances are not "
-            "positive: leave them out, or lower its densities"
+            f"redshifts up to {redshift.max():.3g} reach beyond the antipode of this closed cosmology, where distances "
+            "are not positive: leave them out, or lower its densities"
         )
     distance = (_interpolated if redshift.size > _EXACT else _exact)(redshift, cosmology)
     return distance if hubble is None else distance * (hubble_value(cosmology) / hubble)
@@ -134,8 +134,9 @@ def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> 
 def _checked(cosmology):
     if not (hasattr(cosmology, "H0") and hasattr(cosmology, "comoving_transverse_distance")):
         raise ParameterError(
-            f"cosmology is one of astropy's, FlatLambdaCDM(H0=70, Om0=0.3) say, not a {type(cosmology).__name__} (CMB_VELOCITY_PLANCK18 of "
-            "vsh.models.cosmology is our velocity, that of vsh.models.flows a theory of flows)"
+            f"cosmology is one of astropy's, FlatLambdaCDM(H0=70, Om0=0.3) say, not a {type(cosmology).__name__} "
+            "(CMB_VELOCITY_PLANCK18 of vsh.models.cosmology is our velocity, that of vsh.models.flows a theory of "
+            "flows)"
         )
     return cosmology
 

@@ -313,7 +313,7 @@ class Spectrum(InNotebook):
         return powers
 
     def variances(self, modes: Modes | int) -> FloatArray:
-        """The variance of each coefficient, (p,): P_l/(2l + 1), and half of that where the mode stands for ±m. [(µas/yr)²]
+        """The variance of each coefficient, (p,): P_l/(2l + 1), half of that where a mode stands for ±m. [(µas/yr)²]
 
         Parameters
         ----------
