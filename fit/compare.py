@@ -1,7 +1,5 @@
 """Two catalogues of one sky: how one frame is turned, drifts and is deformed against the other."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal

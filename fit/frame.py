@@ -9,8 +9,6 @@ Lindegren et al. (2012, A&A 538, A78, eqs. 108 and 110):
 This file knows neither the harmonics nor the normal equations. It is there to disagree when they are wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from typing import Any

@@ -5,8 +5,6 @@ they make N c a synthesis on the grid, a 2 × 2 product at each point and an adj
 gradients takes as long for ten million sources as for ten thousand.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Least-squares solutions whose parameters have names of their own, not those of coefficients."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import Any
 

@@ -4,8 +4,6 @@ A χ² per degree of freedom of 1.4 means nothing for ten numbers and a great de
 rule is one of significance, not of size. Text, page, bins, velocity and posterior all ask here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

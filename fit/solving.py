@@ -1,7 +1,5 @@
 """The solution of normal equations."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import partial
 from typing import Any

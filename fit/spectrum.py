@@ -1,7 +1,5 @@
 """Power by degree, and how surprising it would be if there were only noise."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

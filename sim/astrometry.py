@@ -7,8 +7,6 @@ A transit at time t under the position angle ψ measures, along the scan,
 The problem is linear, so the errors of a solution are those of a solution of the noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -4,8 +4,6 @@ The tables of Bachchan, Hobbs & Lindegren (2016), recomputed: Table 2 (accelerat
 Local Group and by clusters), eq. 1, sects. 2.3 and 2.6, and the appendix on microlensing.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a mission would do to sources, without drawing it: formal and true covariances of their solutions."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

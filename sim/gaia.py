@@ -8,8 +8,6 @@ with five parameters (median G = 19.92, effective wavenumber 1.589 µm⁻¹, RUW
 errors are 1.25 times those of five parameters at its magnitude, and one source in 500 has errors three times too small.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A mission: how the sky is scanned, and how well each transit is measured."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Gaia-like errors by magnitude."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from vsh.tools import arguments

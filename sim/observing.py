@@ -1,7 +1,5 @@
 """A true field, seen through noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Figures of a simulated sky (matplotlib)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sources: where they are, how bright, how far."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import Any
 

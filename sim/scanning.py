@@ -11,8 +11,6 @@ angles to z. With λ the Sun's longitude and ν the phase of z about it,
 (Lindegren & Bastian 2011, EAS 45, 109; the Gaia scanning law). S follows from 5.8.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -5,8 +5,6 @@ Lindegren (2016) are built from what is known of them, not from their results: G
 plane, where extinction hides quasars; the Initial Gaia Quasar List is a sum of surveys, each with its footprint.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from vsh.sky.frames import rotation_matrix

@@ -4,8 +4,6 @@ Bachchan, Hobbs & Lindegren (2016), eqs. 8 and 9: x_i = e^{−Δt/τ} x_{i−1} 
 standard deviation σ √(1 − e^{−2Δt/τ}).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

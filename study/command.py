@@ -1,7 +1,5 @@
 """`vsh-study`: a simulation study from a TOML file, on the command line."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a study is: a TOML file, checked, with every default spelled out."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What all realisations of a case share: positions, and covariances from every transit of the mission."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

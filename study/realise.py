@@ -1,7 +1,5 @@
 """One realisation: noise on the truth, and what every estimator makes of it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import fields, replace
 from functools import lru_cache, partial

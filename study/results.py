@@ -1,7 +1,5 @@
 """What came of all realisations: one table of everything, one of means and scatter."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

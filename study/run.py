@@ -1,7 +1,5 @@
 """All realisations of a study, on all cores, each written when it is done; a killed study goes on."""
 
-from __future__ import annotations
-
 import json
 from concurrent.futures import FIRST_COMPLETED, wait
 from pathlib import Path

@@ -10,8 +10,6 @@ P̄_lm is the normalised Legendre function without the phase (-1)^m. The upward 
 to degree 1000 its sectoral start underflows only where the function itself is below 1e-100.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from vsh.modes import Modes, ScalarModes, as_modes

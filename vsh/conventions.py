@@ -3,8 +3,6 @@
 Signs and factors are those of docs/conventions.md; a test pins each.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import lru_cache
 

@@ -11,8 +11,6 @@ A vector field has two kinds from degree 1 on, toroidal and spheroidal: ``2 lmax
 has one from degree 0 on: ``(lmax + 1)²``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import index

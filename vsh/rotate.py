@@ -5,8 +5,6 @@ as exp(iφ n·J), with J the matrices of angular momentum; the exponential is ta
 eigenvectors of n·J, so no Euler angles and no recurrence come in.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ Sizes, angles and types are checked or set here, before ducc0 sees them: it woul
 short array out of bounds, and go on over the pole in silence.
 """
 
-from __future__ import annotations
-
 from typing import cast
 
 import ducc0

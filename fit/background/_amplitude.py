@@ -1,7 +1,5 @@
 """The likelihood of one amplitude, and what is read off it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias

@@ -8,8 +8,6 @@ No sampler is needed. ln Z depends on the power that is assumed beforehand, the 
 that is not there: print it with the result, or marginalise it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

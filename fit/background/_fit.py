@@ -6,8 +6,6 @@ Everything is a function of √A, in which the likelihood is smooth down to zero
 nodes of the amplitudes (for one spectrum they are known everywhere) and summed over the others and over κ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce

@@ -1,7 +1,5 @@
 """The floor: errors of spin and acceleration that more sources do not remove."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -11,8 +11,6 @@ with D = Σ a_k D_k. That is the likelihood of the 2N motions with their dense c
 coefficients; N' may be singular.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 

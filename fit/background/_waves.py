@@ -1,7 +1,5 @@
 """The limit on a stochastic background of gravitational waves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """What `vsh-fit` does about backgrounds: the floor in the errors, the limit on gravitational waves."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path

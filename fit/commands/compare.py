@@ -1,7 +1,5 @@
 """`vsh-compare`: two catalogues of one sky, on the command line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from vsh.commands import finishing, outputs, reading, running

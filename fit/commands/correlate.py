@@ -1,7 +1,5 @@
 """`vsh-correlate`: what a catalogue's sky cannot tell apart, on the command line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`vsh-fit`: from a catalogue to spin and acceleration, on the command line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`vsh-pairs`: the correlation of motions by angle, on the command line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

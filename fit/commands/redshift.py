@@ -1,7 +1,5 @@
 """`vsh-redshift`: our velocity, the Hubble constant and dipoles in redshift bins, on the command line."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Downweighting dense regions until spin and acceleration are uncorrelated, at the least cost in error."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

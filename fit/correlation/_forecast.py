@@ -1,7 +1,5 @@
 """What a catalogue will tell, before anybody has measured it: covariances without data."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

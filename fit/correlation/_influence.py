@@ -1,7 +1,5 @@
 """Influence maps: the derivative of a result with respect to the weight of each pixel."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """Leakage: harmonics are not orthogonal on a non-uniform sky, and degrees that are not fitted bias those that are."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

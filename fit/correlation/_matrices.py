@@ -1,7 +1,5 @@
 """Correlation matrices of parameters on one or several skies."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """From a catalogue to the calibration of its distances."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -11,8 +11,6 @@ G drops out. A motion that falls as 1/d is expected to be as E[1/d] has it (regr
 2006, Measurement Error in Nonlinear Models, ch. 4): putting the observed redshift in would bias it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """How many sources there are at each distance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """An acceleration in the axes of the Galaxy, and what it is compared with."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

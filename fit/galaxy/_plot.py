@@ -1,7 +1,5 @@
 """An acceleration in the Galaxy (matplotlib)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from fit.galaxy._relations import expected_acceleration

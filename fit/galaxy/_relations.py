@@ -1,7 +1,5 @@
 """A circular orbit: acceleration, speed and radius, any one of them from two."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from vsh.tools.arguments import not_negative, number, positive

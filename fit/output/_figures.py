@@ -1,7 +1,5 @@
 """Figures of a solution: its spectrum, its correlations and its residuals (matplotlib)."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

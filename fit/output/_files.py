@@ -1,7 +1,5 @@
 """A solution as files: report, tables with their provenance, figures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path

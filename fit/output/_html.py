@@ -1,7 +1,5 @@
 """A self-contained page about a solution, of the panels of `vsh.figures.page`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

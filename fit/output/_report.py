@@ -1,7 +1,5 @@
 """A solution as a page of text."""
 
-from __future__ import annotations
-
 import re
 from html import escape
 from typing import Any

@@ -1,7 +1,5 @@
 """What is printed of vectors and powers: the one place that text, page, notebook and LaTeX take their rows from."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The correlation of motions by the angle between their sources."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures of pairs (matplotlib)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

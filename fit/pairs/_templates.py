@@ -1,7 +1,5 @@
 """Fields of known shape and unknown amplitude in the correlation of motions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The same posterior on a grid, for cross-checks and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Unpack

@@ -9,8 +9,6 @@ is tabulated at Chebyshev nodes of asinh(s), asinh(x) and asinh(q) and interpola
 until the table agrees with sums made between them. A sample then costs microseconds, however many the sources.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

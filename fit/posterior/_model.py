@@ -15,8 +15,6 @@ probability f, from one widened by B in each axis. Nothing can be summed beforeh
 costs one look at every source, and ã (and ω, if free) are sampled with the rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

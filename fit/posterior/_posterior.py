@@ -1,7 +1,5 @@
 """A chain and what it says of our velocity and the Hubble constant."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

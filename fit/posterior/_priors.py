@@ -1,7 +1,5 @@
 """What is known before of our velocity, of H0 and of the noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal

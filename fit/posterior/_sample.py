@@ -1,7 +1,5 @@
 """Posteriors of our velocity and the Hubble constant, by Markov chains (emcee) or on a grid."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace

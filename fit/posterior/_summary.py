@@ -1,7 +1,5 @@
 """Samples in a few numbers: our own, since libraries change what an interval is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Dipoles, or any degrees, in bins of redshift: are the coefficients the same at all redshifts?"""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial, reduce

@@ -7,8 +7,6 @@ every bin's normal equations N c = b it changes b by X a, with X = Σ Aᵀ W F o
 a their amplitudes, one on average. The coefficients of all bins then have the covariance (N⁻¹X)(N⁻¹X)ᵀ more.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Dipoles against redshift (matplotlib)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

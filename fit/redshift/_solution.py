@@ -1,7 +1,5 @@
 """Solutions in bins of redshift, and the questions one asks of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

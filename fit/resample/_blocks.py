@@ -6,8 +6,6 @@ If neighbours share errors, blocks must be larger than the correlation length (`
 common to the whole sky, above all a glide or a rotation of the frame, cannot be detected by any resampling.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple, cast

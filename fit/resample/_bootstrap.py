@@ -5,8 +5,6 @@ Resampling detects errors that differ from source to source. What neighbours sha
 detected by any resampling.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b

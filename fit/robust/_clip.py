@@ -1,7 +1,5 @@
 """Fits that do not trust every source."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import cast

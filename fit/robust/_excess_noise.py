@@ -1,7 +1,5 @@
 """Noise that the catalogue's errors leave out, estimated together with the fit."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any

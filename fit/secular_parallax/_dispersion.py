@@ -5,8 +5,6 @@ marginalised, is taken on a grid: of the sources that tell most of it, those wit
 their distances and errors and not by their motions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

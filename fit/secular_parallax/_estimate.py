@@ -5,8 +5,6 @@ galaxies share. Velocities are ours with respect to the background and point tow
 way.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, Literal, Unpack
 

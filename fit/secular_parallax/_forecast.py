@@ -1,7 +1,5 @@
 """What a catalogue to come will tell of our velocity and of H0."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The flow that was found, on maps (matplotlib)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

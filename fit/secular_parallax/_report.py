@@ -1,7 +1,5 @@
 """Velocities and Hubble constants as text."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

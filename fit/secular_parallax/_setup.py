@@ -1,7 +1,5 @@
 """From what users say of redshifts and flows to the equations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache

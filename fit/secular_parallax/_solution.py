@@ -1,7 +1,5 @@
 """Our velocity or the Hubble constant as a least-squares fit found them, with the acceleration."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ What is known besides the motions: the amplitudes of a flow, the acceleration, t
 Each adds to the normal equations where they are solved, never to their sums.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

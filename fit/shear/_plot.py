@@ -1,7 +1,5 @@
 """An expansion on the sky (matplotlib)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From degree 2 to a traceless tensor, with its covariance and its axes on the sky."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

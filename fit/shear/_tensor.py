@@ -1,7 +1,5 @@
 """The tensor of an expansion and the coefficients of degree 2, one from the other."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from vsh.coefficients import Coefficients

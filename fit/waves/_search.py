@@ -1,7 +1,5 @@
 """The search for one wave in the coefficients of motions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any

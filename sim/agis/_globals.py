@@ -1,7 +1,5 @@
 """Motions that follow a global field, solved for inside the joint solution."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """A mission whose attitude is solved from what it sees: from a population to a joint solution."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """From observations to sources and attitude: the start, the iterations, when to stop."""
 
-from __future__ import annotations
-
 import hashlib
 import zipfile
 from collections.abc import Callable, Iterable

@@ -12,8 +12,6 @@ source in S, and a band of twelve in A. A is factored once; what is left for the
 A⁻¹ g_a.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`vsh-agis`: sources and attitude solved together, on the command line."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """`vsh-sim`: a simulated catalogue with a known truth, on the command line."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

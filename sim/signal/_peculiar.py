@@ -3,8 +3,6 @@
 A velocity is one vector: its tangential part moves a source on the sky, its radial part moves its redshift.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Errors to come: spin, acceleration, waves, shear, our Galaxy, our velocity and H0, for surveys side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

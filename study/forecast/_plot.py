@@ -1,7 +1,5 @@
 """Surveys side by side (matplotlib)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

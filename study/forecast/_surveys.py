@@ -1,7 +1,5 @@
 """Catalogues that there are or will be: how many sources, and how well each is measured."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """`vsh-forecast`: what catalogues to come will tell, on the command line."""
 
-from __future__ import annotations
-
 from vsh.commands import finishing, outputs, running
 from vsh.commands.options import forecast as options_module
 from vsh.tools.errors import VshError

@@ -1,7 +1,5 @@
 """All fits of the study."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The study as a folder: report, tables, figures, one page."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

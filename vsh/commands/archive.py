@@ -1,7 +1,5 @@
 """`vsh-archive`: catalogues from an archive, on the command line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from vsh.commands import configuration, finishing, outputs, running

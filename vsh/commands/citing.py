@@ -1,7 +1,5 @@
 """Whom to cite for a run: BibTeX of ours, and of the methods and libraries that it uses."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Any

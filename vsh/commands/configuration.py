@@ -1,7 +1,5 @@
 """A run as a TOML file: every run writes one (`run.toml`), and `--config` reads it."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

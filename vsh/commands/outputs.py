@@ -1,7 +1,5 @@
 """Where commands write to: folders that know which command made them, and are whole, old or new."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

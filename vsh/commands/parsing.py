@@ -1,7 +1,5 @@
 """From the words of a command to its options, as `vsh.commands.options` with the standard library alone."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

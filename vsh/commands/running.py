@@ -1,7 +1,5 @@
 """How a command runs: exit status, what it prints, where its results come from."""
 
-from __future__ import annotations
-
 import argparse
 import logging
 import os

@@ -1,7 +1,5 @@
 """The types of the values that options have."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """HEALPix maps in files (healpy)."""
 
-from __future__ import annotations
-
 import warnings
 
 import healpy

@@ -22,8 +22,6 @@ decomposition of these functions of distance, tangential and radial ones togethe
 amplitude of a mode is one on average.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path

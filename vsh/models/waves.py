@@ -13,8 +13,6 @@ along
 +z are x and y.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from vsh.coefficients import Coefficients

@@ -1,7 +1,5 @@
 """The frames a field may stand in, and the rotations between them (from astropy)."""
 
-from __future__ import annotations
-
 import re
 from functools import lru_cache
 from typing import Any

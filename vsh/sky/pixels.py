@@ -1,7 +1,5 @@
 """HEALPix: which part of the sky a source is in (the only healpy)."""
 
-from __future__ import annotations
-
 import healpy
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Directions: unit vectors and angles on the sphere."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from vsh.tools.types import ArrayLike, FloatArray

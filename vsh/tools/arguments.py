@@ -1,7 +1,5 @@
 """Arguments and arrays checked where they come in; each refusal is a `ParameterError` that names the argument."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import wraps

@@ -1,7 +1,5 @@
 """What makes a source unusable, how it is counted, and how it is said."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

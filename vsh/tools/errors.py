@@ -1,7 +1,5 @@
 """What can go wrong, each with the remedy in its message."""
 
-from __future__ import annotations
-
 from vsh.tools.notes import printable
 
 

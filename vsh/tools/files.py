@@ -4,8 +4,6 @@ A file is ours where it carries the mark that all our writers leave in it, or wh
 reads is never written to (`reading`), and what two processes must not write at once is locked (`exclusive`).
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import logging

@@ -1,7 +1,5 @@
 """The formats of tables, a row each: what a reader, a writer, a command and a message know of them."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

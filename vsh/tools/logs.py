@@ -1,7 +1,5 @@
 """What the packages tell the standard library's logging: which step gave what, in how long."""
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable

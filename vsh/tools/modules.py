@@ -4,8 +4,6 @@ The packages of the project are four, vsh, sim, fit and study. A file or folder 
 script comes first in Python's search, and hides ours.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import warnings

@@ -1,7 +1,5 @@
 """What a notebook shows of a noun: what it is, and what it holds, a row each."""
 
-from __future__ import annotations
-
 from dataclasses import fields, is_dataclass
 from html import escape
 from typing import Any, ClassVar, cast

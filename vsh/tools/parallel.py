@@ -1,7 +1,5 @@
 """Work on many sources, a block at a time, on all cores, and how much memory there is."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """What is printed reaches its reader, or the command ends in one line; with the standard library alone."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

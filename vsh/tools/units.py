@@ -3,8 +3,6 @@
 Each is the product of defining constants: the astronomical unit (IAU 2012 B2), the Julian year and the speed of light.
 """
 
-from __future__ import annotations
-
 import math
 
 DEGREE = math.pi / 180  # rad

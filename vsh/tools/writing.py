@@ -1,7 +1,5 @@
 """Tables into files: columns, units and provenance, written whole or not at all (astropy.table)."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import warnings

@@ -1,7 +1,5 @@
 """Passes over the observations by the compiled kernels, in parts that threads share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise

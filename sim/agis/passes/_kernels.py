@@ -8,8 +8,6 @@ Transits are the columns of `Scans`, the table of the sources, and the knots' sp
 Indices are unsigned, which spares a look for negative ones: a quarter of the time.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

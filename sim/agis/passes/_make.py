@@ -1,7 +1,5 @@
 """Passes by whichever way there is: compiled, or by a sparse matrix."""
 
-from __future__ import annotations
-
 from typing import Any, Protocol
 
 import numpy as np

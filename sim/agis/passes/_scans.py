@@ -5,8 +5,6 @@ The attitude's errors: a cubic B-spline in time, of three components along the a
 Along the axes of the sky, not of the satellite: so it holds a rotation ε₀ + ω t exactly, whatever its knots.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """What the errors of a joint solution are like: their size by magnitude and place, and what neighbours share."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

@@ -1,7 +1,5 @@
 """The options of `vsh-compare`."""
 
-from __future__ import annotations
-
 import argparse
 
 from vsh.commands import parsing, reading, values

@@ -1,7 +1,5 @@
 """The options of `vsh-correlate`."""
 
-from __future__ import annotations
-
 import argparse
 import re
 

@@ -1,7 +1,5 @@
 """The options of `vsh-forecast`."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

@@ -1,7 +1,5 @@
 """The options of `vsh-pairs`."""
 
-from __future__ import annotations
-
 import argparse
 
 from vsh.commands import parsing, reading, values

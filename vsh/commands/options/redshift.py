@@ -1,7 +1,5 @@
 """The options of `vsh-redshift`."""
 
-from __future__ import annotations
-
 import argparse
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A page: its panels in order, with the styles and scripts they need and leave to run nothing else."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

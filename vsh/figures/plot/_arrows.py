@@ -1,7 +1,5 @@
 """Motions as arrows along their great circles."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

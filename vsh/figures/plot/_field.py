@@ -1,7 +1,5 @@
 """Sources and the motions fitted to them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import matplotlib as mpl

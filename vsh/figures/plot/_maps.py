@@ -1,7 +1,5 @@
 """Maps of values, and where there is nothing."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Points, curves and directions on a map of the sky."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any

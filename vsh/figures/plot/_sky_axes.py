@@ -1,7 +1,5 @@
 """Axes that show the sky: any projection, any centre, a graticule of our own (astropy's WCSAxes)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import matplotlib.pyplot as plt

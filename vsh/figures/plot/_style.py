@@ -1,7 +1,5 @@
 """One style for every figure: a column of a journal wide, sharp when it fills a slide."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps

@@ -4,8 +4,6 @@ A job runs at the server (IVOA's TAP 1.1 and UWS 1.1). Beside the file that is t
 whoever was interrupted waits on for the same one; a file that is there is the answer, and nothing is asked.
 """
 
-from __future__ import annotations
-
 import http.client
 import json
 import queue

@@ -1,7 +1,5 @@
 """Where a table keeps what a field needs, and in which units."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches

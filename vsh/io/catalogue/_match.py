@@ -1,7 +1,5 @@
 """Two catalogues of the same sky: which source is which, and how they differ."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

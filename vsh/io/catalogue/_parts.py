@@ -1,7 +1,5 @@
 """Catalogues that are read and summed in parts: folders, files, partitions of LSDB and Dask, streams."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """From a table to a Field: columns, units, masks, and counts of what was refused."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from logging import getLogger

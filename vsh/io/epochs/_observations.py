@@ -1,7 +1,5 @@
 """Observations along scan from files of epoch astrometry, in the columns of the draft of Gaia DR4's data model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

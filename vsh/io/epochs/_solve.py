@@ -8,8 +8,6 @@ observations far from the fit have less weight, and what scatter is left is an e
 depend on each other and are found in turn.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

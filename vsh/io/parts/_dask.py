@@ -1,7 +1,5 @@
 """Sums by Dask: on its local threads, on processes, or on a cluster. The only file that knows it."""
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Parquet files, folders of them, and everything that gives itself as an Arrow stream."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Tables in FITS files. Every size that a header declares is held against the file before astropy allocates it."""
 
-from __future__ import annotations
-
 import gzip
 import re
 import shutil

@@ -1,7 +1,5 @@
 """What a user gives as a table, opened: files by their first bytes, folders, and objects in memory."""
 
-from __future__ import annotations
-
 import os
 import zlib
 from importlib import import_module

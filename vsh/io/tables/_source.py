@@ -1,7 +1,5 @@
 """A table that is open: the columns it has, and its rows in blocks."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

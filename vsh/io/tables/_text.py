@@ -1,7 +1,5 @@
 """CSV and ECSV, line by line: only the fields that are wanted become values, and no line is longer than it may be."""
 
-from __future__ import annotations
-
 import csv
 import gzip
 import io

@@ -1,7 +1,5 @@
 """VOTables, by astropy; sizes are held against the file first, and what an archive says of its query is read."""
 
-from __future__ import annotations
-
 import re
 import warnings
 

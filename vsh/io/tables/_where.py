@@ -1,7 +1,5 @@
 """Conditions on the columns of a table, as one types them: a closed list of operators, over Python's own parser."""
 
-from __future__ import annotations
-
 import ast
 import operator
 from collections.abc import Callable, Iterator, Mapping

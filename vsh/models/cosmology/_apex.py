@@ -7,8 +7,6 @@ A redshift that an observer measures holds the source's own velocity and the obs
 apex. Frames differ by that observer.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

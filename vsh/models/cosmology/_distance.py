@@ -1,7 +1,5 @@
 """Distances of galaxies and quasars (the only astropy.cosmology)."""
 
-from __future__ import annotations
-
 import numpy as np
 from astropy.cosmology import FlatLambdaCDM
 from scipy.interpolate import make_interp_spline
