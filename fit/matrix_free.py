@@ -238,10 +238,7 @@ def solve_matrix_free(
 
 
 def prior_precision(modes: Modes, power: float | ArrayLike | Callable[[int], float] | None) -> FloatArray:
-    """Inverse prior variance of each coefficient for a power per degree, (p,).
-
-    An isotropic field of power P_l has var(c_l0) = P_l/(2l + 1), and half of that for each real and imaginary part.
-    """
+    """Inverse prior variance of each coefficient for a power per degree, (p,): (2l + 1)/P_l, twice that for m > 0."""
     if power is None:
         return np.zeros(len(modes))
     l = np.arange(1, modes.lmax + 1)

@@ -65,13 +65,7 @@ class Quality:
 
 
 def log_p_value(chi2: float, dof: float) -> float:
-    """Logarithm of the probability of as much χ² or more; exact where the probability underflows.
-
-    Examples
-    --------
-    >>> round(float(log_p_value(2000.0, 3)), 2)
-    -996.42
-    """
+    """Logarithm of the probability of as much χ² or more; exact where the probability underflows."""
     p = chdtrc(dof, chi2)
     if p > 1e-290:
         return np.log(p)
@@ -87,13 +81,7 @@ def log_p_value(chi2: float, dof: float) -> float:
 
 
 def normal_deviate(chi2: float, dof: float) -> float:
-    """The z with the same tail probability as χ² with so many degrees of freedom, of any size.
-
-    Examples
-    --------
-    >>> round(float(normal_deviate(12, 3)), 4), round(float(normal_deviate(2000, 3)), 1)
-    (2.4381, 44.5)
-    """
+    """The z with the same tail probability as χ² with so many degrees of freedom, of any size."""
     # Each tail from its own small probability: 1 − p would round to 1.
     lower = chdtr(dof, chi2)
     if lower < 0.5:
@@ -115,11 +103,6 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
 
     Exact where all components have one error; never below that of a search without a signal (CLs; Read 2002, J. Phys. G
     28, 2693).
-
-    Examples
-    --------
-    >>> norm_limit(np.array([0.0, 10.0]), np.ones(2), 3).round(2)
-    array([ 2.45, 11.55])
     """
     significance = norms / sigma
     x = np.linspace(1e-3, max(float(significance.max()), 0.1), 400) ** 2

@@ -63,13 +63,7 @@ def spectrum(solution: Any) -> list[Degree]:
 
 
 def wilson_hilferty(w: float, n: float) -> float:
-    """Z = √(9n/2) [(W/n)^⅓ − (1 − 2/(9n))]: nearly normal when W is χ² with n degrees of freedom.
-
-    Examples
-    --------
-    >>> round(float(wilson_hilferty(12, 3)), 4)
-    2.4304
-    """
+    """Z = √(9n/2) [(W/n)^⅓ − (1 − 2/(9n))]: nearly normal when W is χ² with n degrees of freedom."""
     return np.sqrt(4.5 * n) * (np.cbrt(w / n) - (1 - 2 / (9 * n)))
 
 

@@ -92,10 +92,7 @@ def _block(field, modes):
 
 
 def design_matrix_up_to(modes: Modes) -> int:
-    """The number of sources up to which the direct sum is the faster one.
-
-    As measured (docs/performance.md): below it the fixed cost of the rings tells, above it the design matrix.
-    """
+    """The number of sources up to which the direct sum is the faster one, as measured (docs/performance.md)."""
     return max(1000, 2**18 // max(modes.lmax, 1) ** 2)
 
 

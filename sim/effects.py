@@ -64,24 +64,12 @@ def apparent_motion(acceleration: Quantity) -> Any:
 
 
 def circular_acceleration(speed: Quantity, radius: Quantity) -> Any:
-    """ã = v²/(R c) of a circular orbit, µas/yr (eq. 1).
-
-    Examples
-    --------
-    >>> f"{circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc):.6f}"
-    '4.267305 uas / yr'
-    """
+    """ã = v²/(R c) of a circular orbit, µas/yr (eq. 1)."""
     return apparent_motion(speed**2 / radius)
 
 
 def attraction(mass: Quantity, distance: Quantity) -> Any:
-    """ã = GM/(d² c) by a mass at a distance, µas/yr (Table 2).
-
-    Examples
-    --------
-    >>> f"{attraction(2e10 * u.M_sun, 50 * u.kpc):.1e}"
-    '2.4e-02 uas / yr'
-    """
+    """ã = GM/(d² c) by a mass at a distance, µas/yr (Table 2)."""
     return apparent_motion(constants.G * mass / distance**2)
 
 
@@ -104,13 +92,7 @@ def attractions(masses: Any = None) -> dict[str, Any]:
 
 
 def transverse_motion(speed: Quantity, distance: Quantity) -> Any:
-    """µ = v/d of a transverse speed, ours or the source's, µas/yr (eqs. 2 and 4).
-
-    Examples
-    --------
-    >>> f"{transverse_motion(750 * u.km / u.s, 44.44 * u.Mpc):.2f}"
-    '3.56 uas / yr'
-    """
+    """µ = v/d of a transverse speed, ours or the source's, µas/yr (eqs. 2 and 4)."""
     return (speed / distance).to(u.uas / u.yr, equivalencies=_ANGULAR)
 
 
@@ -119,11 +101,6 @@ def lensing_depth(density: Quantity, mass: Quantity, lens_distance: Quantity, so
 
     θ_E² = (4GM/c²)(1/D_L − 1/D_Q), and N = n D_L² D_Q lenses to the steradian, taken for all of the
     way to be at the distance D_L.
-
-    Examples
-    --------
-    >>> f"{lensing_depth(0.05 / u.Mpc**3, 1e11 * u.M_sun, 5 * u.Gpc, 10 * u.Gpc):.2f}"
-    '0.08'
     """
     einstein = 4 * constants.G * mass / constants.c**2 * (1 / lens_distance - 1 / source_distance)
     return float((np.pi * einstein * density * lens_distance**2 * source_distance).to_value(u.dimensionless_unscaled))

@@ -106,10 +106,7 @@ _NAMED = 24
 
 @styled
 def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: Any = None) -> Any:
-    """Every parameter of a study: how far its mean is from the truth, its scatter over its formal error, and coverage.
-
-    Each with the error that the number of realisations leaves it.
-    """
+    """Off mean, scatter over formal error, and coverage of every parameter, with the errors of so few realisations."""
     cases = list(dict.fromkeys(row["case"] for row in rows))
     names = list(dict.fromkeys(row["parameter"] for row in rows))
     width = max(WIDTH, 0.16 * len(names) + 0.8)

@@ -243,13 +243,7 @@ class Weighed(Frozen):
 
 
 def weighed(weights: FloatArray, values: FloatArray) -> FloatArray:
-    """W x of each source.
-
-    Examples
-    --------
-    >>> weighed(np.array([[2.0], [3.0], [0.5]]), np.array([[1.0], [2.0]])).ravel()
-    array([3. , 6.5])
-    """
+    """W x of each source."""
     if len(weights) == 1:
         return weights * values
     a, b, c = weights

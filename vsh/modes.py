@@ -189,13 +189,7 @@ class ScalarModes(Modes):
 
 
 def as_modes(modes: Modes | int, kind: type[Modes] | None = Modes) -> Modes:
-    """Modes of vector fields, or of another kind; or the degree lmax in their place.
-
-    Examples
-    --------
-    >>> as_modes(2) == as_modes(Modes(2))
-    True
-    """
+    """Modes of vector fields, or of another kind; or the degree lmax in their place."""
     if not isinstance(modes, Modes):
         return (kind or Modes)(modes)
     if kind is not None and type(modes) is not kind:

@@ -311,11 +311,5 @@ def _with_unit(column):
 
 
 def modes_for(field: Any, value: Any) -> Modes:
-    """The modes in which a field is expanded: `ScalarModes` of a ScalarField, `Modes` of anything else.
-
-    Examples
-    --------
-    >>> modes_for(None, 2)
-    Modes(lmax=2)
-    """
+    """The modes in which a field is expanded: `ScalarModes` of a ScalarField, `Modes` of anything else."""
     return as_modes(value, ScalarModes if isinstance(field, ScalarField) else Modes)

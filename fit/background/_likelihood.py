@@ -230,17 +230,7 @@ _ACCURACY = 1e-7
 
 
 def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> float:
-    """P(Σ λ_i (z_i + δ_i)² > x) with z_i ~ N(0, 1), by inversion of the characteristic function.
-
-    Notes
-    -----
-    Imhof (1961, Biometrika 48, 419), eq. 3.2.
-
-    Examples
-    --------
-    >>> round(probability_above(18.30704, np.ones(10), np.zeros(10)), 5)  # χ² with ten degrees of freedom
-    0.05
-    """
+    """P(Σ λ_i (z_i + δ_i)² > x) with z_i ~ N(0, 1): Imhof (1961, Biometrika 48, 419), eq. 3.2."""
     scale = variances.max()
     ratio, x = variances / scale, x / scale
 
@@ -269,10 +259,7 @@ def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> f
 
 
 def squares_of(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
-    """P_2, its noise, and the variances and shifts of its terms, (2, 10), in the fit of all degrees to lmax.
-
-    All are nan where the data do not determine them. [(µas/yr)²]
-    """
+    """P_2, its noise, variances and shifts of its terms, (2, 10), fitted with all degrees to lmax; nan if undetermined."""
     modes = equations.modes
     where = places(modes, range(1, lmax + 1))
     matrix, rhs = equations.matrix[np.ix_(where, where)], equations.rhs[where]

@@ -153,10 +153,7 @@ def _prepared(field, modes, parameters):
 
 
 def most_influential(influence: ArrayLike, fraction: float = 0.5) -> BoolArray:
-    """The pixels that hold the largest part of an influence of one sign: a mask (12 nside²,).
-
-    Those with the largest influence of the sign that prevails, until they hold `fraction` of it.
-    """
+    """A mask (12 nside²,) of the pixels that hold `fraction` of an influence of the sign that prevails."""
     m = arguments.float_array("influence", influence, finite=False)
     if not 0 < fraction <= 1:
         raise ParameterError(f"a fraction lies between 0 and 1, not at {fraction}")

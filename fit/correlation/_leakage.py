@@ -179,10 +179,7 @@ def leakage(sources: Any, fitted: Modes | int, unmodelled: Modes | int, *, sigma
 
 @arguments.accepts(max_lmax=arguments.whole)
 def lmax_table(sources: Any, max_lmax: int = 10, *, sigma: ArrayLike | None = None) -> list[tuple[int, float, float]]:
-    """Condition and largest correlation of fits of every degree: rows of (lmax, condition, correlation).
-
-    The condition is that of the correlation matrix; inf where the sources do not determine the fit.
-    """
+    """(lmax, condition, correlation) of fits of every degree; inf where the sources do not determine the fit."""
     modes = Modes(max_lmax)
     normal = normal_equations(without_motions(sources, sigma), modes)
     rows = []

@@ -123,10 +123,7 @@ def bare_calibration(
 def calibrate_if_known(
     field: Field | Parts, redshift_frame: str | None, dispersion: float | None
 ) -> Calibration | None:
-    """A calibration where somebody says in which frame redshifts stand; None where nobody does, or they are true ones.
-
-    Magnitudes are used where all sources have one.
-    """
+    """A calibration where the frame of redshifts is known; None where it is not, or redshifts are true ones."""
     sky = as_parts(field)
     frame = check_redshift_frame(redshift_frame or _frame_of(sky) or TRUE)
     if frame == TRUE:

@@ -36,10 +36,7 @@ def curve_basis(knots: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def fit_log_curve(basis: FloatArray, counts: FloatArray, shares: FloatArray, smooth: float = 1e-3) -> FloatArray:
-    """The values at the knots that make counts most probable.
-
-    The chance of a source of group b to be in cell a is shares[b, a] exp(curve) over the sum of those of the group.
-    """
+    """The values at the knots that make counts most probable: group b is in cell a as shares[b, a] exp(curve)."""
     second = np.diff(np.eye(basis.shape[1]), 2, axis=0)
     total = counts.sum()
 

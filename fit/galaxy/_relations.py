@@ -59,24 +59,12 @@ def circular_speed(
 
 
 def angular_speed(motion: float = SGR_A[0], solar_speed: float = SOLAR_SPEED, r0: float = _R0_OF_SPEED) -> float:
-    """Ω0 = V0/R0, from the motion of Sgr A*, which is at rest in the centre, less that of the Sun's own speed.
-
-    Examples
-    --------
-    >>> round(angular_speed(), 2)
-    28.89
-    """
+    """Ω0 = V0/R0, from the motion of Sgr A*, which is at rest in the centre, less that of the Sun's own speed."""
     return number("motion", motion) * AU_PER_YEAR - number("solar_speed", solar_speed) / positive("r0", r0)
 
 
 def angular_speed_error() -> float:
-    """The error of `angular_speed`: of the motion of Sgr A* and of the Sun's own speed. [km/s/kpc]
-
-    Examples
-    --------
-    >>> round(angular_speed_error(), 3)
-    0.26
-    """
+    """The error of `angular_speed`: of the motion of Sgr A* and of the Sun's own speed. [km/s/kpc]"""
     return float(np.hypot(SGR_A[1] * AU_PER_YEAR, SOLAR_SPEED_ERROR / _R0_OF_SPEED))
 
 

@@ -14,24 +14,7 @@ WIDTH = 88
 
 
 def report(solution: Any, *, check: Any = None, truth: dict[str, Any] | None = None, source: str | None = None) -> str:
-    """Summarise a solution for a human; returns the text and prints nothing.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    check : CrossCheck, optional
-        Both solvers at degree 1, from `fit.cross_check`.
-    truth : dict of str to Vector, optional
-        "spin" and "acceleration" of a simulated catalogue, printed beside what was found.
-    source : str, optional
-        What was fitted.
-
-    Raises
-    ------
-    ParameterError
-        If it is another kind of result, which has a `report()` of its own.
-    """
+    """The text of a solution, perhaps with a cross-check, the truth of a simulation, and what was fitted."""
     solution = getattr(solution, "solution", solution)  # of a result about one
     if not hasattr(solution, "errors_from"):  # coefficients with a covariance say where it is from
         own = ": use its own, .report()" if hasattr(solution, "report") else ""

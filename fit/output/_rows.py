@@ -135,13 +135,7 @@ def is_scaled(solution: Any) -> bool:
 
 
 def cell(value: Any) -> str:
-    """A number of a table for reading: four digits, none behind the point from a thousand on, nothing for nan.
-
-    Examples
-    --------
-    >>> [cell(x) for x in (0.123456, 1215942.0, float("nan"), "T1", 7)]
-    ['0.1235', '1215942', '', 'T1', '7']
-    """
+    """A number of a table for reading: four digits, none behind the point from a thousand on, nothing for nan."""
     if not isinstance(value, float):
         return str(value)
     return "" if value != value else f"{value:.0f}" if abs(value) >= 1e3 else f"{value:.4g}"

@@ -26,17 +26,7 @@ TEMPLATES = {
 
 
 def waves_curve(theta: ArrayLike) -> FloatArray:
-    """Γ(θ), the astrometric Hellings–Downs curve: ξ+ = H0² Ω Γ and ξ− = 0 of an isotropic background.
-
-    Notes
-    -----
-    Book & Flanagan (2011, PRD 83, 024024), eq. 74–77, with both directions pointing away from the first source.
-
-    Examples
-    --------
-    >>> waves_curve([0.0, 0.2, 1.3]).round(7)
-    array([ 1.       ,  0.9330074, -0.2881578])
-    """
+    """Γ(θ), ξ+ = H0² Ω Γ of an isotropic background: Book & Flanagan (2011, PRD 83, 024024), eq. 74–77."""
     s2 = np.sin(float_array("theta", theta) / 2) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.where((s2 > 0) & (s2 < 1), s2 * np.log(s2) / (1 - s2), np.where(s2 < 1, 0.0, -1.0))

@@ -85,10 +85,7 @@ class ParallaxModel:
         return np.stack(inside), ratio
 
     def conditional(self, numbers: FloatArray, with_priors: bool = True) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Given the free numbers (n, k): log of the posterior with v marginalised, v's mean and covariance.
-
-        For Gaussian (and flat) priors on the velocity, exactly.
-        """
+        """Log of the posterior at free numbers (n, k) with a Gaussian v marginalised exactly; v's mean and covariance."""
         spreads, ratio = self.spreads(numbers)
         c, peak, matrix = self.likelihood(spreads)
         prior = self.priors.velocity
@@ -106,10 +103,7 @@ class ParallaxModel:
         return (self.priors.log(numbers) + log if with_priors else log), mean, covariance
 
     def start(self, rng: np.random.Generator, walkers: int) -> FloatArray:
-        """Coordinates of walkers, spread over the posterior, (walkers, d).
-
-        Candidates are drawn, weighed by their density, and the draw is repeated around the best.
-        """
+        """Coordinates of walkers, (walkers, d): candidates drawn, weighed, and drawn again around the best."""
         limits = np.array([self.priors.limits(name) for name in self.priors.free])
         low, high = limits.T
         many = max(4000, 20 * walkers)

@@ -31,14 +31,7 @@ class Interval(NamedTuple):
 
 
 def intervals(samples: Mapping[str, FloatArray]) -> dict[str, Interval]:
-    """An Interval for each name.
-
-    Examples
-    --------
-    >>> interval = intervals({"x": np.arange(101.0)})["x"]
-    >>> interval.median, round(interval.low68, 2), round(interval.high68, 2), round(interval.low95, 2)
-    (50.0, 15.87, 84.13, 2.28)
-    """
+    """An Interval for each name."""
     levels = [50, 15.865525, 84.134475, 2.2750132, 97.7249868]  # the median, and the Gaussian's 1 and 2 σ
     intervals = {}
     for name, x in samples.items():

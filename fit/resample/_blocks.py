@@ -179,11 +179,7 @@ BLOCKS_PER_COEFFICIENT = 2
 
 
 class BlockLength(NamedTuple):
-    """Jackknife errors with one size of blocks.
-
-    `ratio` is the rms error over the formal one, of spin and acceleration together; `ratio_error` its own
-    standard error, as blocks are few.
-    """
+    """Jackknife errors of one size of blocks: rms over the formal error of spin and acceleration, and its own error."""
 
     nside: int
     degrees: float

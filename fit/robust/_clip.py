@@ -235,13 +235,7 @@ class _Mark(int):
 
 
 def truncation(q: float, components: int = 2) -> tuple[float, float]:
-    """What a cut at X²/2 = q does to Gaussian residuals: factors on variance and on χ².
-
-    Examples
-    --------
-    >>> [round(float(np.sqrt(truncation(kappa**2 * np.log(2))[0])), 3) for kappa in (3, 2.5, 2, 1.5)]
-    [1.006, 1.03, 1.108, 1.308]
-    """
+    """What a cut at X²/2 = q does to Gaussian residuals: factors on variance and on χ²."""
     # For two, 1 − e^{−q} and 1 − (1 + q) e^{−q}.
     kept, slope = chdtr(components, 2 * q), chdtr(components + 2, 2 * q)
     return float(kept / slope), float(slope / kept)

@@ -142,10 +142,7 @@ class Flow(Result):
 
 
 def _shell_mean(modes, radius):
-    """What every mode adds to the mean velocity over a shell, (3, p): those of degree 1 alone add anything.
-
-    For V_r = f_r e·r and V_⊥ = f_t e_⊥ it is (f_r + 2 f_t)/3 e.
-    """
+    """What every mode adds to the mean velocity over a shell, (3, p): (f_r + 2 f_t)/3 e for degree 1, else nothing."""
     places, quarter, far = np.array([0.0, np.pi / 2, 0.0]), np.array([0.0, 0.0, np.pi / 2]), np.full(3, radius)
     along = modes.at(places, quarter, far)[1]  # outwards on the axes x, y, z
     across = modes.at(places[:2], quarter[:2], far[:2])[0]  # on x, east is y and north z; on y, east is −x

@@ -225,11 +225,7 @@ class ExactErrors(Equations):
         iterations: int = 2000,
         progress: bool = False,
     ) -> FloatArray:
-        """Covariance that the same fit really has, with all that sources share through the attitude; exact.
-
-        A solve by conjugate gradients for each mode: their running sum is a lower bound of the variance that only
-        grows.
-        """
+        """Covariance that the same fit really has, with all that sources share through the attitude; exact."""
         fit = MotionFit(self, as_modes(modes), sources_at(self.scans, lon, lat))
         g = fit.functionals(np.arange(len(fit.modes)))
         return self._covariance(g, tolerance, iterations, progress, variability, variable)

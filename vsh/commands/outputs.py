@@ -29,11 +29,7 @@ def check(options: argparse.Namespace) -> None:
 
 
 def check_folder(path: PathName, command: str, overwrite: bool = False) -> None:
-    """Raise VshError now if results could not be written to a folder later.
-
-    A folder that is not there or empty will do; with `overwrite` also one that the same command made, as
-    long as nobody put other files into it.
-    """
+    """Raise VshError now if results could not be written to a folder later."""
     path, shown = Path(path), f"--output {printable(path)}"
     if path.exists() and not path.is_dir():
         raise VshError(f"{shown} is a file, not a folder")
@@ -84,11 +80,7 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
 
 @contextmanager
 def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> Iterator[Path]:
-    """A folder to write results to, which takes the place of --output when all of them are written.
-
-    It holds, besides, the configuration that repeats the run (`run.toml`), whom to cite for it, and where it comes
-    from.
-    """
+    """A folder for results, with `run.toml`, citations and provenance; it takes the place of --output when all is written."""
     check_folder(options.output, options.program, options.overwrite)
     Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(options.output) as folder:

@@ -57,15 +57,7 @@ def parse(options_module: Any, arguments: Sequence[str] | None = None) -> argpar
 
 
 def without_folder(text: str) -> str:
-    """The name of a file without where it lies on this disk; any other text as it is.
-
-    Results and pages are handed round: an absolute path, or one that is there, is told by its last part.
-
-    Examples
-    --------
-    >>> without_folder("/home/me/catalogue.fits"), without_folder("pmra / pmra_error < 5"), without_folder("mu=uas/yr")
-    ('catalogue.fits', 'pmra / pmra_error < 5', 'mu=uas/yr')
-    """
+    """The name of a file without where it lies on this disk, for pages that are handed round; any other text as it is."""
     path = Path(text)
     return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
 

@@ -90,10 +90,7 @@ def open_catalogue(path: str, options: argparse.Namespace) -> TableSource:
 
 @contextmanager
 def standard_input(options: argparse.Namespace) -> Iterator[None]:
-    """Keep standard input, where a catalogue is called -, in a file meanwhile: it is read more than once.
-
-    A file that does not exist is reported, too, before anything heavy is imported.
-    """
+    """Keep standard input, where a catalogue is called -, in a file meanwhile: it is read more than once."""
     from vsh.tools.errors import TableError
 
     for name in ("catalogue", "catalogue2"):

@@ -77,13 +77,7 @@ def unit(direction: ArrayLike) -> FloatArray:
 
 
 def degree_amplitudes(lmax: int) -> FloatArray:
-    """c_l = (−1)^l √(π α_l/6), coefficients of a wave of unit rate along z, (lmax,), α_l those of a background.
-
-    Examples
-    --------
-    >>> degree_amplitudes(4).round(6)
-    array([-0.      ,  0.660555, -0.247157,  0.125331])
-    """
+    """c_l = (−1)^l √(π α_l/6), coefficients of a wave of unit rate along z, (lmax,), α_l those of a background."""
     l = np.arange(1, arguments.whole("lmax", lmax) + 1)
     return np.asarray((-1.0) ** l * np.sqrt(np.pi * wave_fractions(lmax) / 6), float)
 
@@ -141,11 +135,5 @@ def _about_z(values, angle, l):
 
 
 def strain_of(rate: ArrayLike, frequency: float) -> FloatArray:
-    """The amplitude of the strain of a wave of a frequency whose rate is seen, h = ḣ/2πf.
-
-    Examples
-    --------
-    >>> float(strain_of(1.0, 10.0).round(15))
-    2.445e-12
-    """
+    """The amplitude of the strain of a wave of a frequency whose rate is seen, h = ḣ/2πf."""
     return float_array("rate", rate) * UAS / JULIAN_YEAR / (2 * np.pi * 1e-9 * positive("frequency", frequency))

@@ -104,12 +104,6 @@ def check_redshift_frame(value: Any) -> str:
 
 
 def redshift_frame_in(description: str | None) -> str | None:
-    """The frame of redshifts that a column's description tells, if it does.
-
-    Examples
-    --------
-    >>> redshift_frame_in("Redshift in the CMB frame"), redshift_frame_in("Redshift")
-    ('cmb', None)
-    """
+    """The frame of redshifts that a column's description tells, if it does."""
     frames = {name for words, name in _WORDS if words.search(description or "")}
     return frames.pop() if len(frames) == 1 else None

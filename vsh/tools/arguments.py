@@ -19,13 +19,7 @@ Check: TypeAlias = Callable[[str, Any], Any]
 
 
 def number(name: str, value: Any) -> float:
-    """A finite number, as a float.
-
-    Examples
-    --------
-    >>> number("extra", 3)
-    3.0
-    """
+    """A finite number, as a float."""
     try:
         result = float(value) if np.ndim(value) == 0 and not isinstance(value, (str, bytes)) else np.nan
     except (TypeError, ValueError):
@@ -71,13 +65,7 @@ def whole(name: str, value: Any, least: int = 1) -> int:
 
 
 def choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
-    """One of some words.
-
-    Examples
-    --------
-    >>> choice("common", "higher", (None, "higher"))
-    'higher'
-    """
+    """One of some words."""
     if not isinstance(choices, (tuple, list)):
         raise ParameterError(f"choices are a tuple, not {type(choices).__name__}")
     for choice in choices:
@@ -192,13 +180,7 @@ def covariance(name: str, value: Any, size: int) -> FloatArray:
 
 
 def indices(name: str, value: Any, n: int) -> IntArray:
-    """Indices of some of n things, given by indices, a mask or a slice; all where None is given.
-
-    Examples
-    --------
-    >>> indices("sources", [True, False, True], 3)
-    array([0, 2])
-    """
+    """Indices of some of n things, given by indices, a mask or a slice; all where None is given."""
     everything = np.arange(n)
     if value is None:
         return everything

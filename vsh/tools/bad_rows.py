@@ -105,13 +105,7 @@ _LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 
 
 
 def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
-    """Rows whose motions or errors are numbers that stand for none: −9999 anywhere, −99 and −999 in both components.
-
-    Examples
-    --------
-    >>> placeholders({"pmra": np.array([-9999.0, -99.0, -99.0]), "pmdec": np.array([1.0, 2.0, -99.0])})
-    array([ True, False,  True])
-    """
+    """Rows whose motions or errors are numbers that stand for none: −9999 anywhere, −99 and −999 in both components."""
     out = np.zeros(len(columns["pmra"]), bool)
     with np.errstate(invalid="ignore"):
         for values in columns.values():
@@ -125,13 +119,7 @@ def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
 
 
 def doubtful(columns: Mapping[str, FloatArray]) -> tuple[str, ...]:
-    """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used.
-
-    Examples
-    --------
-    >>> doubtful({"pmra": np.array([1.0, -999.0]), "pmdec": np.array([1.0, 2.0])})[0][:55]
-    'warning: 1 row has a motion of -999 in one component: a'
-    """
+    """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used."""
     with np.errstate(invalid="ignore"):
         odd = np.stack([np.isin(columns[name], _LIKELY) & (np.abs(columns[name]) > 50) for name in ("pmra", "pmdec")])
     rows = odd.any(0)

@@ -181,10 +181,7 @@ def remove_unfinished(folder: PathName) -> None:
 
 @contextmanager
 def atomic_folder(path: PathName) -> Iterator[Path]:
-    """A new, empty folder that takes the place of `path` once it is complete.
-
-    Killed at any moment, there is the old folder or the new one under the name, never a part of either.
-    """
+    """A new, empty folder that takes the place of `path` once complete; killed, the old one or the new is there."""
     path = Path(os.path.realpath(path))
     check_not_read(path)
     _remove_abandoned(path)

@@ -157,13 +157,7 @@ def _counted(notes, kind):
 
 
 def printable(text: object) -> str:
-    """Text without the control characters that a terminal would obey: \\x1b in place of an escape.
-
-    Examples
-    --------
-    >>> printable("red \\x1b[31m")
-    'red \\\\x1b[31m'
-    """
+    """Text without the control characters that a terminal would obey: \\x1b in place of an escape."""
     return _CONTROL.sub(lambda match: match.group().encode("unicode_escape").decode(), str(text))
 
 

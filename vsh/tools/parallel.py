@@ -83,10 +83,7 @@ def cores(threads: int | None = None) -> int:
 
 
 def end_with_parent() -> None:
-    """The initialiser of a pool of processes: a worker ends when the process that started it was killed.
-
-    Left alone it would wait for work for ever, since each worker holds the queue open for the others.
-    """
+    """The initialiser of a pool of processes: a worker ends with its parent, where it would wait for work for ever."""
     parent = parent_process()
     if parent is None:
         return
@@ -165,11 +162,6 @@ def map_blocks(
     NumPy lets go of the interpreter inside its loops, so threads suffice. The blocks share the cores, so BLAS is held
     to one thread meanwhile: left alone, the two fight for the cores and a sum takes ten times as long. At most two
     results a thread are waiting at any time, however many blocks there are.
-
-    Examples
-    --------
-    >>> list(map_blocks(lambda s: (s.start, s.stop), n=5, size=2))
-    [(0, 2), (2, 4), (4, 5)]
     """
     slices = [slice(start, min(start + size, n)) for start in range(0, n, size)]
     threads = min(cores(threads), len(slices))
@@ -197,13 +189,7 @@ GIB = 2**30
 
 
 def free_memory() -> float:
-    """Bytes that this process may still use: what the machine has left, and what a limit on the process leaves.
-
-    Examples
-    --------
-    >>> free_memory() > 0
-    True
-    """
+    """Bytes that this process may still use: what the machine has left, and what a limit on the process leaves."""
     limits = [float("inf")]
     with suppress(OSError, ValueError):  # Linux counts what it could let go of as well
         with open("/proc/meminfo", encoding="ascii") as file:

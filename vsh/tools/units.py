@@ -21,12 +21,6 @@ KM_S_MYR = 1 / (SPEED_OF_LIGHT * 1e6 * UAS)
 
 
 def hubble_rate(hubble: float) -> float:
-    """H0 as an angular rate, as angles would change in an expansion on one axis only. [µas/yr]
-
-    Examples
-    --------
-    >>> round(hubble_rate(67.3), 4), round(hubble_rate(70), 4)
-    (14.1969, 14.7665)
-    """
+    """H0 as an angular rate, as angles would change in an expansion on one axis only. [µas/yr]"""
     # d = 1 Mpc recedes at `hubble` km/s: the angle v / d.
     return hubble / AU_PER_YEAR

@@ -139,12 +139,6 @@ def scaled(
 
     As many sources in a field, observations in an interval and transits of a source: with s = n/full the fields are
     1/√s as wide and the satellite turns √s as fast, so that knots are 1/s as far apart.
-
-    Examples
-    --------
-    >>> law, knots = scaled(5000)
-    >>> round(law.spin_rate, 9), round(knots, 9)
-    (6.0, 3000.0)
     """
     share = arguments.whole("n", n) / arguments.whole("full", full)
     law = NominalScanningLaw() if law is None else arguments.a(NominalScanningLaw)("law", law)
@@ -410,13 +404,7 @@ BANDS = 12
 
 
 def values(fraction: FloatArray) -> FloatArray:
-    """The four B-splines that are not zero at a fraction of an interval, (4, k).
-
-    Examples
-    --------
-    >>> values(np.array([0.0])).ravel().round(4)
-    array([0.1667, 0.6667, 0.1667, 0.    ])
-    """
+    """The four B-splines that are not zero at a fraction of an interval, (4, k)."""
     f, g = fraction, 1 - fraction
     return np.stack([g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]) / 6
 

@@ -453,16 +453,7 @@ QUERIES = {"gaia-crf3": GAIA_CRF3, "gaia-edr3-qso": GAIA_EDR3_QSO, "gaia-dr3-gal
 
 
 def of_table(table: str, columns: Iterable[str] = (), *, release: DataRelease = DR3) -> str:
-    """The query for sources of one's own, galaxies or stars: a table in the archive that names them by source_id.
-
-    Examples
-    --------
-    >>> adql = of_table("user_me.galaxies", ["redshift"])
-    >>> print(adql[adql.index("t.redshift") :])
-    t.redshift
-    FROM user_me.galaxies AS t
-    JOIN gaiadr3.gaia_source AS g ON g.source_id = t.source_id
-    """
+    """The query for sources of one's own, galaxies or stars: a table in the archive that names them by source_id."""
     columns = (columns,) if isinstance(columns, str) else tuple(columns)
     if not isinstance(release, DataRelease):
         raise ArchiveError(f"a release is a value such as vsh.io.archive.DR4, not {release!r}")

@@ -123,29 +123,7 @@ def stream_fields(
     where: str | None = None,
     format: str | None = None,
 ) -> Iterator[Field]:
-    """Read a catalogue larger than memory, a field of at most `rows` sources at a time.
-
-    Parameters
-    ----------
-    source, columns, units, on_bad, frame, format
-        As for `read_field`. Joined, the fields are the one that it reads. (A VOTable is read whole first.)
-    rows : int
-        The largest number of sources in a field.
-    roles : iterable of str
-        As there.
-    where : str, optional
-        As there.
-
-    Returns
-    -------
-    Field
-        ``fit.normal_equations(stream_fields(path), modes)`` fits them all in one pass.
-
-    Raises
-    ------
-    TableError, FieldError
-        As `read_field` does.
-    """
+    """A catalogue larger than memory, as fields of at most `rows` sources; options as for `read_field`."""
     rows = whole("rows", rows)
     make = _maker(open_icrf(source, format), columns, units, on_bad, frame, roles, where)
     return _fields(make, rows)
@@ -304,11 +282,7 @@ def _with_constants(source, constants):
 
 
 def truth_of(source: Any) -> dict[str, Any] | None:
-    """The spin and acceleration that a simulated table says it was made with, or None.
-
-    Read from its metadata: SPIN_X … ACC_Z, ICRS components in µas/yr, and for galaxies VEL_X … VEL_Z
-    (km/s, toward the apex) and HUBBLE (km/s/Mpc).
-    """
+    """Spin, acceleration, velocity and H0 that a simulated table was made with, by its metadata; or None."""
     meta = {str(key).upper(): value for key, value in tables.open_table(source).meta.items()}
 
     def vector(key, unit="µas/yr"):

@@ -22,13 +22,7 @@ BRANCHES = 8
 
 
 def added(first: Any, second: Any) -> Any:
-    """Two sums as one: None is nothing, dicts add key by key, tuples item by item, all else by `+`.
-
-    Examples
-    --------
-    >>> added({"a": 1}, {"a": 2, "b": 3}), added((1, None), (2, 3))
-    ({'a': 3, 'b': 3}, (3, 3))
-    """
+    """Two sums as one: None is nothing, dicts add key by key, tuples item by item, all else by `+`."""
     if first is None or second is None:
         return second if first is None else first
     if isinstance(first, dict):

@@ -28,14 +28,7 @@ MAX_LENGTH, MAX_PARTS, MAX_POWER = 2000, 300, 20.0
 
 
 class Where(InNotebook):
-    """A condition on the rows of a table.
-
-    Examples
-    --------
-    >>> where = Where("phot_g_mean_mag < 19 and 0.5 < redshift < 2")
-    >>> where.names
-    ('phot_g_mean_mag', 'redshift')
-    """
+    """A condition on the rows of a table."""
 
     def __init__(self, text: str) -> None:
         self.text = " ".join(str(text).split())

@@ -135,13 +135,7 @@ def usable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> BoolArray:
 
 
 def count_unusable(redshift: ArrayLike, min_redshift: float = FLOW_LIMIT) -> str:
-    """How many redshifts cannot be used, and why, in words.
-
-    Examples
-    --------
-    >>> count_unusable([np.nan, 0.0, -0.1, 5e-5, 0.1])
-    '1 missing, 2 zero or negative, 1 below 0.0001'
-    """
+    """How many redshifts cannot be used, and why, in words."""
     counts = reasons_unusable(redshift, min_redshift)
     return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count)
 

@@ -84,11 +84,6 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
     """The redshift at each transverse comoving distance [Mpc], (n,); nan where the distance is.
 
     To the antipode of a closed cosmology, and to z = 1000.
-
-    Examples
-    --------
-    >>> redshift_of(transverse_distance(np.array([0.01, 1.0]))).round(6)
-    array([0.01, 1.  ])
     """
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
     grid = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
@@ -115,12 +110,6 @@ def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> 
 
     Our velocity moves a source by v/d_P with d_P = d_M/√(1 + Ω_k (d_M H0/c)²), its own by v/d_M (Weinberg 1972,
     Gravitation and Cosmology, sect. 14.4).
-
-    Examples
-    --------
-    >>> from astropy.cosmology import LambdaCDM
-    >>> parallax_factor([100.0, 3400.0], LambdaCDM(67.3, 0.315, 0.585)).round(4)
-    array([1.    , 1.0287])
     """
     distance = np.asarray(distance, float)
     curvature = 0.0 if cosmology is None else float(_checked(cosmology).Ok0)

@@ -296,15 +296,7 @@ def from_spectrum(field: Field, spectrum: Spectrum, lmax: int) -> Covariance:
 
 @arguments.accepts(n_sources=arguments.whole)
 def from_blocks(blocks: Iterable[tuple[ArrayLike, Any]], n_sources: int) -> Covariance:
-    """What groups of sources share: those of an experiment, of a station, of a field of view.
-
-    Examples
-    --------
-    >>> from_blocks([([0, 1], 4.0)], 3).matrix[:3, :3]
-    array([[4., 4., 0.],
-           [4., 4., 0.],
-           [0., 0., 0.]])
-    """
+    """What groups of sources share: those of an experiment, of a station, of a field of view."""
     check_size(n_sources)
     matrix = np.zeros((2 * n_sources, 2 * n_sources))
     if not isinstance(blocks, Iterable):

@@ -29,14 +29,7 @@ _PANELS, _GRADING = 250, 3
 
 
 def d_plus(lmax: int, theta: ArrayLike) -> FloatArray:
-    """d⁺_l = d^l_{11}(θ) = ½ (1 + x) P^{(0,2)}_{l−1}(x), x = cos θ, for l = 1 … lmax.
-
-    Examples
-    --------
-    >>> d_plus(2, [0.0, np.pi]).round(12)
-    array([[ 1.,  0.],
-           [ 1., -0.]])
-    """
+    """d⁺_l = d^l_{11}(θ) = ½ (1 + x) P^{(0,2)}_{l−1}(x), x = cos θ, for l = 1 … lmax."""
     x = np.cos(np.atleast_1d(np.asarray(theta, float)))
     out = np.empty((lmax, x.size))
     # Jacobi's polynomials with (0, 2), by their recurrence.
@@ -106,11 +99,6 @@ def wave_fractions(lmax: int) -> FloatArray:
 
     α_l = 24 (2l + 1) / [(l − 1) l² (l + 1)² (l + 2)]: 5/6, 7/60, 3/100, … from l = 2 on; they
     sum to 1. The fractions are those of Book & Flanagan (2011, PhRvD 83, 024024), table 1.
-
-    Examples
-    --------
-    >>> wave_fractions(4).round(6)
-    array([0.      , 0.833333, 0.116667, 0.03    ])
     """
     l = np.arange(2, lmax + 1.0)
     return np.r_[0.0, 24 * (2 * l + 1) / ((l - 1) * l**2 * (l + 1) ** 2 * (l + 2))]
