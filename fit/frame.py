@@ -70,13 +70,7 @@ class FrameSolution(NamedSolution):
         return "\n".join([*lines, *(f"  - {note}" for note in self.notes)]) + "\n"
 
     def model(self, field: Field) -> FloatArray:
-        """The motions by spin and acceleration at the sources of a field, (2, n). [µas/yr]
-
-        Parameters
-        ----------
-        field : Field
-            The sources.
-        """
+        """The motions by spin and acceleration at the sources of a `field`, (2, n). [µas/yr]"""
         p, q, _ = triad(field.lon, field.lat)
         rotation: Any = self.spin
         spin, acceleration = rotation.value, self.acceleration.value

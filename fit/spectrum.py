@@ -34,16 +34,11 @@ class Degree(NamedTuple):
         return self.power - self.noise
 
     def limit(self, probability: float = 0.95) -> float:
-        """Upper limit of the true power: a larger one would have given a larger fit with this probability. [(µas/yr)²]
+        """Upper limit of the true power: a larger one would have given a larger fit with `probability`. [(µas/yr)²]
 
         Never below that of noise alone (CLs). Exact where all coefficients of the degree have one error; on the sky of
         the demo and on one without latitudes below 30° limits of 95 % hold 94 to 100 % of powers, from none to thirty
         times the noise.
-
-        Parameters
-        ----------
-        probability : float
-            Between 0 and 1.
         """
         n = 2 * self.l + 1
         norm, sigma = np.sqrt([self.power]), np.sqrt([self.noise / n])

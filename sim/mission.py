@@ -81,12 +81,7 @@ class Mission(InNotebook):
         return self.scanning_law.frame
 
     def check_frame(self, frame: str) -> None:
-        """Raise FrameError unless positions are in the frame of the scanning law.
-
-        Parameters
-        ----------
-        frame : str
-            Axes of the positions.
+        """Raise FrameError unless positions in the axes `frame` are in those of the scanning law.
 
         Raises
         ------
@@ -97,14 +92,7 @@ class Mission(InNotebook):
             raise FrameError(f"positions are in {frame}, the mission's in {self.frame}")
 
     def transit_error(self, magnitude: ArrayLike | None, excess_noise: ArrayLike = 0.0) -> FloatArray:
-        """Along-scan error of a transit by magnitude G, (n,), with excess noise in quadrature. [µas]
-
-        Parameters
-        ----------
-        magnitude : (n,) array
-            G.
-        excess_noise : float or (n,) array
-            Added in quadrature. [µas]
+        """Along-scan error of a transit by `magnitude` G, (n,), with `excess_noise` in quadrature. [µas]
 
         Raises
         ------
@@ -117,12 +105,7 @@ class Mission(InNotebook):
         return np.hypot(transit_error(magnitude, self.scanning_law, self.release, unit), excess_noise)
 
     def attitude_noise(self, rng: Rng) -> FloatArray | None:
-        """Error of the attitude in every interval between knots, (k,) [µas]; None where it has none.
-
-        Parameters
-        ----------
-        rng : Generator or int
-            The source of all randomness.
+        """Error of the attitude in every interval between knots, (k,) [µas], by `rng`; None where it has none.
 
         Raises
         ------

@@ -218,13 +218,7 @@ class NominalScanningLaw(Frozen):
         return np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)]), distance
 
     def attitude(self, time: FloatArray) -> Any:
-        """Spin axis and both fields of view: z, preceding, following.
-
-        Parameters
-        ----------
-        time : (n,) array
-            Since the start [yr]
-        """
+        """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
         time = np.asarray(time, float)
         z, u, w = self._axes(time)
         phase = self._phase(time)
@@ -264,15 +258,7 @@ class NominalScanningLaw(Frozen):
         )
 
     def transits_of_block(self, lon: ArrayLike, lat: ArrayLike) -> Transits:
-        """The same in one thread, for few enough positions that each may meet every spin at once.
-
-        Parameters
-        ----------
-        lon : (n,) array
-            [rad]
-        lat : (n,) array
-            Latitude. [rad]
-        """
+        """The same in one thread, for few enough `lon`, `lat` [rad] that each may meet every spin at once."""
         p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
         z, u, w, times = (self._state[name] for name in ("z", "u", "w", "times"))
         # Height above the scan circle at the start of every spin; z moves a degree in one.

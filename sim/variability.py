@@ -35,13 +35,7 @@ class Variability(InNotebook):
         positive("tau", self.tau)
 
     def covariance(self, times: FloatArray) -> FloatArray:
-        """Covariance of one coordinate at given times, (k, k). [µas²]
-
-        Parameters
-        ----------
-        times : (k,) array
-            Times of the observations. [yr]
-        """
+        """Covariance of one coordinate at `times` [yr], (k, k). [µas²]"""
         return self.sigma**2 * np.exp(-np.abs(np.subtract.outer(times, times)) / self.tau)
 
 

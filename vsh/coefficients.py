@@ -129,13 +129,7 @@ class Coefficients(Frozen):
         return float(c[0] ** 2 + 2 * np.sum(c[1:] ** 2))
 
     def at(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
-        """The field at each position: east and north component, (2, n). [µas/yr]
-
-        Parameters
-        ----------
-        lon, lat : (n,) arrays
-            Positions [rad]
-        """
+        """The field at `lon`, `lat` [rad], (n,): east and north component, (2, n). [µas/yr]"""
         lon, lat = np.broadcast_arrays(np.atleast_1d(lon).astype(float), np.atleast_1d(lat).astype(float))
         out = np.empty((self.modes.components, lon.size))
         block = max(1, min(8192, 2**24 // len(self.modes)))  # at most 256 MiB of basis
@@ -149,13 +143,7 @@ class Coefficients(Frozen):
         return out
 
     def to_degree(self, lmax: int) -> Coefficients:
-        """The same field with modes to another degree: new ones are zero, those above are cut off.
-
-        Parameters
-        ----------
-        lmax : int
-            The highest degree.
-        """
+        """The same field with modes to degree `lmax`: new ones are zero, those above are cut off."""
         modes = as_modes(lmax, self._kind)
         values = np.zeros(len(modes))
         for kind in modes.kinds:

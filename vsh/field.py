@@ -495,13 +495,7 @@ class Field(Tabled):
         return self._with(**joined(self, other)) if isinstance(other, Field) else NotImplemented
 
     def minus(self, model: ArrayLike) -> Field:
-        """What is left when a model's motions are taken away.
-
-        Parameters
-        ----------
-        model : (2, n) array
-            Motions. [µas/yr]
-        """
+        """What is left when a model's motions, `model` (2, n) [µas/yr], are taken away."""
         return self._with(motion=self.motion - float_array("model", model, self.motion.shape, broadcast=True))
 
     def with_errors(self, sigma: ArrayLike, rho: ArrayLike | None = None) -> Field:
@@ -522,13 +516,7 @@ class Field(Tabled):
         return self._with(sigma=sigma, rho=rho)
 
     def to_frame(self, name: str) -> Field:
-        """The same sources in another frame; motions and covariances turn with the axes.
-
-        Parameters
-        ----------
-        name : {"icrs", "galactic", "ecliptic"}
-            The frame to turn to.
-        """
+        """The same sources in the frame `name` (icrs, galactic, ecliptic); motions and covariances turn."""
         if check_frame(name) == self.frame:
             return self
         matrix = rotation_matrix(self.frame, name)

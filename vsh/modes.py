@@ -117,11 +117,6 @@ class Modes(InNotebook):
     def index(self, mode: tuple[str, int, int, str]) -> int:
         """Where `mode` is stored; degrees below l fill the first l² − lowest² places of its kind.
 
-        Parameters
-        ----------
-        mode : Mode
-            Which.
-
         Raises
         ------
         ModesError
@@ -141,15 +136,7 @@ class Modes(InNotebook):
         return self.kinds.index(kind) * len(self) // len(self.kinds) + l * l - self.lowest**2 + within
 
     def slice_of(self, kind: Kind, l: int) -> slice:
-        """The slice that holds every order of one degree of one kind.
-
-        Parameters
-        ----------
-        kind : str
-            One of `kinds`.
-        l : int
-            The degree.
-        """
+        """The slice that holds every order of degree `l` of one `kind`."""
         start = self.index(Mode(kind, l, 0))
         return slice(start, start + 2 * l + 1)
 

@@ -84,13 +84,7 @@ class ScalarCoefficients(Coefficients):
         return np.linalg.solve(DIPOLE, self.values[self.modes.slice_of("F", 1)])
 
     def at(self, lon: ArrayLike, lat: ArrayLike) -> FloatArray:
-        """The field at each position, (n,).
-
-        Parameters
-        ----------
-        lon, lat : (n,) arrays
-            Positions [rad]
-        """
+        """The field at `lon`, `lat` [rad], (n,)."""
         return super().at(lon, lat)[0]
 
 
@@ -262,33 +256,15 @@ class ScalarField(Tabled):
         return self.data / self.sigma
 
     def minus(self, model: ArrayLike) -> ScalarField:
-        """What is left when a model's values are taken away.
-
-        Parameters
-        ----------
-        model : (n,) array
-            In `unit`.
-        """
+        """What is left when a model's values, `model` (n,) in `unit`, are taken away."""
         return self._with(values=self.values - float_array("model", model, self.values.shape, broadcast=True))
 
     def with_errors(self, sigma: ArrayLike) -> ScalarField:
-        """The same values with other standard errors.
-
-        Parameters
-        ----------
-        sigma : (n,) array
-            Standard errors. [`unit`]
-        """
+        """The same values with other standard errors `sigma`, (n,). [`unit`]"""
         return replace(self, sigma=float_array("sigma", sigma, finite=False))
 
     def to_frame(self, name: str) -> ScalarField:
-        """The same sources in another frame: the numbers stay, the places turn.
-
-        Parameters
-        ----------
-        name : {"icrs", "galactic", "ecliptic"}
-            The frame to turn to.
-        """
+        """The same sources in the frame `name` (icrs, galactic, ecliptic): the numbers stay, the places turn."""
         if check_frame(name) == self.frame:
             return self
         lon, lat = angles(rotation_matrix(self.frame, name) @ triad(self.lon, self.lat)[2])

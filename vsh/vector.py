@@ -133,16 +133,11 @@ class Vector(Frozen):
         return float(chdtrc(3, self.value @ np.linalg.solve(self.covariance, self.value)))
 
     def amplitude_interval(self, probability: float = 0.68) -> tuple[float, float]:
-        """Lower and upper end of the length, two floats.
+        """Lower and upper end of the length that hold it with `probability`.
 
         Holds the true length with at least this probability at any signal to noise, zero among them, where
         errors are alike in all directions (to 3 % for errors that differ by two): where `amplitude_error`
         covers 19 % without a signal, 45 % at S/N 1 and 60 % at 1.5.
-
-        Parameters
-        ----------
-        probability : float
-            Between 0 and 1.
 
         Notes
         -----
@@ -162,14 +157,9 @@ class Vector(Frozen):
         return float(low * sigma), self._upper(tail)
 
     def amplitude_limit(self, probability: float = 0.95) -> float:
-        """Upper limit of the length: a longer vector would have been found longer with this probability.
+        """Upper limit of the length: a longer vector would have been found longer with `probability`.
 
         Holds with at least this probability at any signal to noise; see `amplitude_interval`.
-
-        Parameters
-        ----------
-        probability : float
-            Between 0 and 1.
         """
         return self._upper(1 - between("probability", probability, 0, 1))
 
@@ -187,15 +177,10 @@ class Vector(Frozen):
         return float(sigma * brentq(lambda a: chndtr(x, 3, a * a) / alone - tail, 0, top))
 
     def direction_cone(self, probability: float = 0.68) -> float:
-        """Opening of the cone about `direction` that holds the true one with this probability. [deg]
+        """Opening of the cone about `direction` that holds the true one with `probability`. [deg]
 
         Covers 61, 69, 73, 73, 70 % (for 68) at a signal to noise of 1, 1.5, 2, 3, 5; below 1 no cone
         has that coverage, and a vector whose `p_value` is above 5 % has no significant direction.
-
-        Parameters
-        ----------
-        probability : float
-            Between 0 and 1.
 
         Notes
         -----
@@ -240,13 +225,7 @@ class Vector(Frozen):
         return float(np.degrees(east)), float(np.degrees(north))
 
     def to_frame(self, name: str) -> Vector:
-        """The same vector along the axes of another frame.
-
-        Parameters
-        ----------
-        name : {"icrs", "galactic", "ecliptic"}
-            The frame to turn to.
-        """
+        """The same vector along the axes of the frame `name`: icrs, galactic or ecliptic."""
         matrix = rotation_matrix(self.frame, name)
         return replace(self, value=matrix @ self.value, covariance=matrix @ self.covariance @ matrix.T, frame=name)
 

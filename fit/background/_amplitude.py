@@ -47,13 +47,7 @@ class Amplitude(Frozen):
         return float(x[i] ** 2)
 
     def likelihood(self, amplitude: ArrayLike) -> FloatArray:
-        """L, one at its maximum and nothing beyond the grid.
-
-        Parameters
-        ----------
-        amplitude : array
-            A, not below zero.
-        """
+        """L at an `amplitude` A ≥ 0, one at its maximum and nothing beyond the grid."""
         x = np.sqrt(np.asarray(amplitude, float))
         return np.exp(np.interp(x, self.root, self.log_likelihood, left=-np.inf, right=-np.inf))
 
@@ -73,26 +67,11 @@ class Amplitude(Frozen):
         return float(np.interp(between("probability", probability, 0, 1), share, x) ** 2)
 
     def probability_below(self, amplitude: float, prior: Prior = "flat") -> float:
-        """The probability of an amplitude below this one: the rank of a truth.
-
-        Parameters
-        ----------
-        amplitude : float
-            A.
-        prior : {"flat", "root"}
-            As for `quantile`.
-        """
+        """The probability of a smaller `amplitude`, the rank of a truth, with the `prior` of `quantile`."""
         return float(np.interp(np.sqrt(amplitude), *self._shares(prior)))
 
     def interval(self, probability: float = 0.68, prior: Prior = "flat") -> tuple[float, float]:
-        """The likeliest amplitudes that together hold the true one with a probability; from zero where zero is likely.
-
-        Parameters
-        ----------
-        probability : float
-            Between 0 and 1.
-        prior : {"flat", "root"}
-            As for `quantile`.
+        """The likeliest amplitudes that hold the true one with `probability`, with the `prior` of `quantile`.
 
         Returns
         -------

@@ -130,12 +130,7 @@ class Floor(Result):
         return plot_floor(self, ax=ax)
 
     def prior(self, modes: Modes) -> NormalEquations:
-        """The prior on the degrees that it was estimated from, as normal equations without data.
-
-        Parameters
-        ----------
-        modes : Modes
-            What is fitted.
+        """The prior on the degrees that it was estimated from, among `modes`, as normal equations without data.
 
         Raises
         ------

@@ -259,7 +259,7 @@ def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> f
 
 
 def squares_of(equations: NormalEquations, lmax: int, scaled: bool) -> tuple[float, float, FloatArray]:
-    """P_2, its noise, variances and shifts of its terms, (2, 10), fitted with all degrees to lmax; nan if undetermined."""
+    """P_2, its noise, variances and shifts of its terms, (2, 10), fitted with all degrees to lmax, or nan."""
     modes = equations.modes
     where = places(modes, range(1, lmax + 1))
     matrix, rhs = equations.matrix[np.ix_(where, where)], equations.rhs[where]

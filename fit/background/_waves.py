@@ -82,13 +82,7 @@ class WaveLimit(Result):
         return self.amplitude.interval(0.68)
 
     def likelihood(self, omega: ArrayLike) -> FloatArray:
-        """L(Ω), one at its maximum, the scale of the errors and the systematics marginalised.
-
-        Parameters
-        ----------
-        omega : array
-            Ω, not below zero.
-        """
+        """L(Ω) at `omega` ≥ 0, one at its maximum, the scale of the errors and the systematics marginalised."""
         return self.amplitude.likelihood(omega)
 
     def limit(

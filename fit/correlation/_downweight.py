@@ -61,13 +61,7 @@ class Downweighted(Result):
         return plot_shares(self.keep, self.after.frame, ax=ax)
 
     def mask(self, rng: Rng) -> BoolArray:
-        """Which sources to keep, if whole ones are drawn with these shares: a mask (n,).
-
-        Parameters
-        ----------
-        rng : Generator or int
-            The source of all randomness.
-        """
+        """Which sources to keep, (n,), if whole ones are drawn by `rng` with these shares."""
         return generator(rng).uniform(size=len(self.factors)) < self.factors
 
 

@@ -47,13 +47,7 @@ class Leakage(Result):
         return f"<Leakage of degrees {self.fitted.lmax + 1} to {self.unmodelled.lmax} into 1 to {self.fitted.lmax}>"
 
     def of(self, coefficients: Coefficients) -> Coefficients:
-        """The bias that a given field causes, as Coefficients; its fitted degrees do not count.
-
-        Parameters
-        ----------
-        coefficients : Coefficients
-            A true field. [µas/yr]
-        """
+        """The bias by a given field, `coefficients` [µas/yr], as Coefficients; its fitted degrees do not count."""
         return Coefficients(
             self.fitted, self.matrix @ self._columns(coefficients.to_degree(self.unmodelled.lmax).values)
         )
@@ -71,27 +65,14 @@ class Leakage(Result):
         return (self.matrix * variance) @ self.matrix.T
 
     def bias(self, power: float | Mapping[int, float] | ArrayLike) -> FloatArray:
-        """Rms bias of each fitted coefficient, (p,), for a Gaussian random field. [µas/yr]
+        """Rms bias of each fitted coefficient, (p,), for a Gaussian random field of `power` ∫ |V_l|² dΩ. [(µas/yr)²]
 
         `power` as for `covariance`.
-
-        Parameters
-        ----------
-        power : float or array
-            ∫ |V_l|² dΩ. [(µas/yr)²]
         """
         return np.sqrt(np.diag(self.covariance(power)))
 
     def bias_of(self, names: Sequence[str], power: float | Mapping[int, float] | ArrayLike) -> dict[str, float]:
-        """Rms bias of parameters by name: omega_x … a_z, or coefficients. A dict. [µas/yr]
-
-        Parameters
-        ----------
-        names : sequence of str
-            omega_x … a_z, or coefficients.
-        power : float or array
-            ∫ |V_l|² dΩ. [(µas/yr)²]
-        """
+        """Rms bias by `names`, omega_x … a_z or coefficients, for a `power` as in `bias`: a dict. [µas/yr]"""
         chosen = named(names, self.fitted)
         return dict(zip(names, np.sqrt(np.diag(chosen.covariance(self.covariance(power)))).tolist(), strict=True))
 

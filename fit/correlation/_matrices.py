@@ -130,49 +130,23 @@ class CorrelationMatrices(Result):
         return f"<CorrelationMatrices: {', '.join(self.labels)}; {len(self.names)} parameters, {self.frame}>"
 
     def matrix(self, i: int = 0) -> FloatArray:
-        """The correlation matrix of one catalogue, (k, k).
-
-        Parameters
-        ----------
-        i : int
-            Which of the catalogues.
-        """
+        """The correlation matrix of catalogue `i`, (k, k)."""
         return self.matrices[i]
 
     def combined(self, upper: int = 0, lower: int = 1) -> FloatArray:
-        """Two catalogues in one matrix, one in each triangle.
-
-        Parameters
-        ----------
-        upper : int
-            Which catalogue above the diagonal.
-        lower : int
-            And which below.
-        """
+        """Two catalogues in one matrix: `upper` above the diagonal, `lower` below."""
         if len(self.matrices) == 1:
             return self.matrices[0]
         k = len(self.names)
         return np.triu(self.matrices[upper], 1) + np.tril(self.matrices[lower], -1) + np.eye(k)
 
     def dipole_prediction(self, i: int = 0) -> FloatArray:
-        """−(3/2) [r̄]ₓ: the block ω–ã that the catalogue's dipole alone would give, (3, 3).
-
-        Parameters
-        ----------
-        i : int
-            Which of the catalogues.
-        """
+        """−(3/2) [r̄]ₓ: the block ω–ã that the dipole of catalogue `i` alone would give, (3, 3)."""
         x, y, z = self.dipoles[i]
         return -1.5 * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
     def largest(self, i: int = 0) -> tuple[float, tuple[str, str]]:
-        """The largest correlation of a catalogue and the pair it is of.
-
-        Parameters
-        ----------
-        i : int
-            Which of the catalogues.
-        """
+        """The largest correlation of catalogue `i`, and the pair it is of."""
         off = np.abs(self.matrices[i] - np.eye(len(self.names)))
         row, column = np.unravel_index(np.argmax(off), off.shape)
         row, column = sorted((row, column))

@@ -69,12 +69,7 @@ class Calibration(InNotebook):
         return self.frame == TRUE
 
     def redshift(self, field: Field) -> FloatArray:
-        """Redshifts at rest in the microwave background, (n,); nan where there is none.
-
-        Parameters
-        ----------
-        field : Field
-            The sources.
+        """Redshifts of a `field` at rest in the microwave background, (n,); nan where there is none.
 
         Raises
         ------
@@ -97,13 +92,7 @@ class Calibration(InNotebook):
         return corrected
 
     def log_distance(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """ln d [Mpc] at ln(1 + z), and the logarithm of the volume for each ln(1 + z), but for a factor.
-
-        Parameters
-        ----------
-        x : array
-            ln(1 + z)
-        """
+        """ln d [Mpc] at `x` = ln(1 + z), and the logarithm of the volume for each x, but for a factor."""
         log_x = np.log(x)
         spline, slope = self._spline
         log_d = spline(log_x) + log_x

@@ -72,13 +72,7 @@ class NormalEquations(Frozen):
         return self if other == 0 else NotImplemented  # the start of sum()
 
     def add_note(self, *notes: str) -> NormalEquations:
-        """The same equations with more that the reader of a result should know.
-
-        Parameters
-        ----------
-        *notes
-            Lines to add.
-        """
+        """The same equations with `notes`: more lines that the reader of a result should know."""
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
     def _combine(self, other, sign):

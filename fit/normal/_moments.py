@@ -190,12 +190,7 @@ class Moments(Result):
         return self if other == 0 else NotImplemented
 
     def to_degree(self, lmax: Modes | int) -> Moments:
-        """Those of a lower degree, which are among them.
-
-        Parameters
-        ----------
-        lmax : int
-            The degree.
+        """Those to the lower degree `lmax`, which are among them.
 
         Raises
         ------
@@ -244,13 +239,7 @@ class Moments(Result):
         )
 
     def add_note(self, *notes: str) -> Moments:
-        """The same moments with more that the reader of a result should know.
-
-        Parameters
-        ----------
-        *notes
-            Lines to add.
-        """
+        """The same moments with `notes`: more lines that the reader of a result should know."""
         return replace(self, notes=merge_notes((*self.notes, *notes)))
 
     def on_sky(self) -> tuple[FloatArray, FloatArray]:

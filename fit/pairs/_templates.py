@@ -79,16 +79,11 @@ class TemplateFit(Result):
         return np.sqrt(np.diag(self.covariance))
 
     def interval(self, probability: float = 0.95) -> FloatArray:
-        """Limits of each amplitude, (t, 2), as likely to be passed above as below; none is below zero.
+        """Limits of each amplitude, (t, 2), with `probability` between them; none is below zero.
 
         An amplitude is a sum of squares of k coefficients less their noise s², which is k χ² and no Gaussian: its own
         error goes with it. With Var = 2 k s⁴ + 4 s² P both follow from value and error, and the limits from the
         non-central F of k and the number of blocks, less one.
-
-        Parameters
-        ----------
-        probability : float
-            Between them.
 
         Notes
         -----

@@ -63,36 +63,18 @@ class GridPosterior(Result):
         return plot_marginals(self, ax=ax)
 
     def marginal(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Values and probabilities of one quantity: two arrays.
-
-        Parameters
-        ----------
-        name : str
-            Name of the quantity.
-        """
+        """Values and probabilities of the quantity `name`: two arrays."""
         index = self.names.index(name)
         others = tuple(i for i in range(len(self.names)) if i != index)
         return self.axes[index], self.probability.sum(others)
 
     def mean(self, name: str) -> float:
-        """Posterior mean.
-
-        Parameters
-        ----------
-        name : str
-            Name of the quantity.
-        """
+        """Posterior mean of the quantity `name`."""
         x, p = self.marginal(name)
         return float(x @ p)
 
     def sigma(self, name: str) -> float:
-        """Posterior standard deviation.
-
-        Parameters
-        ----------
-        name : str
-            Name of the quantity.
-        """
+        """Posterior standard deviation of the quantity `name`."""
         x, p = self.marginal(name)
         return float(np.sqrt((x - x @ p) ** 2 @ p))
 

@@ -85,7 +85,7 @@ class ParallaxModel:
         return np.stack(inside), ratio
 
     def conditional(self, numbers: FloatArray, with_priors: bool = True) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log of the posterior at free numbers (n, k) with a Gaussian v marginalised exactly; v's mean and covariance."""
+        """Log of the posterior at free numbers (n, k), a Gaussian v marginalised exactly; its mean and covariance."""
         spreads, ratio = self.spreads(numbers)
         c, peak, matrix = self.likelihood(spreads)
         prior = self.priors.velocity

@@ -124,13 +124,7 @@ class Posterior(SampleResult):
 
     @classmethod
     def read(cls, path: PathName) -> Samples:
-        """Samples that `write` wrote, a `Samples`.
-
-        Parameters
-        ----------
-        path : str or Path
-            An ECSV or FITS file.
-        """
+        """Samples that `write` wrote to an ECSV or FITS file `path`, a `Samples`."""
         return Samples.read(path)
 
     def to_arviz(self) -> Any:

@@ -92,15 +92,10 @@ class Resampled(AboutSolution):
         return self.resampled_solution.acceleration
 
     def interval(self, probability: float = 0.68) -> FloatArray:
-        """Lower and upper end of each coefficient's interval, (2, p). [µas/yr]
+        """Lower and upper end of each coefficient's interval of `probability`, (2, p). [µas/yr]
 
         Percentiles of the replicates; for the jackknife, whose replicates lie close together, the
         interval of its standard error with Student's t, which allows for few blocks.
-
-        Parameters
-        ----------
-        probability : float
-            Between 0 and 1.
         """
         probability = between("probability", probability, 0, 1)
         if self.method == "jackknife":

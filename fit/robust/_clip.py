@@ -51,23 +51,11 @@ class Clipped(AboutSolution):
     n_clipped: int = 0
 
     def select(self, field: Field) -> Field:
-        """Those of some sources that agree with the fit; a step for `Parts.map`.
-
-        Parameters
-        ----------
-        field : Field
-            In the solution's frame.
-        """
+        """Those sources of a `field` in the solution's frame that agree with the fit; a step for `Parts.map`."""
         return _select(field, partial(_distances, solution=self.solution), self.limit)
 
     def sources(self, field: Field | Parts) -> Field | Parts:
-        """The sources that were kept, of the field or the parts that were clipped; a note says how many were not.
-
-        Parameters
-        ----------
-        field : Field or Parts
-            All of them.
-        """
+        """The sources that were kept, of the `field` or the parts that were clipped; a note says how many were not."""
         chosen = field.map(self.select) if isinstance(field, Parts) else field[self.kept]
         return chosen.add_note(self.solution.notes[-1])
 

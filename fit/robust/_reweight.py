@@ -153,12 +153,7 @@ class Reweighted(AboutSolution):
     nu: float | None = None
 
     def most_downweighted(self, n_sources: int = 10) -> IntArray:
-        """Indices of the sources with the least weight, least first.
-
-        Parameters
-        ----------
-        n_sources : int
-            How many.
+        """Indices of the `n_sources` with the least weight, least first.
 
         Raises
         ------

@@ -97,13 +97,7 @@ class Flow(Result):
         return tangential @ self.values, radial @ self.values
 
     def bulk(self, radius: float) -> Vector:
-        """The mean velocity at a distance, over all directions, with its covariance. [km/s]
-
-        Parameters
-        ----------
-        radius : float
-            [Mpc/h]
-        """
+        """The mean velocity at distance `radius` [Mpc/h], over all directions, with its covariance. [km/s]"""
         rows = _shell_mean(self.modes, positive("radius", radius))
         return Vector(rows @ self.values, rows @ self.covariance @ rows.T, self.frame, "km/s")
 

@@ -92,14 +92,9 @@ class VelocitySolution(ParallaxSolution):
     assumed_hubble: float = float("nan")
 
     def model(self, field: Field) -> FloatArray:
-        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
+        """The motions that the solution predicts at the sources of a `field`, (2, n). [µas/yr]
 
         With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
-
-        Parameters
-        ----------
-        field : Field
-            The sources.
         """
         return self._motions(field, self.velocity.value, self.assumed_hubble)
 
@@ -115,13 +110,7 @@ class VelocitySolution(ParallaxSolution):
         return galactic.direction, galactic.direction_error
 
     def against(self, velocity: Vector = CMB_VELOCITY_PLANCK18) -> tuple[float, float]:
-        """χ² of the difference from another velocity (its own errors included), and its p-value.
-
-        Parameters
-        ----------
-        velocity : Vector
-            Another one. [km/s]
-        """
+        """χ² of the difference from another `velocity` [km/s] (its own errors included), and its p-value."""
         return _difference(self.velocity, velocity)
 
 
@@ -132,14 +121,9 @@ class HubbleSolution(ParallaxSolution):
     assumed_velocity: Vector = CMB_VELOCITY_PLANCK18
 
     def model(self, field: Field) -> FloatArray:
-        """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]
+        """The motions that the solution predicts at the sources of a `field`, (2, n). [µas/yr]
 
         With the default cosmology's shape of the distance; a spin that was held fixed is not in it.
-
-        Parameters
-        ----------
-        field : Field
-            The sources.
         """
         return self._motions(field, self.assumed_velocity.to_frame(self.frame).value, self.hubble)
 

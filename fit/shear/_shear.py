@@ -96,14 +96,9 @@ class Shear(Result):
         return np.sqrt(np.einsum("ki,ij,kj->k", products, self.covariance, products))
 
     def limit(self, probability: float = 0.95) -> float:
-        """Upper limit of |Σ|: a larger one would have been found larger with this probability. [µas/yr]
+        """Upper limit of |Σ|: a larger one would have been found larger with `probability`. [µas/yr]
 
         Holds with at least this probability at any signal to noise, where errors are alike for all axes.
-
-        Parameters
-        ----------
-        probability : float
-            Between 0 and 1.
         """
         between("probability", probability, 0, 1)
         weights = np.array([1, 1, 1, 2, 2, 2])
@@ -111,23 +106,11 @@ class Shear(Result):
         return float(norm_limit(np.array([self.norm]), np.array([sigma]), 5, probability)[0])
 
     def percent(self, rate: ArrayLike) -> FloatArray:
-        """A rate in per cent of H0.
-
-        Parameters
-        ----------
-        rate : array
-            [µas/yr]
-        """
+        """A `rate` [µas/yr] in per cent of H0."""
         return 100 * np.asarray(rate, float) / hubble_rate(self.hubble)
 
     def to_frame(self, name: str) -> FloatArray:
-        """Σ along the axes of another frame, (3, 3). [µas/yr]
-
-        Parameters
-        ----------
-        name : {"icrs", "galactic", "ecliptic"}
-            The frame to turn to.
-        """
+        """Σ along the axes of the frame `name` (icrs, galactic, ecliptic), (3, 3). [µas/yr]"""
         matrix = rotation_matrix(self.frame, name)
         return matrix @ self.tensor @ matrix.T
 

@@ -116,12 +116,7 @@ class WaveSearch(Result):
         return float(self._strains(np.array(self.amplitude), frequency))
 
     def strain_limits(self, frequency: float | None = None) -> FloatArray:
-        """The strain that a wave of each direction can have, with 95 %, (12 nside²,).
-
-        Parameters
-        ----------
-        frequency : float, optional
-            As for `strain`. [nHz]
+        """The strain that a wave of each direction can have, with 95 %, (12 nside²,), at a `frequency` as for `strain`.
 
         Raises
         ------

@@ -40,14 +40,7 @@ class GlobalMotion(Frozen):
     spins: bool
 
     def check(self, n: int, solved: BoolArray) -> None:
-        """Raise ParameterError unless it is of n sources, enough of which are solved.
-
-        Parameters
-        ----------
-        n : int
-            Sources.
-        solved : (n,) bool array
-            Which are.
+        """Raise ParameterError unless it is of `n` sources, enough of which are `solved`.
 
         Raises
         ------
@@ -65,46 +58,22 @@ class GlobalMotion(Frozen):
         return np.einsum("nik,n,nil->kl", self.design, self.weights, self.design)
 
     def parameters(self, x: FloatArray) -> FloatArray:
-        """y for given parameters of the sources, (k, K).
-
-        Parameters
-        ----------
-        x : (n, 5, K) array
-            Parameters of the sources.
-        """
+        """y for given parameters of the sources `x`, (n, 5, K): (k, K)."""
         return np.linalg.solve(self.normal, np.einsum("nik,n,nir->kr", self.design, self.weights, x[:, 3:]))
 
     def pull(self, x: FloatArray) -> FloatArray:
-        """P G y of the field that fits best, (n, 2, K).
-
-        Parameters
-        ----------
-        x : (n, 5, K) array
-            Parameters of the sources.
-        """
+        """P G y of the field that fits parameters of the sources `x`, (n, 5, K), best: (n, 2, K)."""
         return self.weights[:, None, None] * np.einsum("nik,kr->nir", self.design, self.parameters(x))
 
     def functional(self, k: int) -> FloatArray:
-        """The g of parameter k: y_k = Σ g x, (n, 5).
-
-        Parameters
-        ----------
-        k : int
-            Which.
-        """
+        """The g of parameter `k`: y_k = Σ g x, (n, 5)."""
         out = np.zeros((len(self.design), 5))
         rows = np.linalg.solve(self.normal, np.eye(len(self.names))[k])
         out[:, 3:] = self.weights[:, None] * np.einsum("nik,k->ni", self.design, rows)
         return out
 
     def reduced(self, formal: FloatArray) -> FloatArray:
-        """Gᵀ (P⁻¹ + Σ)⁻¹ G with the covariances Σ of the motions, (k, k): what the sources, each for itself, tell of y.
-
-        Parameters
-        ----------
-        formal : (n, 5, 5) array
-            Covariances.
-        """
+        """Gᵀ (P⁻¹ + Σ)⁻¹ G with the covariances Σ of the motions in `formal` (n, 5, 5): what sources tell of y."""
         held = self.weights > 0
         spread = formal[held][:, 3:, 3:] + (1 / self.weights[held])[:, None, None] * np.eye(2)
         return np.einsum("nik,nij,njl->kl", self.design[held], np.linalg.inv(spread), self.design[held])

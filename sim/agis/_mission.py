@@ -257,13 +257,7 @@ class Mixture(Frozen):
         return len(self.lon)
 
     def are(self, kind: str) -> BoolArray:
-        """Which sources are of a kind, (n,).
-
-        Parameters
-        ----------
-        kind : {"quasars", "galaxies", "stars"}
-            Which.
-        """
+        """Which sources are of a `kind`, (n,): quasars, galaxies or stars."""
         return self.kind == KINDS.index(arguments.choice("kind", kind, KINDS))
 
 

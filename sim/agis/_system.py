@@ -394,14 +394,7 @@ class System(ExactErrors):
         super().__init__(scans, prior, float(smoothing), motion, threads, compiled)
 
     def predict(self, sources: ArrayLike, attitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """What parameters make of the observations.
-
-        Parameters
-        ----------
-        sources : (n, 5) array
-            [µas, µas/yr]
-        attitude : (coefficients, 3) array
-            [µas]
+        """What `sources` (n, 5) and `attitude` (coefficients, 3) make of the observations. [µas, µas/yr]
 
         Returns
         -------
@@ -411,13 +404,7 @@ class System(ExactErrors):
         return self.passes.predict(*self._shaped(sources, attitude))
 
     def adjoint(self, along: ArrayLike, across: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """The weighted transpose of `predict`: the right-hand sides of observations.
-
-        Parameters
-        ----------
-        along, across : (k,) arrays
-            [µas]
-        """
+        """The weighted transpose of `predict`: right-hand sides of observations `along` and `across`, (k,). [µas]"""
         return self.passes.adjoint(*self._observed(along, across))
 
     def solve(

@@ -56,13 +56,7 @@ class Survey(InNotebook):
             arguments.positive("sigma", self.sigma)
 
     def errors(self, n: int) -> FloatArray:
-        """Errors of n quasars, (2, n), of as much information as all of them have; the same for each. [µas/yr]
-
-        Parameters
-        ----------
-        n : int
-            How many stand for all.
-        """
+        """Errors of `n` quasars, (2, n), of as much information as all of them have; the same for each. [µas/yr]"""
         if self.release is None:
             one = np.full(2, self.sigma)
         else:
@@ -71,13 +65,7 @@ class Survey(InNotebook):
         return np.tile((one * self.factor * np.sqrt(n / self.n_quasars))[:, None], n)
 
     def galaxy_errors(self, magnitude: FloatArray) -> FloatArray:
-        """Errors of galaxies of these magnitudes, (2, n). [µas/yr]
-
-        Parameters
-        ----------
-        magnitude : (n,) array
-            G.
-        """
+        """Errors of galaxies of `magnitude` G, (2, n). [µas/yr]"""
         if self.release is None:
             return np.full((2, len(magnitude)), self.factor) * self.sigma
         return gaia_errors(magnitude, self.release) * self.factor

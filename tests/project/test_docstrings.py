@@ -63,6 +63,11 @@ def documented(node):
     return found
 
 
+def named_in_summary(node):
+    """Names in backticks in the first line, which is enough for a method of few plain arguments."""
+    return set(re.findall(r"`(\w+)`", ast.get_docstring(node).splitlines()[0]))
+
+
 def path_name(path):
     return path.relative_to(ROOT).as_posix()
 
@@ -81,7 +86,8 @@ def test_docstrings_name_every_argument(path):
         assert ast.get_docstring(node), name
     for name, node in promised(path):
         if isinstance(node, ast.FunctionDef) and not (name.endswith(".plot") and documented(node) == set()):
-            assert {each.arg for each in arguments(node)} == documented(node), name
+            names = {each.arg for each in arguments(node)}
+            assert names == documented(node) or ("." in name and names <= named_in_summary(node)), name
         elif isinstance(node, ast.FunctionDef):  # of which `Result.plot` tells, once
             assert {each.arg for each in arguments(node)} == {"ax"}, name
 
@@ -92,6 +98,18 @@ def test_docstrings_have_one_form(path):
     for name, node in public(path):
         for line in ast.get_docstring(node).splitlines():
             assert not re.match(r"^\w[\w, ]* : .* — ", line), (name, line)
+
+
+@for_each(FILES, path_name)
+def test_docstrings_say_what_they_speak_of(path):
+    """No entry begins with a preposition that nothing stands before, and none under Returns is a type alone."""
+    text = path.read_text(encoding="utf-8")
+    assert re.findall(r'(?m)^\s*(?:"""|#:? )?(?:Of|Whose) .*$', text) == []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef) and ast.get_docstring(node):
+            lines = [*ast.get_docstring(node).splitlines(), ""]
+            if "Returns" in lines and " : " not in lines[lines.index("Returns") + 2]:
+                assert lines[lines.index("Returns") + 3].startswith("    "), node.name
 
 
 @for_each(FILES, path_name)

@@ -80,7 +80,7 @@ def check_file(path: PathName, overwrite: bool = False, option: str = "--output"
 
 @contextmanager
 def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> Iterator[Path]:
-    """A folder for results, with `run.toml`, citations and provenance; it takes the place of --output when all is written."""
+    """A folder for results, `run.toml`, citations and provenance; it becomes --output when all is written."""
     check_folder(options.output, options.program, options.overwrite)
     Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(options.output) as folder:

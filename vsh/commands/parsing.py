@@ -57,7 +57,7 @@ def parse(options_module: Any, arguments: Sequence[str] | None = None) -> argpar
 
 
 def without_folder(text: str) -> str:
-    """The name of a file without where it lies on this disk, for pages that are handed round; any other text as it is."""
+    """The name of a file without its folder, for pages that are handed round; any other text as it is."""
     path = Path(text)
     return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
 

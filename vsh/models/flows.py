@@ -116,13 +116,7 @@ class VelocityGrid(InNotebook):
         return turn.T @ np.where(inside, components, 0.0), inside
 
     def write(self, path: PathName) -> None:
-        """Write it as a file of NumPy, which `read_velocity_grid` reads.
-
-        Parameters
-        ----------
-        path : str or Path
-            Its ending is .npz.
-        """
+        """Write it as a file of NumPy, `path` ending in .npz, which `read_velocity_grid` reads."""
         arrays = {"velocity": self.velocity, "half_width": self.half_width, "frame": np.array(self.frame)}
         write_arrays(path, arrays, compress=True)
 
@@ -213,13 +207,7 @@ class LinearTheory(Frozen):
         return f"<LinearTheory: {self.name}, {self.sigma:.0f} km/s in each component>"
 
     def power_at(self, k: ArrayLike) -> FloatArray:
-        """P(k) between the tabulated wave numbers; nothing beyond them. [(Mpc/h)³]
-
-        Parameters
-        ----------
-        k : array
-            [h/Mpc]
-        """
+        """P(`k`) between the tabulated wave numbers [h/Mpc]; nothing beyond them. [(Mpc/h)³]"""
         k = np.asarray(k, float)
         inside = (k >= self.k[0]) & (k <= self.k[-1])
         return np.where(inside, np.exp(self._spline(np.log(np.clip(k, self.k[0], self.k[-1])))), 0.0)
@@ -230,13 +218,7 @@ class LinearTheory(Frozen):
         return float(np.sqrt(self._correlations[1][0, 0]))
 
     def correlation(self, separation: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Ψ∥ and Ψ⊥, the correlations of velocities along a separation and across it. [(km/s)²]
-
-        Parameters
-        ----------
-        separation : array
-            [Mpc/h]
-        """
+        """Ψ∥ and Ψ⊥, the correlations of velocities along a `separation` [Mpc/h] and across it. [(km/s)²]"""
         separation = np.asarray(separation, float)
         near = separation < _FARTHEST
         x = np.arcsinh(np.minimum(separation, _FARTHEST))
@@ -244,13 +226,7 @@ class LinearTheory(Frozen):
         return np.where(near, along, 0.0), np.where(near, across, 0.0)
 
     def covariance(self, positions: FloatArray) -> FloatArray:
-        """The covariance of the velocities at places, (3n, 3n), place by place: x, y, z of the first, … [(km/s)²]
-
-        Parameters
-        ----------
-        positions : (3, n) array
-            [Mpc/h]
-        """
+        """The covariance of velocities at `positions` (3, n) [Mpc/h], (3n, 3n): x, y, z of the first, … [(km/s)²]"""
         n = positions.shape[1]
         apart = positions[:, :, None] - positions[:, None, :]
         r = np.sqrt(np.sum(apart * apart, 0))

@@ -76,12 +76,7 @@ class Positions(Frozen):
         return Positions(**picked)
 
     def at_epoch(self, epoch: float | None) -> Positions:
-        """The same sources, moved to another epoch along straight lines; those without motion stay.
-
-        Parameters
-        ----------
-        epoch : float or None
-            To which. [Julian year]
+        """The same sources, moved to `epoch` [Julian year] along straight lines; those without motion stay.
 
         Raises
         ------

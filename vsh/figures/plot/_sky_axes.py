@@ -53,12 +53,7 @@ class SkyAxes(WCSAxes):
         return self.projection_name in _WHOLE
 
     def project(self, lon: ArrayLike, lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions on the map, and their longitude from its central meridian.
-
-        Parameters
-        ----------
-        lon, lat : arrays of one shape
-            Positions. [rad]
+        """Positions on the map, and their longitude from its central meridian, for `lon`, `lat` of one shape. [rad]
 
         Returns
         -------
@@ -79,12 +74,7 @@ class SkyAxes(WCSAxes):
         return xy.reshape(*lon.shape, 2), native.reshape(lon.shape)
 
     def sky_of(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Where on the sky pixels of the map are.
-
-        Parameters
-        ----------
-        x, y : (n,) arrays
-            In the map's pixels.
+        """Where on the sky the pixels `x`, `y` of the map are, (n,).
 
         Returns
         -------

@@ -43,12 +43,7 @@ class Dask(Engine):
         return f"by Dask{f' at {self.address}' if self.address else ''}"
 
     def total(self, work: Callable[[Any], Any], pieces: Sequence[Any], done: Callable[[], object]) -> Any:
-        """The sum of `work` over the pieces.
-
-        Parameters
-        ----------
-        work, pieces, done
-            As for `Engine.total`.
+        """The sum of `work` over the `pieces`, each reported by `done`, as for `Engine.total`.
 
         Raises
         ------

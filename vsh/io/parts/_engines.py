@@ -140,12 +140,7 @@ class Processes(Engine):
         return f"by {self.workers} processes"
 
     def total(self, work: Callable[[Any], Any], pieces: Sequence[Any], done: Callable[[], object]) -> Any:
-        """The sum of `work` over the pieces.
-
-        Parameters
-        ----------
-        work, pieces, done
-            As for `Engine.total`.
+        """The sum of `work` over the `pieces`, each reported by `done`, as for `Engine.total`.
 
         Raises
         ------

@@ -78,23 +78,11 @@ class Parts(InNotebook):
         return replace(self, steps=(*self.steps, step))
 
     def to_frame(self, name: str) -> Parts:
-        """The same sources in another frame.
-
-        Parameters
-        ----------
-        name : {"icrs", "galactic", "ecliptic"}
-            The frame to turn to.
-        """
+        """The same sources in the frame `name`: icrs, galactic or ecliptic."""
         return self.map(_InFrame(check_frame(name)))
 
     def add_note(self, *notes: str) -> Parts:
-        """The same sources with more that the reader of a result should know.
-
-        Parameters
-        ----------
-        *notes
-            Lines to add.
-        """
+        """The same sources with `notes`: more lines that the reader of a result should know."""
         return self.map(_WithNotes(notes))
 
     def sum(
@@ -159,13 +147,7 @@ class Parts(InNotebook):
         return total
 
     def has(self, role: str) -> bool:
-        """Whether the first part has names, magnitudes, redshifts, …
-
-        Parameters
-        ----------
-        role : str
-            Which of them.
-        """
+        """Whether the first part has a `role`: names, magnitudes, redshifts, …"""
         return getattr(next(iter(self)), role) is not None
 
     @property

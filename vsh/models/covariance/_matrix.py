@@ -120,12 +120,7 @@ class Covariance(Frozen):
         return solve_triangular(self.factor, flat.T, lower=True, check_finite=False).T.reshape(rows.shape)
 
     def own_errors(self, field: Field) -> Field:
-        """The field with the errors that the matrix gives each source by itself.
-
-        Parameters
-        ----------
-        field : Field
-            Field of the same sources.
+        """The `field` of the same sources with the errors that the matrix gives each by itself.
 
         Raises
         ------

@@ -162,12 +162,7 @@ class Spectrum(InNotebook):
 
     @classmethod
     def waves(cls, hubble: float = 70.0) -> Spectrum:
-        """Gravitational waves longer than the observations; the amplitude is Ω_GW, for H0 = 70 h70² Ω_GW.
-
-        Parameters
-        ----------
-        hubble : float
-            H0. [km/s/Mpc]
+        """Gravitational waves longer than the observations; amplitude Ω_GW, for H0 = `hubble` = 70 h70² Ω_GW. [km/s/Mpc]
 
         Notes
         -----
@@ -195,13 +190,7 @@ class Spectrum(InNotebook):
 
     @classmethod
     def power_law(cls, index: float) -> Spectrum:
-        """P_l = l^index in each kind; 0 for the same power in every degree.
-
-        Parameters
-        ----------
-        index : float
-            The exponent.
-        """
+        """P_l = l^`index` in each kind; 0 for the same power in every degree."""
         index = arguments.number("index", index)
         return cls(f"power law l^{index:g}", lambda lmax: both(np.arange(1.0, lmax + 1) ** index))
 
@@ -276,12 +265,7 @@ class Spectrum(InNotebook):
         )
 
     def power(self, lmax: int) -> FloatArray:
-        """∫ |V_l|² dΩ of T and S for l = 1 … lmax, (2, lmax). [(µas/yr)²]
-
-        Parameters
-        ----------
-        lmax : int
-            The highest degree.
+        """∫ |V_l|² dΩ of T and S for l = 1 … `lmax`, (2, lmax). [(µas/yr)²]
 
         Raises
         ------
@@ -301,13 +285,7 @@ class Spectrum(InNotebook):
         return powers
 
     def variances(self, modes: Modes | int) -> FloatArray:
-        """The variance of each coefficient, (p,): P_l/(2l + 1), half of that where a mode stands for ±m. [(µas/yr)²]
-
-        Parameters
-        ----------
-        modes : Modes, or the degree lmax
-            Modes of the coefficients.
-        """
+        """Variance of each of `modes`, (p,): P_l/(2l + 1), half where a mode stands for ±m. [(µas/yr)²]"""
         modes = as_modes(modes)
         l = modes.degrees
         kind = np.repeat([0, 1], len(modes) // 2)
