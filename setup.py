@@ -39,11 +39,11 @@ class BuildPage(Command):
         try:
             make_bundle()
         except (OSError, subprocess.SubprocessError) as error:
-            told = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip()
-            said = f"the script of the interactive page was not made ({error}): pages will be static\n{told[-500:]}".strip()
+            output = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip()
+            message = f"the script of the page was not made ({error}): pages will be static\n{output[-500:]}".strip()
             if self.required:
-                sys.exit(said)
-            print(said, file=sys.stderr)
+                sys.exit(message)
+            print(message, file=sys.stderr)
 
 
 def make_bundle():

@@ -162,7 +162,7 @@ class Spectrum(InNotebook):
 
     @classmethod
     def waves(cls, hubble: float = 70.0) -> Spectrum:
-        """Gravitational waves longer than the observations; amplitude Ω_GW, for H0 = `hubble` = 70 h70² Ω_GW. [km/s/Mpc]
+        """Gravitational waves longer than the observations; amplitude Ω_GW, H0 = `hubble` = 70 h70² Ω_GW. [km/s/Mpc]
 
         Notes
         -----
