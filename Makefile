@@ -8,7 +8,7 @@ MUTANTS ?= 8000
 PIP := -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper gaia page package docs test test-slow test-oracles test-oldest test-newest mutate fuzz style bench lock clean
+.PHONY: help demo paper gaia page package docs test test-slow test-oracles test-oldest test-newest coverage mutate fuzz style bench lock clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
