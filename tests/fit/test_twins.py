@@ -160,7 +160,7 @@ def test_a_selection_function_from_a_file(tmp_path, capsys):
         )
         == 1
     )
-    assert "infinite" in capsys.readouterr().err  # fault F2: every source stood there, status 0
+    assert "infinite" in capsys.readouterr().err  # once every source stood there, status 0
 
 
 def test_redshifts_and_places_of_a_survey(tmp_path, capsys):

@@ -100,7 +100,7 @@ def test_what_is_finished_is_not_done_again_and_leftovers_go(finished):
     }
     left = finished / "realisations" / "A" / ".vsh-unfinished-abc-00003.json"
     left.write_text("{")
-    foreign = finished / ".pre-commit-config.yaml"  # fault B1: a user's hidden files went too
+    foreign = finished / ".pre-commit-config.yaml"  # once a user's hidden files went too
     foreign.write_text("mine")
     study.run(study.load(SMALL), finished, progress=False)
     assert not left.exists()
