@@ -54,6 +54,13 @@ def record_agreement(request, monkeypatch):
 
 
 ROOT = Path(__file__).parents[1]
+
+
+def few_or_many(few, many, name="n_skies"):
+    """A test on so few simulated skies each time, and on many among the slow tests; its bounds follow the number."""
+    return pytest.mark.parametrize(name, [few, pytest.param(many, marks=pytest.mark.slow)])
+
+
 #: Real catalogues, which are not part of the project.
 DATA = Path(os.environ.get("VSH_TEST_DATA", ROOT.parent / "shared" / "data"))
 

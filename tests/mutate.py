@@ -126,7 +126,7 @@ BREAKS = [
         "test_flows.py",
     ),
     ("fit/secular_parallax/_solve.py", "matrix[U, U] += size", "matrix[U, U] += 4 * size", "test_flows.py"),
-    ("fit/storage.py", "_check_same(found, columns, table)\n    except", "pass\n    except", "test_storage.py"),
+    ("fit/storage.py", "_check_same(solution, columns, table)\n    except", "pass\n    except", "test_storage.py"),
     (
         "fit/correlation/_forecast.py",
         "np.linalg.slogdet(even)[1]) / 6",
@@ -185,8 +185,8 @@ BREAKS = [
     ),
     (
         "fit/normal/_sum.py",
-        "weighted @ motion, float(times @ motion**2)",
-        "rows @ motion, float(times @ motion**2)",
+        "weighted @ motion,\n            float(times",
+        "rows @ motion,\n            float(times",
         "test_dense.py",
     ),
     ("fit/solving.py", "chi2 -= float(assumed.chi2_null", "chi2 -= 0 * float(assumed.chi2_null", "test_fit.py"),
@@ -243,8 +243,8 @@ BREAKS = [
     ("sim/agis/_solve.py", "of_attitude += known / equations.prior**2", "pass", "test_agis_solutions.py"),
     (
         "sim/agis/_solve.py",
-        'if str(found.pop("key", "")) != key:',
-        'if str(found.pop("key", "")) == "":',
+        'if str(arrays.pop("key", "")) != key:',
+        'if str(arrays.pop("key", "")) == "":',
         "test_agis_solutions.py",
     ),
     (
@@ -367,7 +367,7 @@ BREAKS = [
         "np.stack([samples[part] for part in parts[::-1]], axis=-1)",
         "test_posterior.py",
     ),
-    ("fit/output/_rows.py", "*v.value, *v.sigma", "*v.value, *v.sigma**2", "test_telling.py"),
+    ("fit/output/_rows.py", "            *v.sigma,\n", "            *v.sigma**2,\n", "test_telling.py"),
     (
         "vsh/commands/outputs.py",
         "(folder / configuration.NAME).write_text(repeats(options, provenance)",
@@ -430,7 +430,7 @@ BREAKS = [
     ("vsh/models/flows.py", "selected, count = [bulk], 3", "selected, count = [], 0", "test_linear_theory.py"),
     ("vsh/models/flows.py", "    if not nearest < FARTHEST:", "    if False:", "test_linear_theory.py"),
     ("study/config.py", '        ("study", "seed", 0),\n', "", "test_study.py"),
-    ("study/config.py", '(("number", 1), ', "((", "test_study.py"),
+    ("study/config.py", '        ("number", 1),\n', "", "test_study.py"),
     (
         "fit/secular_parallax/_solve.py",
         "scale = n_sources / (sums.n_data // 2)",

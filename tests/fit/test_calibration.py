@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import few_or_many
 from scipy import stats
 
 import fit
@@ -66,11 +67,12 @@ def test_errors_with_few_sources_a_coefficient(estimate, options):
     assert found.std() == pytest.approx(1, abs=0.05)  # 2400 pulls: 0.015
 
 
+@few_or_many(50, 120)
 @pytest.mark.parametrize("estimate", [excess_noise, student_t, permissive])
-def test_errors_wrong_by_place(estimate):
+def test_errors_wrong_by_place(estimate, n_skies):
     """Pulls 1.55 where errors are five times too small on half the sky."""
-    found, _ = pulls(lambda field: estimate(field, 1), 600, 120, half=5.0)
-    assert found.std() == pytest.approx(1, abs=0.07)  # 720 pulls: 0.026
+    found, _ = pulls(lambda field: estimate(field, 1), 600, n_skies, half=5.0)
+    assert found.std() == pytest.approx(1, abs=2.6 / np.sqrt(2 * found.size))  # 720 pulls: 0.026 each
 
 
 def test_excess_noise_is_unbiased():
@@ -141,7 +143,7 @@ def quasars(seed, case, n=300):
     return Field(lon, lat, sigma * rng.normal(size=(2, n)) * np.where(wrong, 4, 1), sigma, redshift=z), rng
 
 
-@pytest.mark.parametrize("skies", [40, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("skies", [20, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("case", ["z > 2.5", "faint, z > 1.5", "z < 0.6", "everywhere", "nowhere"])
 def test_p_values_of_bins(case, skies):
     """P(p ≤ .05) was .30, .30 and .62; "contradicted" stood on 31 % of such skies."""
@@ -159,7 +161,7 @@ def test_p_values_of_bins(case, skies):
         contradicted += any(max(p, permuted[name]) < 0.0027 for name, p in plain.items())
         # The same hypothesis by two ways: far bins have hardly a secular parallax.
         assert abs(permuted["S"] - permuted["secular_parallax"]) < 0.1
-    low, high = (0.02, 0.09) if skies == 300 else (0.0, 0.175)  # 40 skies: 0.05 + 3.6 · 0.034
+    low, high = (0.02, 0.09) if skies == 300 else (0.0, 0.225)  # 20 skies: 0.05 + 3.6 · 0.049
     for name, values in found.items():
         share = np.mean(np.array(values) <= 0.05)
         assert low <= share <= high, (name, share)

@@ -144,5 +144,11 @@ def test_the_readme_is_one_screen():
 def test_the_version_is_said_once():
     assert "version" not in yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     said = re.compile(rf"version\s*[:=]+\s*[\"']?{re.escape(vsh.__version__)}")
-    for path in [ROOT / "README.md", *DOCS.glob("*.md"), ROOT / "setup.cfg", ROOT / "pyproject.toml", ROOT / "setup.py"]:
+    for path in [
+        ROOT / "README.md",
+        *DOCS.glob("*.md"),
+        ROOT / "setup.cfg",
+        ROOT / "pyproject.toml",
+        ROOT / "setup.py",
+    ]:
         assert not said.search(path.read_text(encoding="utf-8")), path.name

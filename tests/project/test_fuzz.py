@@ -4,6 +4,7 @@ import signal
 
 import fuzz
 import pytest
+from conftest import few_or_many
 
 
 @pytest.fixture(scope="module")
@@ -12,12 +13,13 @@ def files(tmp_path_factory):
     return fuzz.make_files(tmp_path_factory.mktemp("whole"))
 
 
-def test_a_hundred_mutants_of_each(files):
+@few_or_many(20, 100, "number")
+def test_mutants_of_each(files, number):
     broken = []
     for name, (path, read) in files.items():
         whole, damaged = fuzz.describe(read(path)), path.with_name(f"mutant-{path.name}")
         assert fuzz.outcome(read, path, whole) == "same"
-        for k, mutant in fuzz.mutants(7, name, path.read_bytes(), 100):
+        for k, mutant in fuzz.mutants(7, name, path.read_bytes(), number):
             damaged.write_bytes(mutant)
             signal.setitimer(signal.ITIMER_REAL, fuzz.SECONDS)
             try:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import few_or_many
 from scipy import stats
 
 import fit
@@ -148,14 +149,15 @@ def test_threads_change_nothing():
         np.testing.assert_array_equal(getattr(one, name), getattr(four, name))
 
 
-def test_orientation_from_vlbi():
+@few_or_many(12, 40)
+def test_orientation_from_vlbi(n_skies):
     """Offsets of 300 quasars through the mission: nine parameters, pulls standard normal."""
     quasars = sim.quasars(1500, rng=1)
     vlbi = sim.vlbi_quasars(quasars, 300, rng=2)
     assert np.isin(vlbi.lon, quasars.lon).all()
     truth = np.array([300.0, -200, 100, 5, -4, 3, 0, 6, -2])
     pulls = []
-    for seed in range(40):
+    for seed in range(n_skies):
         motions = sim.observe(
             quasars, sim.spin(truth[3:6]) + sim.acceleration(truth[6:]), [seed, 1], mission=sim.Mission(LAW, attitude=0)
         )

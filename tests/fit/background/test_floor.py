@@ -190,7 +190,7 @@ def test_a_solution_with_a_floor_is_stored_whole(tmp_path):
 
 
 def test_the_vlba_table():
-    """713 sources: no parity, and a floor of some 0.4 µas/yr (physics of the audit: 0.4 to 0.5 by other errors)."""
+    """713 sources: no parity, and a floor of some 0.4 µas/yr."""
     field = read_field(real_catalogue("td2017_vlba_proper_motions.ecsv"))
     found = floor(fit.robust.student_t(field, 3))
     assert found.parity_p_value > 0.3

@@ -107,7 +107,7 @@ def test_priors():
 
 
 def test_strain_and_band():
-    """h_c = √(3Ω/2) H0/(π f), H0 = 2.2685e-18/s; the edges of the audit, 22.6 yr and 34 months."""
+    """h_c = √(3Ω/2) H0/(π f), H0 = 2.2685e-18/s; at 22.6 yr and 34 months."""
     found = wave_limit(injected(0.0, 1))
     assert found.frequency(22.6) == pytest.approx(1.4e-9, rel=0.01)
     assert found.frequency(34 / 12) == pytest.approx(11.2e-9, rel=0.01)
