@@ -164,7 +164,7 @@ _PAGE = Template("""<!doctype html>
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy"
+<meta http-equiv="Content-Security-Policy" \
 content="default-src 'none'; img-src data:; style-src $style_hash; script-src $script_hashes">
 <meta name="generator" content="vsh-astrometry">
 <title>$title</title>
@@ -331,7 +331,7 @@ def _controls(top):
 <option value="S">S, flowing</option></select></label>
 <label class="row" for="only"><input type="checkbox" id="only"> this degree alone</label>
 <label for="projection">projection <select id="projection"><option value="hammer">Hammer</option>
-<option value="mollweide">Mollweide</option><option value="globe">globe</option>
+<option value="mollweide">Mollweide</option><option value="globe">globe</option>\
 <option value="polar">half, equal areas</option></select></label>
 <span class="row"><button id="farther" type="button" aria-label="zoom out">−</button>
 <button id="closer" type="button" aria-label="zoom in">+</button>
@@ -339,8 +339,9 @@ def _controls(top):
 </div>"""
 
 
-_KEYS = f"""<p class="faint" id="sky-keys">Drag or arrow keys turn it, + and − zoom, 0 goes back, n and p step through
-the sources. Coloured arrows stand above {SURE:.0f} σ, grey ones below; stars with circles: where acceleration and spin
+_KEYS = f"""<p class="faint" id="sky-keys">Drag or arrow keys turn it, + and − zoom, 0 goes back, n and p step \
+through the
+sources. Coloured arrows stand above {SURE:.0f} σ, grey ones below; stars with circles: where acceleration and spin \
 point, with 68 % cones.</p>"""
 
 
