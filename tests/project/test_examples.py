@@ -74,6 +74,7 @@ def pulls_of(text):
     return [float(x) for line in text.splitlines() if "found − true" in line for x in line.split("[")[1][:-1].split()]
 
 
+@pytest.mark.slow
 def test_redshift_dipoles(tmp_path):
     text = run("redshift_dipoles.py", folder=tmp_path)
     numbers = [
@@ -116,6 +117,7 @@ def test_velocity_forecast(tmp_path):
     assert (tmp_path / "velocity_forecast.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_correlation_matrices(tmp_path):
     text = run("correlation_matrices.py", folder=tmp_path)
     assert "upper GUMS-like, lower IGQL-like" in text

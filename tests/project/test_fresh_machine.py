@@ -49,6 +49,7 @@ def test_versions_are_locked_and_floors_are_tested():
     assert all(f"\n{name}==" in newest for name in floors if name != "uv")
 
 
+@pytest.mark.slow
 def test_two_processes_at_once_in_an_empty_home(tmp_path):
     """arviz' stamp is written under one temporary name: of two first imports one failed now and then."""
     code = "import fit.posterior._plot"

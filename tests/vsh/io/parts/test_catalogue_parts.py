@@ -122,6 +122,7 @@ def cluster():
         yield running
 
 
+@pytest.mark.slow
 def test_a_cluster_by_its_address(folder, whole, cluster, tmp_path):
     here = Moments.of(parts(folder), 4)
     by_address = parts(folder, scheduler=cluster.scheduler_address)
