@@ -142,7 +142,7 @@ def effects(redshift: float = 0.01) -> dict[str, Any]:
     peculiar = tuple(speed / (AU_PER_YEAR * distance) for speed in (600.0, 1500.0))
     depth = lensing_depth(0.05 / u.Mpc**3, 1e11 * u.M_sun, 5 * u.Gpc, 10 * u.Gpc)
     lens = float(transverse_motion(600 * u.km / u.s, 5 * u.Gpc).value)
-    shear = 0.01 * hubble_rate(FLAT_PLANCK13.H0.value)
+    shear = 0.01 * hubble_rate(FLAT_PLANCK13.hubble)
     return {
         "acceleration of the Solar System": (galactic, galactic),
         "cosmological proper motion": (parallax, parallax),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, chndtr, log_ndtr
+from scipy.special import chdtr, chdtrc, chndtrinc, log_ndtr
 
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
@@ -148,12 +148,10 @@ class Vector(Frozen):
         sigma = np.sqrt(np.trace(self.covariance) / 3)
         if not sigma > 0:
             return self.amplitude, self.amplitude
-        from scipy.optimize import brentq  # slow to import
-
         x = (self.amplitude / sigma) ** 2
         low = 0.0
         if chdtrc(3, x) < tail:
-            low = brentq(lambda a: 1 - chndtr(x, 3, a * a) - tail, 0, np.sqrt(x) + 1)
+            low = np.sqrt(chndtrinc(x, 3, 1 - tail))
         return float(low * sigma), self._upper(tail)
 
     def amplitude_limit(self, probability: float = 0.95) -> float:
@@ -167,14 +165,9 @@ class Vector(Frozen):
         sigma = np.sqrt(np.trace(self.covariance) / 3)
         if not sigma > 0:
             return self.amplitude
-        from scipy.optimize import brentq
-
-        x = (self.amplitude / sigma) ** 2
-        alone = chdtr(3, x)
-        if alone <= 0:
-            alone = 1e-300
-        top = np.sqrt(x) + 10
-        return float(sigma * brentq(lambda a: chndtr(x, 3, a * a) / alone - tail, 0, top))
+        # Of as short vectors that noise alone gives, a true one of this length gives the share `tail`.
+        x = max(self.amplitude / sigma, 1e-6) ** 2
+        return float(sigma * np.sqrt(chndtrinc(x, 3, tail * chdtr(3, x))))
 
     def direction_cone(self, probability: float = 0.68) -> float:
         """Opening of the cone about `direction` that holds the true one with `probability`. [deg]

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import cho_factor, cho_solve
 
 from fit.normal import NormalEquations
@@ -20,6 +19,11 @@ from vsh.tools.types import ArrayLike, FloatArray, IntArray
 #: Densities that an amplitude A is given beforehand: 1, A^−½, 1/A.
 Prior: TypeAlias = Literal["flat", "root", "log"]
 _POWERS = {"flat": 1, "root": 0, "log": -1}
+
+
+def trapezoids(y: FloatArray, x: FloatArray) -> FloatArray:
+    """The integral of y from x[0] to each x."""
+    return np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2 * np.diff(x))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +93,7 @@ class Amplitude(Frozen):
     def _shares(self, prior, lowest=None):
         """√A and the probability below it."""
         x, mass = self._mass(prior, lowest)
-        share = cumulative_trapezoid(mass, x, initial=0)
+        share = trapezoids(mass, x)
         return x, share / share[-1]
 
     def _mass(self, prior, lowest=None):

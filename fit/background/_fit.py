@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.integrate import trapezoid
 from scipy.special import gammaln, logsumexp
 
-from fit.background._amplitude import Amplitude, equations_of, fitted_degrees, is_scaled, words_of
+from fit.background._amplitude import Amplitude, equations_of, fitted_degrees, is_scaled, trapezoids, words_of
 from fit.background._likelihood import Likelihood, Maximum
 from fit.normal import NormalEquations
 from fit.solution import HarmonicSolution
@@ -77,7 +76,7 @@ class _Grid:
         # Contracting the last axis first, the target stays.
         sums = reduce(np.matmul, reversed(weights), np.exp(total - highest))
         target = nodes[k]
-        evidence = float(np.log(trapezoid(sums * self._prior(k, target), target)) + highest) - self._nothing()
+        evidence = float(np.log(trapezoids(sums * self._prior(k, target), target)[-1]) + highest) - self._nothing()
         logarithm = np.log(sums + 1e-300)
         return Amplitude(target, logarithm - logarithm.max()), evidence
 

@@ -15,10 +15,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import quad
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dposv
-from scipy.optimize import brentq, minimize
 from scipy.special import chdtrc
 
 from fit.background._amplitude import places, words_of
@@ -131,20 +129,34 @@ class Likelihood:
             return self._maximum()
 
     def _maximum(self):
-        best = minimize(
-            self._loss,
-            np.ones(len(self)),
-            jac=True,
-            bounds=[(0, 60)] * len(self),
-            method="L-BFGS-B",
-            options={"ftol": 1e-13, "gtol": 1e-7},
-        )
-        ratios = self.unit * np.expm1(best.x)
-        ratios[best.x < 1e-6] = 0.0  # rounding of the search is no background
+        best = self._search(np.ones(len(self)))
+        ratios = self.unit * np.expm1(best)
+        ratios[best < 1e-6] = 0.0  # rounding of the search is no background
         logdet, gain = self.parts(ratios)
         tau = self.scale(gain)
         above = max(float(self.of_parts(logdet, gain, tau)) - self.profile(np.zeros(len(self))), 0.0)
         return Maximum(ratios * tau, float(np.sqrt(tau)), above, self._covariance(ratios, tau))
+
+    def _search(self, x):
+        """Where the loss is least for 0 ≤ x ≤ 60, by Newton's method with differences of its slope."""
+        loss, slope = self._loss(x)
+        for _ in range(100):
+            free = ~((x <= 0) & (slope > 0) | (x >= 60) & (slope < 0))
+            if np.abs(slope[free]).max(initial=0.0) < 1e-8:
+                break
+            bend = np.array([self._loss(x + 1e-5 * axis)[1] - slope for axis in np.eye(len(x))]) / 1e-5
+            values, vectors = np.linalg.eigh((bend + bend.T)[np.ix_(free, free)] / 2)
+            step = np.zeros(len(x))
+            step[free] = -vectors @ (vectors.T @ slope[free] / np.maximum(np.abs(values), 1e-8))
+            for shorter in 0.5 ** np.arange(30):
+                there = np.clip(x + shorter * np.clip(step, -3, 3), 0, 60)
+                value, its_slope = self._loss(there)
+                if value <= loss + 1e-4 * slope @ (there - x):
+                    break
+            else:
+                break  # no lower in double precision
+            x, loss, slope = there, value, its_slope
+        return x
 
     def _loss(self, x):
         """−ln L by a = unit (eˣ − 1), which is linear next to zero and logarithmic far from it; and its gradient."""
@@ -241,6 +253,8 @@ def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> fl
         size = np.sum(np.log(inner) / 4 + shifts**2 * y * y / inner / 2)
         return np.sin(angle) / u * np.exp(-size)
 
+    from scipy.integrate import quad  # slow to import
+
     # What is left beyond the end: at most 1/(π k U^k √Πr) with k = n/2 (his eq. 3.4).
     k = len(ratio) / 2
     end = np.exp(-(np.log(np.pi * k * _ACCURACY) + np.sum(np.log(ratio)) / 2) / k)
@@ -250,6 +264,8 @@ def probability_above(x: float, variances: FloatArray, shifts: FloatArray) -> fl
 
 def quantile(probability: float, variances: FloatArray, shifts: FloatArray) -> float:
     """The value below which Σ λ_i (z_i + δ_i)² lies with a probability."""
+    from scipy.optimize import brentq  # slow to import
+
     mean = np.sum(variances * (1 + shifts**2))
     spread = np.sqrt(np.sum(2 * variances**2 * (1 + 2 * shifts**2)))
     high = mean + 3 * spread

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from fit.correlation._forecast import Prediction, predict_covariance, reweighted
 from fit.solution import at_sources
@@ -127,6 +126,8 @@ def downweight(sources: Any, max_correlation: float, *, nside: int = 4, sigma: A
     first = np.abs(correlation_of(covariance(keep))[pairs]).max()
     for bound in np.geomspace(max(first, max_correlation), max_correlation, 12):
         limit[()] = bound
+        from scipy.optimize import minimize  # slow to import
+
         minimum = minimize(
             cost,
             keep,

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import ncfdtr
 
 from fit.pairs._power import windows
@@ -192,6 +191,8 @@ def _noncentrality(ratio, k, dof, p):
     """The non-centrality for which an F of k and dof degrees of freedom is as small with probability p, or zero."""
     if ncfdtr(k, dof, 0.0, ratio) <= p:
         return 0.0
+    from scipy.optimize import brentq  # slow to import; scipy.special's own inverse ends at 10⁴
+
     high = 4 * k * (ratio + 10)
     while ncfdtr(k, dof, high, ratio) > p:
         high *= 2

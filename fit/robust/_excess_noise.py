@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from fit.normal import normal_equations
 from fit.solution import AboutSolution, Solution
@@ -209,6 +208,8 @@ class _Restricted:
         def loss(x):
             value, slope = self.loss(natural(x))
             return value, slope * np.r_[np.exp(x[0]), np.exp(x[1:])]
+
+        from scipy.optimize import minimize  # slow to import
 
         options = {"maxiter": max_rounds, "ftol": 1e-15, "gtol": tolerance / np.sqrt(self.n_sources)}
         parameters = natural(minimize(loss, start, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x)

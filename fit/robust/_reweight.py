@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.optimize import minimize_scalar
 from scipy.special import gamma, gammainc, gammaln
 
 from fit.normal import normal_equations
@@ -116,6 +115,8 @@ def _likeliest_nu(mean_logs, components):
         nu = np.exp(log_nu)
         constant = gammaln((nu + components) / 2) - gammaln(nu / 2) - components / 2 * np.log(nu)
         return -(constant - (nu + components) / 2 * chebyshev.chebval(2 * (log_nu - _LOW) / (_HIGH - _LOW) - 1, terms))
+
+    from scipy.optimize import minimize_scalar  # slow to import
 
     return float(np.exp(minimize_scalar(loss, bounds=(_LOW, _HIGH), method="bounded").x))
 

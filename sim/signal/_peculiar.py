@@ -218,7 +218,7 @@ class SecularParallax(Observer):
     """Parallax by our velocity [km/s, toward the apex]."""
 
     velocity: FloatArray
-    cosmology: object
+    cosmology: Cosmology | None
     hubble: float | None
 
     def __call__(self, lon: FloatArray, lat: FloatArray, redshift: ArrayLike) -> FloatArray:

@@ -1,7 +1,7 @@
-"""HEALPix: which part of the sky a source is in (the only healpy)."""
+"""HEALPix: which part of the sky a source is in."""
 
-import healpy
 import numpy as np
+from ducc0.healpix import Healpix_Base
 
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
@@ -35,7 +35,8 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = Fals
         raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
     if not (np.isfinite(lon).all() and (np.abs(lat) <= np.pi / 2 * (1 + 1e-14)).all()):
         raise FieldError("positions are not finite, or beyond a pole")
-    return healpy.ang2pix(nside, np.clip(np.pi / 2 - lat, 0, np.pi), lon, nest=nested)
+    place = np.stack([np.clip(np.pi / 2 - lat, 0, np.pi), lon % (2 * np.pi)], axis=1)
+    return Healpix_Base(int(nside), "NEST" if nested else "RING").ang2pix(place)
 
 
 def check_nside(nside: int) -> int:
@@ -53,7 +54,7 @@ def centres(nside: int) -> tuple[FloatArray, FloatArray]:
     nside : int
         Resolution of the HEALPix pixels.
     """
-    theta, phi = healpy.pix2ang(check_nside(nside), np.arange(12 * nside**2))
+    theta, phi = Healpix_Base(int(check_nside(nside)), "RING").pix2ang(np.arange(12 * nside**2)).T
     return phi, np.pi / 2 - theta
 
 
@@ -75,8 +76,8 @@ def random_positions(density: ArrayLike, n: int, rng: Rng) -> tuple[FloatArray, 
     # Evenly within a pixel: one of its 4^k children, then a shift below their size. In nested order
     # a pixel's children are consecutive.
     finer = max(1, min(8192, 2**29 // nside) // nside)
-    child = healpy.ring2nest(nside, pixel) * finer**2 + rng.integers(finer**2, size=n)
-    theta, phi = healpy.pix2ang(nside * finer, child, nest=True)
+    child = Healpix_Base(nside, "RING").ring2nest(pixel) * finer**2 + rng.integers(finer**2, size=n)
+    theta, phi = Healpix_Base(nside * finer, "NEST").pix2ang(child).T
     return phi, np.pi / 2 - theta
 
 
@@ -91,6 +92,8 @@ def _valueless(values):
 
 def smoothed(values: ArrayLike, width: float) -> FloatArray:
     """A map smoothed by a Gaussian; its sum stays, to a thousandth."""
+    import healpy  # slow to import, with matplotlib
+
     return np.asarray(healpy.smoothing(np.asarray(values, float), fwhm=np.radians(width)))
 
 

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -13,7 +14,6 @@ from multiprocessing import active_children, get_context, parent_process
 from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
-from tqdm import tqdm
 
 resource: Any
 try:
@@ -43,16 +43,30 @@ def progress_bar(
     **options: Any,
 ) -> Any:
     """A tqdm bar on stderr; none in a log file or a pipe."""
-    # With None tqdm looks whether stderr is a terminal.
-    return tqdm(
-        things,
-        total=total,
-        desc=words or None,
-        delay=2,
-        disable=None if shown and not _HIDDEN.get() else True,
-        unit=unit,
-        **options,
-    )
+    if not (shown and not _HIDDEN.get() and sys.stderr is not None and sys.stderr.isatty()):
+        return _NoBar(things)
+    from tqdm import tqdm
+
+    return tqdm(things, total=total, desc=words or None, delay=2, unit=unit, **options)
+
+
+class _NoBar:
+    """What is used of a progress bar, where nobody sees one."""
+
+    def __init__(self, things: Iterable[Any] | None) -> None:
+        self._things = things
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._things or ())
+
+    def __enter__(self) -> "_NoBar":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return lambda *words, **options: None
 
 
 T = TypeVar("T")

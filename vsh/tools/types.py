@@ -1,19 +1,31 @@
 """Types that signatures share."""
 
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike as ArrayLike
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from astropy.cosmology import FLRW as Cosmology
     from astropy.table import Table
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 else:  # not imported for their names
-    Axes = Cosmology = Figure = Table = Any
+    Axes = Figure = Table = Any
+
+
+class Cosmology(Protocol):
+    """What is asked of a cosmology: one of astropy's, or `FLAT_PLANCK13` and its like."""
+
+    @property
+    def H0(self) -> Any: ...
+
+    @property
+    def Ok0(self) -> Any: ...
+
+    def comoving_transverse_distance(self, z: Any) -> Any: ...
+
 
 #: Arrays as results have them; shapes and units are in the docstrings.
 FloatArray: TypeAlias = NDArray[np.float64]

@@ -1,17 +1,62 @@
-"""Distances of galaxies and quasars (the only astropy.cosmology)."""
+"""Distances of galaxies and quasars, by a flat cosmology of our own or any of astropy's."""
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from astropy.cosmology import FlatLambdaCDM
-from scipy.interpolate import make_interp_spline
+from scipy.special import hyp2f1
 
 from vsh.models.cosmology._apex import FLOW_LIMIT, count_unusable, usable
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import ConvergenceError, FieldError, ParameterError
-from vsh.tools.types import ArrayLike, Cosmology, FloatArray
+from vsh.tools.types import ArrayLike, Cosmology, FloatArray, Quantity
 from vsh.tools.units import SPEED_OF_LIGHT
 
+
+@dataclass(frozen=True)
+class FlatLCDM:
+    """A flat cosmology of matter and a cosmological constant, without astropy.cosmology's second to import.
+
+    `H0` and `comoving_transverse_distance` are those of astropy's `FlatLambdaCDM(hubble, omega_m)`, which `to_astropy`
+    gives.
+    """
+
+    hubble: float
+    omega_m: float
+    Ok0 = 0.0
+
+    def distance(self, redshift: FloatArray) -> FloatArray:
+        """Transverse comoving distance [Mpc]: Baes, Camps & Van De Putte (2017, MNRAS 468, 927), eq. 15."""
+        s = ((1 - self.omega_m) / self.omega_m) ** (1 / 3)
+
+        def integral(x):
+            return 2 * np.sqrt(x) * hyp2f1(1 / 6, 1 / 2, 7 / 6, -(x**3))
+
+        scale = SPEED_OF_LIGHT / self.hubble / np.sqrt(s * self.omega_m)
+        return scale * (integral(s) - integral(s / (redshift + 1)))
+
+    @property
+    def H0(self) -> Quantity:
+        """The Hubble constant as astropy's Quantity."""
+        from astropy import units as u
+
+        return self.hubble * u.km / u.s / u.Mpc
+
+    def comoving_transverse_distance(self, redshift: ArrayLike) -> Quantity:
+        """`distance` as astropy's Quantity."""
+        from astropy import units as u
+
+        return self.distance(np.asarray(redshift, float)) * u.Mpc
+
+    def to_astropy(self) -> Any:
+        """The same cosmology as astropy's `FlatLambdaCDM`."""
+        from astropy.cosmology import FlatLambdaCDM
+
+        return FlatLambdaCDM(self.hubble, self.omega_m)
+
+
 #: Flat, Ω_m = 0.315, H0 = 67.3 km/s/Mpc: Bachchan, Hobbs & Lindegren (2016).
-FLAT_PLANCK13 = FlatLambdaCDM(H0=67.3, Om0=0.315)
+FLAT_PLANCK13 = FlatLCDM(67.3, 0.315)
 #: More redshifts than this are interpolated.
 _EXACT = 1000
 
@@ -86,6 +131,8 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
     To the antipode of a closed cosmology, and to z = 1000.
     """
     cosmology = FLAT_PLANCK13 if cosmology is None else cosmology
+    from scipy.interpolate import make_interp_spline  # slow to import
+
     grid = np.geomspace(FLOW_LIMIT, 1000.0, 4000)
     known = _exact(grid, cosmology)
     rising = slice(0, int(np.argmax(known)) + 1)
@@ -97,11 +144,13 @@ def redshift_of(distance: ArrayLike, cosmology: Cosmology | None = None) -> Floa
 
 def flat(omega_m: float) -> Cosmology:
     """A flat cosmology with a cosmological constant."""
-    return FlatLambdaCDM(H0=hubble_value(FLAT_PLANCK13), Om0=omega_m)
+    return FlatLCDM(FLAT_PLANCK13.hubble, omega_m)
 
 
 def hubble_value(cosmology: Cosmology) -> float:
-    """The Hubble constant of an astropy cosmology. [km/s/Mpc]"""
+    """The Hubble constant of a cosmology. [km/s/Mpc]"""
+    if isinstance(cosmology, FlatLCDM):
+        return cosmology.hubble
     return float(_checked(cosmology).H0.to_value("km / (s Mpc)"))
 
 
@@ -112,9 +161,9 @@ def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> 
     Gravitation and Cosmology, sect. 14.4).
     """
     distance = np.asarray(distance, float)
-    curvature = 0.0 if cosmology is None else float(_checked(cosmology).Ok0)
-    if not curvature:
+    if cosmology is None or not _checked(cosmology).Ok0:
         return np.ones_like(distance)
+    curvature = float(cosmology.Ok0)
     return np.sqrt(np.maximum(1 + curvature * (distance * hubble_value(cosmology) / SPEED_OF_LIGHT) ** 2, 0.0))
 
 
@@ -129,12 +178,16 @@ def _checked(cosmology):
 
 
 def _exact(redshift, cosmology):
+    if isinstance(cosmology, FlatLCDM):
+        return cosmology.distance(redshift)
     return cosmology.comoving_transverse_distance(redshift).to_value("Mpc")
 
 
 def _interpolated(redshift, cosmology, accuracy=1e-9):
     """By a quintic spline of log(d/z) in log(1 + z), refined until it holds between its nodes."""
     low, high = np.log1p(redshift.min()), np.log1p(redshift.max()) + 1e-12
+    from scipy.interpolate import make_interp_spline  # slow to import
+
     nodes = 32
     while nodes <= 4096:
         x = np.linspace(low, high, nodes + 1)
