@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from astropy.coordinates import CartesianRepresentation, SkyCoord
 from conftest import random_field
 from scipy.spatial.transform import Rotation
 
 import fit
 from vsh import Coefficients, Field, Modes
 from vsh.rotate import rotate
-from vsh.sky.frames import rotation_matrix
+from vsh.sky.frames import FRAMES, rotation_matrix
 from vsh.tools.errors import FrameError
 
 LMAX = 12
@@ -75,3 +76,12 @@ def test_what_is_no_rotation_is_refused(to):
 def test_a_covariance_of_the_wrong_shape_is_refused():
     with pytest.raises(ValueError, match="covariance has shape"):
         rotate(C, "galactic", covariance=np.eye(3))
+
+
+@pytest.mark.parametrize("to", ["icrs", "galactic", "ecliptic"])
+@pytest.mark.parametrize("frame", ["icrs", "galactic", "ecliptic"])
+def test_the_matrices_are_astropys(frame, to):
+    axes = SkyCoord(CartesianRepresentation(np.eye(3)), frame=FRAMES[frame])
+    np.testing.assert_allclose(
+        rotation_matrix(frame, to), axes.transform_to(FRAMES[to]).cartesian.xyz.value, atol=3e-16
+    )

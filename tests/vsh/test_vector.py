@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import few_or_many
 
 from vsh import Vector
 from vsh.tools.errors import FrameError, VshError
@@ -48,12 +49,13 @@ def test_unknown_frames_are_named():
         Vector([1, 2, 3], COVARIANCE, "b1950")
 
 
+@few_or_many(200, 600, "n")
 @pytest.mark.parametrize("covariance", [np.eye(3), np.diag([0.5, 1.0, 2.0])])
 @pytest.mark.parametrize("signal_to_noise", [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0])
-def test_intervals_limits_and_cones_cover(covariance, signal_to_noise):
+def test_intervals_limits_and_cones_cover(covariance, signal_to_noise, n):
     """± covered 19 % of lengths without a signal, 45 % at S/N 1."""
     rng = np.random.default_rng(int(10 * signal_to_noise) + 1)
-    root, sigma, n = np.linalg.cholesky(covariance), np.sqrt(np.trace(covariance) / 3), 600
+    root, sigma = np.linalg.cholesky(covariance), np.sqrt(np.trace(covariance) / 3)
     inside = limited = coned = 0
     for _ in range(n):
         direction = rng.normal(size=3)
