@@ -65,7 +65,7 @@ _FROM_ICRS = {
 
 @lru_cache
 def _rotation(frame, to):
-    matrix = _FROM_ICRS[to] @ _FROM_ICRS[frame].T
+    matrix = np.eye(3) if frame == to else _FROM_ICRS[to] @ _FROM_ICRS[frame].T
     matrix.flags.writeable = False
     return matrix
 
