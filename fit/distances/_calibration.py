@@ -11,13 +11,14 @@ G drops out. A motion that falls as 1/d is expected to be as E[1/d] has it (regr
 2006, Measurement Error in Nonlinear Models, ch. 4): putting the observed redshift in would bias it.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
-from fit.distances._density import ErrorsByRedshift, LuminosityFunction, SourceDensity
+from fit.distances._density import ErrorsByRedshift, GivenDensity, LuminosityFunction, SourceDensity
 from vsh.field import Field
 from vsh.models.cosmology import FLOW_LIMIT, count_unusable, hubble_value, to_cmb, transverse_distance, usable
 from vsh.sky.frames import TRUE
@@ -136,7 +137,9 @@ def _distance(redshift, cosmology):
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
 _REACH = 6.0
-_BLOCK = 8192
+_BLOCK = 1024
+#: Cells of a table of cubics, and the last ln(1 + z) in it; knots of one in the redshifts of sources.
+_CELLS, _FARTHEST, _KNOTS = 8192, np.log(40.0), 3000
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,12 +182,15 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     unsure = np.flatnonzero(spread > 0)
     magnitude = None if calibration.luminosity is None else np.asarray(field.magnitude)
 
-    def block(part):
-        rows = unsure[part]
-        x, s = np.log1p(redshift[rows]), spread[rows]
-        return _by_redshift(calibration, x, s, None if magnitude is None else magnitude[rows])
-
     if unsure.size:
+        of = _moments_of(calibration, np.log1p(redshift[unsure]), spread[unsure])
+        brightness = None if magnitude is None else magnitude[unsure]
+
+        def block(part):
+            return of(
+                np.log1p(redshift[unsure[part]]), spread[unsure[part]], None if brightness is None else brightness[part]
+            )
+
         blocks = list(map_blocks(block, unsure.size, _BLOCK, threads))
         mean[unsure], variance[unsure], slope[unsure] = np.concatenate(blocks, axis=1)
     if calibration.exact:
@@ -219,22 +225,89 @@ def mean_rates(field: Field, calibration: Calibration | None) -> FloatArray:
     return rate
 
 
-def _by_redshift(calibration, x, spread, magnitude):
-    """Mean, variance and slope of the rate, (3, n)."""
-    low, high = (
-        np.maximum(x - _REACH * spread, np.log1p(FLOW_LIMIT)),
-        np.maximum(x, np.log1p(FLOW_LIMIT)) + _REACH * spread,
-    )
-    half = (high - low) / 2
-    nodes = (high + low) / 2 + half * _NODES[:, None]
-    log_d, log_weight = calibration.log_distance(nodes)
-    log_weight = log_weight - ((nodes - x) / spread) ** 2 / 2 + _log_prior(calibration, log_d, nodes, magnitude)
-    weight = _normal(log_weight)
-    rate = np.exp(-log_d) / AU_PER_YEAR
-    mean = np.sum(weight * rate, 0)
-    centre = np.sum(weight * nodes, 0)
-    away = rate - mean
-    return np.stack([mean, np.sum(weight * away**2, 0), np.sum(weight * away * (nodes - centre), 0) / spread**2])
+class _Cubics:
+    """Smooth functions of one variable as cubics on an even grid: a lookup and three products at each place."""
+
+    def __init__(self, low: float, high: float, function: Callable[[FloatArray], Sequence[FloatArray]]) -> None:
+        grid = np.linspace(low, high, _CELLS + 1)
+        self.values = np.array(function(grid))
+        self._low, self._per_cell = low, _CELLS / (high - low)
+        if self.finite:
+            powers = CubicSpline(grid, self.values, axis=1).c / self._per_cell ** np.arange(3, -1, -1)[:, None, None]
+            self._powers = np.ascontiguousarray(np.moveaxis(powers, 2, 0))
+
+    @property
+    def finite(self) -> bool:
+        """Whether there are numbers everywhere."""
+        return bool(np.isfinite(self.values).all())
+
+    def __call__(self, x: FloatArray) -> list[FloatArray]:
+        place = (x - self._low) * self._per_cell
+        cell = place.astype(np.int32)
+        np.clip(cell, 0, _CELLS - 1, out=cell)
+        place -= cell
+        return [self._one(powers, cell, place) for powers in self._powers]
+
+    @staticmethod
+    def _one(powers, cell, place):
+        value = powers[0].take(cell)
+        for power in powers[1:]:
+            value *= place
+            value += power.take(cell)
+        return value
+
+
+class _Moments:
+    """Mean, variance and slope of the rate of sources, by quadrature over their true redshifts."""
+
+    def __init__(self, calibration: Calibration) -> None:
+        self.calibration = calibration
+        # A function of the user's may have steps, which cubics have not.
+        smooth = not isinstance(calibration.density.curve, GivenDensity)
+        self.curves = _Cubics(np.log(np.log1p(FLOW_LIMIT)), np.log(_FARTHEST), self._of_log_x) if smooth else None
+        if self.curves is not None and not self.curves.finite:
+            self.curves = None
+        luminosity = calibration.luminosity
+        self.luminosity = luminosity
+        if self.curves is not None and luminosity is not None:
+            table = _Cubics(-60.0, 40.0, lambda m: [luminosity.log(m)])
+            self.luminosity = LuminosityFunction(lambda m: table(m)[0], luminosity.words)
+
+    def _of_log_x(self, log_x):
+        """The logarithm of the weight, the rate, and the distance modulus with its (1 + z)."""
+        x = np.exp(log_x)
+        log_d, log_weight = self.calibration.log_distance(x)
+        weight = log_weight + self.calibration.density.log(np.exp(log_d))
+        return weight, np.exp(-log_d) / AU_PER_YEAR, 5 / np.log(10) * (log_d + x) + 25
+
+    def __call__(self, x: FloatArray, spread: FloatArray, magnitude: FloatArray | None) -> FloatArray:
+        """(3, n), for x = ln(1 + z)."""
+        lowest = np.log1p(FLOW_LIMIT)
+        low, high = np.maximum(x - _REACH * spread, lowest), np.maximum(x, lowest) + _REACH * spread
+        nodes = (high + low) / 2 + (high - low) / 2 * _NODES[:, None]
+        away = nodes - x
+        curves = self._of_log_x if self.curves is None else self.curves
+        weight, rate, modulus = curves(np.log(nodes))
+        weight -= (away / spread) ** 2 / 2
+        if self.luminosity is not None and magnitude is not None:
+            weight += self.luminosity.log(magnitude - modulus)
+        weight = _normal(weight)
+        mean, centre = np.einsum("qn,qn->n", weight, rate), np.einsum("qn,qn->n", weight, away)
+        rate -= mean
+        away -= centre
+        share = weight * rate
+        variance, slope = np.einsum("qn,qn->n", share, rate), np.einsum("qn,qn->n", share, away)
+        return np.stack([mean, variance, slope / spread**2])
+
+
+def _moments_of(calibration, x, spread):
+    """The moments of many sources: of one spread without magnitudes they are functions of x alone."""
+    of = _Moments(calibration)
+    if calibration.luminosity is not None or np.ptp(spread) > 0 or len(x) < 2 * _KNOTS:
+        return of
+    knots = np.linspace(np.log(x.min()), np.log(x.max()) + 1e-12, _KNOTS)
+    spline = CubicSpline(knots, of(np.exp(knots), np.full(_KNOTS, spread[0]), None), axis=1)
+    return lambda x, spread, magnitude: spline(np.log(x))
 
 
 def _by_distance(calibration, distance, error, redshift, magnitude):
@@ -258,5 +331,8 @@ def _log_prior(calibration, log_d, x, magnitude):
 
 
 def _normal(log_weight):
-    weight = _WEIGHTS[:, None] * np.exp(log_weight - log_weight.max(0))
-    return weight / weight.sum(0)
+    log_weight -= log_weight.max(0)
+    weight = np.exp(log_weight, out=log_weight)
+    weight *= _WEIGHTS[:, None]
+    weight /= weight.sum(0)
+    return weight

@@ -100,7 +100,8 @@ class Completed:
     log_share: FloatArray
 
     def __call__(self, log_distance: FloatArray) -> FloatArray:
-        return self.curve(log_distance) - np.interp(log_distance, self.log_distance, self.log_share)
+        share = CubicSpline(self.log_distance, self.log_share)
+        return self.curve(log_distance) - share(np.clip(log_distance, *self.log_distance[[0, -1]]))
 
 
 def completed(density: SourceDensity, luminosity: Any, limit: float, log_distance: Any) -> SourceDensity:
