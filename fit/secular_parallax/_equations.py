@@ -211,8 +211,10 @@ def equations_of(
         np.concatenate([rate, rate]),
         np.concatenate([left, left]),
     ]
-    both = np.r_[order, order + len(field)]
-    design, motion, variance, rates, lefts = (pair[both] for pair in pairs)
+    if modes is not None:
+        both = np.r_[order, order + len(field)]
+        pairs = [pair[both] for pair in pairs]
+    design, motion, variance, rates, lefts = pairs
     return ParallaxEquations(
         design,
         motion,
