@@ -165,7 +165,7 @@ class Vector(Frozen):
         sigma = np.sqrt(np.trace(self.covariance) / 3)
         if not sigma > 0:
             return self.amplitude
-        # Of as short vectors that noise alone gives, a true one of this length gives the share `tail`.
+        # A true vector of this length is found as short or shorter `tail` times as often as noise alone.
         x = max(self.amplitude / sigma, 1e-6) ** 2
         return float(sigma * np.sqrt(chndtrinc(x, 3, tail * chdtr(3, x))))
 

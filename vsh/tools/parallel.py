@@ -57,7 +57,7 @@ class _NoBar:
         self._things = things
 
     def __iter__(self) -> Iterator[Any]:
-        return iter(self._things or ())
+        return iter(() if self._things is None else self._things)
 
     def __enter__(self) -> "_NoBar":
         return self

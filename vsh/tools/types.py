@@ -19,12 +19,15 @@ class Cosmology(Protocol):
     """What is asked of a cosmology: one of astropy's, or `FLAT_PLANCK13` and its like."""
 
     @property
-    def H0(self) -> Any: ...
+    def H0(self) -> Any:
+        """The Hubble constant, a Quantity."""
 
     @property
-    def Ok0(self) -> Any: ...
+    def Ok0(self) -> Any:
+        """Ω_k."""
 
-    def comoving_transverse_distance(self, z: Any) -> Any: ...
+    def comoving_transverse_distance(self, z: Any) -> Any:
+        """The distance at redshifts, a Quantity."""
 
 
 #: Arrays as results have them; shapes and units are in the docstrings.
