@@ -107,9 +107,9 @@ $(VENV)/installed-docs: $(VENV)/installed
 	$(BIN)/python $(PIP) --constraint requirements/newest.txt --editable '.[docs]'
 	@touch $@
 
-$(VENV)/installed-test: $(VENV)/installed
+$(VENV)/installed-test: $(VENV)/bin/python setup.cfg pyproject.toml requirements/newest.txt
 	$(BIN)/python $(PIP) --constraint requirements/newest.txt --editable '.[test]'
-	@touch $@
+	@touch $(VENV)/installed $@
 
 .venv-oldest/installed-test: .venv-oldest/bin/python setup.cfg pyproject.toml requirements/oldest.txt
 	.venv-oldest/bin/python $(PIP) --constraint requirements/oldest.txt --editable '.[test]'

@@ -18,7 +18,7 @@ def skies(n, truth):
         yield fit.fit_field(sim.observe(SKY, truth, rng=seed, sigma=50.0, rho=0.3), 3)
 
 
-@few_or_many(120, 400)
+@few_or_many(80, 400)
 def test_p_values_of_noise_are_uniform(n_skies):
     """On a cut sky, where the coefficients are correlated."""
     null = Coefficients(Modes(3), np.zeros(30))
@@ -27,7 +27,7 @@ def test_p_values_of_noise_are_uniform(n_skies):
         assert stats.kstest(column, "uniform").pvalue > 1e-3
 
 
-@few_or_many(120, 400)
+@few_or_many(80, 400)
 def test_power_is_debiased_and_its_error_is_its_scatter(n_skies):
     found = list(skies(n_skies, TRUTH))
     for kind, l in (("S", 1), ("T", 2)):
@@ -59,7 +59,7 @@ def test_mignard_and_klioners_w_is_power_over_the_zonal_variance():
     assert row.mk_w == pytest.approx(solution.coefficients.power("S", 2) / solution.sigma[zonal] ** 2)
 
 
-@few_or_many(60, 300, "draws")
+@few_or_many(30, 300, "draws")
 @pytest.mark.parametrize("over_noise", [0.0, 0.3, 1.0, 3.0, 10.0])
 def test_limits_hold_on_a_cut_sky(over_noise, draws):
     """Coefficients of one error or not, correlated or not: as often as they say, or more where there is little."""

@@ -41,6 +41,7 @@ def test_real_catalogue(tmp_path):
     assert "clipped 68 of 713" in text
 
 
+@pytest.mark.slow
 def test_robust_fits(tmp_path):
     """On the gallery's twin of a catalogue whose errors are wrong: least squares is off by many of its errors, the others by few of theirs."""
     run("make_vlbi_twin.py", tmp_path / "twin.ecsv", folder=tmp_path)
@@ -126,6 +127,7 @@ def test_correlation_matrices(tmp_path):
         assert (tmp_path / name).stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_compare_catalogues(tmp_path):
     text = run("compare_catalogues.py", folder=tmp_path)
     rows = [line.split() for line in text.splitlines() if " truth " in line]
@@ -155,6 +157,7 @@ def test_pairs_and_waves(tmp_path):
     assert {x.name for x in tmp_path.glob("*.png")} == {"pairs.png", "one_wave.png"}
 
 
+@pytest.mark.slow
 def test_harmonics(tmp_path):
     run("harmonics.py", folder=tmp_path)
     assert (tmp_path / "harmonics_1.png").stat().st_size > 10_000
@@ -180,6 +183,7 @@ def test_joint_solution(tmp_path):
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_vlbi_backgrounds(tmp_path):
     text = run("vlbi_backgrounds.py", ROOT / "fit" / "demo.fits", folder=tmp_path)
     assert "with the floor of degrees 2, 3" in text

@@ -77,6 +77,7 @@ def run(text, home):
     assert done.returncode == 0, done.stderr[-2000:]
 
 
+@pytest.mark.slow
 def test_the_job_for_one_node_runs(home, tmp_path):
     """SLURM's lines are comments to bash."""
     page = PAGES[0].read_text(encoding="utf-8")

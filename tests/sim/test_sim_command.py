@@ -42,7 +42,7 @@ def test_same_seed_same_bytes(tmp_path, ending):
         arguments = [
             "quasars",
             "--number",
-            "2500",
+            "600",
             "--variability",
             "100",
             "--seed",

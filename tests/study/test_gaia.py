@@ -113,6 +113,7 @@ def test_magnitudes_and_colours_share_out_the_sources(table):
     assert np.abs(np.sin(sources.field[chosen["|b| ≥ 30°"]].to_frame("galactic").lat)).min() >= 0.5 - 1e-12
 
 
+@pytest.mark.slow
 def test_the_command_from_simulation_to_page(tmp_path, capsys):
     path = tmp_path / "crf3.fits"
     assert simulate(["crf3", "--number", "6000", "--spin", "1,2,3", "--output", str(path)]) == 0

@@ -127,6 +127,7 @@ def test_errors_that_are_wrong_bias_nothing(n_skies):
         assert np.std(pulls) == pytest.approx(1, abs=1 / np.sqrt(n_skies))
 
 
+@pytest.mark.slow
 def test_errors_of_motions_that_neighbours_share():
     """Random fields from sky to sky: errors right within a sixth; those of a wide field on one sky are too large."""
     rng, spread, errors = np.random.default_rng(3), [], []
@@ -246,6 +247,7 @@ def test_treecorr():
     assert found.weight[0] == pytest.approx(hat.sum(), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_intervals_of_templates_hold_as_squares_scatter():
     """Value ± 1.96 errors held zero on 84 to 95 % of skies, and a spin's power on 86."""
     held, plain = [], []

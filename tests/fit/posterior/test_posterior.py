@@ -170,8 +170,8 @@ def test_a_callable_prior_is_the_gaussian_it_computes():
         return -np.sum((v - turned.value) ** 2, axis=1) / 3200
 
     hubble = Density(lambda h: -((h - 70) ** 2) / 50, 30, 110)
-    one = sample(field, turned, Normal(70, 5), n_samples=400_000, **SETTINGS)
-    two = sample(field, by_hand, hubble, n_samples=400_000, **SETTINGS)
+    one = sample(field, turned, Normal(70, 5), n_samples=150_000, **SETTINGS)
+    two = sample(field, by_hand, hubble, n_samples=150_000, **SETTINGS)
     for name in ("H0", "v_x"):
         a, b = one.summary()[name], two.summary()[name]
         assert abs(a.mean - b.mean) < 0.05 * a.sigma
@@ -263,6 +263,7 @@ def test_samples_travel(ending, tmp_path):
         np.testing.assert_array_equal(back[name], values)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_arviz():
     found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=500_000, **SETTINGS)

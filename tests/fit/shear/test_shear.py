@@ -45,7 +45,7 @@ def test_a_trace_makes_no_difference():
     assert_allclose(coefficients_of(SHEAR + 3 * np.eye(3)).values, coefficients_of(SHEAR).values, atol=1e-12)
 
 
-@few_or_many(60, 200)
+@few_or_many(30, 200)
 def test_pulls(n_skies):
     """Errors of the tensor and of its eigenvalues."""
     pulls, rates = [], []

@@ -27,7 +27,7 @@ def catalogue(tmp_path):
 
 def test_nothing_is_replaced_unasked(catalogue, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = [catalogue, "--lmax", "1", "--output", str(out)]
+    arguments = [catalogue, "--lmax", "1", "--output", str(out), "--no-figures"]
     assert main(arguments) == 0
     first = (out / "report.txt").read_text()
     assert main([*arguments[:2], "2", *arguments[3:]]) == 1
@@ -39,9 +39,9 @@ def test_nothing_is_replaced_unasked(catalogue, tmp_path, capsys):
     assert main([*arguments, "--overwrite"]) == 1
     assert "files that vsh-fit did not write (mine.txt)" in capsys.readouterr().err
     page = ["--html", str(tmp_path / "page.html")]
-    assert main([catalogue, "--lmax", "1", *page]) == 0
-    assert main([catalogue, "--lmax", "1", *page]) == 1
-    assert main([catalogue, "--lmax", "1", *page, "--overwrite"]) == 0
+    assert main([catalogue, "--lmax", "1", *page, "--no-figures"]) == 0
+    assert main([catalogue, "--lmax", "1", *page, "--no-figures"]) == 1
+    assert main([catalogue, "--lmax", "1", *page, "--no-figures", "--overwrite"]) == 0
 
 
 def test_other_commands_folders_are_left_alone(catalogue, tmp_path, capsys):
@@ -118,7 +118,8 @@ def test_only_our_own_leftovers_go(tmp_path):
     assert {x.name for x in tmp_path.iterdir()} == {".pre-commit-config.yaml", ".env-production"}
 
 
-@pytest.mark.parametrize("kills", [1, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [60])
 def test_kills_leave_whole_folders(kills, catalogue, tmp_path):
     """Of 12 kills over an old folder 8 left old and new files mixed."""
     out, page = tmp_path / "out", tmp_path / "page.html"
