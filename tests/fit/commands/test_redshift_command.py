@@ -23,7 +23,7 @@ def path(tmp_path_factory):
 
 def test_everything_at_once(path, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = [path, "--h0", "67.3", "--velocity", "planck", "--bins", "0.001,0.01,0.02,0.03", "--posterior"]
+    arguments = [path, "--h0", "67.3", "--velocity", "planck", "--bins", "0.001,0.01,0.02,0.03", "--posterior", "--n-samples", "80000"]
     arguments += [
         "--peculiar-dispersion",
         "0",
@@ -64,10 +64,10 @@ def test_everything_at_once(path, tmp_path, capsys):
 def test_other_options(path, capsys):
     assert main([str(path), "--velocity", "500,264,48", "--omega-m", "0.3", "--free-spin", "--clip", "5"]) == 0
     assert "omega_x" in capsys.readouterr().out
-    arguments = ["--posterior", "--h0-range", "30,120", "--peculiar-dispersion-max", "300", "--n-samples", "400000"]
+    arguments = ["--posterior", "--h0-range", "30,120", "--peculiar-dispersion-max", "300", "--n-samples", "80000"]
     assert main([str(path), *arguments]) == 0
     assert "dispersion" in capsys.readouterr().out
-    assert main([str(path), "--posterior", "--h0", "70", "--h0-error", "2"]) == 0
+    assert main([str(path), "--posterior", "--h0", "70", "--h0-error", "2", "--n-samples", "80000"]) == 0
     assert "H0: 70 ± 2 km/s/Mpc" in capsys.readouterr().out
     assert main([str(path), "--bins", "3", "--lmax", "2", "--shared-higher-degrees"]) == 0
     assert "degree 1 to 2" in capsys.readouterr().out
