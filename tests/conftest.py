@@ -5,6 +5,9 @@ import json
 import os
 from pathlib import Path
 
+# Tests run side by side, and start commands: threads of theirs would only wait for each other.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -16,7 +19,6 @@ from vsh import Field
 # The same examples every time; a slow machine is no failure.
 settings.register_profile("project", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("project")
-# Tests run side by side: BLAS' own threads would only wait for each other.
 threadpool_limits(1, "blas")
 
 

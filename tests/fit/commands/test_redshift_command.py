@@ -23,7 +23,18 @@ def path(tmp_path_factory):
 
 def test_everything_at_once(path, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = [path, "--h0", "67.3", "--velocity", "planck", "--bins", "0.001,0.01,0.02,0.03", "--posterior", "--n-samples", "80000"]
+    arguments = [
+        path,
+        "--h0",
+        "67.3",
+        "--velocity",
+        "planck",
+        "--bins",
+        "0.001,0.01,0.02,0.03",
+        "--posterior",
+        "--n-samples",
+        "80000",
+    ]
     arguments += [
         "--peculiar-dispersion",
         "0",
