@@ -177,8 +177,7 @@ def compare_catalogues(
     Parameters
     ----------
     a, b : Positions, or Fields
-        From positions the orientation is fitted, the glide and the deformation [µas]; from motions the same a year
-        [µas/yr].
+        From positions: orientation, glide and deformation [µas]; from motions the same a year [µas/yr].
     modes : Modes, or the degree lmax
         What to fit.
     by, radius

@@ -53,8 +53,7 @@ def crf3(
     rng : Generator or int
         The source of all randomness.
     signal : Signal or Coefficients, optional
-        The true motions, ICRS. The acceleration of the Solar System towards the Galactic centre, 4.3 µas/yr, unless
-        given.
+        The true motions, ICRS; an acceleration of 4.3 µas/yr towards the Galactic centre unless given.
     n_five : int
         Sources with five-parameter solutions.
     n_six : int, optional
@@ -64,11 +63,6 @@ def crf3(
     -------
     astropy Table
         In the columns and units of gaia_source and qso_candidates.
-
-    Raises
-    ------
-    ParameterError
-        If a number of sources is not positive.
 
     Notes
     -----

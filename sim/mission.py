@@ -30,11 +30,6 @@ class Mission(InNotebook):
     knots : float
         Time between the knots of an attitude that is solved. [s]
 
-    Raises
-    ------
-    ParameterError
-        If there is no such release, the attitude's error is negative, or knots are not above zero.
-
     Notes
     -----
     An attitude in µas is a shortcut: sources are solved one by one. It is right where something else holds the attitude

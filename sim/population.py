@@ -177,11 +177,6 @@ def quasars(
     -------
     Population
         In ICRS.
-
-    Raises
-    ------
-    ParameterError
-        If n is not positive, the sky unknown or the map no map.
     """
     rng = generator(rng)
     lon, lat = _positions(n, rng, sky, map_frame)

@@ -150,11 +150,6 @@ class NominalScanningLaw(Frozen):
     gaps : sequence of (start, end)
         More intervals without observations. [yr]
 
-    Raises
-    ------
-    ParameterError
-        If a parameter is out of its range.
-
     Examples
     --------
     >>> z, first, second = NominalScanningLaw(years=1).attitude(np.array([0.5]))

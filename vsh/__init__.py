@@ -1,7 +1,6 @@
 """Vector spherical harmonics of proper motions: coefficients, fields and catalogues.
 
-Inside, angles are in radians and proper motions in µas/yr. What is named in `__init__.pyi` is imported when it is first
-asked for.
+Inside, angles are in radians and proper motions in µas/yr. What `__init__.pyi` names is imported when first asked for.
 """
 
 import lazy_loader

@@ -159,11 +159,6 @@ class ScalarModes(Modes):
     components : int
         1.
 
-    Raises
-    ------
-    ModesError
-        If `lmax` is not a whole number of at least 0.
-
     Examples
     --------
     >>> [str(mode) for mode in ScalarModes(1)]

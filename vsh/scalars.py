@@ -40,8 +40,7 @@ class ScalarCoefficients(Coefficients):
 
     Notes
     -----
-    Norm and signs are those of Mignard & Klioner (2012): a spheroidal mode is the gradient of a scalar one over
-    √(l(l+1)).
+    Norm and signs of Mignard & Klioner (2012): a spheroidal mode is the gradient of a scalar one over √(l(l+1)).
 
     Examples
     --------

@@ -47,16 +47,13 @@ def evidence(
     normal : NormalEquations, Solution, or sequence of NormalEquations
         What was summed or fitted; of several bins of redshift, say.
     spectrum : Spectrum
-        The power of the coefficients beforehand, such as `10 * Spectrum.power_law(0)`: 10 (µas/yr)² in each kind and
-        degree.
+        The power beforehand, such as `10 * Spectrum.power_law(0)`: 10 (µas/yr)² in each kind and degree.
     degrees : iterable of int, optional
         Which are there; all that were fitted unless given. Other coefficients are zero.
     amplitudes : (float, float), optional
-        Multiply the spectrum by an amplitude between these two, uniform in its logarithm beforehand, and marginalise
-        it.
+        Marginalise a factor on the spectrum between these two, uniform in its logarithm beforehand.
     varying : Spectrum, optional
-        Let each of the normal equations have coefficients of its own, with this power beforehand, beside the common
-        ones.
+        Let each of the normal equations have coefficients of its own, with this power beforehand.
     noise_scale : float
         Factor on the catalogue's errors, √(χ²/dof) say.
 

@@ -40,8 +40,7 @@ def posteriors(
     Notes
     -----
     The prior of the others is the uniform-shrinkage one, A/(A + u) uniform with u the amplitude seen at one standard
-    error (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ. The evidence is the mean likelihood under
-    the same.
+    error (Daniels 1999, Canadian J. Statistics 27, 567); that of κ is 1/κ. The evidence is the mean likelihood.
     """
     with blas_for(len(likelihood.rhs)):
         grid = _Grid(likelihood, best)
@@ -274,8 +273,7 @@ def fit_amplitudes(
     spectra : Spectrum or sequence of Spectrum
         One for each amplitude.
     noise_scale : bool, optional
-        Estimate a factor on the catalogue's errors as well. Unless given it is, but for a solution whose errors come
-        from residuals.
+        Estimate a factor on the errors as well; unless given, where they do not come from residuals.
     degrees : iterable of int, optional
         Where the background is; all that are fitted and not free unless given.
     free : iterable of int

@@ -102,8 +102,7 @@ class WaveLimit(Result):
             Flat in Ω; in √Ω, the amplitude of the waves; in ln Ω; or in each coefficient of degree 2, as most published
             limits have it, which is no likelihood of Ω: it gives a limit on the power that this one sky has.
         lowest : float, optional
-            Where the prior flat in ln Ω begins, a millionth of the largest Ω that is not excluded unless given: that
-            limit depends on it.
+            Where the prior flat in ln Ω begins, on which that limit depends; a millionth of the largest Ω unless given.
 
         Raises
         ------
@@ -214,8 +213,7 @@ def wave_limit(
     hubble : float
         H0 for which Ω is meant; the default gives h70² Ω. [km/s/Mpc]
     noise_scale : bool, optional
-        Marginalise a factor on the catalogue's errors. Unless given, for all but a solution whose errors come from
-        residuals.
+        Marginalise a factor on the errors; unless given, where they do not come from residuals.
     systematics : sequence of Spectrum, optional
         Backgrounds whose amplitudes are marginalised: one flat spectrum where degrees beyond 2 are used, none for
         degree 2 alone, unless given.

@@ -55,11 +55,6 @@ def influence_map(
         d ρ / d ln w, d ln σ² / d ln w or dθ/d ln w [µas/yr], w the weight of all sources in a pixel:
         what doubling them would change, to first order.
 
-    Raises
-    ------
-    ParameterError
-        If a name is unknown.
-
     Notes
     -----
     With C = N⁻¹ and N = Σ wₖ Nₖ, ∂C/∂wₖ = −C Nₖ C. Between two parameters that is −Σ gᵢᵀ W gⱼ over the sources of the
@@ -173,8 +168,7 @@ class Eigenmodes(Result):
     Attributes
     ----------
     information : (p,) array
-        Rising. How well each is measured against a uniform sky of the same weight: 1 is as well, 0.01 with
-        ten times the error.
+        Rising: how well each is measured beside a uniform sky of the same weight; 0.01 is ten times the error.
     fields : list of Coefficients
         Each of ∫|V|² dΩ = 1.
     frame : str

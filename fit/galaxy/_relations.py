@@ -42,11 +42,6 @@ def circular_speed(
     tuple of float
         [km/s]
 
-    Raises
-    ------
-    ParameterError
-        If a number is not above zero.
-
     Examples
     --------
     >>> "{:.1f} ± {:.1f}".format(*circular_speed(5.05, 0.35))
@@ -86,11 +81,6 @@ def distance_of_centre(
     -------
     tuple of float
         [kpc]
-
-    Raises
-    ------
-    ParameterError
-        If a number is not above zero.
 
     Examples
     --------

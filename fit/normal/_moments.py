@@ -250,8 +250,7 @@ class Moments(Result):
         lat : (2 lmax + 1,) array
             Latitudes of the rings. [rad]
         weight : (2 lmax + 1, 4 lmax + 2) array
-            Half the trace of the inverse covariances, at longitudes from 0 on; below zero beside what is sharp.
-            [(yr/µas)² a steradian]
+            Half the trace of the inverse covariances, at longitudes from 0 on, in places below 0. [(yr/µas)²/sr]
         """
         rings, components = rings_of(self.kind(self.lmax)), self.kind.components
         weight = rings.on_grid(self.weights)[:components].mean(0)

@@ -39,8 +39,7 @@ class Correlation(Result):
     n_pairs : (k,) array
         How many pairs, each counted once and as far as the bin sees it; of a bin that is smooth no whole number.
     covariance : (2k, 2k) array
-        Covariance of ξ+ and then ξ−, from how blocks of the sky and pairs of them scatter; nan of less than four
-        blocks. [(µas/yr)⁴]
+        Covariance of ξ+ and then ξ−, by the scatter of blocks and their pairs; nan of less than four. [(µas/yr)⁴]
     edges : (k + 2,) array
         Edges of the bins: each rises from one edge to the next as sin², and falls to the one after. [rad]
     window : (lmax + 1,) array
@@ -103,8 +102,7 @@ class Correlation(Result):
         Parameters
         ----------
         templates : sequence of str, or dict of functions
-            Some of "spin", "glide" and "waves"; or, by name, functions of θ [rad] that give ξ+ and ξ− of unit
-            amplitude, (2, n).
+            Some of "spin", "glide", "waves"; or, by name, functions of θ [rad] that give ξ+ and ξ−, (2, n).
         hubble : float
             For which Ω is meant; 70 makes it h70² Ω. [km/s/Mpc]
 

@@ -187,8 +187,7 @@ class PairPower(Result):
     toroidal, spheroidal : (lmax,) arrays
         P_T and P_S of degrees 1 … lmax; as often below the truth as above. [(µas/yr)²]
     covariance : (2 lmax, 2 lmax) array
-        Covariance of both, from how blocks of the sky and pairs of them scatter; nan of less than four blocks.
-        [(µas/yr)⁴]
+        Covariance of both, by the scatter of blocks and their pairs; nan of less than four. [(µas/yr)⁴]
     n_blocks : int
         How many blocks.
     n_data : int

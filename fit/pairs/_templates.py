@@ -48,8 +48,7 @@ class TemplateFit(Result):
     theta : (k,) array
         Angles of the bins. [rad]
     coefficients : (t,) array
-        How many coefficients of the sky, weighed by the power that a template has in each, its amplitude is the square
-        of.
+        Number of coefficients, weighed by the template's power in each, whose squares make its amplitude.
     n_effective : float
         Number of blocks from which errors were estimated.
     """

@@ -37,8 +37,7 @@ class Clipped(AboutSolution):
     limit : float
         The largest X that was kept.
     factor : float
-        Factor on the standard errors that corrects for the selection by residuals; it is included in the
-        solution's covariance.
+        Factor on the errors for the selection by residuals, included in the solution's covariance.
     n_clipped : int
         How many sources were left out.
     """

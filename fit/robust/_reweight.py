@@ -134,8 +134,7 @@ class Reweighted(AboutSolution):
     solution : Solution
         Its covariance is that of the residuals, source by source, not of the catalogue's errors.
     weights : (n,) array or None
-        By how much each source's inverse covariance was multiplied, up to a common factor; None of a catalogue in
-        parts.
+        Factor on each source's inverse covariance, up to a common one; None of a catalogue in parts.
     n_rounds : int
         How many fits it took.
     inflation : float

@@ -33,8 +33,7 @@ def predict_errors(
     Parameters
     ----------
     sources, sigma
-        As for `fit.correlation.predict_covariance`, with redshifts: true ones unless the sources or the options say
-        another frame.
+        As for `fit.correlation.predict_covariance`, with redshifts: true ones unless another frame is given.
     hubble : float
         For the velocity, and the scale of H0's error [km/s/Mpc]
     velocity

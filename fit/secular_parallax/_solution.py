@@ -36,8 +36,7 @@ class ParallaxSolution(NamedSolution):
     frame : str
         Frame of the axes.
     peculiar_dispersion : float
-        The dispersion of peculiar velocities in each component that the weights allow for; beside the flow, where
-        there is one. [km/s]
+        The dispersion of peculiar velocities in each component, beside the flow, in the weights. [km/s]
     flow : Flow or None
         The velocities that galaxies share, as far as they were fitted.
     noise_covariance : (p, p) array or None

@@ -35,8 +35,7 @@ class WaveSearch(Result):
     Attributes
     ----------
     statistic : (12 nside²,) array
-        2F of each direction, in ring order of HEALPix: by how much χ² falls with the best wave; χ² of `amplitudes` from
-        noise alone.
+        2F of each direction, in ring order: by how much χ² falls with the best wave; from noise alone a χ².
     amplitudes : (k, 12 nside²) array
         The best plus and cross (of cosine, then of sine, where the search is in time). [`unit`]
     limits : (12 nside²,) array

@@ -101,8 +101,7 @@ def global_motion(
     spin : bool
         With the rotation, so that the frame stays free; else only a frame in which sources do not rotate is left.
     factors : (n,) array, optional
-        Three more parameters: a glide of each source times its factor, as of our velocity with 1/(4.74 d) [µas/yr per
-        km/s].
+        Three more parameters: a glide of each source times its factor, 1/(4.74 d) for our velocity [µas/yr per km/s].
 
     Raises
     ------

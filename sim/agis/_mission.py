@@ -282,8 +282,7 @@ def mixture(
     excess_noise : float or array
         Excess noise of galaxies that are no points. [µas]
     star_error : float, optional
-        Error of a star's transit; by magnitude unless given. What holds the attitude is the weight Σ 1/σ², not the
-        number. [µas]
+        Error of a star's transit; by magnitude unless given. The attitude is held by the weight Σ 1/σ². [µas]
 
     Raises
     ------

@@ -354,8 +354,7 @@ class System(ExactErrors):
     -----
     Errors of what is fitted to the sources hold for this model: observations independent of each other with the errors
     that were given, an attitude that is a spline with these knots, and nothing else unknown. `formal_covariance` takes
-    the attitude for known, as catalogues and `sim.observe` with a mission's `attitude` in µas do; `true_covariance`
-    does not.
+    the attitude for known, as catalogues do, and `sim.observe` with a mission's `attitude` in µas.
 
     Examples
     --------

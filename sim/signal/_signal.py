@@ -254,11 +254,6 @@ def systematics(
     lmax : int
         The highest degree of the field; 24 resolves 7°.
 
-    Raises
-    ------
-    ParameterError
-        If the power of a degree is negative.
-
     Examples
     --------
     >>> field = systematics(5 * Spectrum.odd() + 20 * Spectrum.even(), rng=1)
@@ -284,11 +279,6 @@ def random_field(power: ArrayLike, rng: Rng) -> Signal:
         ∫ |V_l|² dΩ of one kind, on average [(µas/yr)²]
     rng : Generator or int
         The source of all randomness.
-
-    Raises
-    ------
-    ParameterError
-        If the power is not one number of at least zero for each degree.
     """
     return systematics(Spectrum.given(power), rng, lmax=np.size(power))
 
@@ -335,11 +325,6 @@ def plane_wave(direction: ArrayLike, plus: float, cross: float = 0.0) -> Signal:
     plus, cross : float
         Rates of the strain in two polarisations: south–south less east–east at `direction`, and south–east. A strain h
         of frequency f has 2πf h; 1 µas/yr is h = 2.4e-11 at 1 nHz (`vsh.models.waves.strain_of`). [µas/yr]
-
-    Raises
-    ------
-    ParameterError
-        If the direction has no length, or a rate is no number.
 
     Notes
     -----

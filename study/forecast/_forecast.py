@@ -130,8 +130,7 @@ def forecast_surveys(
     flows : bool
         Velocity and H0 with flows as unknowns, too.
     rng : Generator or int
-        Random numbers of galaxies, and of places on a sky that is not uniform; errors move with it by a per cent or
-        two.
+        Random numbers of galaxies and of places on a map; errors move with them by a per cent or two.
 
     Raises
     ------

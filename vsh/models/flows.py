@@ -431,8 +431,7 @@ def flow_modes(
     nearest, farthest : float
         Limits of the distances. Sources beyond 600 Mpc/h count as having independent peculiar velocities. [Mpc/h]
     n_modes : int
-        The largest number of modes. Each radial function contributes all 2l + 1 orders of its degree, so there may be
-        fewer.
+        The largest number of modes; perhaps fewer, as a radial function has all 2l + 1 orders of its degree.
     theory : LinearTheory
         Power spectrum of matter and growth rate (default: Planck 2018).
     max_degree : int

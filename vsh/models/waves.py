@@ -40,11 +40,6 @@ def wave_motions(lon: ArrayLike, lat: ArrayLike, direction: ArrayLike, plus: flo
         k, where the wave travels to; of any length. Its source is on the other side of the sky.
     plus, cross : float
         Rates of strain of the two polarisations. [µas/yr]
-
-    Raises
-    ------
-    ParameterError
-        If the direction is no vector.
     """
     k = unit(direction)
     p, q, r = triad(np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat)))

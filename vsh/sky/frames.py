@@ -36,11 +36,6 @@ def rotation_matrix(frame: str, to: str) -> FloatArray:
     to : str
         To which.
 
-    Raises
-    ------
-    FrameError
-        If either name is unknown.
-
     Examples
     --------
     The Galactic centre in ICRS, as a unit vector:

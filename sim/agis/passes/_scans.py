@@ -247,13 +247,11 @@ def scans(
     lon, lat : (n,) arrays
         Positions in the law's frame. [rad]
     sigma_along, sigma_across : float or (n,) array
-        Errors of a field-of-view transit along and across the scan; None, or infinite, where nothing is measured
-        across. [µas]
+        Errors of a field-of-view transit along and across; None, or infinite, where nothing is measured. [µas]
     knots : float
         Time between knots of the attitude. [s]
     ccds : {1, 9}
-        Observations that a transit is made of: one, or one on each of nine CCDs, 4.85 s apart and with three times the
-        error.
+        Observations of a transit: one, or one on each of nine CCDs, 4.85 s apart with three times the error.
     folder : path, optional
         Keep the transits there and map them into memory; they are read again where they are the same.
     threads : int, optional

@@ -124,8 +124,7 @@ def sky_axes(
     ax : matplotlib Axes, optional
         Axes whose place the map takes; a new figure unless given. A `SkyAxes` is returned as it is.
     projection : {"hammer", "mollweide", "globe", "polar"}
-        The whole sky of equal areas in an ellipse, by Hammer or Mollweide; or half of it, as a globe from outside or of
-        equal areas.
+        The whole sky in an ellipse of equal areas, by Hammer or Mollweide; or half of it, as a globe or of equal areas.
     centre : (float, float), optional
         Longitude and latitude in the middle; (0, 0), of "polar" the north pole, unless given. [deg]
     below : float

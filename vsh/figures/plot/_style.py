@@ -176,11 +176,6 @@ def save_figures(
         Dots an inch: of a PNG, and of what is a picture in the others.
     close : bool
         Whether the figures are not wanted any more.
-
-    Raises
-    ------
-    ParameterError
-        If nobody knows the format, or `dpi` is not positive.
     """
     formats = [choice("format", each, FORMATS) for each in ([format] if isinstance(format, str) else format)]
     positive("dpi", dpi)
