@@ -12,8 +12,6 @@ from vsh.figures.plot import COLOURS, WIDTH, figure_of, panels, styled
 from vsh.tools.errors import ParameterError
 from vsh.tools.printing import import_quietly
 
-corner = import_quietly("corner")
-
 #: The data say something of a quantity if they take a tenth off the width of its prior.
 _TOLD = 0.9
 _LABELS = {
@@ -50,7 +48,7 @@ def plot_corner(
     size = max(WIDTH, 0.95 * k + 0.6)
     figure = plt.figure(figsize=(size, size), layout="none") if ax is None else figure_of(panels(ax, k, k))
     with plt.rc_context({"axes.spines.top": True, "axes.spines.right": True}):
-        corner.corner(
+        import_quietly("corner").corner(
             data,
             fig=figure,
             labels=[label(name) for name in chosen],

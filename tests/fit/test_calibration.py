@@ -60,6 +60,7 @@ def test_factors_of_a_clip():
     assert truncation(2.0)[1] == pytest.approx(x[x < 2].mean(), abs=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("estimate", "options"), [(excess_noise, {}), (excess_noise, {"extra": 3.0}), (student_t, {})])
 def test_errors_with_few_sources_a_coefficient(estimate, options):
     """Pulls 1.07 with 96 coefficients from 400 sources."""
@@ -143,7 +144,7 @@ def quasars(seed, case, n=300):
     return Field(lon, lat, sigma * rng.normal(size=(2, n)) * np.where(wrong, 4, 1), sigma, redshift=z), rng
 
 
-@pytest.mark.parametrize("skies", [20, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("skies", [10, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "case",
     [
@@ -168,7 +169,7 @@ def test_p_values_of_bins(case, skies):
         contradicted += any(max(p, permuted[name]) < 0.0027 for name, p in plain.items())
         # The same hypothesis by two ways: far bins have hardly a secular parallax.
         assert abs(permuted["S"] - permuted["secular_parallax"]) < 0.1
-    low, high = (0.02, 0.09) if skies == 300 else (0.0, 0.225)  # 20 skies: 0.05 + 3.6 · 0.049
+    low, high = (0.02, 0.09) if skies == 300 else (0.0, 0.3)  # 10 skies: 0.05 + 3.6 · 0.069
     for name, values in found.items():
         share = np.mean(np.array(values) <= 0.05)
         assert low <= share <= high, (name, share)
@@ -255,6 +256,7 @@ def test_the_jackknife_by_its_definition():
     assert (high - low)[0] / 2 == pytest.approx(stats.t.ppf(0.84, 11) * found.sigma[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method",
     [

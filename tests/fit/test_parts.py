@@ -186,6 +186,7 @@ def test_resampling():
         jackknife(as_parts([FIELD[:1]]), 1, 1)
 
 
+@pytest.mark.slow
 def test_one_step_of_the_bootstrap_is_the_full_one_to_first_order():
     one = bootstrap(FIELD, 1, 2000, 1, method="one-step", progress=False)
     two = bootstrap(FIELD, 1, 2000, 2, method="full", progress=False)

@@ -103,6 +103,7 @@ def test_truncation_of_one_component():
     assert variance == pytest.approx(1 / share)
 
 
+@pytest.mark.slow
 def test_robust_fits_and_resampling_bring_errors_of_the_scatter():
     """Errors of heavy tails: plain ones are too small, those of residuals and replicates are right."""
     pulls = {"plain": [], "student": [], "permissive": [], "bootstrap": [], "one step": [], "jackknife": []}

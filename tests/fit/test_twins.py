@@ -163,6 +163,7 @@ def test_a_selection_function_from_a_file(tmp_path, capsys):
     assert "infinite" in capsys.readouterr().err  # once every source stood there, status 0
 
 
+@pytest.mark.slow
 def test_redshifts_and_places_of_a_survey(tmp_path, capsys):
     """As OpenNGC's galaxies and SDSS' quasars: a population from a table, simulated, binned, fitted."""
     galaxies = sim.galaxies(3000, 2, "igql")

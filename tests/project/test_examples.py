@@ -36,6 +36,7 @@ def test_real_catalogue_on_the_demo(tmp_path):
     assert (tmp_path / "real_catalogue.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_real_catalogue(tmp_path):
     text = run("real_catalogue.py", real_catalogue("td2017_vlba_proper_motions.ecsv"), folder=tmp_path)
     assert "clipped 68 of 713" in text
@@ -136,6 +137,7 @@ def test_compare_catalogues(tmp_path):
     assert "left over 100 of 3000 and 0 of 2900" in text
 
 
+@pytest.mark.slow
 def test_compare_real_catalogues(tmp_path):
     paths = [real_catalogue(name) for name in ("icrf3sx.txt", "icrf2-all.txt")]
     text = run("compare_catalogues.py", *paths, folder=tmp_path)
@@ -191,6 +193,7 @@ def test_vlbi_backgrounds(tmp_path):
     assert (tmp_path / "vlbi_waves.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_vlbi_backgrounds_of_the_table(tmp_path):
     text = run("vlbi_backgrounds.py", real_catalogue("td2017_vlba_proper_motions.ecsv"), folder=tmp_path)
     for number in ("0.03571", "0.02703", "0.02295", "to degree 3       28.55"):

@@ -12,8 +12,7 @@ from conftest import ROOT
 @pytest.mark.parametrize(
     "code",
     [
-        "import fit.posterior._plot",
-        "import fit; fit.posterior",
+        "from vsh.tools.printing import import_quietly; import_quietly('corner')",
         "import vsh.figures.plot, vsh.figures.page, sim.plot, study",
     ],
 )
@@ -52,7 +51,7 @@ def test_versions_are_locked_and_floors_are_tested():
 @pytest.mark.slow
 def test_two_processes_at_once_in_an_empty_home(tmp_path):
     """arviz' stamp is written under one temporary name: of two first imports one failed now and then."""
-    code = "import fit.posterior._plot"
+    code = "from vsh.tools.printing import import_quietly; import_quietly('corner')"
     home = {"HOME": str(tmp_path / "home"), "PATH": os.environ["PATH"]}
     (tmp_path / "home").mkdir()
     both = [

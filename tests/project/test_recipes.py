@@ -44,7 +44,9 @@ def test_no_recipe_is_forgotten():
     assert set(RECIPES) == {"folder", "choose", "dask", "cluster", "lsdb", "archive", "epochs"}
 
 
-@pytest.mark.parametrize("name", sorted(RECIPES))
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in (*NEEDS, "epochs"))) for name in sorted(RECIPES)]
+)
 def test_recipe(name, home):
     if name in NEEDS:
         pytest.importorskip(NEEDS[name], exc_type=ImportError)

@@ -33,7 +33,9 @@ def test_simulate_and_fit(tmp_path, capsys):
     assert (options["number"], options["sky"], options["seed"]) == (3000, "gums", 2)
 
 
-@pytest.mark.parametrize("ending", ["fits", "ecsv", "parquet"])
+@pytest.mark.parametrize(
+    "ending", ["fits", *(pytest.param(ending, marks=pytest.mark.slow) for ending in ("ecsv", "parquet"))]
+)
 def test_same_seed_same_bytes(tmp_path, ending):
     """With one thread and with four; and another seed is another sky."""
     written = []
@@ -119,6 +121,7 @@ def test_bad_data_is_status_1(arguments, message, tmp_path, monkeypatch, capsys)
     assert any(part in error for part in message.split("|"))
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_no_broken_file(tmp_path):
     path = tmp_path / "q.fits"
     for wait in (0.7, 1.5, 2.5):

@@ -157,8 +157,8 @@ def test_another_configuration_is_refused(finished, tmp_path):
 
 def test_more_realisations_go_on_from_the_first(tmp_path):
     for n in (1, 3):
-        study.run(study.load(SMALL), tmp_path / "few", n_realisations=n, progress=False)
-    study.run(study.load(SMALL), tmp_path / "at once", n_realisations=3, progress=False)
+        study.run(study.load(SMALL), tmp_path / "few", n_realisations=n, workers=1, progress=False)
+    study.run(study.load(SMALL), tmp_path / "at once", n_realisations=3, workers=1, progress=False)
     assert files_of(tmp_path / "few") == files_of(tmp_path / "at once")
 
 

@@ -49,7 +49,7 @@ def test_unknown_frames_are_named():
         Vector([1, 2, 3], COVARIANCE, "b1950")
 
 
-@few_or_many(200, 600, "n")
+@few_or_many(100, 600, "n")
 @pytest.mark.parametrize("covariance", [np.eye(3), np.diag([0.5, 1.0, 2.0])])
 @pytest.mark.parametrize("signal_to_noise", [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0])
 def test_intervals_limits_and_cones_cover(covariance, signal_to_noise, n):

@@ -72,6 +72,7 @@ def test_everything_at_once(path, tmp_path, capsys):
     json.dumps(dict(velocity.meta["versions"]))
 
 
+@pytest.mark.slow
 def test_other_options(path, capsys):
     assert main([str(path), "--velocity", "500,264,48", "--omega-m", "0.3", "--free-spin", "--clip", "5"]) == 0
     assert "omega_x" in capsys.readouterr().out
@@ -163,6 +164,7 @@ def test_a_real_catalogue(capsys):
     assert "zero velocity: χ² = 41.30 for 3, p-value 5.6e-09; with scaled errors 0.13" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "column", "edges"),
     [("openngc_galaxies.ecsv", "redshift", "0.001,0.005,0.02,0.1"), ("sdss_dr5_quasars.fits", "z", "0.1,1,2,5")],

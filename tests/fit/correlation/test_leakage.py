@@ -27,6 +27,7 @@ def test_leakage_is_the_bias_of_a_noiseless_fit():
     assert len(found.to_table()) == 16
 
 
+@pytest.mark.slow
 def test_mean_squared_bias_of_2000_skies():
     """200 would tell the mean square of six components to 4 % only."""
     field = nonuniform(500, 6)

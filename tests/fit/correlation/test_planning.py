@@ -59,6 +59,7 @@ def test_predicted_velocity_and_hubble():
     assert np.isnan(velocity.velocity.value).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bound", [0.3, pytest.param(0.1, marks=pytest.mark.slow)])
 def test_thinning_reaches_its_bound_at_little_cost(bound):
     field = nonuniform(20_000, 1)

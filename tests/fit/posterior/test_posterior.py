@@ -162,6 +162,7 @@ def test_outliers_are_told_apart():
     )
 
 
+@pytest.mark.slow
 def test_a_callable_prior_is_the_gaussian_it_computes():
     field = galaxies()
     turned = Vector(CMB_VELOCITY_PLANCK18.value, 1600 * np.eye(3), "galactic", "km/s").to_frame("icrs")

@@ -187,6 +187,7 @@ def test_table():
     np.testing.assert_allclose(table["spin_y_error"], [s.spin.sigma[1] for s in found.solutions])
 
 
+@pytest.mark.slow
 def test_shuffling_keeps_its_promise_with_wrong_errors():
     """Errors five times too small: χ² as quoted claims a difference, scaled and permuted it does not."""
     p_values, plain, scaled = [], [], []

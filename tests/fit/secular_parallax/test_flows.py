@@ -121,6 +121,7 @@ def test_pulls_on_skies_drawn_from_the_modes(n_skies):
     assert np.std(h0) == pytest.approx(1, abs=3.2 / np.sqrt(2 * n_skies))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hubble", [pytest.param(67.3, marks=pytest.mark.slow), 110.0])
 def test_the_local_group_leads_back_to_no_assumed_hubble_constant(hubble):
     still = galaxies(300, sigma=1.0)
@@ -158,6 +159,7 @@ def test_a_known_glide_is_data():
     )
 
 
+@pytest.mark.slow
 def test_a_reconstruction_lowers_the_errors_and_they_hold():
     """The flow is known but for half of it: errors are smaller, and pulls one."""
     still = galaxies(300, sigma=1.0)

@@ -176,6 +176,7 @@ def test_a_curved_space_moves_sources_by_the_parallax_distance():
         observer_velocity(field, 67.3, cosmology=CMB_VELOCITY_PLANCK18)
 
 
+@pytest.mark.slow
 def test_a_cut_in_heliocentric_redshifts_leaves_densities_unbiased():
     """0.002 < z < 0.01 as observed gave 415 ± 8 km/s for 370: directions are cut at other distances."""
     along = []

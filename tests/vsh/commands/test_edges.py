@@ -66,6 +66,7 @@ def test_letters_that_a_terminal_cannot_take(catalogue):
     assert json.loads(told.stdout) == json.loads(here.stdout)  # escaped, and the same
 
 
+@pytest.mark.slow
 def test_a_backend_that_there_is_not(catalogue, tmp_path):
     done = shell(
         "fit",

@@ -101,6 +101,7 @@ class Deadly:
         return Moments.of(field, 4)
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_changes_no_bit(folder, tmp_path):
     here = Moments.of(parts(folder), 4)
     found = parts(folder, workers=2).sum(Deadly(70_000, str(tmp_path / "killed")))
@@ -108,6 +109,7 @@ def test_a_worker_that_is_killed_changes_no_bit(folder, tmp_path):
     assert (found.weights == here.weights).all()
 
 
+@pytest.mark.slow
 def test_a_part_that_kills_every_worker_is_named(folder):
     with pytest.raises(TableError, match=r"part 8 of 20, .*part07\.parquet, ended the process that read it 3 times"):
         parts(folder, workers=2).sum(Deadly(70_000))
