@@ -108,7 +108,7 @@ $(VENV)/installed-docs: $(VENV)/installed
 	@touch $@
 
 $(VENV)/installed-test: $(VENV)/bin/python setup.cfg pyproject.toml requirements/newest.txt
-	$(BIN)/python $(PIP) --constraint requirements/newest.txt --editable '.[test]'
+	$(BIN)/python $(PIP) --no-compile --constraint requirements/newest.txt --editable '.[test]'
 	@touch $(VENV)/installed $@
 
 .venv-oldest/installed-test: .venv-oldest/bin/python setup.cfg pyproject.toml requirements/oldest.txt

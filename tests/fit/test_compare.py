@@ -35,6 +35,7 @@ def two(n=1500, seed=1, truth=TRUTH, outliers=0):
     return Positions(lon, lat, sigma / 100, name=name), older
 
 
+@pytest.mark.slow
 def test_what_was_done_is_found():
     pulls, p = [], []
     for seed in range(40):

@@ -141,14 +141,19 @@ def test_every_result_can_do_everything(name, found):
     table = result.to_table()
     assert isinstance(table, Table)
     assert len(table)
-    figure = figure_of(result.plot())
-    assert figure.axes
-    figure.canvas.draw()
-    plt.close(figure)
     assert "<" in result._repr_html_()
     assert result == result
     assert result != object()
     assert isinstance(hash(result), int)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_every_result_can_be_drawn(name, found):
+    figure = figure_of(found[name].plot())
+    assert figure.axes
+    figure.canvas.draw()
+    plt.close(figure)
 
 
 def same(a, b):
@@ -166,8 +171,14 @@ def same(a, b):
     return a == b
 
 
-@pytest.mark.parametrize("ending", ["ecsv", "fits"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("name", "ending"),
+    [
+        *((name, "ecsv") for name in NAMES),
+        *((name, "fits") for name in NAMES[:5]),
+        *(pytest.param(name, "fits", marks=pytest.mark.slow) for name in NAMES[5:]),
+    ],
+)
 def test_there_and_back(name, ending, found, tmp_path):
     result = found[name]
     path = tmp_path / f"result.{ending}"

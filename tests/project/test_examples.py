@@ -22,6 +22,7 @@ def run(name, *arguments, folder):
     return done.stdout
 
 
+@pytest.mark.slow
 def test_first_fit(tmp_path):
     text = run("first_fit.py", folder=tmp_path)
     pulls = [float(x) for line in text.splitlines() if "found − true" in line for x in line.split("[")[1][:-1].split()]

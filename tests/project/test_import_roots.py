@@ -61,7 +61,9 @@ def test_what_hides_a_package_is_named(python, form, name, tmp_path):
     assert str(tmp_path) in done.stderr or not FORMS[form][1]
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    "form", [pytest.param(form, marks=[pytest.mark.slow] * form.startswith("folder")) for form in FORMS]
+)
 def test_commands_run_beside_what_hides_a_package(python, form, tmp_path):
     for name in ("fit", "sim", "study"):
         _write(tmp_path, form, name)

@@ -49,6 +49,7 @@ def test_bad_chains_are_refused():
     assert len(markov_chain([], 1.0, 1.0, rng=1)) == 0
 
 
+@pytest.mark.slow
 def test_ratios_to_the_parallax_error_are_the_published_ones():
     unit = errors_of_unit_transits(LAW, n=20_000)
     np.testing.assert_allclose(unit / unit[2], [0.787, 0.699, 1, 0.556, 0.496], rtol=0.05)

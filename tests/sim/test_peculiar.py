@@ -60,7 +60,7 @@ def test_redshifts_may_err():
     np.testing.assert_array_equal(plain.motion, field.motion)  # errors of redshifts are drawn last
 
 
-@pytest.mark.parametrize("exact", [True, pytest.param(False, id="modes")])
+@pytest.mark.parametrize("exact", [True, pytest.param(False, id="modes", marks=pytest.mark.slow)])
 def test_linear_flows_have_the_correlations_of_the_theory(exact):
     """Pairs on a line, 5 to 80 Mpc/h apart, over many skies: Ψ∥, Ψ⊥ within 2 % of σ²."""
     h = FLAT_PLANCK13.H0.value / 100

@@ -79,6 +79,7 @@ def kill_and_go_on(folder, moments):
     return kills
 
 
+@pytest.mark.slow
 def test_a_killed_study_goes_on(finished, tmp_path):
     assert kill_and_go_on(tmp_path / "killed", (1.6, 1.8)) >= 1
     assert files_of(tmp_path / "killed") == files_of(finished)

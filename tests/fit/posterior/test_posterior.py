@@ -54,7 +54,7 @@ def test_against_the_closed_form_and_the_grid(seed):
     hubble, peculiar = (rng.uniform(60, 80), rng.uniform(4, 15)), rng.uniform(0, 900)
     field = galaxies(seed=seed, sigma=rng.uniform(3, 12), spread=peculiar)
     centre, width, mean, sigma = closed_form(field, prior, hubble, peculiar)
-    found = sample(field, prior, hubble, n_samples=600_000, peculiar_dispersion=peculiar, **SETTINGS)
+    found = sample(field, prior, hubble, n_samples=300_000, peculiar_dispersion=peculiar, **SETTINGS)
     on_grid = grid(field, prior, hubble, peculiar_dispersion=peculiar, flows=None)
     for h, s, v in (
         (found.samples["H0"].mean(), found.samples["H0"].std(), found.velocity),

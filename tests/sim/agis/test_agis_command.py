@@ -43,6 +43,7 @@ def test_a_folder_of_results(tmp_path, capsys):
     assert "--overwrite" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_stars_galaxies_and_global_velocity(tmp_path, capsys):
     assert (
         run(
@@ -65,6 +66,7 @@ def test_stars_galaxies_and_global_velocity(tmp_path, capsys):
     assert "global v(1,0)" in said
 
 
+@pytest.mark.slow
 def test_a_known_attitude_and_nine_ccds(tmp_path, capsys):
     assert run(tmp_path, "--attitude", "10", "--ccds", "9", "--variability", "100", "--method", "simple") == 0
     said = capsys.readouterr().out
@@ -111,6 +113,7 @@ def test_memory_is_looked_at_before_the_work(tmp_path, capsys, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_rough_smoothing_is_said_and_too_few_sources(tmp_path, capsys):
     assert run(tmp_path, "--smoothing", "1000") == 0
     assert "smoothing of 1000 µas is a statement on the attitude" in capsys.readouterr().out

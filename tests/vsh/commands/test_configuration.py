@@ -53,6 +53,7 @@ def test_what_is_on_the_line_prevails(catalogue, tmp_path):
     assert fit.storage.read(tmp_path / "b" / "solution.ecsv").modes.lmax == 1
 
 
+@pytest.mark.slow
 def test_simulations_too(tmp_path):
     """A table has its configuration beside it."""
     asked = ["galaxies", "--number", "50", "--no-transits", "--velocity", "369,264,-48.5", "--spin", "-1,0,2"]
