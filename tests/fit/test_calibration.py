@@ -144,7 +144,7 @@ def quasars(seed, case, n=300):
     return Field(lon, lat, sigma * rng.normal(size=(2, n)) * np.where(wrong, 4, 1), sigma, redshift=z), rng
 
 
-@pytest.mark.parametrize("skies", [10, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("skies", [6, pytest.param(300, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "case",
     [
@@ -169,7 +169,7 @@ def test_p_values_of_bins(case, skies):
         contradicted += any(max(p, permuted[name]) < 0.0027 for name, p in plain.items())
         # The same hypothesis by two ways: far bins have hardly a secular parallax.
         assert abs(permuted["S"] - permuted["secular_parallax"]) < 0.1
-    low, high = (0.02, 0.09) if skies == 300 else (0.0, 0.3)  # 10 skies: 0.05 + 3.6 · 0.069
+    low, high = (0.02, 0.09) if skies == 300 else (0.0, 0.4)  # 6 skies: 0.05 + 3.9 · 0.089
     for name, values in found.items():
         share = np.mean(np.array(values) <= 0.05)
         assert low <= share <= high, (name, share)

@@ -144,6 +144,7 @@ def test_moments_add_and_are_written(tmp_path):
         _ = both + fit.Moments.of(sky(unit="mag")[0], 2)
 
 
+@pytest.mark.slow
 def test_report_page_table(tmp_path):
     field, _ = sky(unit="mag")
     solution = fit.fit_field(field, 2)

@@ -281,6 +281,7 @@ def test_flows_and_all_that_goes_with_them(seen, tmp_path, capsys):
     assert {"flow.ecsv", "flow.png", "velocity.ecsv", "hubble.ecsv"} <= {each.name for each in out.iterdir()}
 
 
+@pytest.mark.slow
 def test_a_posterior_with_flows(seen, capsys):
     arguments = [
         seen / "told.fits", "--posterior", "--on-bad", "drop", "--flows", "--n-modes", "30", "--h0", "67.4", "--h0-error", "10",

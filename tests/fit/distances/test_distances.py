@@ -208,8 +208,8 @@ def test_what_is_refused(change, options, error, words):
         calibrate(field, **options)
 
 
-@few_or_many(8, 40)
-@pytest.mark.parametrize("magnitudes", [None, False])
+@few_or_many(12, 40)
+@pytest.mark.parametrize("magnitudes", [None, pytest.param(False, marks=pytest.mark.slow)])
 def test_pulls_on_skies_as_they_are_seen(magnitudes, n_skies):
     """Velocities from redshifts that hold velocities: no bias, and errors that hold; redshifts as they stand have one."""
     off, pulls, naive = [], [], []

@@ -254,7 +254,7 @@ def test_figures_and_tables():
     assert set(found.autocorrelation) == {"v_x", "v_y", "v_z", "H0"}
 
 
-@pytest.mark.parametrize("ending", ["fits", "ecsv"])
+@pytest.mark.parametrize("ending", ["fits", pytest.param("ecsv", marks=pytest.mark.slow)])
 def test_samples_travel(ending, tmp_path):
     found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=300_000, **SETTINGS)
     found.write(tmp_path / f"samples.{ending}")

@@ -63,6 +63,7 @@ def test_pulls(n_skies):
     assert_allclose(np.std(rates, axis=0), 1, atol=3.2 * error)
 
 
+@pytest.mark.slow
 def test_limits_hold_at_any_signal():
     """95 % limits of |Σ| from nothing to three errors."""
     for size in (0.0, 0.3, 1.0):

@@ -75,6 +75,7 @@ def test_a_known_attitude_and_nine_ccds(tmp_path, capsys):
     assert all(0.8 < float(x) < 1.5 for x in line.split()[1:])
 
 
+@pytest.mark.slow
 def test_iterations_that_do_not_do_are_said(tmp_path, capsys):
     assert run(tmp_path, "--iterations", "2") == 0
     assert "NOT at rest" in capsys.readouterr().out
