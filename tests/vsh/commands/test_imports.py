@@ -1,0 +1,96 @@
+"""What each command loads for its smallest real job: nothing that the job does not need."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+import sim
+from vsh.commands import COMMANDS
+
+#: Libraries, and parts of them, that take long to import.
+HEAVY = {
+    "arviz", "astropy.coordinates", "astropy.cosmology", "astropy.io.ascii", "astropy.io.fits", "astropy.io.votable",
+    "astropy.modeling", "astropy.table", "astropy.time", "astropy.units", "astropy.visualization", "astropy.wcs", "corner",
+    "dask", "ducc0", "emcee", "h5py", "healpy", "matplotlib", "numba", "pandas", "pyarrow", "scipy.integrate", "scipy.interpolate",
+    "scipy.linalg", "scipy.ndimage", "scipy.optimize", "scipy.special", "scipy.stats", "tqdm",
+}  # fmt: skip
+#: To read a FITS file, and to solve.
+FITS = {"astropy.io.fits", "astropy.units", "scipy.linalg", "scipy.special"}
+#: To write a table of columns with units; astropy's brings other formats.
+TABLE = {"astropy.table", "astropy.io.ascii", "astropy.io.votable", "astropy.time"}
+#: What the YAML of astropy's ECSV may hold.
+ECSV = {"astropy.coordinates"}
+#: Splines of distances and of attitudes; SciPy's bring its searches.
+SPLINES = {"scipy.interpolate", "scipy.optimize"}
+TRANSITS = {"scipy.integrate"} | SPLINES
+FIGURES = {"matplotlib", "astropy.coordinates", "astropy.visualization", "astropy.wcs"}
+JOBS = {
+    "fit": ("q.fits --no-figures", FITS),
+    "redshift": ("g.fits --bins 2", FITS | SPLINES),
+    "correlate": ("q.fits", FITS),
+    "pairs": ("q.fits", FITS | {"ducc0", "scipy.optimize"}),
+    "compare": ("a.fits b.fits", FITS | {"scipy.optimize"}),
+    "sim": ("quasars --number 60 --output s.fits", FITS | TABLE | TRANSITS),
+    "agis": (
+        "--quasars 100 --years 0.5 --knots 2000 --iterations 2 --output agis --no-figures",
+        FITS | TABLE | ECSV | TRANSITS | {"numba"},
+    ),
+    "study": ("s.toml --output study", FITS | TABLE | TRANSITS | FIGURES | {"ducc0"}),
+    "forecast": ("", {"astropy.units", "scipy.linalg", "scipy.special"} | SPLINES),
+    "archive": ("gaia-crf3 --show", set()),
+}
+STUDY = """
+[study]
+name = "small"
+n_realisations = 1
+lmax = 2
+[mission]
+years = 1.0
+[truth]
+acceleration = [4.3, 0, 0]
+[[case]]
+name = "A"
+quasars = { number = 60 }
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("jobs")
+    (folder / "s.toml").write_text(STUDY)
+    for name, population in (
+        ("q", sim.quasars(60, 1)),
+        ("g", sim.galaxies(60, 1)),
+        ("a", sim.quasars(60, 1)),
+        ("b", sim.quasars(60, 1)),
+    ):
+        sim.observe(population, sim.spin((1, 2, 3)), rng=2, sigma=50.0).write(folder / f"{name}.fits")
+    return folder
+
+
+def test_no_command_is_forgotten():
+    assert set(JOBS) == {name.removeprefix("vsh-") for name in COMMANDS}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name not in ("fit", "redshift", "pairs"))) for name in JOBS],
+)
+def test_nothing_is_loaded_that_is_not_needed(command, folder):
+    words, needed = JOBS[command]
+    code = (
+        "import runpy, sys\nsys.argv = ['vsh', *sys.argv[1:]]\n"
+        "try:\n    runpy.run_module('vsh', run_name='__main__')\n"
+        "except SystemExit as end:\n    assert not end.code, end.code\n"
+        "print('loaded:', *sorted(sys.modules), file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, command, *words.split()],
+        cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-1000:]
+    loaded = set(done.stderr.rpartition("loaded: ")[2].split())
+    assert loaded & HEAVY <= needed
