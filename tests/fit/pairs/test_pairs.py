@@ -5,7 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 import treecorr
-from conftest import few_or_many, triad
+from conftest import triad
 from numpy.testing import assert_allclose
 
 import sim
@@ -111,7 +111,8 @@ def test_the_curve_of_waves():
     assert_allclose(pairs.waves_curve([0.0, np.pi]), [1.0, 0.0], atol=1e-12)
 
 
-@few_or_many(16, 40)
+@pytest.mark.slow
+@pytest.mark.parametrize("n_skies", [40])
 def test_errors_that_are_wrong_bias_nothing(n_skies):
     """Noise three times the quoted errors, and ten times on half the sky: powers and templates about zero."""
     found, powers = [], []
@@ -127,7 +128,6 @@ def test_errors_that_are_wrong_bias_nothing(n_skies):
         assert np.std(pulls) == pytest.approx(1, abs=1 / np.sqrt(n_skies))
 
 
-@pytest.mark.slow
 def test_errors_of_motions_that_neighbours_share():
     """Random fields from sky to sky: errors right within a sixth; those of a wide field on one sky are too large."""
     rng, spread, errors = np.random.default_rng(3), [], []
