@@ -75,6 +75,13 @@ def test_intervals_limits_and_cones_cover(covariance, signal_to_noise, n):
         assert inside / n < 0.72 + error
 
 
+def test_a_search_that_finds_nothing_has_the_limit_of_noise():
+    """CLs of no length at all: e^{−a²/2} is what a true length a leaves of the probability of noise."""
+    for length in (0.0, 1e-4, 1e-2):
+        limit = Vector([length, 0, 0], np.eye(3)).amplitude_limit(0.95)
+        assert limit == pytest.approx(np.sqrt(-2 * np.log(0.05)), rel=1e-4)
+
+
 def test_bad_vectors():
     for value, spread in (
         ([1, 2], np.eye(3)),
