@@ -284,6 +284,7 @@ def test_arviz():
     np.testing.assert_array_equal(kept["H0"].values, posterior["H0"].values)
 
 
+@pytest.mark.slow
 def test_a_posterior_without_limits_says_so():
     field = galaxies(30, sigma=200.0)
     found = sample(field, CMB_VELOCITY_PLANCK18, "flat", n_samples=400_000, **SETTINGS)
