@@ -59,6 +59,14 @@ def test_mignard_and_klioners_w_is_power_over_the_zonal_variance():
     assert row.mk_w == pytest.approx(solution.coefficients.power("S", 2) / solution.sigma[zonal] ** 2)
 
 
+def test_a_limit_is_that_of_a_norm_with_the_mean_error():
+    """Where there is nothing: noise is the sum of squares of 2l + 1 errors."""
+    for row in fit.spectrum.spectrum(next(skies(1, TRUTH))):
+        n = 2 * row.l + 1
+        of_one = fit.quality.norm_limit(np.zeros(1), np.ones(1), n)[0]
+        assert row._replace(power=0.0).limit() == pytest.approx(of_one**2 * row.noise / n)
+
+
 @few_or_many(30, 300, "draws")
 @pytest.mark.parametrize("over_noise", [0.0, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.3, 1.0, 10.0)), 3.0])
 def test_limits_hold_on_a_cut_sky(over_noise, draws):

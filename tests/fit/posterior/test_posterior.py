@@ -264,7 +264,6 @@ def test_samples_travel(ending, tmp_path):
         np.testing.assert_array_equal(back[name], values)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_arviz():
     found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=500_000, **SETTINGS)
