@@ -13,12 +13,12 @@ G drops out. A motion that falls as 1/d is expected to be as E[1/d] has it (regr
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline, make_interp_spline
 
-from fit.distances._density import ErrorsByRedshift, GivenDensity, LuminosityFunction, SourceDensity
+from fit.distances._density import ErrorsByRedshift, GivenDensity, LogCurve, LuminosityFunction, SourceDensity
 from vsh.field import Field
 from vsh.models.cosmology import FLOW_LIMIT, count_unusable, hubble_value, to_cmb, transverse_distance, usable
 from vsh.sky.frames import TRUE
@@ -183,13 +183,12 @@ def inverse_distances(field: Field, calibration: Calibration, threads: int | Non
     magnitude = None if calibration.luminosity is None else np.asarray(field.magnitude)
 
     if unsure.size:
-        of = _moments_of(calibration, np.log1p(redshift[unsure]), spread[unsure])
-        brightness = None if magnitude is None else magnitude[unsure]
+        x, s = np.log1p(redshift[unsure]), spread[unsure]
+        g = None if magnitude is None else magnitude[unsure]
+        moments = _moments_by_x(calibration, x, s) if g is None else _moments(calibration)
 
         def block(part):
-            return of(
-                np.log1p(redshift[unsure[part]]), spread[unsure[part]], None if brightness is None else brightness[part]
-            )
+            return moments(x[part], s[part], None if g is None else g[part])
 
         blocks = list(map_blocks(block, unsure.size, _BLOCK, threads))
         mean[unsure], variance[unsure], slope[unsure] = np.concatenate(blocks, axis=1)
@@ -230,16 +229,10 @@ class _Cubics:
 
     def __init__(self, low: float, high: float, function: Callable[[FloatArray], Sequence[FloatArray]]) -> None:
         grid = np.linspace(low, high, _CELLS + 1)
-        self.values = np.array(function(grid))
         self._low, self._per_cell = low, _CELLS / (high - low)
-        if self.finite:
-            powers = CubicSpline(grid, self.values, axis=1).c / self._per_cell ** np.arange(3, -1, -1)[:, None, None]
-            self._powers = np.ascontiguousarray(np.moveaxis(powers, 2, 0))
-
-    @property
-    def finite(self) -> bool:
-        """Whether there are numbers everywhere."""
-        return bool(np.isfinite(self.values).all())
+        powers = CubicSpline(grid, np.array(function(grid)), axis=1).c
+        powers /= self._per_cell ** np.arange(3, -1, -1)[:, None, None]
+        self._powers = np.ascontiguousarray(np.moveaxis(powers, 2, 0))
 
     def __call__(self, x: FloatArray) -> list[FloatArray]:
         place = (x - self._low) * self._per_cell
@@ -262,16 +255,13 @@ class _Moments:
 
     def __init__(self, calibration: Calibration) -> None:
         self.calibration = calibration
-        # A function of the user's may have steps, which cubics have not.
-        smooth = not isinstance(calibration.density.curve, GivenDensity)
-        self.curves = _Cubics(np.log(np.log1p(FLOW_LIMIT)), np.log(_FARTHEST), self._of_log_x) if smooth else None
-        if self.curves is not None and not self.curves.finite:
-            self.curves = None
-        luminosity = calibration.luminosity
-        self.luminosity = luminosity
-        if self.curves is not None and luminosity is not None:
-            table = _Cubics(-60.0, 40.0, lambda m: [luminosity.log(m)])
-            self.luminosity = LuminosityFunction(lambda m: table(m)[0], luminosity.words)
+        # Functions of the user's may have steps and ends, which cubics have not.
+        self.curves: Callable[[FloatArray], Sequence[FloatArray]] = self._of_log_x
+        self.log_luminosity: Callable[[FloatArray], Sequence[FloatArray]] = self._of_magnitude
+        if not isinstance(calibration.density.curve, GivenDensity):
+            self.curves = _Cubics(np.log(np.log1p(FLOW_LIMIT)), np.log(_FARTHEST), self._of_log_x)
+        if calibration.luminosity is not None and isinstance(calibration.luminosity.curve, LogCurve):
+            self.log_luminosity = _Cubics(-60.0, 40.0, self._of_magnitude)
 
     def _of_log_x(self, log_x):
         """The logarithm of the weight, the rate, and the distance modulus with its (1 + z)."""
@@ -280,17 +270,21 @@ class _Moments:
         weight = log_weight + self.calibration.density.log(np.exp(log_d))
         return weight, np.exp(-log_d) / AU_PER_YEAR, 5 / np.log(10) * (log_d + x) + 25
 
+    def _of_magnitude(self, magnitude):
+        """The logarithm of the luminosity function."""
+        assert self.calibration.luminosity is not None
+        return (self.calibration.luminosity.log(magnitude),)
+
     def __call__(self, x: FloatArray, spread: FloatArray, magnitude: FloatArray | None) -> FloatArray:
         """(3, n), for x = ln(1 + z)."""
         lowest = np.log1p(FLOW_LIMIT)
         low, high = np.maximum(x - _REACH * spread, lowest), np.maximum(x, lowest) + _REACH * spread
         nodes = (high + low) / 2 + (high - low) / 2 * _NODES[:, None]
         away = nodes - x
-        curves = self._of_log_x if self.curves is None else self.curves
-        weight, rate, modulus = curves(np.log(nodes))
+        weight, rate, modulus = self.curves(np.log(nodes))
         weight -= (away / spread) ** 2 / 2
-        if self.luminosity is not None and magnitude is not None:
-            weight += self.luminosity.log(magnitude - modulus)
+        if magnitude is not None:
+            weight += self.log_luminosity(magnitude - modulus)[0]
         weight = _normal(weight)
         mean, centre = np.einsum("qn,qn->n", weight, rate), np.einsum("qn,qn->n", weight, away)
         rate -= mean
@@ -300,13 +294,18 @@ class _Moments:
         return np.stack([mean, variance, slope / spread**2])
 
 
-def _moments_of(calibration, x, spread):
-    """The moments of many sources: of one spread without magnitudes they are functions of x alone."""
-    of = _Moments(calibration)
-    if calibration.luminosity is not None or np.ptp(spread) > 0 or len(x) < 2 * _KNOTS:
-        return of
+@lru_cache(maxsize=8)  # parts, and skies of one study, share a calibration
+def _moments(calibration):
+    return _Moments(calibration)
+
+
+def _moments_by_x(calibration, x, spread):
+    """Moments without magnitudes: of many sources of one spread they are functions of x alone."""
+    moments = _moments(calibration)
+    if np.ptp(spread) > 0 or len(x) < 2 * _KNOTS:
+        return moments
     knots = np.linspace(np.log(x.min()), np.log(x.max()) + 1e-12, _KNOTS)
-    spline = CubicSpline(knots, of(np.exp(knots), np.full(_KNOTS, spread[0]), None), axis=1)
+    spline = CubicSpline(knots, moments(np.exp(knots), np.full(_KNOTS, spread[0]), None), axis=1)
     return lambda x, spread, magnitude: spline(np.log(x))
 
 

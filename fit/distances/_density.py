@@ -111,8 +111,10 @@ def completed(density: SourceDensity, luminosity: Any, limit: float, log_distanc
     faintest = limit - 5 / np.log(10) * (log_d + x) - 25
     magnitude = np.linspace(faintest.min() - 12, faintest.max(), 6000)
     log = luminosity.log(magnitude)
-    share = np.log(np.cumsum(np.exp(log - log.max())))
-    return SourceDensity(Completed(density.curve, log_d, np.interp(faintest, magnitude, share)), density.words)
+    with np.errstate(divide="ignore"):  # no source is so bright
+        share = np.interp(faintest, magnitude, np.log(np.cumsum(np.exp(log - log.max()))))
+    known = np.isfinite(share)
+    return SourceDensity(Completed(density.curve, log_d[known], share[known]), density.words)
 
 
 def redshift_counts(redshift: FloatArray) -> FloatArray:

@@ -224,3 +224,26 @@ def test_pulls_on_skies_as_they_are_seen(magnitudes, n_skies):
     assert abs(np.mean(off)) < 3.5 / np.sqrt(n_skies)
     assert np.std(pulls) == pytest.approx(1, abs=4 / np.sqrt(2 * len(pulls)))
     assert np.mean(naive) < np.mean(off)
+
+
+@pytest.mark.parametrize("density", [None, "volume"])
+@pytest.mark.parametrize("log", [
+    lambda m: np.log(10 ** (-0.4 * (m + 22))) - 10 ** (-0.4 * (m + 22)),  # Schechter's: nothing is so bright
+    lambda m: np.where(m > -26, 0.3 * m, -np.inf),
+    lambda m: np.where(m > -19, 0.0, -3.0),
+])  # fmt: skip
+def test_luminosity_functions_with_ends_and_steps(log, density):
+    """Those that are given are taken as they are, between the points of no table."""
+    field, _ = seen(200, 1, dispersion=300.0)
+    calibration = calibrate(field, dispersion=300.0, luminosity=log, density=density)
+    moments = inverse_distances(field, calibration)
+    x, s = np.log1p(moments.redshift), calibration.spread(field, moments.redshift)
+    low, high = np.maximum(x - 6 * s, np.log1p(1e-4)), x + 6 * s
+    nodes, weights = np.polynomial.legendre.leggauss(32)
+    true = (high + low) / 2 + (high - low) / 2 * nodes[:, None]
+    log_d, weight = calibration.log_distance(true)
+    weight += calibration.density.log(np.exp(log_d)) - ((true - x) / s) ** 2 / 2
+    weight += log(field.magnitude - 5 / np.log(10) * (log_d + true) - 25)
+    weight = weights[:, None] * np.exp(weight - weight.max(0))
+    mean = np.sum(weight * np.exp(-log_d), 0) / weight.sum(0)
+    np.testing.assert_allclose(1 / moments.distance, mean, rtol=1e-8)
