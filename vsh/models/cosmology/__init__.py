@@ -1,9 +1,4 @@
-"""Distances, usable redshifts, and our own motion through the Universe.
-
-Distances need astropy.cosmology, which is imported when the first of them is asked for.
-"""
-
-from typing import TYPE_CHECKING
+"""Distances, usable redshifts, and our own motion through the Universe."""
 
 from vsh.models.cosmology._apex import (
     BACHCHAN_2016,
@@ -19,18 +14,16 @@ from vsh.models.cosmology._apex import (
     velocity_from_apex,
     with_redshift,
 )
-from vsh.tools.modules import lazily, old_names
-
-if TYPE_CHECKING:
-    from vsh.models.cosmology._distance import (
-        FLAT_PLANCK13,
-        distance_modulus,
-        flat,
-        hubble_value,
-        parallax_factor,
-        redshift_of,
-        transverse_distance,
-    )
+from vsh.models.cosmology._distance import (
+    FLAT_PLANCK13,
+    distance_modulus,
+    flat,
+    hubble_value,
+    parallax_factor,
+    redshift_of,
+    transverse_distance,
+)
+from vsh.tools.modules import old_names
 
 __all__ = [
     "BACHCHAN_2016",
@@ -43,14 +36,4 @@ __all__ = [
     "with_redshift",
 ]
 
-_DISTANCE = [
-    "FLAT_PLANCK13",
-    "distance_modulus",
-    "flat",
-    "hubble_value",
-    "parallax_factor",
-    "redshift_of",
-    "transverse_distance",
-]
-_lazy, __dir__ = lazily(__name__, __all__, {"_distance": _DISTANCE})
-__getattr__ = old_names(__name__, {"PLANCK_2013": "FLAT_PLANCK13", "PLANCK_2018": "CMB_VELOCITY_PLANCK18"}, _lazy)
+__getattr__ = old_names(__name__, {"PLANCK_2013": "FLAT_PLANCK13", "PLANCK_2018": "CMB_VELOCITY_PLANCK18"})
