@@ -10,6 +10,7 @@ import numpy as np
 from astropy import constants
 from astropy import units as u
 
+from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 from vsh.tools.types import Quantity
 from vsh.tools.units import AU_PER_YEAR
 
@@ -134,7 +135,6 @@ def effects(redshift: float = 0.01) -> dict[str, Any]:
         That of the void is the paper's own, from a model that is not solved here.
     """
     from sim.signal import hubble_rate
-    from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
 
     distance = float(transverse_distance([redshift], FLAT_PLANCK13)[0])
     galactic = float(circular_acceleration(223 * u.km / u.s, 8.2 * u.kpc).value)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from vsh.models.cosmology import distance_modulus, transverse_distance
 from vsh.models.flows import HUBBLE, LINEAR_PLANCK18, LinearTheory, VelocityGrid
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import angles, triad
@@ -258,8 +259,6 @@ def galaxies(
     ParameterError
         If redshifts do not rise from above zero, or the sky is unknown.
     """
-    from vsh.models.cosmology import distance_modulus, transverse_distance
-
     if not 0 < min_redshift < max_redshift:
         raise ParameterError(f"redshifts must rise from above zero, not from {min_redshift} to {max_redshift}")
     rng = generator(rng)

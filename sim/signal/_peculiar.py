@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sim.signal._signal import Observer, Signal, direction_of
-from vsh.models.cosmology import parallax_factor
+from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, parallax_factor, transverse_distance
 from vsh.models.flows import LINEAR_PLANCK18, LinearTheory, VelocityGrid, flow_modes
 from vsh.sky.sphere import across_and_along, triad
 from vsh.tools import arguments
@@ -201,15 +201,11 @@ def _root(theory, lon, lat, far):
 
 def distance_of(redshift: ArrayLike, cosmology: Any, hubble: float | None) -> FloatArray:
     """Transverse comoving distances [Mpc]; flat, Ω_m = 0.315, H0 = 67.3 unless given."""
-    from vsh.models.cosmology import FLAT_PLANCK13, transverse_distance
-
     return transverse_distance(redshift, FLAT_PLANCK13 if cosmology is None else cosmology, hubble=hubble)
 
 
 def _little_h(cosmology, hubble):
     """H0/100 of the distances: in Mpc/h they are the same whatever it is."""
-    from vsh.models.cosmology import FLAT_PLANCK13, hubble_value
-
     return (hubble or hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)) / 100
 
 
