@@ -19,6 +19,7 @@ from vsh.modes import Modes
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import covariance, float_array
+from vsh.tools.errors import DegeneracyError
 from vsh.tools.types import FloatArray, Kind, Table
 from vsh.vector import Vector, correlation_of
 
@@ -336,6 +337,11 @@ class Solution(HarmonicSolution):
     def __post_init__(self) -> None:
         """Check what a file or a caller may have mixed up."""
         object.__setattr__(self, "covariance", covariance("the covariance", self.covariance, len(self.modes)))
+        if (self.covariance.diagonal() == 0).any():
+            raise DegeneracyError(
+                f"the errors from {self.errors_from} are zero: the motions have no scatter (are they all alike?). "
+                "Take the catalogue's own errors"
+            )
         super().__post_init__()
 
     def _pack(self):

@@ -420,7 +420,7 @@ BREAKS = [
     ("vsh/tools/modules.py", "if places and not any(", "if False and any(", "test_import_roots.py"),
     ("vsh/__main__.py", "\nimport_ours()\n", "\n", "test_import_roots.py"),
     ("fit/background/_floor.py", "range(2, min(solution.modes.lmax, _BESIDE) + 1)", "range(2, 3)", "test_floor.py"),
-    ("fit/background/_floor.py", 'np.errstate(all="ignore")', "np.errstate()", "test_fit.py test_shear.py"),
+    ("fit/solution.py", "if (self.covariance.diagonal() == 0).any():", "if False:", "test_fit.py"),
     ("fit/storage.py", 'module.partition("._")[0]', "module", "test_storage.py"),
     ("fit/storage.py", "new_name(place) or place", "place", "test_storage.py"),
     ("fit/solution.py", "if self.unshrunk is not None and l > 1:", "if False:", "test_floor.py"),

@@ -287,9 +287,8 @@ def add_floor(solution: Solution) -> Solution:
     if solution.modes.lmax < 3 or solution.unit != "µas/yr" or getattr(solution, "by_prior", None):
         return solution
     try:
-        with np.errstate(all="ignore"):  # where there is no noise at all
-            estimate = floor(solution, range(2, min(solution.modes.lmax, _BESIDE) + 1))
-    except VshError:  # replicates too few for a covariance, say
+        estimate = floor(solution, range(2, min(solution.modes.lmax, _BESIDE) + 1))
+    except VshError:  # replicates too few for a covariance, say, or no noise at all
         return solution
     return (
         replace(solution, floor=estimate)

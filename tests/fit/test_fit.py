@@ -216,3 +216,17 @@ def test_wrong_nouns_are_told_the_right_ones():
     assert fit.normal_equations(field, 2).modes == Modes(2)
     words = "".join(map(repr, (field, fit.normal_equations(field, 1), fit.fit_field(field, 1))))
     assert len(words) < 250
+
+
+@pytest.mark.parametrize("of_scatter", [
+    lambda field: fit.resample.bootstrap(field, 3, 50, rng=1).resampled_solution,
+    lambda field: fit.resample.jackknife(field, 3, 4).resampled_solution,
+    lambda field: fit.robust.excess_noise(field, 3),
+])  # fmt: skip
+def test_motions_all_alike_have_no_errors_of_their_own(of_scatter):
+    """Errors of zero went on into the floor and the spectrum, and ended in the words of a matrix."""
+    field = random_field(2000, seed=1)
+    still = Field(field.lon, field.lat, np.zeros((2, 2000)), field.sigma)
+    assert fit.fit_field(still, 3).chi2 == 0
+    with pytest.raises(DegeneracyError, match="are zero: the motions have no scatter"):
+        of_scatter(still)
