@@ -215,7 +215,9 @@ def compare_catalogues(
     differences = match(a, b, by=by, pairs=pairs)
     unit = "µas" if isinstance(a, Positions) else "µas/yr"
     # A few that are off by thousands of errors would carry a first fit away: none of them goes into it.
-    near = _distances(student_t(differences, modes).solution, differences) <= _FAR * threshold
+    near = np.ones(len(differences), bool)
+    if differences.motion.any():  # a catalogue beside itself has no scatter
+        near = _distances(student_t(differences, modes).solution, differences) <= _FAR * threshold
     clipped = clip(differences[near] if near.any() else differences, modes, threshold=threshold)
     solution = replace(clipped.solution, unit=unit)
     kept = near.copy()
