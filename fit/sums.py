@@ -45,6 +45,7 @@ from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field, weighed
 from vsh.io.parts import Parts, added
 from vsh.modes import Mode, Modes, ScalarModes
+from vsh.sky.sphere import sin_cos
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ComplexArray, FloatArray
 
@@ -191,7 +192,8 @@ def rings_of(modes: Modes) -> Rings:
 
 def fourier_sums(field: Any, lmax: int, threads: int | None = None) -> tuple[ComplexArray, ComplexArray, float]:
     """All that a fit to degree L needs of the sources: sums over them, which add."""
-    parts = map_blocks(lambda part: _moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
+    moments = _moments_by_products if lmax <= PRODUCTS else _moments
+    parts = map_blocks(lambda part: moments(field[part], lmax), len(field), BLOCK, threads, "normal equations")
     weights: Any = 0
     motions: Any = 0
     chi2_null = 0.0
@@ -223,6 +225,64 @@ def _moments(field, lmax):
     )
     half, near = 2 * lmax, slice(lmax, 3 * lmax + 1)
     return sums[: len(weights), half:], sums[len(weights) :, half : half + lmax + 1, near], chi2
+
+
+#: Up to this degree the moments are products of matrices, with sines and cosines of the sources for their rows.
+PRODUCTS = 4
+
+#: Sources in a product: their rows stay in the cache.
+_IN_CACHE = 2**11
+
+
+def _moments_by_products(field, lmax):
+    """What `_moments` gives: faster at low degrees, and exact to rounding."""
+    most = 2 * lmax
+    low = np.r_[: lmax + 1, most + 1 : most + 1 + lmax]
+    weights: Any = 0.0
+    motions: Any = 0.0
+    chi2 = 0.0
+    for start in range(0, len(field), _IN_CACHE):
+        some = field[start : start + _IN_CACHE]
+        a, d = _rows(some.lon, most), _rows(some.lat, most)
+        z = weighed(some.weights, some.data)
+        chi2 += float(np.vdot(z, some.data))
+        weights = weights + _products(some.weights, a, d)
+        motions = motions + _products(z, a[low], d[low])
+    return _by_exponentials(weights), _by_exponentials(motions), chi2
+
+
+def _rows(x, most):
+    """1, cos x, … cos Kx, sin x, … sin Kx, (2K + 1, n); in place, for K so low that the recurrence loses nothing."""
+    rows = np.ones((2 * most + 1, x.size))
+    if not most:
+        return rows
+    sin, cos = sin_cos(x)
+    rows[1], rows[most + 1] = cos, sin
+    twice = 2 * cos
+    for k in range(2, most + 1):
+        np.multiply(twice, rows[k - 1], out=rows[k])
+        rows[k] -= rows[k - 2]
+        np.multiply(twice, rows[most + k - 1], out=rows[most + k])
+        if k > 2:
+            rows[most + k] -= rows[most + k - 2]
+    return rows
+
+
+def _products(values, a, d):
+    """Σ values · (rows in α) · (rows in δ), (values, rows, rows)."""
+    left = (values[:, None] * a).reshape(-1, a.shape[1])
+    return (left @ d.T).reshape(len(values), len(a), len(d))
+
+
+def _by_exponentials(sums):
+    """Σ w e^{−i(Mα + nδ)} from sums of cosines and sines, (values, M ≥ 0, n)."""
+    most = (sums.shape[-1] - 1) // 2
+    sine = np.zeros((len(sums), most + 1, sums.shape[-1]))
+    sine[:, 1:] = sums[:, most + 1 :]
+    turned = sums[:, : most + 1] - 1j * sine
+    even, odd = turned[..., : most + 1], np.zeros_like(turned[..., : most + 1])
+    odd[..., 1:] = turned[..., most + 1 :]
+    return np.concatenate([(even + 1j * odd)[..., :0:-1], even - 1j * odd], axis=-1)
 
 
 class Rings:

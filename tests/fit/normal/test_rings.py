@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 import fit
 import sim
+from fit.sums import PRODUCTS
 from vsh import Field, Modes
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
@@ -36,6 +37,17 @@ def test_compressed_is_direct(lmax):
     # Moments good to 1e-13 and a condition of N below 1e3 here: see docs/performance.md for where this ends.
     np.testing.assert_allclose(two.coefficients.values / one.sigma, one.coefficients.values / one.sigma, atol=1e-9)
     np.testing.assert_allclose(two.sigma, one.sigma, rtol=1e-9)
+
+
+@pytest.mark.parametrize("lmax", range(1, PRODUCTS + 1))
+def test_products_at_low_degrees_are_exact(lmax):
+    """To rounding, where transforms are good to 2e-13; more sources than one product takes."""
+    field, modes = cut_sky(5000, lmax), Modes(lmax)
+    direct, compressed = (
+        fit.normal_equations(field, modes, method=method) for method in ("design-matrix", "compressed")
+    )
+    np.testing.assert_allclose(compressed.matrix, direct.matrix, atol=3e-15 * np.abs(direct.matrix).max(), rtol=0)
+    np.testing.assert_allclose(compressed.rhs, direct.rhs, atol=3e-15 * np.abs(direct.rhs).max(), rtol=0)
 
 
 @given(seed=st.integers(0, 10_000), lmax=st.integers(1, 6), n=st.integers(1, 300))

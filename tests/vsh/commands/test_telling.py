@@ -172,6 +172,7 @@ def test_citations_of_what_is_asked_for():
     assert "hunter2007" in citing.keys("vsh-fit", {"output": "x"})
     assert "hunter2007" not in citing.keys("vsh-fit", {"output": "x", "no-figures": True})
     assert "planck2020overview" in citing.keys("vsh-sim", {"velocity": "planck"})
+    assert "gorski2005" in citing.keys("vsh-pairs", {})  # what the command itself uses, whatever is asked for
 
 
 class Piped:
