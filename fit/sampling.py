@@ -249,9 +249,12 @@ def check_writable(path: PathName) -> None:
 
 
 def autocorrelation(chain: FloatArray) -> FloatArray:
-    """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]"""
+    """Integrated autocorrelation times of a chain (steps, walkers, d), (d,); nan where a walker never moved. [steps]
+
+    One at least: independent samples scatter about it.
+    """
     with np.errstate(invalid="ignore", divide="ignore"):
-        return emcee.autocorr.integrated_time(chain, tol=0, quiet=True)
+        return np.maximum(emcee.autocorr.integrated_time(chain, tol=0, quiet=True), 1.0)
 
 
 def split_r_hat(chain: FloatArray) -> FloatArray:
@@ -275,23 +278,34 @@ ENOUGH = 50
 _AIM = 75
 
 
+#: The share of moves to an independent draw, where there is one: the rest would find what the draws do not know.
+_BY_DRAWS = 0.8
+
+
 class Run:
     """One chain: `resume_from` ties it to a checkpoint, `run` runs it.
 
-    Moves are by differential evolution, one in ten of them from mode to mode. A chain that has fewer than 50
-    autocorrelation times after `steps` goes on, to at most `most` steps. The chain does not depend on where it was
-    interrupted, nor on how often it was saved.
+    Moves are by differential evolution, one in ten of them from mode to mode; where `propose` gives draws of nearly the
+    posterior itself, four of five are to such a draw. A chain that has fewer than 50 autocorrelation times after
+    `steps` goes on, to at most `most` steps. The chain does not depend on where it was interrupted, nor on how often it
+    was saved.
     """
 
     def __init__(
-        self, model: Any, begin: FloatArray, seed: int, steps: int, progress: bool, save_every: float, most: int = 0
+        self,
+        model: Any,
+        begin: FloatArray,
+        seed: int,
+        steps: int,
+        progress: bool,
+        save_every: float,
+        most: int = 0,
+        propose: Callable[..., Any] | None = None,
     ) -> None:
-        self.sampler = emcee.EnsembleSampler(
-            *begin.shape,
-            model.log_probability,
-            vectorize=True,
-            moves=[(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)],
-        )
+        moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
+        if propose is not None:
+            moves = [(emcee.moves.MHMove(propose), _BY_DRAWS)] + [(move, (1 - _BY_DRAWS) * w) for move, w in moves]
+        self.sampler = emcee.EnsembleSampler(*begin.shape, model.log_probability, vectorize=True, moves=moves)
         first = model.log_probability(begin)
         if not np.isfinite(first).all():
             raise ParameterError(f"{(~np.isfinite(first)).sum()} of {len(begin)} walkers would start at zero density")

@@ -88,7 +88,7 @@ class HarmonicSolution(LinearSolution):
     covariance_dof: float = float("inf")
     #: Unit of the coefficients.
     unit: str = "µas/yr"
-    #: What `fit.background.add_floor` estimated.
+    # What `fit.background.add_floor` estimated.
     floor: Any = None
 
     @property

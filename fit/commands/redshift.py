@@ -230,6 +230,7 @@ def _posterior(field, options, common):
         field,
         prior,
         hubble,
+        method=options.method or "emcee",
         n_samples=options.n_samples,
         rng=options.seed,
         checkpoint=options.checkpoint,

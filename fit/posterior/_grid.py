@@ -6,6 +6,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from fit.posterior._cells import Cells, check_few
 from fit.posterior._model import parallax_model
 from fit.posterior._priors import NoiseOptions, Priors, as_priors
 from fit.posterior._sample import distances_of, posterior_equations
@@ -119,36 +120,15 @@ def grid(
     if known.outliers is not None:
         raise ParameterError("a grid has no outliers: sample the posterior")
     rows, given = posterior_equations(field, known, cosmology, distances_of(dict(noise)))
-    spin = known.spin
-    free = tuple(given.free)
-    if len(free) > 2:
-        raise ParameterError(f"a grid of {', '.join(free)} is too large: fix all but two, or sample")
-    if not given.velocity.gaussian:
-        raise ParameterError("on a grid the prior on the velocity must be Gaussian or flat")
-    model = parallax_model(rows, given, spin, threads)
-    limits = [given.limits(name) for name in free]
-    for _ in range(3):  # the last two on what the one before left over
-        axes = [_midpoints(*pair, n_points) for pair in limits]
-        points_of = np.stack([each.ravel() for each in np.meshgrid(*axes, indexing="ij")], axis=1)
-        log, mean, covariance = model.conditional(points_of)
-        p = np.exp(log - log.max())
-        p = (p / p.sum()).reshape([len(axis) for axis in axes])
-        limits = [_support(axis, p, i) for i, axis in enumerate(axes)]
-    weight = p.ravel()
+    check_few(given)
+    return of_cells(Cells.of(parallax_model(rows, given, known.spin, threads), n_points))
+
+
+def of_cells(cells: Cells) -> GridPosterior:
+    """What cells say."""
+    weight, mean = cells.probability.ravel(), cells.mean
     centre = weight @ mean
     away = mean - centre
-    spread = np.einsum("n,nij->ij", weight, covariance) + np.einsum("n,ni,nj->ij", weight, away, away)
-    return GridPosterior(free, tuple(axes), p, Vector(centre, spread, rows.frame, "km/s"))
-
-
-def _midpoints(low, high, count):
-    edges = np.linspace(low, high, count + 1)
-    return (edges[1:] + edges[:-1]) / 2
-
-
-def _support(axis, p, index):
-    """Limits beyond which there is less than 1e-9 of the probability."""
-    one = p.sum(tuple(i for i in range(p.ndim) if i != index))
-    inside = np.flatnonzero(one > 1e-9 * one.max())
-    step = axis[1] - axis[0]
-    return axis[inside[0]] - step / 2, axis[inside[-1]] + step / 2
+    spread = np.einsum("n,nij->ij", weight, cells.covariance) + np.einsum("n,ni,nj->ij", weight, away, away)
+    velocity = Vector(centre, spread, cells.model.likelihood.frame, "km/s")
+    return GridPosterior(tuple(cells.model.priors.free), cells.axes, cells.probability, velocity)

@@ -109,7 +109,7 @@ class ParallaxModel:
         many = max(4000, 20 * walkers)
         numbers, log_drawn = rng.uniform(low, high, (many, len(low))), 0.0
         for _ in range(4):
-            first, log_first = self._draw(rng, numbers)
+            first, log_first = self.draw_velocity(rng, numbers)
             theta = np.column_stack([first, numbers])
             log_weight = self.log_probability(theta) - log_drawn - log_first
             if not np.isfinite(log_weight).any():
@@ -130,8 +130,22 @@ class ParallaxModel:
             log_drawn = np.logaddexp(near, np.log(0.1) - np.log(high - low).sum())
         return best
 
-    def _draw(self, rng, numbers):
-        """The first three coordinates given the rest, and the log-density they were drawn with."""
+    def draw_velocity(
+        self, rng: np.random.Generator | np.random.RandomState, numbers: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The first three coordinates given the rest, (n, 3), and the log-density they were drawn with."""
+        mean, root, logdet = self._first_given(numbers)
+        unit = rng.standard_normal(mean.shape)
+        return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - logdet
+
+    def log_density_of_velocity(self, theta: FloatArray) -> FloatArray:
+        """The log-density with which `draw_velocity` gives the first three of coordinates (n, d)."""
+        mean, root, logdet = self._first_given(theta[:, 3:])
+        unit = np.linalg.solve(root, (theta[:, :3] - mean)[..., None])[..., 0]
+        return -np.sum(unit**2, 1) / 2 - logdet
+
+    def _first_given(self, numbers):
+        """Mean, root of the covariance and its log-determinant of the first three coordinates, given the rest."""
         spreads, ratio = self.spreads(numbers)
         if self.priors.velocity.gaussian:
             _, mean, covariance = self.conditional(numbers)
@@ -140,10 +154,8 @@ class ParallaxModel:
             mean, covariance = mean / ratio[:, None], np.linalg.inv(matrix) / ratio[:, None, None] ** 2
         if self.along == "u":
             mean, covariance = mean * ratio[:, None], covariance * ratio[:, None, None] ** 2
-        unit = rng.standard_normal(mean.shape)
         root = np.linalg.cholesky(covariance)
-        logdet = np.log(np.einsum("nii->ni", root)).sum(1)
-        return mean + np.einsum("nij,nj->ni", root, unit), -np.sum(unit**2, 1) / 2 - logdet
+        return mean, root, np.log(np.einsum("nii->ni", root)).sum(1)
 
     def to_samples(self, theta: FloatArray, rng: np.random.Generator) -> dict[str, FloatArray]:
         """What a user asks for, by name: v, H0, the others, and ã, drawn given them."""

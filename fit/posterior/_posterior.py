@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from fit.posterior._cells import Cells
 from fit.posterior._model import MixtureModel, ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS
 from fit.posterior._summary import SampleResult, Samples, text_of
@@ -32,6 +33,10 @@ class Posterior(SampleResult):
         Axes of velocity and acceleration.
     notes : tuple of str
     seed : int
+    method : {"emcee", "grid"}
+        Whether it is a chain, or independent draws in its form.
+    cells : Cells or None
+        The same posterior on a grid, where it is known there.
     """
 
     chain: FloatArray
@@ -40,6 +45,8 @@ class Posterior(SampleResult):
     frame: str
     notes: tuple[str, ...]
     seed: int
+    method: Literal["emcee", "grid"] = "emcee"
+    cells: Cells | None = None
 
     def __repr__(self) -> str:
         steps, walkers, _ = self.chain.shape
@@ -53,8 +60,9 @@ class Posterior(SampleResult):
 
     @property
     def burn_in(self) -> int:
-        """Steps left out at the start: five autocorrelation times of the slowest coordinate."""
-        return int(np.ceil(5 * self._slowest()))
+        """Steps left out at the start: five autocorrelation times of the slowest coordinate; none of draws."""
+        begins_anywhere = self.method == "emcee" and self.cells is None
+        return int(np.ceil(5 * self._slowest())) if begins_anywhere else 0
 
     @property
     def n_walkers(self) -> int:

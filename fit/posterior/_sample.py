@@ -5,10 +5,11 @@ from contextlib import nullcontext
 from dataclasses import replace
 from logging import getLogger
 from time import perf_counter
-from typing import Any, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
+from fit.posterior._cells import Cells, check_few, in_cells
 from fit.posterior._model import MixtureModel, parallax_model
 from fit.posterior._posterior import Posterior
 from fit.posterior._priors import DISTANCES, ModelPriors, NoiseOptions, Priors, as_priors, checked_priors
@@ -25,7 +26,7 @@ from fit.secular_parallax import (
 from vsh.field import MEASURED, Field
 from vsh.io.parts import Parts
 from vsh.tools import arguments
-from vsh.tools.arguments import generator
+from vsh.tools.arguments import choice, generator
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import exclusive
 from vsh.tools.logs import log_result
@@ -81,7 +82,8 @@ def sample(
     hubble_prior: str | tuple[float, float] | Prior | None = None,
     *,
     priors: Priors | None = None,
-    n_samples: int = 400_000,
+    method: Literal["emcee", "grid"] = "emcee",
+    n_samples: int = 100_000,
     max_samples: int | None = None,
     rng: Rng = 1,
     checkpoint: PathName | None = None,
@@ -102,6 +104,9 @@ def sample(
         "planck" and "flat" unless given.
     priors : Priors, optional
         Goes with the next release: all of them in one noun, in place of `velocity_prior`, `hubble_prior` and `noise`.
+    method : {"emcee", "grid"}
+        "grid" gives independent samples, exact and at once, where H0 and one more number at most are free and the
+        velocity's prior is Gaussian or flat; it needs no checkpoint.
     n_samples : int
         Steps times walkers, before burn-in and thinning, at least.
     max_samples : int, optional
@@ -137,9 +142,11 @@ def sample(
 
     Notes
     -----
-    emcee (Foreman-Mackey et al. 2013, PASP 125, 306) with moves by differential evolution, one in
-    ten of them from mode to mode (ter Braak 2006).
+    emcee (Foreman-Mackey et al. 2013, PASP 125, 306) with moves by differential evolution, one in ten of them from mode
+    to mode (ter Braak 2006). Where the posterior is known on a grid, walkers start from draws of it, four moves of five
+    are to a new draw, and the report has the grid's H0 beside the chain's.
     """
+    choice("method", method, ("emcee", "grid"))
     known = as_priors(priors, velocity_prior, hubble_prior, dict(noise))
     distances = distances_of(dict(noise))
     if known.outliers is not None and "flows" not in distances:
@@ -158,10 +165,20 @@ def sample(
     steps = -(-int(n_samples) // n_walkers)
     if steps < 2:
         raise ParameterError(f"{n_samples} samples are fewer than two steps of {n_walkers} walkers")
-    seed = int(generator(rng).integers(2**32))
-    begin = model.start(np.random.default_rng(seed), n_walkers)
+    seed, begun = int(generator(rng).integers(2**32)), perf_counter()
+    if method == "grid":
+        check_few(given)
+        if outliers is not None:
+            raise ParameterError("a grid has no outliers: sample the posterior with emcee")
+        if checkpoint is not None:
+            raise ParameterError("independent draws from a grid are made at once: they take no checkpoint")
+        theta, log = Cells.of(model).independent(np.random.default_rng(seed), steps * n_walkers)
+        draws = theta.reshape(steps, n_walkers, -1), log.reshape(steps, n_walkers)
+        return _logged(Posterior(*draws, model, rows.frame, rows.notes, seed, method), begun)
+    cells, start = in_cells(model), np.random.default_rng(seed)
+    begin = model.start(start, n_walkers) if cells is None else cells.independent(start, n_walkers)[0]
     most = 16 * steps if max_samples is None else int(max_samples) // n_walkers
-    run = Run(model, begin, seed, steps, progress, save_every, most)
+    run = Run(model, begin, seed, steps, progress, save_every, most, None if cells is None else cells.propose)
     if checkpoint is not None:
         check_writable(checkpoint)
         spin_said = f"{spin.value} {spin.sigma}" if isinstance(spin, Vector) else str(spin)
@@ -179,12 +196,14 @@ def sample(
                 "seed": str(seed),
             },
         )
-    begun = perf_counter()
     with nullcontext() if checkpoint is None else exclusive(checkpoint):
         if checkpoint is not None:
             run.resume_from(checkpoint, identity)
         chain, log_probability = run.run()
-    posterior = Posterior(chain, log_probability, model, rows.frame, rows.notes, seed)
+    return _logged(Posterior(chain, log_probability, model, rows.frame, rows.notes, seed, cells=cells), begun)
+
+
+def _logged(posterior, begun):
     log_result(_LOG, "chain", posterior, begun)
     return posterior
 

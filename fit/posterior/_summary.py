@@ -178,17 +178,32 @@ def _walkers(samples, rest):
 
 def text_of(posterior: Any) -> str:
     """A page of text on a posterior."""
-    steps, walkers, _ = posterior.chain.shape
-    slowest = max(posterior.autocorrelation.values())
-    priors = posterior.model.priors
-    lines = [
-        *heading(posterior.frame, priors.in_words()),
-        f"chain          {steps} steps of {walkers} walkers = {steps / slowest:.0f} autocorrelation times",
-        f"               {len(posterior.samples['H0'])} samples kept after burn-in and thinning",
-    ]
     samples = posterior.samples
+    lines = [*heading(posterior.frame, posterior.model.priors.in_words()), *_origin(posterior)]
     lines += [*table_lines(posterior), *_at_limits(posterior), *_product(samples), *note_lines(posterior.notes)]
     return "\n".join(lines)
+
+
+def _origin(posterior):
+    """Where the samples come from, as lines."""
+    steps, walkers, _ = posterior.chain.shape
+    kept = len(posterior.samples["H0"])
+    if posterior.method == "grid":
+        return [f"samples        {kept}, independent draws from a grid"]
+    lines = [
+        f"chain          {steps} steps of {walkers} walkers = {steps / max(posterior.autocorrelation.values()):.0f} "
+        "autocorrelation times",
+        f"               {kept} samples kept after burn-in and thinning",
+    ]
+    if posterior.cells is None:
+        return lines
+    mean, sigma = posterior.cells.hubble
+    chain, error = np.mean(posterior.samples["H0"]), sigma / np.sqrt(posterior.effective_size["H0"])
+    apart = (chain - mean) / error
+    return [
+        *lines,
+        f"               mean H0 {apart:+.1f} of its Monte Carlo errors from that on a grid, {mean:.4g} ± {sigma:.2g}",
+    ]
 
 
 def heading(frame: str, priors: Mapping[str, str]) -> list[str]:

@@ -1,5 +1,6 @@
 """Options are parsed before anything heavy is imported, under every name that a command has."""
 
+import os
 import subprocess
 import sys
 
@@ -28,8 +29,15 @@ def modules_after(words):
         "except SystemExit as end: assert not end.code, end.code\n"
         "print('loaded', *sys.modules)"
     )
+    alone = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE")}
     run = subprocess.run(
-        [sys.executable, "-c", code, *words], cwd=ROOT, capture_output=True, text=True, encoding="utf-8", check=True
+        [sys.executable, "-c", code, *words],
+        cwd=ROOT,
+        env=alone,
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=True,
     )
     return run.stdout.split("loaded ")[-1].split()
 

@@ -105,7 +105,12 @@ def make_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="sample it; prior on the velocity: Planck's or --velocity; on H0: flat, or by --h0-error or --h0-range",
     )
-    posterior.add_argument("--n-samples", type=values.count(1), default=400_000, metavar="N", help="default: 400000")
+    posterior.add_argument(
+        "--method",
+        choices=("emcee", "grid"),
+        help="a chain (emcee, the default), or independent draws at once, where H0 and one more at most are free",
+    )
+    posterior.add_argument("--n-samples", type=values.count(1), default=100_000, metavar="N", help="default: 100000")
     posterior.add_argument(
         "--checkpoint", metavar="FILE", help="keep the chain here; an interrupted run resumes from it"
     )
@@ -171,6 +176,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if options.checkpoint and not options.posterior:
         parser.error("--checkpoint is for --posterior")
+    if options.checkpoint and options.method == "grid":
+        parser.error("--checkpoint keeps a chain: draws from a grid are made at once")
     for name in ("flows", "local_group", "reconstruction", "flow_amplitude"):
         if getattr(options, name) and options.no_flows:
             parser.error(f"--{name.replace('_', '-')} does not go with --no-flows")
@@ -180,6 +187,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         ("h0_range", "posterior"),
         ("peculiar_dispersion_max", "posterior"),
         ("h0_error", "posterior"),
+        ("method", "posterior"),
     ):
         if getattr(options, name) and not getattr(options, needs):
             parser.error(f"--{name.replace('_', '-')} needs --{needs}")
