@@ -101,6 +101,17 @@ def design_matrix_up_to(modes: Modes) -> int:
 DIPOLE_BLOCK = 2**14
 
 
+def _take():
+    """From the order and signs of rows to (ω_x, ω_y, ω_z, g_x, g_y, g_z), and from vectors to coefficients; and χ²."""
+    take = np.zeros((7, 7))
+    take[range(7), [3, 2, 4, 0, 1, 5, 6]] = [-1, -1, 1, -1, 1, 1, 1]
+    take[:6] = np.kron(np.eye(2), np.linalg.inv(FIRST_DEGREE).T) @ take[:6]
+    return take
+
+
+_TAKE = _take()
+
+
 def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
     """N, b and Σ yᵀ C⁻¹ y of degree 1: what `fit.normal_equations` adds up."""
     size = min(DIPOLE_BLOCK, len(field))
@@ -115,11 +126,7 @@ def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
         for i in range(7):  # a matrix times a vector: three times as fast as the small product A Aᵀ
             gram[i, : i + 1] += flat[: i + 1] @ flat[i]
     gram = gram + np.tril(gram, -1).T
-    # From the rows' order and signs to (ω_x, ω_y, ω_z, g_x, g_y, g_z), and from vectors to coefficients.
-    take = np.zeros((7, 7))
-    take[range(7), [3, 2, 4, 0, 1, 5, 6]] = [-1, -1, 1, -1, 1, 1, 1]
-    take[:6] = np.kron(np.eye(2), np.linalg.inv(FIRST_DEGREE).T) @ take[:6]
-    gram = take @ gram @ take.T
+    gram = _TAKE @ gram @ _TAKE.T
     return gram[:6, :6], gram[:6, 6], float(gram[6, 6])
 
 

@@ -11,6 +11,8 @@ from vsh.tools.types import BoolArray, FloatArray, OnBad
 
 #: ρ² at and above which a covariance counts as singular.
 RHO2_LIMIT = 1 - 1e-6
+#: Correlations closer to zero need no square.
+_RHO_SAFE = 0.999
 #: Errors whose squares leave the range of a double are no errors.
 SIGMA_RANGE = 1e-140, 1e140
 
@@ -72,6 +74,16 @@ def invalid_rows(
 ) -> dict[str, BoolArray]:
     """Why sources cannot be used: each source under its first reason."""
     reasons: dict[str, Any] = dict(further or {})
+    marks = [*reasons.values(), *([] if placeholders is None else [placeholders])]
+    limits = (
+        (sigma, *SIGMA_RANGE),
+        (motion, -SIGMA_RANGE[1], SIGMA_RANGE[1]),
+        (rho, -_RHO_SAFE, _RHO_SAFE),
+        (lat, -np.pi / 2, np.pi / 2),
+        (lon, -2 * np.pi * turns, 2 * np.pi * turns),
+    )
+    if not any(mask.any() for mask in marks) and all(_within(*each) for each in limits):
+        return {}
     if placeholders is not None:
         reasons[PLACEHOLDER] = placeholders | reasons.get(PLACEHOLDER, False)
     reasons = reasons | {
@@ -97,6 +109,11 @@ def invalid_rows(
     return invalid
 
 
+def _within(values, low, high):
+    """Whether all values lie between two limits; not where one is not a number."""
+    return bool(values.size and values.min() > low and values.max() < high)
+
+
 #: What catalogues write where they have no value; no motion and no error is exactly one of these.
 PLACEHOLDER = "a value such as -9999 that marks missing data"
 _PLACEHOLDERS = np.array([9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e20, 1e30, 1.6375e30])
@@ -109,6 +126,8 @@ def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
     out = np.zeros(len(columns["pmra"]), bool)
     with np.errstate(invalid="ignore"):
         for values in columns.values():
+            if _within(values, -_PLACEHOLDERS[0], _PLACEHOLDERS[0]):
+                continue
             large = np.abs(values) >= _PLACEHOLDERS[0]
             if large.any():
                 out[large] |= np.isin(np.abs(values[large]), _PLACEHOLDERS)
@@ -120,6 +139,8 @@ def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
 
 def doubtful(columns: Mapping[str, FloatArray]) -> tuple[str, ...]:
     """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used."""
+    if all(_within(columns[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
+        return ()
     with np.errstate(invalid="ignore"):
         odd = np.stack([np.isin(columns[name], _LIKELY) & (np.abs(columns[name]) > 50) for name in ("pmra", "pmdec")])
     rows = odd.any(0)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -169,8 +170,10 @@ def missing_column(name: str | None, source: TableSource) -> str:
 
 def doubt_positions(columns: Any, assumed: Any, at_least: int = 20) -> None:
     """Raise FieldError where bare positions look like radians or hours rather than degrees."""
+    if not assumed or columns["ra"].size and columns["ra"].max() > 24:
+        return
     ra, dec = (np.ma.compressed(columns[role]) for role in ("ra", "dec"))
-    if not assumed or ra.size < at_least or dec.size < at_least:
+    if ra.size < at_least or dec.size < at_least:
         return
     with np.errstate(invalid="ignore"):
         small = (ra >= -np.pi).all() and (ra <= 2 * np.pi).all() and (np.abs(dec) <= np.pi / 2).all()
@@ -247,9 +250,10 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
                 raise TableError(
                     f"column {name!r} has no unit: say which, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
                 )
-            assumed.setdefault(str(wanted), []).append(name)
-            unit = wanted
-        stated[role] = _factor(name, unit, wanted, name in (units or {}))
+            assumed.setdefault(_text(wanted), []).append(name)
+            stated[role] = 1.0
+        else:
+            stated[role] = _factor(name, unit, wanted, name in (units or {}))
     for role in filter(where.__contains__, FURTHER_UNITS):
         name, wanted = where[role], FURTHER_UNITS[role]
         unit = (units or {}).get(name, source.units.get(name))
@@ -260,6 +264,11 @@ def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: T
                 f"column {name!r} has no unit: say which, units={{{name!r}: {str(wanted)!r}}} (--units {name}={wanted})"
             )
     return stated, assumed
+
+
+@lru_cache
+def _text(unit):
+    return str(unit)
 
 
 def differing_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
@@ -273,8 +282,11 @@ def differing_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[
 
 def parse_unit(unit: Any) -> Any:
     """A unit from what a table or a user says: in astropy's own spelling, that of FITS, VOTable or CDS."""
-    if not isinstance(unit, str):
-        return u.Unit(unit)
+    return _parsed(unit) if isinstance(unit, str) else u.Unit(unit)
+
+
+@lru_cache(1000)
+def _parsed(unit):
     for form in ("generic", "vounit", "cds", "ogip"):
         try:
             return u.Unit(unit, format=form)
@@ -289,26 +301,27 @@ def unit_factor(name: str, unit: Any, wanted: str) -> float:
 
 
 def _factor(name, unit, wanted, given):
-    text = printable(unit)
     try:
         parsed = parse_unit(unit)
     except (ValueError, TypeError):
         place = "units" if given else "the table"
         raise TableError(
-            f"{place}: {text!r}, given for {name}, is no unit that astropy knows: say what it is, "
+            f"{place}: {printable(unit)!r}, given for {name}, is no unit that astropy knows: say what it is, "
             f"units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
         ) from None
     if not isinstance(parsed, u.UnitBase):
-        raise TableError(f"column {name!r} is in {text!r}, a logarithm: turn it into a linear unit, {wanted} say")
+        raise TableError(
+            f"column {name!r} is in {printable(unit)!r}, a logarithm: turn it into a linear unit, {wanted} say"
+        )
     try:
         factor = float(parsed.to(wanted))
     except (u.UnitConversionError, ValueError, TypeError, AttributeError):
         raise TableError(
-            f"column {name!r} is in {text!r}, which cannot be turned into {wanted}: "
+            f"column {name!r} is in {printable(unit)!r}, which cannot be turned into {wanted}: "
             f"if the table is wrong, say what it is, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
         ) from None
     if not 0 < factor < np.inf:
-        raise TableError(f"column {name!r} is in {text!r}, a unit that is not positive: signs would turn")
+        raise TableError(f"column {name!r} is in {printable(unit)!r}, a unit that is not positive: signs would turn")
     return factor
 
 
@@ -334,7 +347,9 @@ def _further(role, name, unit, wanted, given):
 
 
 def plain(name: str, values: Any, missing: BoolArray | None) -> Any:
-    """A column of numbers as a masked array of doubles."""
+    """A column of numbers as an array of doubles, masked where values are missing."""
+    if missing is None and not np.ma.isMaskedArray(values):
+        return as_floats(printable(name), values)[0]
     floats, mask = as_floats(printable(name), np.ma.MaskedArray(values, False if missing is None else missing))
     return np.ma.MaskedArray(floats, mask)
 

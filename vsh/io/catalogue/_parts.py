@@ -3,6 +3,8 @@
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +96,10 @@ def parts(
     return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
 
 
+#: A part whose first block is smaller is read through without a thread that reads ahead, which costs more.
+_WORTH_A_THREAD = 2**15
+
+
 @dataclass(frozen=True)
 class Reader:
     """From a piece to its fields, a block of sources at a time."""
@@ -132,16 +138,23 @@ class Reader:
             roles=roles,
             where=self.where,
         )
-        for field in ahead(fields):
+        first = next(fields)
+        if len(first) >= _WORTH_A_THREAD:
+            fields = ahead(fields)
+        for field in chain([first], fields):
             yield field.add_note(*notes) if notes else field
 
 
 def _layout(opened, columns):
     """Which of the columns a table has, and in which units."""
-    names = [
-        name for role in Columns.__dataclass_fields__ for name in _candidates(columns, role) if name in opened.names
-    ]
-    return {name: str(opened.units.get(name)) for name in names}
+    return _layout_of(tuple(opened.names), tuple((name, str(unit)) for name, unit in opened.units.items()), columns)
+
+
+@lru_cache
+def _layout_of(present, units, columns):
+    named, known = dict(units), set(present)
+    wanted = [name for role in Columns.__dataclass_fields__ for name in _candidates(columns, role)]
+    return {name: named.get(name, "None") for name in wanted if name in known}
 
 
 def _check_same_columns(opened, columns, label, wanted):

@@ -14,8 +14,9 @@ from vsh.tools.types import PathName
 
 def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSource:
     """A Parquet file, or files with the same columns as one table."""
-    paths = [paths] if isinstance(paths, (str, os.PathLike)) else paths
     arrow, dataset_module = _arrow(label)
+    if isinstance(paths, (str, os.PathLike)):
+        return _open_one(arrow, paths, label)
     try:
         options = dataset_module.ParquetFragmentScanOptions(page_checksum_verification=True)
         form = dataset_module.ParquetFileFormat(default_fragment_scan_options=options)
@@ -29,6 +30,27 @@ def open_parquet(paths: PathName | Sequence[PathName], label: str) -> TableSourc
         return dataset.to_batches(
             columns=list(names), batch_size=min(rows, 2**17), batch_readahead=1, fragment_readahead=1
         )
+
+    return _source(label, schema, batches)
+
+
+def _open_one(arrow, path, label):
+    """One file: a dataset of it would take twice as long to open and to begin."""
+    from pyarrow.parquet import ParquetFile
+
+    def opened(footer=None):
+        return ParquetFile(str(path), metadata=footer, page_checksum_verification=True)
+
+    try:
+        with opened() as file:
+            schema, footer = file.schema_arrow, file.metadata
+    except (arrow.ArrowException, OSError, ValueError, TypeError, MemoryError) as error:
+        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
+    _check_names(schema.names, label)
+
+    def batches(names, rows):
+        with opened(footer) as file:
+            yield from file.iter_batches(min(rows, 2**17), columns=list(names))
 
     return _source(label, schema, batches)
 
@@ -113,14 +135,15 @@ def _block(batches, names, label):
     block = {}
     for name in names:
         parts = [_column(batch.column(name), name, label) for batch in batches]
-        values = np.concatenate([values for values, _ in parts])
-        mask = np.concatenate([mask for _, mask in parts])
-        block[name] = values, mask if mask.any() else None
+        values = parts[0][0] if len(parts) == 1 else np.concatenate([values for values, _ in parts])
+        missing = any(mask is not None for _, mask in parts)
+        masks = [np.zeros(len(column), bool) if mask is None else mask for column, mask in parts] if missing else []
+        block[name] = values, np.concatenate(masks) if missing else None
     return block
 
 
 def _column(array, name, label):
-    """Values and mask of an Arrow array; integers with missing values stay integers."""
+    """Values of an Arrow array, and a mask where some are missing; integers with missing values stay integers."""
     import pyarrow as pa
     from pyarrow import types
 
@@ -128,7 +151,7 @@ def _column(array, name, label):
         array = array.storage
     if types.is_dictionary(array.type):
         array = array.dictionary_decode()
-    mask = array.is_null().to_numpy(zero_copy_only=False)
+    mask = array.is_null().to_numpy(zero_copy_only=False) if array.null_count else None
     if types.is_null(array.type):
         return np.full(len(array), np.nan), mask
     if types.is_decimal(array.type):
