@@ -123,6 +123,14 @@ BLOCK = 1000
 _BEND = 60 / 3600 * DEGREE
 
 
+#: Spins that are looked at together: most sources are far from the scan circle in all of them.
+_CHUNK = 8
+
+
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 @dataclass(frozen=True, eq=False)
 class NominalScanningLaw(Frozen):
     """Where Gaia looks.
@@ -255,44 +263,63 @@ class NominalScanningLaw(Frozen):
     def transits_of_block(self, lon: ArrayLike, lat: ArrayLike) -> Transits:
         """The same in one thread, for few enough `lon`, `lat` [rad] that each may meet every spin at once."""
         p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
-        z, u, w, times = (self._state[name] for name in ("z", "u", "w", "times"))
-        # Height above the scan circle at the start of every spin; z moves a degree in one.
-        height = r.T @ z
+        u, w, times, bend = (self._state[name] for name in ("u", "w", "times", "bend"))
         limit = np.sin(self.half_height)
         # Between spins the height is taken for linear, good to 20 arcsec; hence a margin, and a second look.
-        wide = limit * 1.03 if self._state["bend"] < _BEND else limit + 1.5 * self._state["bend"]
-        low, high = height < wide, height > -wide
-        source, spin = np.nonzero((low[:, :-1] | low[:, 1:]) & (high[:, :-1] | high[:, 1:]))
+        wide = limit * 1.03 if bend < _BEND else limit + 1.5 * bend
+        source, spin, h0, h1 = self._near(r, wide)
         here = r[:, source]
-        azimuth = np.arctan2(np.sum(here * w[:, spin], 0), np.sum(here * u[:, spin], 0))
-        later = np.arctan2(np.sum(here * w[:, spin + 1], 0), np.sum(here * u[:, spin + 1], 0))
-        turn = (later - azimuth + np.pi) % (2 * np.pi) - np.pi
-        h0, h1 = height[source, spin], height[source, spin + 1]
+        azimuth = np.arctan2(_dot(here, w[:, spin]), _dot(here, u[:, spin]))
+        turn = np.arctan2(_dot(here, w[:, spin + 1]), _dot(here, u[:, spin + 1])) - azimuth
+        turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
 
         crossings = []
-        # Where the azimuth of a source falls, a field may meet it twice in a spin.
-        for view, again in ((1, 0), (-1, 0), (1, 1), (-1, 1)):
+        for view in (1, -1):
             # Where in the spin Ω(f) = 2π f meets the azimuth of the source less that of the field.
-            share = ((azimuth - view * self.basic_angle / 2) % (2 * np.pi) + again * 2 * np.pi) / (2 * np.pi - turn)
-            sine = h0 + share * (h1 - h0)
-            hit = np.flatnonzero((share < 1) & (np.abs(sine) < wide))
-            time = times[spin[hit]] + share[hit] * np.diff(times)[spin[hit]]
-            crossings.append((source[hit], time, np.full(len(hit), view)))
+            first = (azimuth - view * self.basic_angle / 2) % (2 * np.pi)
+            # Where the azimuth of a source falls, a field may meet it twice in a spin.
+            for rows, again in ((slice(None), 0.0), (np.flatnonzero(first < -turn), 2 * np.pi)):
+                share = (first[rows] + again) / (2 * np.pi - turn[rows])
+                hit = np.flatnonzero((share < 1) & (np.abs(h0[rows] + share * (h1 - h0)[rows]) < wide))
+                where = spin[rows][hit]
+                time = times[where] + share[hit] * (times[where + 1] - times[where])
+                crossings.append((source[rows][hit], time, np.full(len(hit), view)))
         owner, time, views = (np.concatenate(each) for each in zip(*crossings, strict=True))
-        owner, time, views = (each[np.lexsort((time, owner))] for each in (owner, time, views))
-        if self._state["bend"] >= _BEND:
+        # Four lists in order become one.
+        order = np.argsort(owner + time / (self.years + 1), kind="stable")
+        owner, time, views = owner[order], time[order], views[order]
+        if bend >= _BEND:
             time = self._refined(r[:, owner], time, views)
-        z, *_ = self._axes(time)
-        across = np.arcsin(np.sum(r[:, owner] * z, 0))
-        keep = alive(time, self._state["gaps"]) & (np.abs(across) < self.half_height)
-        owner, time, views, z, across = owner[keep], time[keep], views[keep], z[:, keep], across[keep]
+        keep = alive(time, self._state["gaps"])
+        owner, time, views = owner[keep], time[keep], views[keep]
+        z, sun, distance = self._spin_axis(time)
         here = r[:, owner]
-        scan = np.cross(z, here, axis=0) / np.cos(across)
-        angle = np.arctan2(np.sum(scan * p[:, owner], 0), np.sum(scan * q[:, owner], 0))
-        sun, distance = self.sun(time)
+        sine = _dot(here, z)
+        keep = np.abs(sine) < limit
+        if not keep.all():
+            owner, time, views, sine, distance = owner[keep], time[keep], views[keep], sine[keep], distance[keep]
+            z, sun, here = z[:, keep], sun[:, keep], here[:, keep]
+        # The scan goes along s = z × r/cos ζ: s·p = z·q/cos ζ, s·q = −z·p/cos ζ.
+        angle = np.arctan2(_dot(z, q[:, owner]), -_dot(z, p[:, owner]))
+        along = sun[0] * (z[1] * here[2] - z[2] * here[1]) + sun[1] * (z[2] * here[0] - z[0] * here[2])
         # Gaia is opposite the Sun, 1 % farther out than the Earth; a parallax shifts towards the Sun.
-        factor = 1.01 * distance * np.sum(sun * scan, 0)
-        return Transits(owner, time, angle, factor, views, across)
+        factor = 1.01 * distance * along / np.sqrt(1 - sine * sine)
+        return Transits(owner, time, angle, factor, views, np.arcsin(sine))
+
+    def _near(self, r, wide):
+        """Which sources are near the scan circle in which spins, and their heights at the start and the end of each."""
+        z, chunks, reach = (self._state[name] for name in ("z", "chunks", "reach"))
+        # Height above the circle at every eighth spin: z moves a degree in one.
+        source, chunk = np.nonzero(np.abs(r.T @ z[:, ::_CHUNK][:, : len(reach)]) < wide + reach)
+        height = r[0, source, None] * chunks[0, chunk]
+        height += r[1, source, None] * chunks[1, chunk]
+        height += r[2, source, None] * chunks[2, chunk]
+        low, high = height < wide, height > -wide
+        row, within = np.nonzero((low[:, :-1] | low[:, 1:]) & (high[:, :-1] | high[:, 1:]))
+        spin = chunk[row] * _CHUNK + within
+        last = spin < z.shape[1] - 1
+        row, within = row[last], within[last]
+        return source[row], spin[last], height[row, within], height[row, within + 1]
 
     def _integrate(self):
         """ν and Ω as splines of time, and the axes at the start of every spin."""
@@ -327,7 +354,11 @@ class NominalScanningLaw(Frozen):
             times -= (self._phase(times) - turns) / (rate + slow(times, 1))
         z, u, w = self._axes(times)
         bend = np.abs(np.diff(z, 2)).max() / 8 if z.shape[1] > 2 else 0.0
-        self._state.update(times=times, z=z, u=u, w=w, bend=bend)
+        # z at the spins of every chunk, (3, chunks, 9), and how far it goes within: the last one is filled up.
+        spin = np.arange(0, max(len(times) - 1, 1), _CHUNK)[:, None] + np.arange(_CHUNK + 1)
+        chunks = z[:, np.minimum(spin, len(times) - 1)]
+        reach = np.sqrt(np.sum((chunks - chunks[:, :, :1]) ** 2, 0)).max(1)
+        self._state.update(times=times, z=z, u=u, w=w, bend=bend, chunks=chunks, reach=reach)
 
     def _refined(self, here, time, views):
         """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
@@ -345,10 +376,16 @@ class NominalScanningLaw(Frozen):
 
     def _axes(self, time):
         """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic."""
-        sun, _ = self.sun(time)
-        nu, xi = self._state["nu"](time), self.solar_aspect
-        ahead = np.stack([-sun[1], sun[0], np.zeros_like(nu)])
-        z = np.cos(xi) * sun + np.sin(xi) * np.cos(nu) * ahead
-        z[2] += np.sin(xi) * np.sin(nu)
-        u = np.cross(sun, z, axis=0) / np.sin(xi)
+        z, sun, _ = self._spin_axis(time)
+        u = np.cross(sun, z, axis=0) / np.sin(self.solar_aspect)
         return z, u, np.cross(z, u, axis=0)
+
+    def _spin_axis(self, time):
+        """z, the direction of the Sun, and its distance, in the ecliptic."""
+        sun, distance = self.sun(time)
+        nu, xi = self._state["nu"](time), self.solar_aspect
+        ahead = np.sin(xi) * np.cos(nu)
+        z = np.stack(
+            [np.cos(xi) * sun[0] - ahead * sun[1], np.cos(xi) * sun[1] + ahead * sun[0], np.sin(xi) * np.sin(nu)]
+        )
+        return z, sun, distance

@@ -209,3 +209,23 @@ def test_threads_change_nothing():
     for name in ("source", "time", "angle", "parallax_factor", "view", "across"):
         np.testing.assert_array_equal(getattr(one, name), getattr(four, name))
     assert (np.diff(one.source) >= 0).all()
+
+
+@pytest.mark.parametrize("law", [
+    {"years": 1.0}, {"years": 0.003}, {"years": 0.3, "half_height": 0.05}, {"years": 0.5, "spin_rate": 7.0},
+    {"years": 0.4, "precessions": 20.0},
+])  # fmt: skip
+def test_eight_spins_at_a_time_miss_none(law):
+    """Pairs of a source and a spin are those of a look at every spin of every source."""
+    law = NominalScanningLaw(**law)
+    lon, lat = sim.uniform_sky(300, 1)
+    r = triad(lon, lat)[2]
+    z = law._state["z"]
+    height = r.T @ z
+    for wide in (0.001, 0.006, 0.1):
+        low, high = height < wide, height > -wide
+        pairs = set(zip(*np.nonzero((low[:, :-1] | low[:, 1:]) & (high[:, :-1] | high[:, 1:])), strict=True))
+        source, spin, h0, h1 = law._near(r, wide)
+        assert set(zip(source, spin, strict=True)) == pairs
+        np.testing.assert_allclose(h0, height[source, spin], atol=1e-15)
+        np.testing.assert_allclose(h1, height[source, spin + 1], atol=1e-15)

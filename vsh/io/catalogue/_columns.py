@@ -170,7 +170,7 @@ def missing_column(name: str | None, source: TableSource) -> str:
 
 def doubt_positions(columns: Any, assumed: Any, at_least: int = 20) -> None:
     """Raise FieldError where bare positions look like radians or hours rather than degrees."""
-    if not assumed or columns["ra"].size and columns["ra"].max() > 24:
+    if not assumed or (columns["ra"].size and columns["ra"].max() > 24):
         return
     ra, dec = (np.ma.compressed(columns[role]) for role in ("ra", "dec"))
     if ra.size < at_least or dec.size < at_least:
