@@ -6,13 +6,12 @@ Everything is a function of √A, in which the likelihood is smooth down to zero
 nodes of the amplitudes (for one spectrum they are known everywhere) and summed over the others and over κ.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from scipy.special import gammaln, logsumexp
 
 from fit.background._amplitude import Amplitude, equations_of, fitted_degrees, is_scaled, trapezoids, words_of
@@ -53,9 +52,9 @@ class _Grid:
 
     def __init__(self, likelihood: Likelihood, best: Maximum) -> None:
         self.likelihood, self.best = likelihood, best
-        self.taus, self.weights = _scales(likelihood, best)
-        self.spans = [_span(likelihood, best, k) for k in range(len(likelihood))]
-        self.parts = _parts(likelihood, self.spans, self.taus)
+        self.taus, self.weights = scales_of(likelihood, best)
+        self.spans = [span_of(likelihood, best, k) for k in range(len(likelihood))]
+        self.parts = likelihood.between(self.spans, self.taus)
 
     def of(self, k: int) -> tuple[Amplitude, float]:
         """Amplitude k with all others marginalised, and the evidence."""
@@ -97,7 +96,7 @@ class _Grid:
         return float(gammaln(half) - half * np.log(chi2)) if self.likelihood.noise_scale else -chi2
 
 
-def _scales(likelihood, best):
+def scales_of(likelihood: Likelihood, best: Maximum) -> tuple[FloatArray, FloatArray]:
     """κ² and the weights of a sum over ln κ²."""
     if not likelihood.noise_scale:
         return np.ones(1), np.ones(1)
@@ -112,7 +111,7 @@ def _gauss(number, low, high):
     return low + (high - low) * (node + 1) / 2, weight * (high - low) / 2
 
 
-def _span(likelihood, best, k):
+def span_of(likelihood: Likelihood, best: Maximum, k: int) -> tuple[float, float]:
     """From where to where √A_k is followed, the others where they are likeliest."""
     tau = best.noise_scale**2
     highest = likelihood.profile(best.amplitudes / tau)
@@ -135,38 +134,6 @@ def _edge(fallen, out, inside):
         middle = (out + inside) / 2
         out, inside = (middle, inside) if fallen(middle) else (out, middle)
     return out
-
-
-def _parts(likelihood: Likelihood, spans, taus) -> Callable[[list[FloatArray]], tuple[FloatArray, FloatArray]]:
-    """ln|K| and Q on the tensor of any √a within the spans: by polynomials, or exactly for one spectrum."""
-    if len(spans) == 1:
-        return lambda roots: tuple(np.array([likelihood.parts(np.array([x * x])) for x in roots[0]]).T)
-    units = np.sqrt(likelihood.unit)
-    ends = [
-        (np.arcsinh(low / np.sqrt(taus[-1]) / u), np.arcsinh(high / np.sqrt(taus[0]) / u))
-        for (low, high), u in zip(spans, units, strict=True)
-    ]
-    number = {2: 20, 3: 12}.get(len(spans), 8)
-    if len(likelihood.rhs) > 300:  # where the degree is high, amplitudes are known well, and the spans short
-        number = min(number, 12)
-    node = chebyshev.chebpts1(number)
-    axes = [low + (high - low) * (node + 1) / 2 for low, high in ends]
-    values = np.empty((2, *[number] * len(spans)))
-    for index in np.ndindex(*[number] * len(spans)):
-        roots = np.array([axis[i] for axis, i in zip(axes, index, strict=True)])
-        values[(slice(None), *index)] = likelihood.parts((units * np.sinh(roots)) ** 2)
-    inverse = np.linalg.inv(chebyshev.chebvander(node, number - 1))
-    # Contracting the first axis behind the two quantities once for each amplitude comes back to the order of the axes.
-    series = reduce(lambda array, _: np.moveaxis(np.tensordot(inverse, array, (1, 1)), 0, -1), spans, values)
-
-    def at(roots):
-        array = series
-        for x, u, (low, high) in zip(roots, units, ends, strict=True):
-            vander = chebyshev.chebvander(2 * (np.arcsinh(x / u) - low) / (high - low) - 1, number - 1)
-            array = np.moveaxis(np.tensordot(vander, array, (1, 1)), 0, -1)
-        return array[0], array[1]
-
-    return at
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -314,13 +281,14 @@ def fit_amplitudes(
     scaled = is_scaled(normal, noise_scale)
     likelihood = Likelihood(equations, listed, degrees, flat, scaled)
     best = likelihood.maximum()
+    covariance = likelihood.covariance(best)
     amplitudes, evidence = posteriors(likelihood, best)
     k = len(likelihood)
-    error = float(np.sqrt(best.covariance[k, k]) / (2 * best.noise_scale)) if scaled else 0.0
+    error = float(np.sqrt(covariance[k, k]) / (2 * best.noise_scale)) if scaled else 0.0
     return Background(
         tuple(spectrum.name for spectrum in listed),
         best.amplitudes,
-        best.covariance[:k, :k],
+        covariance[:k, :k],
         np.array([amplitude.interval(0.68) for amplitude in amplitudes]),
         best.noise_scale,
         error,

@@ -1,6 +1,7 @@
 """The floor: errors of spin and acceleration that more sources do not remove."""
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,13 +10,14 @@ import numpy as np
 from fit.background._amplitude import equations_of, errors_of, fitted_degrees, is_scaled, places, words_of
 from fit.background._fit import posteriors
 from fit.background._likelihood import Likelihood, parity_p_value
+from fit.background._parities import Parities
 from fit.normal import NormalEquations, gaussian_prior
 from fit.solution import HarmonicSolution, Solution
 from fit.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
-from vsh.tools.errors import DegeneracyError, ModesError, VshError
+from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, VshError
 from vsh.tools.logs import logged
 from vsh.tools.types import Table
 
@@ -251,9 +253,8 @@ def floor(
         raise ModesError("degree 1 holds the spin and the acceleration: a floor is estimated from higher degrees")
     free = tuple(l for l in range(1, modes.lmax + 1) if l not in degrees)
     scaled = is_scaled(normal, noise_scale)
-    likelihood = Likelihood(equations, [Spectrum.odd(), Spectrum.even()], degrees, free, scaled)
+    likelihood, common = _likelihood(equations, degrees, free, scaled)
     best = likelihood.maximum()
-    common = Likelihood(equations, [Spectrum.flat()], degrees, free, scaled).maximum()
     amplitudes, _ = posteriors(likelihood, best)
     odd, even = (amplitude.quantile(0.5, "root") for amplitude in amplitudes)
     intervals = [amplitude.interval(0.68, "root") for amplitude in amplitudes]
@@ -262,7 +263,7 @@ def floor(
         even,
         intervals[0],
         intervals[1],
-        parity_p_value(best, common),
+        parity_p_value(best.log_likelihood, common),
         degrees,
         best.noise_scale,
         best.log_likelihood,
@@ -271,7 +272,23 @@ def floor(
     )
 
 
-#: A floor beside a solution is estimated up to this degree: higher ones take longer, and say less of degree 1.
+#: Up to this degree the likelihood is taken as it is; beyond, expanded where the sky allows it.
+_AS_IT_IS = 12
+
+
+def _likelihood(equations, degrees, free, scaled):
+    """ln L of the two powers, and its largest value for one power in both parities."""
+    if degrees[-1] > _AS_IT_IS:
+        with suppress(ConvergenceError):
+            expanded = Parities(equations, degrees, free, scaled)
+            return expanded, expanded.together()
+    apart, one = ([Spectrum.odd(), Spectrum.even()], [Spectrum.flat()])
+    together = Likelihood(equations, one, degrees, free, scaled).maximum()
+    return Likelihood(equations, apart, degrees, free, scaled), together.log_likelihood
+
+
+#: A floor beside a solution is estimated up to this degree: higher ones say less of degree 1, and make it too small
+#: where the spectrum rises towards it.
 _BESIDE = 10
 
 

@@ -258,7 +258,7 @@ def wave_limit(
         power,
         noise,
         squares,
-        parity_p_value(apart, together),
+        parity_p_value(apart.log_likelihood, together.log_likelihood),
         equations.n_data,
         equations.notes,
     )

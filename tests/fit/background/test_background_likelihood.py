@@ -12,7 +12,7 @@ import sim
 from fit.background import Spectrum
 from fit.background import fit_amplitudes as fit_background
 from fit.background._fit import posteriors
-from fit.background._likelihood import Likelihood
+from fit.background._likelihood import Likelihood, Maximum
 from vsh import Field, Modes
 from vsh.basis import harmonics
 from vsh.models.covariance import of_errors
@@ -123,7 +123,7 @@ def test_the_information_is_the_mean_curvature():
                 found[i, j] = (at(centre + one + two) - at(centre + one - two) - at(centre - one + two)
                                + at(centre - one - two)) / (4 * steps[i] * steps[j])  # fmt: skip
         curvature.append(-found)
-    expected = np.linalg.inv(likelihood._covariance(truth, 1.0))
+    expected = np.linalg.inv(likelihood.covariance(Maximum(truth, 1.0, 0.0)))
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(np.mean(curvature, 0) / scale, expected / scale, atol=0.12)
 

@@ -1,0 +1,236 @@
+"""The likelihood of the powers of the two parities, which share no coefficient: ln|K| and Q by halves.
+
+Turned to the axes of its own N', each parity by itself is diagonal, with eigenvalues λ and μ. What is left is how the
+sky mixes them, S = (a/(1 + aλ))^½ C (b/(1 + bμ))^½, small where the sky is whole:
+
+    ln|K| = Σ ln(1 + aλ) + Σ ln(1 + bμ) + ln|I − S Sᵀ|,
+    Q     = fᵀf + gᵀg − 2 fᵀS g + |Sᵀf|² + |S g|² + O(S³),   f = (a/(1 + aλ))^½ x,   g = (b/(1 + bμ))^½ y.
+
+To first order in S Sᵀ the sums are products of small matrices on any tensor of a and b; the rest is computed exactly at
+a few nodes and interpolated.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.linalg.lapack import dposv
+
+from fit.background._fit import scales_of, span_of
+from fit.background._likelihood import Likelihood, Maximum
+from fit.normal import NormalEquations
+from vsh.models.covariance import Spectrum
+from vsh.tools.errors import ConvergenceError, DegeneracyError
+from vsh.tools.parallel import blas_for
+from vsh.tools.types import FloatArray
+
+#: Nodes along each amplitude, until the rest of ln L is interpolated to `_ACCURACY`.
+_NODES = (3, 5, 8)
+_ACCURACY = 2e-3
+#: How often the region is moved to where the maximum turns out to be.
+_ROUNDS = 4
+_MIXED = "the sky mixes the parities too much for an expansion"
+#: Where that is tried, in parts of the way.
+_BETWEEN = ((0.3, 0.7), (0.85, 0.2))
+
+
+_NONE = np.zeros((2, 1, 1))
+
+
+class Parities(Likelihood):
+    """ln L of the powers of odd and even parity, by an expansion for high degrees.
+
+    Raises
+    ------
+    ConvergenceError
+        If the sky mixes the parities too much for it: half of it empty, say.
+    """
+
+    _rest: "_Rest | None" = None
+
+    def __init__(
+        self, normal: NormalEquations, degrees: Sequence[int], free: Sequence[int], noise_scale: bool = True
+    ) -> None:
+        super().__init__(normal, [Spectrum.odd(), Spectrum.even()], degrees, free, noise_scale)
+        with blas_for(len(self.rhs)):
+            self._rest = _Rest()
+            for _ in range(_ROUNDS):
+                best = self._maximum()
+                ends = self._region(best)
+                if self._rest.holds(ends):
+                    return
+                self._rest = self._interpolated(ends, best.noise_scale**2)
+        raise ConvergenceError(_MIXED)
+
+    def exact(self, ratios: FloatArray) -> tuple[float, float]:
+        """ln|K| and Q of one pair of ratios."""
+        (a, b), (odd, even, c, x, y) = ratios, self._turned
+        w, v = a / (1 + a * odd), b / (1 + b * even)
+        s = np.sqrt(w)[:, None] * c * np.sqrt(v)
+        f, g = np.sqrt(w) * x, np.sqrt(v) * y
+        side = f - s @ g
+        factor, solved, failed = dposv(np.eye(len(s)) - s @ s.T, side, lower=1)
+        if failed:  # cannot be: a sum over sources is positive
+            raise DegeneracyError("the normal matrix is not positive: it is no sum over sources")
+        logdet = np.log1p(a * odd).sum() + np.log1p(b * even).sum() + 2 * np.log(factor.diagonal()).sum()
+        return float(logdet), float(g @ g + side @ solved)
+
+    def parts(self, ratios: FloatArray) -> tuple[float, float]:
+        """ln|K| and Q for amplitudes in units of κ²."""
+        if self._rest is None:
+            return self.exact(ratios)
+        logdet, gain = self._near(*ratios[:, None]) + self._rest.at(self._places(ratios))
+        return float(logdet[0, 0]), float(gain[0, 0])
+
+    def on_tensor(self, roots: list[FloatArray]) -> FloatArray:
+        """ln|K| and Q on the tensor of two √a, (2, …)."""
+        places = [np.arcsinh(x / unit) for x, unit in zip(roots, np.sqrt(self.unit), strict=True)]
+        assert self._rest is not None
+        return self._near(roots[0] ** 2, roots[1] ** 2) + self._rest.at(places)
+
+    def together(self) -> float:
+        """ln L where it is largest for one power in both parities, relative to none."""
+        with blas_for(len(self.rhs)):
+            low, high = 0.0, 3 * np.sqrt(self.unit.max() + max(self._highest(k) for k in range(2)))
+            for _ in range(3):
+                root = np.linspace(low, high, 100)
+                logdet, gain = (np.diagonal(each) for each in self.on_tensor([root, root]))
+                tau = np.maximum((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
+                top = int(np.argmax(self.of_parts(logdet, gain, tau)))
+                low, high = root[max(top - 1, 0)], root[min(top + 1, 99)]
+            return self._above(self.exact(np.full(2, root[top] ** 2)))
+
+    def _highest(self, k):
+        """Where the interpolated region of an amplitude ends."""
+        assert self._rest is not None
+        return self.unit[k] * np.sinh(self._rest.ends[k][1]) ** 2
+
+    def _maximum(self):
+        best = self._search(np.ones(2))
+        ratios = self.unit * np.expm1(best)
+        ratios[best < 1e-6] = 0.0  # rounding of the search is no background
+        parts = self.parts(ratios)
+        tau = self.scale(parts[1])
+        return Maximum(ratios * tau, float(np.sqrt(tau)), self._above(parts))
+
+    def _above(self, parts):
+        """ln L with κ where it is likeliest, relative to no background."""
+        logdet, gain = parts
+        scaled = float(self.of_parts(logdet, gain, self.scale(gain)))
+        return max(scaled - float(self.of_parts(0.0, 0.0, self.scale(0.0))), 0.0)
+
+    @cached_property
+    def _turned(self):
+        """λ and μ, C, and the right-hand sides x and y along their axes."""
+        root = np.sqrt(self.shapes.sum(0))
+        matrix, side = root[:, None] * self.matrix * root, root * self.rhs
+        odd, even = (np.flatnonzero(shape) for shape in self.shapes)
+        (one, u), (two, v) = (np.linalg.eigh(matrix[np.ix_(rows, rows)]) for rows in (odd, even))
+        c = u.T @ matrix[np.ix_(odd, even)] @ v
+        return np.maximum(one, 0.0), np.maximum(two, 0.0), c, u.T @ side[odd], v.T @ side[even]
+
+    @cached_property
+    def _squares(self):
+        return self._turned[2] ** 2
+
+    def _near(self, a, b):
+        """ln|K| and Q to first order on the tensor of ratios a and b, (2, a, b)."""
+        odd, even, c, x, y = self._turned
+        w, v = a[:, None] / (1 + np.outer(a, odd)), b[:, None] / (1 + np.outer(b, even))
+        logdet = np.log1p(np.outer(a, odd)).sum(1)[:, None] + np.log1p(np.outer(b, even)).sum(1)
+        logdet -= w @ (self._squares @ v.T)
+        h, k = (w * x) @ c, (v * y) @ c.T
+        gain = (w @ x**2)[:, None] + v @ y**2 - 2 * h @ (v * y).T + h**2 @ v.T + w @ (k**2).T
+        return np.stack([logdet, gain])
+
+    def _slopes(self, ratios):
+        """ln|K|, Q, and what they change by with each ratio."""
+        (a, b), (odd, even, c, x, y) = ratios, self._turned
+        w, v = a / (1 + a * odd), b / (1 + b * even)
+        dw, dv = 1 / (1 + a * odd) ** 2, 1 / (1 + b * even) ** 2
+        h, k = (w * x) @ c, c @ (v * y)
+        mixed = self._squares @ v
+        by_logdet = np.array(
+            [np.sum(odd / (1 + a * odd)) - dw @ mixed, np.sum(even / (1 + b * even)) - w @ self._squares @ dv]
+        )
+        dh, dk = (dw * x) @ c, c @ (dv * y)
+        by_gain = np.array([
+            dw @ x**2 - 2 * dh @ (v * y) + 2 * v @ (h * dh) + dw @ k**2,
+            dv @ y**2 - 2 * h @ (dv * y) + dv @ h**2 + 2 * w @ (k * dk),
+        ])  # fmt: skip
+        rest = self._rest_by(ratios)
+        return *self.parts(ratios), by_logdet + rest[0], by_gain + rest[1]
+
+    def _rest_by(self, ratios):
+        """What the rest of ln|K| and of Q changes by with each ratio, (2, 2): it is smooth, and differences will do."""
+        assert self._rest is not None
+        out = np.zeros((2, 2))
+        for i, step in enumerate(1e-3 * self.unit):
+            low, high = np.array(ratios), np.array(ratios)
+            low[i], high[i] = max(ratios[i] - step, 0.0), ratios[i] + step
+            change = self._rest.at(self._places(high)) - self._rest.at(self._places(low))
+            out[:, i] = change[:, 0, 0] / (high[i] - low[i])
+        return out
+
+    def _places(self, ratios):
+        return list(np.arcsinh(np.sqrt(ratios / self.unit))[:, None])
+
+    def _region(self, best):
+        """Where the likelihood is followed to, along each axis."""
+        taus, _ = scales_of(self, best)
+        spans = [span_of(self, best, k) for k in range(2)]
+        return [
+            (np.arcsinh(low / np.sqrt(taus[-1]) / u), np.arcsinh(high / np.sqrt(taus[0]) / u))
+            for (low, high), u in zip(spans, np.sqrt(self.unit), strict=True)
+        ]
+
+    def _interpolated(self, ends, tau):
+        """The rest in a region, and some way around it."""
+        ends = [(0.9 * low, high + 0.1) for low, high in ends]
+
+        def left(place):
+            ratios = self.unit * np.sinh(place) ** 2
+            return np.array(self.exact(ratios)) - self._near(*ratios[:, None])[:, 0, 0]
+
+        low, high = np.array(ends).T
+        tried = [low + np.array(part) * (high - low) for part in _BETWEEN]
+        wanted = [left(place) for place in tried]
+        for number in _NODES:
+            rest = _Rest.through(left, ends, number)
+            away = np.array([rest.at(list(place[:, None]))[:, 0, 0] for place in tried]) - wanted
+            if (np.abs(away) @ [0.5, 0.5 / tau]).max() < _ACCURACY:
+                return rest
+        raise ConvergenceError(_MIXED)
+
+
+class _Rest:
+    """Two quantities between ends of two places by Chebyshev polynomials: zero unless given, constant beyond."""
+
+    def __init__(
+        self, series: FloatArray | None = None, ends: Sequence[tuple[float, float]] = ((0, 1), (0, 1))
+    ) -> None:
+        self.series, self.ends = np.zeros((2, 1, 1)) if series is None else series, ends
+
+    def holds(self, ends):
+        """Whether a region lies within its own."""
+        return bool(np.any(self.series)) and all(
+            low >= mine[0] and high <= mine[1] for (low, high), mine in zip(ends, self.ends, strict=True)
+        )
+
+    @classmethod
+    def through(cls, function, ends, number):
+        """Those through `number` × `number` values."""
+        node = chebyshev.chebpts1(number)
+        axes = [low + (high - low) * (node + 1) / 2 for low, high in ends]
+        values = np.array([[function(np.array([x, y])) for y in axes[1]] for x in axes[0]])
+        inverse = np.linalg.inv(chebyshev.chebvander(node, number - 1))
+        return cls(np.einsum("ai,bj,ijk->kab", inverse, inverse, values), ends)
+
+    def at(self, places):
+        """Both on the tensor of places along each axis, (2, m, n)."""
+        left, right = (
+            chebyshev.chebvander(np.clip(2 * (x - low) / (high - low) - 1, -1, 1), self.series.shape[1] - 1)
+            for x, (low, high) in zip(places, self.ends, strict=True)
+        )
+        return left @ self.series @ right.T
