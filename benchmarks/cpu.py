@@ -49,8 +49,8 @@ COMMANDS = {
     "sim --no-transits, 300": "sim quasars --number 300 --no-transits --output out.fits --overwrite",
     "sim, 300": "sim quasars --number 300 --output out.fits --overwrite",
     "forecast": "forecast",
-    "agis, 300, no figures": "agis --quasars 300 --iterations 3 --no-figures",
-    "archive --show": "archive --show",
+    "agis, 300, no figures": "agis --quasars 300 --iterations 3 --no-figures --output agis --overwrite",
+    "archive --show": "archive gaia-crf3 --show",
     "fit, 1.6 million, degree 10": "fit crf3.fits --lmax 10",
 }
 

@@ -238,24 +238,23 @@ def _moments(field, lmax):
 PRODUCTS = 4
 
 #: Sources in a product: their rows stay in the cache.
-_IN_CACHE = 2**11
+_IN_CACHE = 2**12
 
 
 def _moments_by_products(field, lmax):
     """What `_moments` gives: faster at low degrees, and exact to rounding."""
     most = 2 * lmax
     low = np.r_[: lmax + 1, most + 1 : most + 1 + lmax]
+    w = field.weights
+    z = weighed(w, field.data)
     weights: Any = 0.0
     motions: Any = 0.0
-    chi2 = 0.0
     for start in range(0, len(field), _IN_CACHE):
-        some = field[start : start + _IN_CACHE]
-        a, d = _rows(some.lon, most), _rows(some.lat, most)
-        z = weighed(some.weights, some.data)
-        chi2 += float(np.vdot(z, some.data))
-        weights = weights + _products(some.weights, a, d)
-        motions = motions + _products(z, a[low], d[low])
-    return _by_exponentials(weights), _by_exponentials(motions), chi2
+        some = slice(start, start + _IN_CACHE)
+        a, d = _rows(field.lon[some], most), _rows(field.lat[some], most)
+        weights = weights + _products(w[:, some], a, d)
+        motions = motions + _products(z[:, some], a[low], d[low])
+    return _by_exponentials(weights), _by_exponentials(motions), np.vdot(z, field.data)
 
 
 def _rows(x, most):
