@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from vsh.sky.frames import check_frame, rotation_matrix
-from vsh.sky.sphere import triad
+from vsh.sky.sphere import sin_cos, triad
 from vsh.tools.arguments import between, float_array, generator, number, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.notebook import Frozen
@@ -86,8 +86,11 @@ def _anomaly(start, time):
 def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
     g, mean = _anomaly(start, time)
-    longitude = mean + (1.915 * np.sin(g) + 0.020 * np.sin(2 * g)) * DEGREE
-    return longitude, 1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2 * g)
+    sin, cos = sin_cos(np.atleast_1d(g))
+    sin, cos = sin.reshape(np.shape(g)), cos.reshape(np.shape(g))
+    # sin 2g = 2 sin g cos g, cos 2g = 2 cos² g − 1
+    longitude = mean + (1.915 + 0.040 * cos) * sin * DEGREE
+    return longitude, 1.00028 - (0.01671 + 0.00028 * cos) * cos
 
 
 def sun_rate(start: float, time: FloatArray) -> FloatArray:
@@ -218,7 +221,8 @@ class NominalScanningLaw(Frozen):
             Since the start of the mission. [yr]
         """
         longitude, distance = sun_position(self.start, np.asarray(time, float))
-        return np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)]), distance
+        sin, cos = sin_cos(np.atleast_1d(longitude))
+        return np.stack([cos, sin, np.zeros_like(sin)]).reshape(3, *np.shape(longitude)), distance
 
     def attitude(self, time: FloatArray) -> Any:
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
@@ -383,9 +387,7 @@ class NominalScanningLaw(Frozen):
     def _spin_axis(self, time):
         """z, the direction of the Sun, and its distance, in the ecliptic."""
         sun, distance = self.sun(time)
-        nu, xi = self._state["nu"](time), self.solar_aspect
-        ahead = np.sin(xi) * np.cos(nu)
-        z = np.stack(
-            [np.cos(xi) * sun[0] - ahead * sun[1], np.cos(xi) * sun[1] + ahead * sun[0], np.sin(xi) * np.sin(nu)]
-        )
+        xi, nu = self.solar_aspect, self._state["nu"](time)
+        up, ahead = (np.sin(xi) * each.reshape(np.shape(nu)) for each in sin_cos(np.atleast_1d(nu)))
+        z = np.stack([np.cos(xi) * sun[0] - ahead * sun[1], np.cos(xi) * sun[1] + ahead * sun[0], up])
         return z, sun, distance
