@@ -101,7 +101,7 @@ print(cpu(lambda: [[c.to_numpy() for c in pq.read_table(f, columns=names, use_th
 """
 VELOCITY = """
 from fit.secular_parallax import observer_velocity
-field = galaxies(20_000{more})
+field = galaxies(200_000{more})
 print(cpu(lambda: observer_velocity(field, 70.0, threads=1, {options}), 2))
 """
 POSTERIOR = """
@@ -125,10 +125,10 @@ JOBS = {
     "8 parts of 250 000, bare Arrow": (2e6, "ns", BARE.format(folder="big")),
     "8 parts of 250 000, degree 1": (2e6, "ns", PARTS.format(folder="big", lmax=1)),
     "8 parts of 250 000, degree 10": (2e6, "ns", PARTS.format(folder="big", lmax=10)),
-    "a galaxy: velocity, redshifts as seen": (2e4, "µs", VELOCITY.format(more="", options="flows=None")),
+    "a galaxy: velocity, redshifts as seen": (2e5, "µs", VELOCITY.format(more="", options="flows=None")),
     "a galaxy: the same, redshift errors one by one": (
-        2e4, "µs", VELOCITY.format(more=", redshift_error=lambda f: 1e-3 * (1 + f.redshift)", options="flows=None")),
-    "a galaxy: the same, 250 modes of a flow": (2e4, "µs", VELOCITY.format(more="", options="n_modes=250")),
+        2e5, "µs", VELOCITY.format(more=", redshift_error=lambda f: 1e-3 * (1 + f.redshift)", options="flows=None")),
+    "a galaxy: the same, 250 modes of a flow": (2e5, "µs", VELOCITY.format(more="", options="n_modes=250")),
     "an effective sample, emcee": (1.0, "µs", POSTERIOR.format(more="")),
     "an effective sample, on a grid": (1.0, "µs", POSTERIOR.format(more=', method="grid"')),
     "a transit": (1.0, "ns", """

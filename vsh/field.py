@@ -68,8 +68,10 @@ def usable_columns(
     check_shapes(columns, lambda column: (n,))
 
     lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
-    motion = MAS * np.stack([columns["pmra"], columns["pmdec"]])
-    sigma = MAS * np.stack([columns["pmra_error"], columns["pmdec_error"]])
+    motion = np.stack([columns["pmra"], columns["pmdec"]])
+    sigma = np.stack([columns["pmra_error"], columns["pmdec_error"]])
+    motion *= MAS
+    sigma *= MAS
     rho = columns["pmra_pmdec_corr"]
     for column, (low, high) in _PLAUSIBLE.items():
         if column in columns:

@@ -49,7 +49,7 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
         floats = np.ascontiguousarray(array, dtype=float)
     except (TypeError, ValueError) as error:
         raise FieldError(f"{column} must be a column of numbers: {error}") from None
-    return floats, np.zeros(floats.shape, bool) if missing is None else np.broadcast_to(missing, floats.shape)
+    return floats, np.broadcast_to(False if missing is None else missing, floats.shape)
 
 
 def check_shapes(columns: Mapping[str, FloatArray], expected: Callable[[str], tuple[int, ...]]) -> None:

@@ -188,7 +188,7 @@ class _maker:
                 columns[role] = plain(name, values, mask)
                 if self.other_units and role in REQUIRED[2:]:
                     raw[role] = np.ma.filled(np.ma.asarray(columns[role], float), np.nan)
-                if self.factors.get(role, 1.0) != 1.0 or role in REQUIRED:
+                if self.factors.get(role, 1.0) != 1.0:
                     columns[role] = columns[role] * self.factors[role]
         doubt_positions(columns, self.assumed)
         flat = all(values.ndim == 1 for values in raw.values())  # others are refused below

@@ -50,7 +50,7 @@ def _open_one(arrow, path, label):
 
     def batches(names, rows):
         with opened(footer) as file:
-            yield from file.iter_batches(min(rows, 2**17), columns=list(names))
+            yield from file.iter_batches(rows, columns=list(names))
 
     return _source(label, schema, batches)
 
