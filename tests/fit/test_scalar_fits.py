@@ -125,11 +125,13 @@ def test_robust_fits_and_resampling_bring_errors_of_the_scatter():
 
 
 def test_other_replicates():
-    field, _ = sky(600)
+    """Errors of 2000 draws to 8 %; those of 40 blocks of the sky scatter by 12 %, and four of them by half that."""
+    field, _ = sky(600, lmax=1)
     solution = fit.fit_field(field, 1)
-    for found in (parametric_bootstrap(field, 1, 2000, 1), block_bootstrap(field, 1, 4, 500, 1, progress=False)):
-        assert_allclose(found.sigma / solution.sigma, 1, atol=0.25)
-        assert found.resampled_solution.mean[1] > 0
+    drawn, blocks = parametric_bootstrap(field, 1, 2000, 1), block_bootstrap(field, 1, 2, 500, 1, progress=False)
+    assert_allclose(drawn.sigma / solution.sigma, 1, atol=0.08)
+    assert np.mean(blocks.sigma / solution.sigma) == pytest.approx(1, abs=0.4)
+    assert min(found.resampled_solution.mean[1] for found in (drawn, blocks)) > 0
 
 
 def test_moments_add_and_are_written(tmp_path):

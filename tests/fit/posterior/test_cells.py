@@ -103,3 +103,10 @@ def test_what_a_grid_cannot_hold(field):
     )
     assert three.cells is None
     assert in_cells(three.model) is None
+
+
+def test_a_chain_that_is_too_short_goes_on(field):
+    """Three free numbers are moved by differential evolution: a hundred steps are some three autocorrelation times."""
+    wide = {"peculiar_dispersion": Flat(0, 900), "excess_noise": Flat(0, 20)}
+    chain = sample(field, CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=12_800, rng=1, **COMMON, **wide).chain
+    assert len(chain) >= 150

@@ -5,7 +5,7 @@ import pytest
 
 import fit
 import sim
-from fit.resample import _blocks
+from fit.resample import _blocks, _bootstrap
 from vsh import Coefficients, Field, Modes
 from vsh.sky.pixels import centres, mean_map, pixels_of
 from vsh.tools.errors import DegeneracyError, FieldError
@@ -55,6 +55,14 @@ def test_errors_are_the_scatter(method):
     assert found.resampled_solution.errors_from.startswith(f"the {found.method}, ")
     np.testing.assert_allclose(found.spin.value, fit.fit_field(observed(1), 1).spin.value, rtol=1e-9)
     np.testing.assert_allclose(found.acceleration.covariance, found.resampled_solution.acceleration.covariance)
+
+
+def test_numbers_of_draws_are_poisson():
+    """Their table has mean 1 and variance 0.99997 over all 2¹⁶ entries, and e⁻¹ of them are zero."""
+    draws = _bootstrap._POISSON.astype(float) + 1
+    assert draws.mean() == pytest.approx(1, abs=1e-4)
+    assert draws.var() == pytest.approx(1, abs=1e-3)
+    assert np.mean(draws == 0) == pytest.approx(np.exp(-1), abs=1e-4)
 
 
 @pytest.mark.parametrize("method", ["bootstrap", "block bootstrap", "parametric bootstrap"])

@@ -46,9 +46,8 @@ def test_parallax_factors_are_the_barycentre_seen_along_and_across():
 def test_nine_ccds_weigh_as_much_as_a_transit():
     one, nine = make(), make(ccds=9)
     assert len(nine) == 9 * len(one)
-    np.testing.assert_allclose(
-        System(nine).formal_covariance(1), System(one).formal_covariance(1), rtol=1e-4, atol=1e-3
-    )
+    wanted = System(one).formal_covariance(1)  # but for what lies within 20 s of a gap or an end
+    np.testing.assert_allclose(System(nine).formal_covariance(1), wanted, rtol=0, atol=3e-3 * np.diag(wanted).max())
     spread = np.ptp(np.sort(nine.time()[nine.source == 0])[:9]) * SECONDS
     assert spread == pytest.approx(8 * 4.85, abs=0.1)
 

@@ -18,14 +18,16 @@ def found():
 
 
 def test_numbers_of_even_skies(found):
-    """Within 5 % of those worked out by hand for Gaia-CRF3's counts and 10⁵ galaxies."""
+    """Within 5 % of those worked out by hand for Gaia-CRF3's counts; within 12 % for the 10⁵ galaxies that are drawn."""
     expected = {
         "spin": (0.361, 0.152, 0.053), "acceleration": (0.361, 0.152, 0.053), "waves": (1.49e-2, 2.7e-3, 3.2e-4),
         "velocity": (63, 31, 15.6), "hubble": (11.4, 5.7, 2.9),
     }  # fmt: skip
     for name, row in expected.items():
         for survey, value in zip(("Gaia DR3", "Gaia DR4", "Gaia DR5"), row, strict=True):
-            assert found.values[survey][name] == pytest.approx(value, rel=0.05), (name, survey)
+            assert found.values[survey][name] == pytest.approx(
+                value, rel=0.12 if name in ("velocity", "hubble") else 0.05
+            ), (name, survey)
 
 
 def test_what_follows_from_the_acceleration(found):
