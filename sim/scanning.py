@@ -86,8 +86,7 @@ def _anomaly(start, time):
 def sun_position(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ecliptic longitude [rad] and distance [AU] of the Sun, equinox J2000, to 0.01° (Astronomical Almanac, C5)."""
     g, mean = _anomaly(start, time)
-    sin, cos = sin_cos(np.atleast_1d(g))
-    sin, cos = sin.reshape(np.shape(g)), cos.reshape(np.shape(g))
+    sin, cos = sin_cos(g)
     # sin 2g = 2 sin g cos g, cos 2g = 2 cos² g − 1
     longitude = mean + (1.915 + 0.040 * cos) * sin * DEGREE
     return longitude, 1.00028 - (0.01671 + 0.00028 * cos) * cos
@@ -221,8 +220,8 @@ class NominalScanningLaw(Frozen):
             Since the start of the mission. [yr]
         """
         longitude, distance = sun_position(self.start, np.asarray(time, float))
-        sin, cos = sin_cos(np.atleast_1d(longitude))
-        return np.stack([cos, sin, np.zeros_like(sin)]).reshape(3, *np.shape(longitude)), distance
+        sin, cos = sin_cos(longitude)
+        return np.stack([cos, sin, np.zeros_like(sin)]), distance
 
     def attitude(self, time: FloatArray) -> Any:
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
@@ -388,6 +387,6 @@ class NominalScanningLaw(Frozen):
         """z, the direction of the Sun, and its distance, in the ecliptic."""
         sun, distance = self.sun(time)
         xi, nu = self.solar_aspect, self._state["nu"](time)
-        up, ahead = (np.sin(xi) * each.reshape(np.shape(nu)) for each in sin_cos(np.atleast_1d(nu)))
+        up, ahead = (np.sin(xi) * each for each in sin_cos(nu))
         z = np.stack([np.cos(xi) * sun[0] - ahead * sun[1], np.cos(xi) * sun[1] + ahead * sun[0], up])
         return z, sun, distance

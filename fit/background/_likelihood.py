@@ -175,8 +175,12 @@ class Likelihood:
         ratios[best < 1e-6] = 0.0  # rounding of the search is no background
         logdet, gain = self.parts(ratios)
         tau = self.scale(gain)
-        above = max(float(self.of_parts(logdet, gain, tau)) - self.profile(np.zeros(len(self))), 0.0)
-        return Maximum(ratios * tau, float(np.sqrt(tau)), above)
+        return Maximum(ratios * tau, float(np.sqrt(tau)), self._above(logdet, gain))
+
+    def _above(self, logdet, gain):
+        """ln L with κ where it is likeliest, relative to no background: there K = I, and Q = 0."""
+        scaled = float(self.of_parts(logdet, gain, self.scale(gain)))
+        return max(scaled - float(self.of_parts(0.0, 0.0, self.scale(0.0))), 0.0)
 
     def _search(self, x):
         """Where the loss is least for 0 ≤ x ≤ 60, by Newton's method with differences of its slope."""

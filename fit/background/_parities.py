@@ -18,7 +18,7 @@ from numpy.polynomial import chebyshev
 from scipy.linalg.lapack import dposv
 
 from fit.background._fit import scales_of, span_of
-from fit.background._likelihood import Likelihood, Maximum
+from fit.background._likelihood import Likelihood
 from fit.normal import NormalEquations
 from vsh.models.covariance import Spectrum
 from vsh.tools.errors import ConvergenceError, DegeneracyError
@@ -99,26 +99,12 @@ class Parities(Likelihood):
                 tau = np.maximum((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
                 top = int(np.argmax(self.of_parts(logdet, gain, tau)))
                 low, high = root[max(top - 1, 0)], root[min(top + 1, 99)]
-            return self._above(self.exact(np.full(2, root[top] ** 2)))
+            return self._above(*self.exact(np.full(2, root[top] ** 2)))
 
     def _highest(self, k):
         """Where the interpolated region of an amplitude ends."""
         assert self._rest is not None
         return self.unit[k] * np.sinh(self._rest.ends[k][1]) ** 2
-
-    def _maximum(self):
-        best = self._search(np.ones(2))
-        ratios = self.unit * np.expm1(best)
-        ratios[best < 1e-6] = 0.0  # rounding of the search is no background
-        parts = self.parts(ratios)
-        tau = self.scale(parts[1])
-        return Maximum(ratios * tau, float(np.sqrt(tau)), self._above(parts))
-
-    def _above(self, parts):
-        """ln L with κ where it is likeliest, relative to no background."""
-        logdet, gain = parts
-        scaled = float(self.of_parts(logdet, gain, self.scale(gain)))
-        return max(scaled - float(self.of_parts(0.0, 0.0, self.scale(0.0))), 0.0)
 
     @cached_property
     def _turned(self):

@@ -47,7 +47,7 @@ def sin_cos(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     scale = 1 / (1 + square)
     t *= scale
     t *= 2
-    np.subtract(1, square, out=square)
+    square = np.subtract(1, square, out=square if np.ndim(square) else None)
     square *= scale
     return t, square
 
