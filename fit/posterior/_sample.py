@@ -153,6 +153,12 @@ def sample(
         distances["flows"] = None  # which a mixture of sources cannot hold: a note says what they would add
     rows, given = posterior_equations(field, known, cosmology, distances)
     spin, outliers, outlier_width = known.spin, known.outliers, known.outlier_width
+    if method == "grid":  # before the likelihood is tabulated
+        check_few(given)
+        if outliers is not None:
+            raise ParameterError("a grid has no outliers: sample the posterior with emcee")
+        if checkpoint is not None:
+            raise ParameterError("independent draws from a grid are made at once: they take no checkpoint")
     model: Any = parallax_model(rows, given, spin, threads)
     if outliers is not None:
         if not isinstance(rows, ParallaxEquations):
@@ -167,11 +173,6 @@ def sample(
         raise ParameterError(f"{n_samples} samples are fewer than two steps of {n_walkers} walkers")
     seed, begun = int(generator(rng).integers(2**32)), perf_counter()
     if method == "grid":
-        check_few(given)
-        if outliers is not None:
-            raise ParameterError("a grid has no outliers: sample the posterior with emcee")
-        if checkpoint is not None:
-            raise ParameterError("independent draws from a grid are made at once: they take no checkpoint")
         theta, log = Cells.of(model).independent(np.random.default_rng(seed), steps * n_walkers)
         draws = theta.reshape(steps, n_walkers, -1), log.reshape(steps, n_walkers)
         return _logged(Posterior(*draws, model, rows.frame, rows.notes, seed, method), begun)
