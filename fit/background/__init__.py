@@ -7,7 +7,8 @@ normal equations, with whatever else is fitted marginalised.
 from fit.background._amplitude import Amplitude, equations_of
 from fit.background._evidence import Comparison, compare_models, evidence
 from fit.background._fit import Background, fit_amplitudes
-from fit.background._floor import Floor, add_floor, floor
+from fit.background._floor import SHAPES, Floor, add_floor, floor
+from fit.background._shared import SharedErrors, Verdict, shared
 from fit.background._waves import WaveLimit, wave_limit
 from vsh.models.covariance import Spectrum
 from vsh.tools.modules import old_names
@@ -17,12 +18,15 @@ __all__ = [
     "Background",
     "Comparison",
     "Floor",
+    "SharedErrors",
+    "Verdict",
     "WaveLimit",
     "add_floor",
     "compare_models",
     "evidence",
     "fit_amplitudes",
     "floor",
+    "shared",
     "wave_limit",
 ]
 

@@ -15,11 +15,23 @@ from fit.normal import NormalEquations, gaussian_prior
 from fit.solution import HarmonicSolution, Solution
 from fit.storage import Result
 from vsh.io import tables
-from vsh.models.covariance import Spectrum
+from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
-from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, VshError
+from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError, VshError
 from vsh.tools.logs import logged
 from vsh.tools.types import Table
+
+#: Shapes of the spectrum by name: one power for each mode, and what Gaia EDR3's astrometry was published with.
+SHAPES = {"flat": Spectrum.flat(), "gaia": Spectrum.from_covariance(LINDEGREN_2021, "Gaia's, Lindegren et al. 2021")}
+
+
+#: One that rises towards degree 1 more steeply than what was published: a what-if, in no average.
+_STEEP = Spectrum("l⁻² a mode", lambda lmax: np.stack([(2 * l + 1) / l**2 for l in [np.arange(1.0, lmax + 1)] * 2]))
+
+
+def _shape_of(name: str) -> Spectrum:
+    """A shape by its name."""
+    return _STEEP if name == "steep" else SHAPES[name]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,6 +57,13 @@ class Floor(Result):
         How many numbers were fitted.
     errors_from : str
         Where the errors that were used come from.
+    shape : str
+        Shape of the spectrum: "flat" for one power of each mode, "gaia" for that of Lindegren et al. (2021).
+    parts, probability : tuple of Floor, tuple of float
+        Where several shapes were averaged, the floor for each and its probability; `odd`, `even` and their intervals
+        are those of the first then, and what is implied for degree 1 is the mean over all.
+    steeper : tuple of two floats, or None
+        What a spectrum of l⁻² a mode would imply for spin and acceleration, which is in no average. [µas/yr]
     """
 
     odd: float
@@ -57,6 +76,10 @@ class Floor(Result):
     log_likelihood: float
     n_data: int
     errors_from: str = "the catalogue"
+    shape: str = "flat"
+    parts: tuple["Floor", ...] = ()
+    probability: tuple[float, ...] = ()
+    steeper: tuple[float, float] | None = None
 
     def __repr__(self) -> str:
         return (
@@ -66,28 +89,48 @@ class Floor(Result):
 
     @property
     def spin_error(self) -> float:
-        """What the odd power implies for the spin in each component, √(3 s/8π). [µas/yr]"""
-        return first_degree(self.odd)
+        """What is implied for the spin in each component, for one shape √(3 s/8π). [µas/yr]"""
+        return self._mean([part.spectrum.spin_error for part in self._shapes])
 
     @property
     def acceleration_error(self) -> float:
-        """What the even power implies for the acceleration in each component, √(3 s/8π). [µas/yr]"""
-        return first_degree(self.even)
+        """What is implied for the acceleration in each component, for one shape √(3 s/8π). [µas/yr]"""
+        return self._mean([part.spectrum.acceleration_error for part in self._shapes])
 
     @property
     def spin_interval(self) -> tuple[float, float]:
         """68 % interval of the spin's floor, in each component. [µas/yr]"""
-        return first_degree(self.odd_interval[0]), first_degree(self.odd_interval[1])
+        return self._interval("odd", "spin_error")
 
     @property
     def acceleration_interval(self) -> tuple[float, float]:
         """68 % interval of the acceleration's floor, in each component. [µas/yr]"""
-        return first_degree(self.even_interval[0]), first_degree(self.even_interval[1])
+        return self._interval("even", "acceleration_error")
 
     @property
     def spectrum(self) -> Spectrum:
-        """The spectrum that was found, for `sim.systematics` say."""
-        return self.odd * Spectrum.odd() + self.even * Spectrum.even()
+        """The spectrum that was found, for `sim.systematics` say; of several shapes the likeliest."""
+        if self.parts:
+            return self.parts[int(np.argmax(self.probability))].spectrum
+        shape = _shape_of(self.shape)
+        return self.odd * shape.only("odd") + self.even * shape.only("even")
+
+    @property
+    def _shapes(self):
+        return self.parts or (self,)
+
+    def _mean(self, errors):
+        """The error of a mixture: its variance is the mean of those of the shapes."""
+        return float(np.sqrt(np.dot(self.probability or (1.0,), np.square(errors))))
+
+    def _interval(self, parity, error):
+        """Ends of the 68 % intervals of the shapes, as degree 1 has them, averaged by probability."""
+        ends = []
+        for part in self._shapes:
+            unit = getattr(replace(part, odd=1.0, even=1.0).spectrum, error)
+            ends.append([unit * np.sqrt(end) for end in getattr(part, f"{parity}_interval")])
+        low, high = np.asarray(self.probability or (1.0,)) @ np.array(ends)
+        return float(low), float(high)
 
     def report(self) -> str:
         """The floor as text."""
@@ -104,10 +147,21 @@ class Floor(Result):
         lines.append(
             f"the two parities differ with a p-value of {self.parity_p_value:.3g}; ln L gains {self.log_likelihood:.2f}"
         )
-        lines.append(
-            "a spectrum that rises towards degree 1, as Gaia EDR3's published one does, makes the floor too small: true"
-            " errors are then 1.2, 1.5, 1.8 times those with it from degree 3, 7, 10"
-        )
+        if self.parts:
+            for part, p in zip(self.parts, self.probability, strict=True):
+                errors = f"spin ± {part.spin_error:.3g}, acceleration ± {part.acceleration_error:.3g} µas/yr"
+                lines.append(f"spectrum {part.shape:10}{100 * p:>4.0f} %: {errors}")
+            if self.steeper:
+                spin, acceleration = self.steeper
+                lines.append(
+                    f"a steeper one, l⁻² a mode, is none of these: it would make it spin ± {spin:.3g}, acceleration ± "
+                    f"{acceleration:.3g} µas/yr"
+                )
+        else:
+            lines.append(
+                "a spectrum that rises towards degree 1, as Gaia EDR3's published one does, makes the floor too small:"
+                " true errors are then 1.2, 1.5, 1.8 times those with it from degree 3, 7, 10"
+            )
         if self.noise_scale != 1:
             lines.append(f"the catalogue's errors were scaled by {self.noise_scale:.4f} along with it")
         return "\n".join(lines) + "\n"
@@ -158,6 +212,8 @@ class Floor(Result):
         normal : NormalEquations
             Normal equations of the data.
         """
+        if self.parts:
+            return self._mixed(solve, normal)
         modes, tau = normal.modes, self.noise_scale**2
         data = equations_of(normal)
         scaled = replace(data, matrix=data.matrix / tau, rhs=data.rhs / tau, chi2_null=data.chi2_null / tau)
@@ -188,6 +244,28 @@ class Floor(Result):
             ),
         )
 
+    def _mixed(self, solve, normal):
+        """The mean over the shapes, its covariance with their scatter."""
+        solutions = [part.allowed_for(solve, normal) for part in self.parts]
+        weights = np.array(self.probability)
+        values = np.array([solution.coefficients.values for solution in solutions])
+        mean = weights @ values
+        away = values - mean
+        covariance = np.tensordot(weights, [solution.covariance for solution in solutions], 1)
+        covariance = covariance + np.einsum("s,si,sj->ij", weights, away, away)
+        likeliest = solutions[int(np.argmax(weights))]
+        listed = ", ".join(f"{part.shape} {100 * p:.0f} %" for part, p in zip(self.parts, weights, strict=True))
+        scale = "" if self.noise_scale == 1 else f" times {self.noise_scale:.4g}"
+        return replace(
+            likeliest,
+            coefficients=replace(likeliest.coefficients, values=mean),
+            covariance=covariance,
+            errors_from=(
+                f"{self.errors_from}{scale}, with the floor of degrees {words_of(self.degrees)} ({listed}): spin ± "
+                f"{self.spin_error:.3g}, acceleration ± {self.acceleration_error:.3g} µas/yr in each component"
+            ),
+        )
+
     def _rows(self):
         return [
             ("spin", self.odd, self.odd_interval, self.spin_error),
@@ -197,7 +275,11 @@ class Floor(Result):
 
 @logged("floor")
 def floor(
-    normal: NormalEquations | HarmonicSolution, degrees: Iterable[int] | None = None, *, noise_scale: bool | None = None
+    normal: NormalEquations | HarmonicSolution,
+    degrees: Iterable[int] | None = None,
+    *,
+    shapes: Iterable[str] = ("flat", "gaia"),
+    noise_scale: bool | None = None,
 ) -> Floor:
     """Estimate errors that sources share from the power of the higher degrees, and what they do to degree 1.
 
@@ -212,6 +294,9 @@ def floor(
         What was summed or fitted, to degree 3 at least for a result that says much.
     degrees : iterable of int, optional
         Where to estimate; from 2 to the highest unless given. Others are fitted freely.
+    shapes : iterable of "flat", "gaia"
+        Shapes of the spectrum, averaged by their evidence: one power of each mode, and that of Gaia EDR3's published
+        covariance (Lindegren et al. 2021), which rises towards low degrees. ("flat",) is the estimate of one shape.
     noise_scale : bool, optional
         Estimate a factor on the catalogue's errors along with the powers: errors that are too small pass for
         systematics otherwise. Unless given it is, but for a solution whose errors come from residuals.
@@ -251,14 +336,34 @@ def floor(
     degrees = fitted_degrees(modes, range(2, modes.lmax + 1) if degrees is None else degrees)
     if degrees[0] == 1:
         raise ModesError("degree 1 holds the spin and the acceleration: a floor is estimated from higher degrees")
+    listed = [shapes] if isinstance(shapes, str) else list(shapes)
+    if not listed or not all(isinstance(shape, str) and shape in SHAPES for shape in listed):
+        raise ParameterError(f"shapes of the spectrum are {', '.join(map(repr, SHAPES))}, not {shapes!r}")
     free = tuple(l for l in range(1, modes.lmax + 1) if l not in degrees)
     scaled = is_scaled(normal, noise_scale)
-    likelihood, common = _likelihood(equations, degrees, free, scaled)
+    found = [_of_shape(shape, equations, degrees, free, scaled, errors_of(normal)) for shape in listed]
+    if len(found) == 1:
+        return found[0][0]
+    evidence = np.array([each for _, each in found])
+    probability = np.exp(evidence - evidence.max())
+    probability /= probability.sum()
+    steep, _ = _of_shape("steep", equations, degrees, free, scaled, errors_of(normal))
+    return replace(
+        found[0][0],
+        parts=tuple(part for part, _ in found),
+        probability=tuple(map(float, probability)),
+        steeper=(steep.spin_error, steep.acceleration_error),
+    )
+
+
+def _of_shape(name, equations, degrees, free, scaled, errors_from):
+    """The floor for one shape of the spectrum, and ln of its evidence."""
+    likelihood, common = _likelihood(equations, degrees, free, scaled, _shape_of(name))
     best = likelihood.maximum()
-    amplitudes, _ = posteriors(likelihood, best)
+    amplitudes, evidence = posteriors(likelihood, best)
     odd, even = (amplitude.quantile(0.5, "root") for amplitude in amplitudes)
     intervals = [amplitude.interval(0.68, "root") for amplitude in amplitudes]
-    return Floor(
+    estimate = Floor(
         odd,
         even,
         intervals[0],
@@ -268,21 +373,23 @@ def floor(
         best.noise_scale,
         best.log_likelihood,
         equations.n_data,
-        errors_of(normal),
+        errors_from,
+        name,
     )
+    return estimate, evidence
 
 
 #: Up to this degree the likelihood is taken as it is; beyond, expanded where the sky allows it.
 _AS_IT_IS = 12
 
 
-def _likelihood(equations, degrees, free, scaled):
+def _likelihood(equations, degrees, free, scaled, shape):
     """ln L of the two powers, and its largest value for one power in both parities."""
     if degrees[-1] > _AS_IT_IS:
         with suppress(ConvergenceError):
-            expanded = Parities(equations, degrees, free, scaled)
+            expanded = Parities(equations, degrees, free, scaled, shape)
             return expanded, expanded.together()
-    apart, one = ([Spectrum.odd(), Spectrum.even()], [Spectrum.flat()])
+    apart, one = [shape.only("odd"), shape.only("even")], [shape]
     together = Likelihood(equations, one, degrees, free, scaled).maximum()
     return Likelihood(equations, apart, degrees, free, scaled), together.log_likelihood
 
@@ -312,8 +419,3 @@ def add_floor(solution: Solution) -> Solution:
         if np.isfinite([*estimate.odd_interval, *estimate.even_interval]).all()
         else solution
     )
-
-
-def first_degree(power: float) -> float:
-    """√(3 s/8π): each component of a spin or a glide, for the power of a mode. [µas/yr]"""
-    return (power * Spectrum.flat()).spin_error

@@ -50,9 +50,15 @@ class Parities(Likelihood):
     _rest: "_Rest | None" = None
 
     def __init__(
-        self, normal: NormalEquations, degrees: Sequence[int], free: Sequence[int], noise_scale: bool = True
+        self,
+        normal: NormalEquations,
+        degrees: Sequence[int],
+        free: Sequence[int],
+        noise_scale: bool = True,
+        shape: Spectrum | None = None,
     ) -> None:
-        super().__init__(normal, [Spectrum.odd(), Spectrum.even()], degrees, free, noise_scale)
+        spectrum = Spectrum.flat() if shape is None else shape
+        super().__init__(normal, [spectrum.only("odd"), spectrum.only("even")], degrees, free, noise_scale)
         with blas_for(len(self.rhs)):
             self._rest = _Rest()
             for _ in range(_ROUNDS):

@@ -83,3 +83,22 @@ def _intervals(names, values, intervals, labels, point, ax):
         axes.spines["left"].set_visible(False)
     drawn[0].legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.9))
     return drawn
+
+
+@styled
+def plot_shared(classes: Any, *, ax: Any = None) -> Any:
+    """Amplitudes of spin and acceleration of each class, component by component, with their errors."""
+    solutions = classes.solutions
+    both = panels(ax, 2, size=(WIDTH, 3.2))
+    place = np.arange(len(classes))
+    for axes, name in zip(both, ("spin", "acceleration"), strict=True):
+        vectors = [getattr(solution, name) for solution in solutions]
+        for k, axis in enumerate("xyz"):
+            values = [vector.value[k] for vector in vectors]
+            errors = [vector.sigma[k] for vector in vectors]
+            axes.errorbar(place + 0.12 * (k - 1), values, errors, fmt="o", color=COLOURS[k], label=axis)
+        axes.axhline(0, color="0.7", linewidth=0.8)
+        axes.set_xticks(place, classes.labels, rotation=20, ha="right")
+        axes.set_ylabel(f"{name}  [µas/yr]")
+    legend_above(both[0], 3)
+    return both

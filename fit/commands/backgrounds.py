@@ -31,6 +31,7 @@ class Backgrounds:
         """Captions of the figures, for the page."""
         return {
             "floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
+            "shared": "Spin and acceleration of the classes, with errors that they share.",
             "waves": "Energy in gravitational waves: posteriors and 95 % limits.",
         }
 

@@ -13,7 +13,8 @@ def _run(options):
 
     paths = [options.catalogue, options.catalogue2]
     what = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
-    one, two = (_read(path, what, options) for path in paths)
+    conditions = options.where, options.where2 or options.where
+    one, two = (_read(path, what, options, where) for path, where in zip(paths, conditions, strict=True))
     labels = _labels(paths)
     comparison, kept = compare_catalogues(
         one, two, options.lmax, by=options.by, radius=options.radius, threshold=options.threshold, labels=labels
@@ -76,20 +77,22 @@ def _page(comparison, kept, options, meta, drawn):
 
 
 def _has_motions(path, options):
-    from vsh.io import catalogue
+    from vsh.io import catalogue, tables
 
     try:
-        wanted = catalogue.as_columns(options.columns)
-        return {wanted.pmra, wanted.pmdec} <= set(catalogue.open_icrf(path, options.input_format).names)
+        names = tables.open_table(path, options.input_format).names
+        wanted, _ = catalogue.as_columns(options.columns).among(names)
+        return {wanted.pmra, wanted.pmdec} <= set(names)
     except TableError:  # ICRF's fixed columns, or columns of positions
         return False
 
 
-def _read(path, what, options):
+def _read(path, what, options, where):
     from vsh.io.catalogue import read_field, read_positions
 
     if what == "motions":
-        return read_field(path, roles=("name",), **reading.arguments(options)).to_frame(options.frame)
+        given = reading.arguments(options) | {"where": where}
+        return read_field(path, roles=("name",), **given).to_frame(options.frame)
     if options.frame != (options.catalogue_frame or "icrs"):
         raise VshError(f"positions are compared in the axes they are given in: leave out --frame {options.frame}")
     return read_positions(
@@ -98,7 +101,7 @@ def _read(path, what, options):
         sigma=options.position_error,
         on_bad=options.on_bad,
         frame=options.catalogue_frame or "icrs",
-        where=options.where,
+        where=where,
         format=options.input_format,
     )
 

@@ -8,6 +8,7 @@ from typing import Any
 import fit
 import vsh
 from fit.commands import backgrounds as shared
+from fit.commands import classes
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
@@ -30,6 +31,11 @@ def _run(options):
     solution, kept, clipped = _fit(field, vsh.Modes(options.lmax), options)
     backgrounds = shared.found(solution, options)
     solution = fit.background.add_floor(backgrounds.solution)
+    results, texts = dict(backgrounds.results), list(backgrounds.texts)
+    if options.classes:
+        results["shared"] = classes.shared_by(source, str(path), options)
+        texts.append(results["shared"].report(what="class"))
+    backgrounds = replace(backgrounds, results=results, texts=tuple(texts))
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
     text = "\n".join([solution.report(check=check, truth=truth, source=name), *backgrounds.texts])

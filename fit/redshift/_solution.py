@@ -1,13 +1,15 @@
 """Solutions in bins of redshift, and the questions one asks of them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
 from scipy.special import chdtrc
 
+from fit.background import SharedErrors, shared
 from fit.output import WIDTH, components, note_lines, p_value
 from fit.quality import Quality, f_p_value
 from fit.redshift._contrasts import FLOW_MATTERS, ChiSquare, Trend, gls, information, slope_of, welch
@@ -295,6 +297,35 @@ class BinnedSolution(Result):
             From `fit.redshift.permutation_test`.
         """
         return text_of(self, velocity, p_values)
+
+    def shared(self, degrees: Iterable[int] | None = None, **options: Any) -> SharedErrors:
+        """Spin and acceleration of the bins with errors that they share, from the power of their higher degrees.
+
+        Parameters
+        ----------
+        degrees : iterable of int, optional
+            From 2 on; to the highest that was fitted unless given.
+        **options
+            As for `fit.background.shared`: shapes, own, draws, noise_scale, rng.
+
+        Raises
+        ------
+        ModesError
+            If the bins were fitted to less than degree 3.
+
+        Notes
+        -----
+        The covariance of flows, where near galaxies share them, adds to it.
+        """
+        labels = [f"{low:g} ≤ z < {high:g}" for low, high in pairwise(self.edges)]
+        found = shared(self.normals, degrees, labels=labels, **options)
+        if self.flow_covariance is None:
+            return found
+        modes, bins, q = list(self.modes), len(self), len(self.free)
+        first = [i for i, k in enumerate(self.free) if modes[k].l == 1]
+        index = (np.arange(bins)[:, None] * q + first).ravel()
+        flow = self.flow_covariance[np.ix_(index, index)].reshape(bins, len(first), bins, len(first))
+        return replace(found, covariances=found.covariances + flow, notes=(*found.notes, "flows are in these errors"))
 
     def plot(self, velocity: str | Vector | None = "planck", *, ax: Any = None) -> Any:
         """Components against redshift, with the secular parallax of a velocity drawn in; on matplotlib axes.

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from astropy.table import Table
-from conftest import real_catalogue
+from conftest import random_field, real_catalogue
 
 import fit
 import sim
@@ -193,5 +193,60 @@ def test_p_values_of_catalogues_that_share_noise():
     assert 0.3 < np.mean(scaled) < 0.7  # uniform: 0.5 ± 0.05
     assert np.mean(quoted) > 0.8
     text = comparison.report()
-    assert "by the errors quoted;" in text
+    assert "by the errors quoted, " in text
+    assert "errors ± are scaled by residuals in 5 classes of their size, by 0." in text
     assert "multiply" not in text
+
+
+@pytest.mark.parametrize("faint", [False, True])
+def test_p_values_where_some_share_noise(faint):
+    """All noise of the faint, or of the bright, is shared: one factor for all is wrong, classes of errors hold."""
+    from fit.compare import by_error_class
+    from vsh import Modes
+
+    rng, p = np.random.default_rng(3), []
+    for _ in range(60):
+        lon, lat = sim.uniform_sky(500, rng)
+        sigma = 10 ** rng.uniform(0.8, 2.0, 500)
+        share = np.where((sigma > 25) == faint, 0.95, 0.0)
+        field = Field(
+            lon, lat, rng.normal(size=(2, 500)) * sigma * np.sqrt(2 * (1 - share)), np.sqrt(2) * np.tile(sigma, (2, 1))
+        )
+        found = by_error_class(field, Modes(2))
+        p.append(found.p_value)
+    assert np.mean(np.array(p) < 0.05) <= 0.15
+    assert 0.3 < np.mean(p) < 0.7
+    assert max(found.factors) > 3 * min(found.factors)
+
+
+def test_the_p_value_allows_for_factors_that_are_estimated():
+    """F with the degrees of freedom of the classes, weighed by their information: larger than χ² has it."""
+    from scipy.stats import chi2
+
+    from fit.compare import by_error_class
+    from vsh import Modes
+
+    rng, modes = np.random.default_rng(5), Modes(2)
+    lon, lat = sim.uniform_sky(40, rng)
+    sigma = np.full((2, 40), 10.0)
+    field = Field(lon, lat, sigma * rng.normal(size=(2, 40)) + 8.0, sigma)
+    found = by_error_class(field, modes)
+    beyond = modes.degrees > 1
+    inner = found.covariance[np.ix_(beyond, beyond)]
+    size = found.values[beyond] @ np.linalg.solve(inner, found.values[beyond])
+    plain = chi2.sf(size, beyond.sum())
+    assert found.p_value > 1.05 * plain
+    from scipy.stats import f
+
+    assert found.p_value == pytest.approx(f.sf(size / beyond.sum(), beyond.sum(), 80 - len(modes)), rel=1e-3)
+
+
+def test_errors_by_class_of_few_sources_and_of_none():
+    from fit.compare import by_error_class
+    from vsh import Modes
+
+    field = random_field(40, 1)
+    assert len(by_error_class(field, Modes(1)).factors) == 1
+    assert np.isnan(by_error_class(field, Modes(1)).p_value)
+    assert by_error_class(field[:2], Modes(2)) is None
+    assert by_error_class(field.minus(field.motion), Modes(1)) is None

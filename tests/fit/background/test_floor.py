@@ -25,7 +25,7 @@ LOUD = fit.normal_equations(sky(), 5)
 
 
 def test_what_a_floor_is():
-    found = floor(LOUD, degrees=range(2, 6))
+    found = floor(LOUD, degrees=range(2, 6), shapes=("flat",))
     assert found.degrees == (2, 3, 4, 5)
     assert found.odd_interval[0] < found.odd < found.odd_interval[1]
     assert found.even_interval[0] < found.even < found.even_interval[1]
@@ -51,7 +51,7 @@ def test_it_knows_no_frame_and_no_order():
 
 
 def test_a_solution_holds_it_and_says_so():
-    found = floor(LOUD)
+    found = floor(LOUD, shapes=("flat",))
     plain, solution = fit.solve(LOUD), fit.solve(LOUD, floor=found)
     assert (solution.spin.sigma > found.spin_error).all()
     assert (solution.acceleration.sigma > found.acceleration_error).all()
@@ -81,7 +81,7 @@ def test_a_fixed_scale_and_a_dense_truth():
     """The prior with the floor is least squares with the dense covariance of the same field, degree 1 of it too."""
     field = random_field(300, seed=4)
     normal = fit.normal_equations(field, 3)
-    found = replace(floor(normal, noise_scale=False), odd=300.0, even=80.0)
+    found = replace(floor(normal, shapes=("flat",), noise_scale=False), odd=300.0, even=80.0)
     assert found.noise_scale == 1
     from vsh.models.covariance import from_spectrum, of_errors
 
@@ -164,6 +164,36 @@ def test_coverage_where_errors_are_wrong_by_place(power):
     assert 0.63 < inside["robust"] < 0.77
     assert 0.63 < inside["floor"] < 0.80
     assert 0.92 < np.mean(np.array(pulls["robust"]) < 1.96) < 0.98
+
+
+def test_two_shapes_are_averaged_by_their_evidence(tmp_path):
+    both = floor(LOUD)
+    flat, gaia = both.parts
+    assert both.shape == flat.shape == "flat"
+    assert gaia.shape == "gaia"
+    assert sum(both.probability) == pytest.approx(1)
+    assert flat == floor(LOUD, shapes=("flat",))
+    errors = np.array([flat.spin_error, gaia.spin_error])
+    assert both.spin_error == pytest.approx(np.sqrt(np.dot(both.probability, errors**2)))
+    # Lindegren's spectrum has more of degree 1 for the same degrees 2 to 5, l⁻² still more.
+    assert gaia.spin_error > flat.spin_error
+    assert both.steeper[0] > gaia.spin_error
+    low, high = both.spin_interval
+    assert low < both.spin_error < high
+    solution, one, two = (fit.solve(LOUD, floor=each) for each in (both, flat, gaia))
+    np.testing.assert_allclose(solution.values, np.dot(both.probability, [one.values, two.values]), rtol=1e-12)
+    away = np.array([one.values, two.values]) - solution.values
+    wanted = np.einsum("s,sij->ij", both.probability, [one.covariance, two.covariance])
+    wanted += np.einsum("s,si,sj->ij", both.probability, away, away)
+    np.testing.assert_allclose(solution.covariance, wanted, rtol=1e-12)
+    assert "with the floor of degrees 2 to 5 (flat" in solution.errors_from
+    report = both.report()
+    assert "spectrum gaia" in report
+    assert "a steeper one, l⁻² a mode, is none of these" in report
+    both.write(tmp_path / "floor.ecsv")
+    assert read(tmp_path / "floor.ecsv") == both
+    with pytest.raises(ParameterError, match="shapes of the spectrum are 'flat', 'gaia'"):
+        floor(LOUD, shapes=("steep",))
 
 
 def test_reports():

@@ -12,7 +12,7 @@ def test_floor_and_waves(tmp_path, capsys):
     out, page = tmp_path / "out", tmp_path / "page.html"
     assert main([*EVERYTHING, "--output", str(out), "--html", str(page)]) == 0
     text = capsys.readouterr().out
-    for words in ("errors from    the catalogue times 1.", "with the floor of degrees 2, 3: spin ± ", "exact likelihood, flat in √Ω",
+    for words in ("errors from    the catalogue times 1.", "with the floor of degrees 2, 3 (flat ", "exact likelihood, flat in √Ω",
                   "coefficients flat: quantile", "f < 1/T = 3.17 nHz (T = 10 yr)", "the two parities differ"):  # fmt: skip
         assert words in text
     assert text.count("Errors that sources share") == 1

@@ -52,7 +52,10 @@ def test_positions_alone_will_do(tmp_path, capsys):
     assert "no errors in the table: all sources weigh the same" in capsys.readouterr().out
     assert main([str(path), "--columns", "ra=RA,dec=DE", "--units", "RA=deg,DE=deg", "--sigma", "50"]) == 0
     assert "errors of 50 µas/yr for every source (as asked)" in capsys.readouterr().out
-    assert main([str(path)]) == 1
+    assert main([str(path)]) == 0
+    assert "no unit in the table, so taken in deg: RA, DE" in capsys.readouterr().out
+    Table({"x": [1.0], "y": [2.0]}).write(tmp_path / "xy.csv")
+    assert main([str(tmp_path / "xy.csv")]) == 1
     assert "no column 'ra'" in capsys.readouterr().err
     field = read_sources(path, {"ra": "RA", "dec": "DE"}, {"RA": "deg", "DE": "deg"})
     assert (field.motion == 0).all()

@@ -278,3 +278,37 @@ def test_the_flow_of_bins_against_a_design_matrix():
         np.testing.assert_allclose(
             solution.covariance, noise + expected[16 * b :, 16 * b :][:16, :16], rtol=1e-6, atol=1e-9
         )
+
+
+def test_bins_with_errors_that_they_share(tmp_path, capsys):
+    """Systematics that quasars of all redshifts share: plain bins differ, bins with the floor do not."""
+    from fit.background import Spectrum
+    from fit.commands.redshift import main
+
+    quasars = sim.quasars(30_000, 3)
+    keep = (quasars.redshift < 1.2) | (quasars.lat > -0.2)  # bins that see different skies
+    quasars = quasars[keep]
+    field = sim.observe(quasars, sim.systematics(400 * Spectrum.flat(), 5, lmax=8), 2, sigma=400.0)
+    bins = binned(field, 5, np.array([0.0, 1.2, 10.0]), flows=None)
+    shared = bins.shared(draws=200)
+    assert shared.labels[0] == "0 ≤ z < 1.2"
+    assert shared.equality() > 0.0027
+    field.write(tmp_path / "q.fits")
+    words = [str(tmp_path / "q.fits"), "--bins", "0.1,1.2,6", "--redshift-frame", "true", "--no-flows"]
+    assert main([*words, "--lmax", "4", "--floor", "--output", str(tmp_path / "out"), "--dpi", "30"]) == 0
+    out = capsys.readouterr().out
+    assert "Does the dipole change with redshift?" in out
+    assert "by permut" not in out
+    assert (tmp_path / "out" / "shared.ecsv").exists()
+    with pytest.raises(SystemExit):
+        main([*words, "--floor"])
+    assert "degrees 1 and 2 say nothing of what bins share" in capsys.readouterr().err
+    near = sim.galaxies(3000, 1, min_redshift=0.003, max_redshift=0.03)
+    seen = sim.observe(near, sim.spin((0, 0, 0)), 2, sigma=30.0)
+    flowing = binned(seen, 3, np.array([0.003, 0.02, 0.03]), n_modes=30)
+    with_flows, without = (
+        flowing.shared(draws=60),
+        binned(seen, 3, np.array([0.003, 0.02, 0.03]), flows=None).shared(draws=60),
+    )
+    assert np.trace(with_flows.covariance) > 1.01 * np.trace(without.covariance)
+    assert "flows are in these errors" in with_flows.notes

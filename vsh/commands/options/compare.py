@@ -39,6 +39,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--position-error", type=values.positive, metavar="UAS", help="one error for all positions, µas"
     )
+    parser.add_argument(
+        "--where2", metavar="CONDITION", help="rows of the second catalogue to use (default: as --where)"
+    )
     parsing.add_threads(parser)
     reading.add_reading(parser)
     parsing.add_common(parser)

@@ -55,7 +55,15 @@ def make_parser() -> argparse.ArgumentParser:
         ),
     )
     _add_backgrounds(parser)
-    parser.add_argument("--seed", type=int, default=1, help="of the bootstrap (default: 1)")
+    parser.add_argument(
+        "--classes",
+        metavar="COLUMN:EDGE,…",
+        help=(
+            "compare classes of sources, with errors that they share (--lmax 5 is best): by a column, magnitude:18,20, "
+            "by conditions between semicolons, or halves:galactic"
+        ),
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the bootstrap and of the classes (default: 1)")
     parsing.add_threads(parser)
     reading.add_workers(parser)
     reading.add_reading(parser)
@@ -70,6 +78,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or --demo")
+    if options.classes and options.lmax < 3:
+        parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 say nothing of what classes share")
     if options.years and not options.waves:
         parser.error("--years is for --waves")
     if options.beside and not options.html:

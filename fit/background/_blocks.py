@@ -1,0 +1,220 @@
+"""The likelihood of what classes of sources share, and draws from its posterior.
+
+Class i sees c_i = θ_i + s_i: degree 1 free and its own, and systematics with Cov(s_i, s_j) = C_ij S, parity by parity,
+for one shape S; C = a² 11ᵀ + diag(b_i²) is what all share and what each has for itself. With A = blockdiag A_i the
+normal matrices of degrees 2 … L, degree 1 eliminated class by class, β their right-hand sides, Σ = C ⊗ S = R Rᵀ and
+G = 1 + Rᵀ A R = Λ Λᵀ,
+
+    ln L = ½ wᵀ w − Σ ln Λ_kk,   w = Λ⁻¹ Rᵀ β.
+
+The amplitudes a, b_i are drawn by importance sampling, flat in each beforehand; ln L is even in them.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.special import gammaln, logsumexp
+
+from fit.normal import NormalEquations
+from vsh.modes import Modes
+from vsh.tools.errors import DegeneracyError
+from vsh.tools.types import FloatArray, IntArray
+
+#: Degrees of freedom of the proposals.
+_TAIL = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class ClassEquations:
+    """The normal equations of one class: degrees 2 … L with degree 1 eliminated, and degree 1 by itself."""
+
+    matrix: FloatArray
+    rhs: FloatArray
+    first: FloatArray
+    first_rhs: FloatArray
+    leverage: Any
+    noise_scale: float
+    condition: float
+
+
+def reduced(normal: NormalEquations, modes: Modes, scaled: bool = True) -> ClassEquations:
+    """The equations of a class to the degree of `modes`; errors scaled by its own χ²/dof where that is known."""
+    at = np.flatnonzero(normal.modes.degrees <= modes.lmax)
+    matrix, rhs = normal.matrix[np.ix_(at, at)], normal.rhs[at]
+    size = np.sqrt(np.diag(matrix))
+    if not (size > 0).all():
+        raise DegeneracyError("a class sees nothing of some coefficients: it has no sources, or too few")
+    condition = float(np.linalg.cond(matrix / np.outer(size, size)))
+    ridge = 1e-9 * np.diag(np.diag(matrix))  # of few sources the matrix may be singular
+    left = normal.chi2_null - rhs @ np.linalg.solve(matrix + ridge, rhs)
+    tau = left / (normal.n_data - len(at)) if scaled and normal.n_data > 1.5 * len(at) else 1.0
+    matrix, rhs = matrix / tau, rhs / tau
+    one = modes.degrees == 1
+    first, across = matrix[np.ix_(one, one)], matrix[np.ix_(one, ~one)]
+    if np.linalg.cond(first) > 1e12:
+        raise DegeneracyError("a class does not determine its spin and acceleration: merge it with another")
+    leverage = np.linalg.solve(first, across)
+    inner = matrix[np.ix_(~one, ~one)] - across.T @ leverage
+    return ClassEquations(
+        inner, rhs[~one] - leverage.T @ rhs[one], first, rhs[one], leverage, float(np.sqrt(tau)), condition
+    )
+
+
+def parities(modes: Modes) -> IntArray:
+    """0 for the parity of a spin (T of odd degrees, S of even ones), 1 for that of a glide."""
+    toroidal = np.arange(len(modes)) < len(modes) // 2
+    return np.where(toroidal == (modes.degrees % 2 == 1), 0, 1)
+
+
+class Blocks:
+    """ln L of the amplitudes x = (a, b_1 … b_K) of both parities, in their units, for one shape of the spectrum."""
+
+    def __init__(self, classes: list[ClassEquations], modes: Modes, variances: FloatArray, own: str) -> None:
+        high, one = modes.degrees > 1, modes.degrees == 1
+        group = parities(modes)
+        self.classes, self.own = classes, own
+        self.matrices = np.array([each.matrix for each in classes])
+        self.rhs = np.array([each.rhs for each in classes])
+        self.n_classes, self.size = self.rhs.shape
+        self.group, self.first_group = group[high], group[one]
+        self.root, self.first = np.sqrt(variances[high]), variances[one]
+        units = np.array([self._units(np.flatnonzero(self.group == g), variances[high]) for g in range(2)])
+        if self.n_classes == 1:
+            units = units[:, :1]
+        elif own == "one":
+            units = np.c_[units[:, 0], units[:, 0]]
+        #: Roots of amplitudes that would be seen at one standard error, (2, 1 + K).
+        self.unit = units
+
+    def _units(self, at, shape):
+        squares = self.matrices[:, at][:, :, at] ** 2
+        among = [squares.sum(0), *squares]
+        return np.sqrt([1 / np.sqrt(shape[at] @ square @ shape[at] / 2) for square in among])
+
+    def shares(self, x: FloatArray) -> FloatArray:
+        """C of both parities, (2, K, K)."""
+        squares = (x.reshape(self.unit.shape) * self.unit) ** 2
+        ones = np.ones((self.n_classes, self.n_classes))
+        if self.n_classes == 1:
+            return squares[:, :1, None] * ones
+        own = squares[:, 1:] if self.own == "each" else np.repeat(squares[:, 1:2], self.n_classes, 1)
+        return squares[:, :1, None] * ones + own[:, :, None] * np.eye(self.n_classes)
+
+    def factor(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """R by class and mode, Λ, and w."""
+        shares = self.shares(x)
+        # Without what each has for itself C would be singular.
+        least = np.trace(shares, axis1=1, axis2=2)[:, None, None] + (self.unit**2).min()
+        root = np.linalg.cholesky(shares + 1e-9 * np.eye(self.n_classes) * least)
+        r = root[self.group].transpose(1, 2, 0) * self.root
+        k, q = self.n_classes, self.size
+        gram = np.empty((k, q, k, q))
+        for i in range(k):
+            for j in range(i + 1):
+                gram[i, :, j] = sum((r[m, i][:, None] * r[m, j]) * self.matrices[m] for m in range(i, k))
+        square = gram.reshape(k * q, k * q)
+        square.ravel()[:: k * q + 1] += 1
+        lower = cholesky(square, lower=True, overwrite_a=True, check_finite=False)
+        w = solve_triangular(lower, np.einsum("mjk,mk->jk", r, self.rhs).ravel(), lower=True, check_finite=False)
+        return r, lower, w
+
+    def log_likelihood(self, x: FloatArray) -> float:
+        """ln L, relative to no systematics."""
+        _, lower, w = self.factor(x)
+        return float(w @ w / 2 - np.log(np.diag(lower)).sum())
+
+    def loss(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """−ln L and its gradient by the squares of x.
+
+        ∂ln L/∂C_ij = ½ Σ_k S_k (r_ik r_jk − T_ik,jk), r = β − A m the residual of the mean and T = A − A R G⁻¹ Rᵀ A.
+        """
+        r, lower, w = self.factor(x)
+        k, q = self.n_classes, self.size
+        across = np.einsum("mjk,mkl->jkml", r, self.matrices).reshape(k * q, k * q)
+        solved = solve_triangular(lower, across, lower=True, check_finite=False)
+        left = (self.rhs.ravel() - solved.T @ w).reshape(k, q)
+        solved = solved.reshape(-1, k, q)
+        trace = -np.einsum("zik,zjk->ijk", solved, solved)
+        trace[np.arange(k), np.arange(k)] += np.einsum("ikk->ik", self.matrices)
+        slope = (left[:, None] * left[None] - trace) * self.root**2 / 2
+        by_group = np.stack([slope[:, :, self.group == g].sum(2) for g in range(2)])
+        own = np.einsum("gii->gi", by_group)
+        gradient = by_group.sum((1, 2))[:, None]
+        if k > 1:
+            gradient = np.c_[gradient, own if self.own == "each" else own.sum(1)]
+        return float(np.log(np.diag(lower)).sum() - w @ w / 2), -gradient.ravel() * self.unit.ravel() ** 2
+
+    def sample(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, float]:
+        """Draws of the amplitudes, (n, d), their weights, and ln of the evidence: the mode, then importance."""
+        middle, covariance = self._peak()
+        for count in (n // 2, n // 2, n):
+            x, log_density = _folded(middle, 1.2 * covariance, count, rng)
+            log = np.array([self.log_likelihood(each) for each in x]) - log_density
+            weight = np.exp(log - log.max())
+            evidence = float(np.log(weight.mean()) + log.max())
+            weight /= weight.sum()
+            few = 1 / np.sum(weight**2) < 2 * middle.size
+            kind = weight**0.3 / np.sum(weight**0.3) if few else weight  # too few count: flatten the weights, and widen
+            middle = kind @ x
+            spread = np.einsum("n,ni,nj->ij", kind, x - middle, x - middle)
+            covariance = spread + 0.1 * covariance if few else 1.1 * spread
+        return x, weight, evidence
+
+    def _peak(self):
+        """The mode, and a covariance from the curvature there."""
+        from scipy.optimize import minimize  # slow to import
+
+        size = self.unit.size
+
+        def by_log(y):  # x² = eʸ − 1 is linear next to zero, where x itself would be stuck
+            value, slope = self.loss(np.sqrt(np.expm1(y)))
+            return value, slope * np.exp(y)
+
+        best = minimize(
+            by_log, np.ones(size), jac=True, method="L-BFGS-B", bounds=[(0, 60)] * size, options={"ftol": 1e-9}
+        )
+        middle, bend = np.sqrt(np.expm1(best.x)), np.empty((size, size))
+        for k in range(size):
+            step = np.zeros(size)
+            step[k] = 0.05 * max(middle[k], 1)
+            up, down = (2 * (middle + s * step) * self.loss(np.abs(middle + s * step))[1] for s in (1, -1))
+            bend[k] = (up - down) / (2 * step[k])
+        values, turn = np.linalg.eigh((bend + bend.T) / 2)
+        return middle, turn / np.maximum(values, 0.25) @ turn.T  # never wider than two units
+
+    def degree_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """θ of all classes, (K, 6), and its covariance, (K, 6, K, 6): what degrees 2 … L leave, and C ⊗ S_1."""
+        r, lower, w = self.factor(x)
+        k, q = self.n_classes, self.size
+        leverage = np.array([each.leverage for each in self.classes])
+        across = np.einsum("mjk,mak->jkma", r, leverage).reshape(k * q, -1)
+        z = solve_triangular(lower, across, lower=True, check_finite=False)
+        covariance = (z.T @ z).reshape(k, 6, k, 6)
+        plain = np.array([np.linalg.solve(each.first, each.first_rhs) for each in self.classes])
+        shares, at = self.shares(x), np.arange(6)
+        for i in range(k):
+            covariance[i, :, i] += np.linalg.inv(self.classes[i].first)
+            for j in range(k):
+                covariance[i, at, j, at] += shares[self.first_group, i, j] * self.first
+        return plain - (z.T @ w).reshape(k, 6), covariance
+
+
+def _folded(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]:
+    """|x| of a multivariate t, and ln of its density: all signs of what lies near zero are summed over."""
+    size = len(middle)
+    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(size))
+    scale = np.sqrt(rng.chisquare(_TAIL, size=(n, 1)) / _TAIL)
+    x = np.abs(middle + (rng.normal(size=(n, size)) @ root.T) / scale)
+    near = np.flatnonzero(middle < 6 * np.sqrt(np.diag(covariance)))
+    signs: Any = np.ones((2 ** len(near), size))
+    signs[:, near] = list(product((1, -1), repeat=len(near)))
+    inverse = np.linalg.inv(root)
+    constant = gammaln((_TAIL + size) / 2) - gammaln(_TAIL / 2) - size / 2 * np.log(_TAIL * np.pi)
+    density = np.empty(n)
+    for start in range(0, n, 64):  # many signs of many draws would fill the memory
+        y = np.einsum("ab,snb->sna", inverse, signs[:, None] * x[start : start + 64] - middle)
+        density[start : start + 64] = logsumexp(-(_TAIL + size) / 2 * np.log1p(np.sum(y * y, 2) / _TAIL), axis=0)
+    return x, density - np.log(np.diag(root)).sum() + constant

@@ -1,0 +1,538 @@
+"""Errors that classes of sources share: bins of redshift, magnitudes, halves of the sky, catalogues, in one model.
+
+Each class has a spin and an acceleration of its own; degrees 2 and higher hold nothing but what sources share, which is
+common to all classes or each one's own in a proportion that the data tell. What that does to degree 1, and to the
+differences of classes, follows.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fit.background._amplitude import equations_of, words_of
+from fit.background._blocks import Blocks, ClassEquations, reduced
+from fit.background._floor import SHAPES
+from fit.normal import NormalEquations
+from fit.solution import HarmonicSolution, Solution
+from fit.storage import Result
+from vsh.coefficients import Coefficients
+from vsh.io import tables
+from vsh.models.covariance import Spectrum
+from vsh.modes import Modes
+from vsh.tools.arguments import choice, generator, whole
+from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
+from vsh.tools.logs import logged
+from vsh.tools.notes import note_lines
+from vsh.tools.types import FloatArray, Rng, Table
+
+#: Draws that count fewer than this are drawn again, four times as many, up to a limit.
+_EFFECTIVE, _MOST_DRAWS = 20.0, 1600
+#: So many draws of equal weight are kept.
+_KEPT = 60
+#: Beyond this condition of its normal matrix a class sees too little of the sky to tell degrees apart.
+_CAP = 1e5
+
+
+class Verdict(NamedTuple):
+    """Whether classes differ, after allowing for all comparisons that were looked at.
+
+    Attributes
+    ----------
+    p_value : float
+        The p-value of the largest difference, among as many as were looked at.
+    face_value : float
+        The same had it been the only one.
+    comparison : str
+        Which it is.
+    looked_at : int
+        How many were looked at.
+    """
+
+    p_value: float
+    face_value: float
+    comparison: str
+    looked_at: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SharedErrors(Result):
+    """Spin and acceleration of classes of sources, with the errors that they share.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        The classes.
+    means, covariances : (s, K, 6) and (s, K, 6, K, 6) arrays
+        Degree 1 of each class (T, then S) for draws of equal weight of what is shared.
+    shares : (s, 2, K, K) array
+        C of these draws: the power of each mode that classes have in common, of the parity of a spin and of a glide.
+    shapes : tuple of str
+        Shapes of the spectrum that were averaged.
+    probability : tuple of float
+        How probable each shape is; equal beforehand.
+    effective : tuple of float
+        How many draws of each shape count.
+    degrees : tuple of int
+        What was looked at.
+    noise_scale : tuple of float
+        Factor on the errors of each class.
+    n_sources : tuple of int
+    frame : str
+    notes : tuple of str
+    """
+
+    labels: tuple[str, ...]
+    means: FloatArray
+    covariances: FloatArray
+    shares: FloatArray
+    shapes: tuple[str, ...]
+    probability: tuple[float, ...]
+    effective: tuple[float, ...]
+    degrees: tuple[int, ...]
+    noise_scale: tuple[float, ...]
+    n_sources: tuple[int, ...]
+    frame: str = "icrs"
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def __repr__(self) -> str:
+        return f"<SharedErrors: {len(self)} classes, degrees {words_of(self.degrees)}>"
+
+    @property
+    def values(self) -> FloatArray:
+        """Degree 1 of each class, the mean over what may be shared, (K, 6). [µas/yr]"""
+        return self.means.mean(0)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of degree 1 of all classes, (6 K, 6 K). [(µas/yr)²]"""
+        away = (self.means - self.values).reshape(len(self.means), -1)
+        size = 6 * len(self)
+        return self.covariances.mean(0).reshape(size, size) + away.T @ away / len(away)
+
+    @property
+    def solutions(self) -> list[Solution]:
+        """A Solution of degree 1 for each class, its errors with what classes share."""
+        return [self._solution(np.eye(len(self))[i], 2 * self.n_sources[i]) for i in range(len(self))]
+
+    def difference(self, i: int, j: int) -> Solution:
+        """Degree 1 of class `j` less that of class `i`, with its errors."""
+        row = np.zeros(len(self))
+        row[j], row[i] = row[j] + 1, row[i] - 1
+        return self._solution(row, 2 * (self.n_sources[i] + self.n_sources[j]))
+
+    def together(self) -> Solution:
+        """One spin and acceleration for all classes, by generalised least squares."""
+        values, covariance, _, _ = _line(np.ones((len(self), 1)), self.values, self._blocks(), slice(0, 6))
+        return self._harmonic(values[0], covariance, 2 * sum(self.n_sources))
+
+    def equality(self, kind: str | None = None) -> float:
+        """p-value of classes that are alike, the mean over what may be shared.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}, optional
+            The spin or the acceleration alone.
+        """
+        return self._p_value(kind, None)
+
+    def trend(self, x: Iterable[float] | None = None, kind: str | None = None) -> float:
+        """p-value of no slope along the classes.
+
+        Parameters
+        ----------
+        x : (K,) numbers, optional
+            Where each class stands; 0, 1, 2, … unless given.
+        kind : {"T", "S"}, optional
+            The spin or the acceleration alone.
+
+        Raises
+        ------
+        ParameterError
+            If there is not one number a class, or they are all the same.
+        """
+        at = np.arange(len(self), dtype=float) if x is None else np.asarray(list(x), float)
+        if at.shape != (len(self),) or not np.ptp(at) > 0:
+            raise ParameterError(f"a trend needs a place for each of {len(self)} classes, not all the same")
+        return self._p_value(kind, at)
+
+    def verdict(self, n: int = 4000, rng: Rng = 1) -> Verdict:
+        """Whether the dipole changes along the classes: the largest difference, after allowing for the search.
+
+        Every edge between neighbouring classes, and a slope, for spin and acceleration, are contrasts of the same
+        parameters; skies on which classes are alike are drawn from the posterior.
+
+        Parameters
+        ----------
+        n : int
+            Skies that are drawn.
+        rng : Generator or int
+            The source of all randomness.
+        """
+        draw, size = generator(rng), 6 * len(self)
+        per = max(1, whole("n", n) // len(self.means))
+        skies = [self.values.reshape(1, size)]
+        for covariance in self.covariances.reshape(-1, size, size):
+            root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(size))
+            skies.append(draw.normal(size=(per, size)) @ root.T)
+        drawn = np.concatenate(skies).reshape(-1, len(self), 6)
+        sizes, words = [], []
+        for row, kind, name in self._contrasts():
+            part = slice(0, 3) if kind == "T" else slice(3, 6)
+            own = np.einsum("i,iajb,j->ab", row, self._blocks()[:, part][:, :, :, part], row)
+            away = np.einsum("i,nia->na", row, drawn[:, :, part])
+            sizes.append(np.einsum("na,ab,nb->n", away, np.linalg.inv(own), away))
+            words.append(name)
+        largest = np.max(sizes, axis=0)
+        which = int(np.argmax([size[0] for size in sizes]))
+        p = float((1 + np.sum(largest[1:] >= largest[0])) / len(largest))
+        return Verdict(p, float(chdtrc(3, largest[0])), words[which], len(words))
+
+    def power(self, kind: str) -> tuple[float, float, float]:
+        """Median and 68 % interval of what classes have in common, as it adds to a component. [µas/yr]
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            For the spin or the acceleration.
+        """
+        group = 0 if choice("kind", kind, ("T", "S")) == "T" else 1
+        common = self.shares[:, group]
+        smallest = common.min((1, 2)) if len(self) > 1 else common[:, 0, 0]
+        errors = np.sqrt(np.maximum(smallest, 0)) * Spectrum.flat().spin_error
+        low, middle, high = np.quantile(errors, [0.16, 0.5, 0.84])
+        return float(middle), float(low), float(high)
+
+    def report(self, what: str = "class") -> str:
+        """The classes, what they share, and the verdict, as text.
+
+        Parameters
+        ----------
+        what : str
+            What classes are made by: "redshift", say.
+        """
+        lines = [
+            f"Errors that classes of sources share, by degrees {words_of(self.degrees)} ({self.frame} axes)",
+            f"{'':24}{'sources':>10}{'spin':>27}{'acceleration':>27}{'|ã|':>8}",
+        ]
+        for label, solution, n in zip(self.labels, self.solutions, self.n_sources, strict=True):
+            lines.append(f"{label:24}{n:>10}{_cells(solution)}")
+        lines.append(f"{'together':24}{sum(self.n_sources):>10}{_cells(self.together())}")
+        if len(self) > 1:
+            lines.append(f"{'last − first':24}{'':>10}{_cells(self.difference(0, len(self) - 1))}")
+        spectra = ", ".join(f"{name} {100 * p:.0f} %" for name, p in zip(self.shapes, self.probability, strict=True))
+        lines.append(f"spectrum: {spectra}; draws that count: {', '.join(f'{x:.0f}' for x in self.effective)}")
+        if len(self) > 1:
+            lines.append(self.verdict_words(what))
+        lines.append(
+            "This assumes that what is shared has one of these spectra: no higher degree shows what degree 1 has alone."
+        )
+        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    def verdict_words(self, what: str = "class") -> str:
+        """One sentence that says whether the dipole changes from class to class.
+
+        Parameters
+        ----------
+        what : str
+            What classes are made by: "redshift", say.
+        """
+        verdict = self.verdict()
+        words = "not contradicted" if verdict.p_value > 0.0027 else "contradicted"
+        return (
+            f"Does the dipole change with {what}? spin p = {self.equality('T'):.2g}, acceleration p = "
+            f"{self.equality('S'):.2g}; the largest of {verdict.looked_at} comparisons ({verdict.comparison}) p = "
+            f"{verdict.p_value:.2g} after allowing for all ({verdict.face_value:.2g} at face value): one dipole for "
+            f"all is {words}."
+        )
+
+    def to_table(self) -> Table:
+        """A row for each class, and all together, as an astropy Table."""
+        rows = [*self.solutions, self.together()]
+        columns: dict[str, Any] = {
+            "class": [*self.labels, "together"],
+            "n_sources": [*self.n_sources, sum(self.n_sources)],
+        }
+        for name in ("spin", "acceleration"):
+            vectors = [getattr(row, name) for row in rows]
+            for k, axis in enumerate("xyz"):
+                columns[f"{name}_{axis}"] = [vector.value[k] for vector in vectors]
+                columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
+        units = {name: "uas / yr" for name in columns if name.startswith(("spin", "acceleration"))}
+        meta = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
+        return tables.table_of(columns, meta, units)
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """Spin and acceleration of the classes with their errors on matplotlib axes."""
+        from fit.background._plot import plot_shared
+
+        return plot_shared(self, ax=ax)
+
+    def _blocks(self):
+        return self.covariance.reshape(len(self), 6, len(self), 6)
+
+    def _solution(self, row, n_data):
+        values = row @ self.values
+        covariance = np.einsum("i,iajb,j->ab", row, self._blocks(), row)
+        return self._harmonic(values, covariance, n_data)
+
+    def _harmonic(self, values, covariance, n_data):
+        shown = f"normal equations, with what classes share, degrees {words_of(self.degrees)}"
+        return Solution(
+            Coefficients(Modes(1), values), covariance, float("nan"), int(n_data), self.frame, errors_from=shown
+        )
+
+    def _p_value(self, kind, x):
+        if len(self) < 2:
+            raise ParameterError("one class has nothing to be compared with")
+        part = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[
+            None if kind is None else choice("kind", kind, ("T", "S"))
+        ]
+        one, total = np.ones((len(self), 1)), 0.0
+        for mean, covariance in zip(self.means, self.covariances, strict=True):
+            *_, misfit, dof = _line(one, mean, covariance, part)
+            if x is not None:
+                *_, with_slope, less = _line(np.c_[one, x - x.mean()], mean, covariance, part)
+                misfit, dof = misfit - with_slope, dof - less
+            total += chdtrc(dof, max(misfit, 0.0))
+        return float(total / len(self.means))
+
+    def _contrasts(self):
+        """Edges between neighbours, low against high by their information, and a slope, for spin and acceleration."""
+        k = len(self)
+        if k < 2:
+            raise ParameterError("one class has nothing to be compared with")
+        weight = 1 / np.diag(self.covariance).reshape(k, 6).mean(1)
+        place = np.arange(k) - weight @ np.arange(k) / weight.sum()
+        rows = []
+        for edge in range(1, k):
+            low, high = weight[:edge].sum(), weight[edge:].sum()
+            name = (
+                f"{self.labels[edge]} and above against below"
+                if k > 2
+                else f"{self.labels[1]} against {self.labels[0]}"
+            )
+            rows.append((np.where(np.arange(k) < edge, -weight / low, weight / high), name))
+        if k > 2:
+            rows.append((weight * place, "a slope"))
+        return [
+            (row, kind, f"{name}, {word}")
+            for row, name in rows
+            for kind, word in (("T", "spin"), ("S", "acceleration"))
+        ]
+
+
+def _line(design, values, covariance, part):
+    """Generalised least squares θ_i = Σ design_ik β_k: β (k, c), its covariance, misfit and degrees of freedom."""
+    v = covariance[:, part][:, :, :, part]
+    y = values[:, part]
+    size, width = y.size, y.shape[1]
+    x = np.kron(design, np.eye(width))
+    solved = np.linalg.solve(v.reshape(size, size), np.column_stack([x, y.ravel()]))
+    normal = np.linalg.inv(x.T @ solved[:, :-1])
+    beta = normal @ (x.T @ solved[:, -1])
+    residual = y.ravel() - x @ beta
+    misfit = residual @ np.linalg.solve(v.reshape(size, size), residual)
+    return beta.reshape(-1, width), normal, float(misfit), size - x.shape[1]
+
+
+def _cells(solution):
+    spin, acceleration = solution.spin, solution.acceleration
+    parts = [
+        f"{' '.join(f'{x:+.1f}' for x in vector.value):>17} ±{np.sqrt(np.mean(vector.sigma**2)):>6.2f}  "
+        for vector in (spin, acceleration)
+    ]
+    return "".join(f"{part:>27}" for part in parts) + f"{acceleration.amplitude:>8.2f}"
+
+
+@logged("shared errors")
+def shared(
+    normals: Sequence[NormalEquations | HarmonicSolution],
+    degrees: Iterable[int] | None = None,
+    *,
+    labels: Sequence[str] | None = None,
+    shapes: Sequence[str | Spectrum] = ("flat", "gaia"),
+    own: str = "each",
+    draws: int = 400,
+    noise_scale: bool = True,
+    rng: Rng = 1,
+) -> SharedErrors:
+    """Spin and acceleration of classes of sources, with errors that they share: bins, magnitudes, halves of the sky.
+
+    Parameters
+    ----------
+    normals : sequence of NormalEquations
+        One a class, all to degree 3 at least, in one frame; no source in two of them.
+    degrees : iterable of int, optional
+        From 2 on, without a gap; to the highest that all have unless given. 5 to 7 are best for one or two classes, 5
+        for three to five, 7 where a class is a cap.
+    labels : sequence of str, optional
+        Names of the classes.
+    shapes : sequence of "flat", "gaia" or Spectrum
+        Shapes of the spectrum, averaged by their evidence.
+    own : {"each", "one"}
+        Whether each class has a power of its own beside the common one, or one for all: "one" is sharper, and wrong
+        where one class is worse than the others.
+    draws : int
+        Draws of the amplitudes for each shape; more are drawn where few of them count.
+    noise_scale : bool
+        Whether each class's errors are scaled by its own χ²/dof.
+    rng : Generator or int
+        The source of all randomness.
+
+    Raises
+    ------
+    ModesError
+        If degrees are not 2, 3, …, or not fitted: degrees 1 and 2 alone say nothing of what classes share.
+    FrameError
+        If classes stand in different frames.
+    DegeneracyError
+        If a class is empty, or does not determine its degree 1.
+
+    Notes
+    -----
+    It cannot work where what is shared lives in degree 1 alone, or rises towards it more steeply than any shape: a
+    spectrum of l⁻² makes errors twice too small. Coverage on simulated skies: docs/backgrounds.md.
+
+    Examples
+    --------
+    >>> from fit import normal_equations
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 2000), np.arcsin(rng.uniform(-1, 1, 2000))
+    >>> field = Field(lon, lat, rng.normal(size=(2, 2000)), np.ones((2, 2000)))
+    >>> classes = shared([normal_equations(field[:1000], 4), normal_equations(field[1000:], 4)], draws=100)
+    >>> bool(classes.equality() > 0.01)
+    True
+    """
+    choice("own", own, ("each", "one"))
+    listed = [normals] if isinstance(normals, NormalEquations | HarmonicSolution) else list(normals)
+    if not listed:
+        raise ParameterError("there are no classes: give normal equations, one a class")
+    equations = [equations_of(each) for each in listed]
+    frames = {each.frame for each in equations}
+    if len(frames) > 1:
+        raise FrameError(f"classes are in {' and '.join(sorted(map(str, frames)))}: take all to one frame")
+    names = tuple(f"class {k + 1}" for k in range(len(listed))) if labels is None else tuple(map(str, labels))
+    if len(names) != len(listed):
+        raise ParameterError(f"{len(names)} labels for {len(listed)} classes")
+    modes = Modes(_highest(equations, degrees))
+    generator_, spectra = generator(rng), _spectra(shapes)
+    classes, notes = _classes(equations, names, modes, noise_scale)
+    lots = _draws(classes, modes, spectra, own, whole("draws", draws), generator_)
+    evidence = np.array([each.evidence for each in lots])
+    probability = np.exp(evidence - evidence.max())
+    probability /= probability.sum()
+    means, covariances, shares = _kept(lots, probability, generator_)
+    if min(each.effective for each, p in zip(lots, probability, strict=True) if p > 0.05) < _EFFECTIVE:
+        notes.append("few draws of what is shared count: give more of them (draws=), or merge classes")
+    return SharedErrors(
+        names,
+        means,
+        covariances,
+        shares,
+        tuple(name for name, _ in spectra),
+        tuple(map(float, probability)),
+        tuple(each.effective for each in lots),
+        tuple(range(2, modes.lmax + 1)),
+        tuple(each.noise_scale for each in classes),
+        tuple(each.n_data // 2 for each in equations),
+        equations[0].frame or "icrs",
+        tuple(notes),
+    )
+
+
+def _highest(equations, degrees):
+    most = min(each.modes.lmax for each in equations)
+    if degrees is None:
+        highest = most
+    else:
+        wanted = sorted({int(l) for l in ([degrees] if isinstance(degrees, int) else degrees)})
+        if not wanted or wanted != list(range(2, wanted[-1] + 1)):
+            raise ModesError(f"what is shared is looked for in degrees 2, 3, … without a gap, not {wanted}")
+        highest = wanted[-1]
+    if highest < 3:
+        raise ModesError(
+            "degrees 1 and 2 say nothing of what classes share: fit to degree 3 at least, 5 where there are several"
+        )
+    if highest > most:
+        raise ModesError(f"degree {highest} is not fitted in every class: the least goes to {most}")
+    return highest
+
+
+def _spectra(shapes):
+    listed = [shapes] if isinstance(shapes, str | Spectrum) else list(shapes)
+    for shape in listed:
+        if not isinstance(shape, Spectrum) and shape not in SHAPES:
+            raise ParameterError(f"a shape is {', '.join(map(repr, SHAPES))} or a Spectrum, not {shape!r}")
+    if not listed:
+        raise ParameterError("a shape of the spectrum is needed: 'flat', 'gaia' or a Spectrum")
+    return [(shape.name, shape) if isinstance(shape, Spectrum) else (shape, SHAPES[shape]) for shape in listed]
+
+
+def _classes(equations, names, modes, noise_scale) -> tuple[list[ClassEquations], list[str]]:
+    classes, notes = [], []
+    for normal, name in zip(equations, names, strict=True):
+        if not normal.n_data:
+            raise DegeneracyError(f"the class {name} is empty: leave it out")
+        try:
+            classes.append(reduced(normal, modes, noise_scale))
+        except DegeneracyError as error:
+            raise DegeneracyError(f"{name}: {error}") from None
+        if classes[-1].condition > _CAP:
+            notes.append(
+                f"the class {name} sees too little of the sky to tell degrees to {modes.lmax} apart: merge it with "
+                "another, or look at higher degrees"
+            )
+    return classes, notes
+
+
+class _Lot(NamedTuple):
+    blocks: Blocks
+    x: FloatArray
+    weight: FloatArray
+    evidence: float
+    effective: float
+
+
+def _draws(classes, modes, spectra, own, draws, rng):
+    """Draws of the amplitudes for each shape, again where too few of them count."""
+    high = modes.degrees > 1
+    squares = sum(each.matrix**2 for each in classes)
+    flat = Spectrum.flat().variances(modes)[high]
+    lots = []
+    for _, spectrum in spectra:
+        variances = spectrum.variances(modes)
+        # All shapes as well seen as the flat one, or their evidence would depend on units.
+        scale = np.sqrt((flat @ squares @ flat) / (variances[high] @ squares @ variances[high]))
+        blocks, count = Blocks(classes, modes, variances * scale, own), draws
+        while True:
+            x, weight, evidence = blocks.sample(count, rng)
+            effective = float(1 / np.sum(weight**2))
+            if effective >= _EFFECTIVE or count >= max(draws, _MOST_DRAWS):
+                break
+            count *= 4
+        lots.append(_Lot(blocks, x, weight, evidence, effective))
+    return lots
+
+
+def _kept(lots, probability, rng):
+    """Draws of equal weight by systematic resampling: degree 1, its covariance, and C in the flat one's units."""
+    weight = np.concatenate([p * lot.weight for lot, p in zip(lots, probability, strict=True)])
+    where = [(lot, i) for lot in lots for i in range(len(lot.x))]
+    at = (np.arange(_KEPT) + rng.random()) / _KEPT
+    chosen = np.minimum(np.searchsorted(np.cumsum(weight) / weight.sum(), at), len(weight) - 1)
+    done: dict[int, Any] = {}
+    for k in chosen:
+        if k not in done:
+            lot, i = where[k]
+            power = lot.blocks.first.reshape(2, 3).mean(1)[[0, 1]]
+            unit = Spectrum.flat().variances(Modes(1)).reshape(2, 3).mean(1)
+            done[k] = (*lot.blocks.degree_one(lot.x[i]), lot.blocks.shares(lot.x[i]) * (power / unit)[:, None, None])
+    means, covariances, shares = (np.array([done[k][part] for k in chosen]) for part in range(3))
+    return means, covariances, shares

@@ -1,0 +1,103 @@
+"""What `vsh-fit --classes` does: spin and acceleration of classes of sources, with errors that they share."""
+
+import argparse
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+import fit
+from vsh.commands import reading
+from vsh.field import Field
+from vsh.tools.errors import NothingLeftError, NothingSelectedError, ParameterError
+
+_HALVES = ("icrs", "galactic", "ecliptic")
+
+
+def shared_by(source: Any, path: str, options: argparse.Namespace) -> Any:
+    """Normal equations of each class, and what they share."""
+    name, _, rest = options.classes.partition(":")
+    if name == "halves":
+        if rest not in _HALVES:
+            raise ParameterError(f"--classes halves:FRAME, where the frame is {', '.join(_HALVES)}, not {rest!r}")
+        whole = _read(source, path, options, options.where)
+        labels = ["northern half", "southern half"]
+        parts = [_of_half(whole, rest, north) for north in (True, False)]
+    else:
+        labels, conditions = _conditions(options.classes)
+        parts = [_class(source, path, options, label, condition) for label, condition in zip(labels, conditions)]
+        if ";" in options.classes:
+            _check_apart(source, path, options, labels, conditions, parts)
+    if options.clip:
+        parts = [fit.robust.clip(part, options.lmax, options.clip).sources(part) for part in parts]
+    normals = [fit.normal_equations(part.to_frame(options.frame), options.lmax) for part in parts]
+    classes = fit.background.shared(normals, labels=labels, rng=options.seed)
+    if options.robust or options.excess_noise or options.bootstrap or options.jackknife is not None:
+        note = "classes are fitted by plain least squares, errors scaled by the χ²/dof of each"
+        classes = replace(classes, notes=(*classes.notes, note))
+    return classes
+
+
+def _conditions(text: str) -> tuple[list[str], list[str]]:
+    """Labels of the classes and the conditions of their rows: COLUMN:EDGE,EDGE, or conditions between semicolons."""
+    if ";" in text:
+        conditions = [part.strip() for part in text.split(";") if part.strip()]
+        return conditions, conditions
+    name, _, rest = text.rpartition(":")
+    try:
+        edges = [float(each) for each in rest.split(",")]
+    except ValueError:
+        edges = []
+    if not name.strip() or not edges or not (np.diff(edges) > 0).all():
+        raise ParameterError(
+            f"--classes is COLUMN:EDGE,EDGE with edges that rise, conditions between semicolons, or halves:FRAME, not "
+            f"{text!r}"
+        )
+    name = name.strip()
+    inner = [f"{low:g} <= {name} < {high:g}" for low, high in pairwise(edges)]
+    conditions = [f"{name} < {edges[0]:g}", *inner, f"{name} >= {edges[-1]:g}"]
+    return [condition.replace("<=", "≤").replace(">=", "≥") for condition in conditions], conditions
+
+
+def _read(source, path, options, where):
+    from vsh.io import catalogue
+
+    if reading.in_parts(options):
+        return catalogue.parts(path, **reading.reading_parts(options) | {"where": where})
+    return catalogue.read_field(source, **reading.arguments(options) | {"where": where}, roles=())
+
+
+def _class(source, path, options, label, condition):
+    where = condition if options.where is None else f"({options.where}) and ({condition})"
+    try:
+        return _read(source, path, options, where)
+    except NothingSelectedError:
+        raise ParameterError(f"the class {label} is empty: choose other edges, or leave it out") from None
+
+
+def _check_apart(source, path, options, labels, conditions, parts):
+    """Raise ParameterError where a source is in two classes."""
+    whole = _class(source, path, options, "all", " or ".join(f"({condition})" for condition in conditions))
+    counts = [part.sum(len) if hasattr(part, "sum") else len(part) for part in parts]
+    total = whole.sum(len) if hasattr(whole, "sum") else len(whole)
+    if sum(counts) > total:
+        raise ParameterError(
+            f"{sum(counts) - total} sources are in more than one of the classes {'; '.join(labels)}: make them exclude "
+            "each other"
+        )
+
+
+def _of_half(whole, frame, north):
+    if isinstance(whole, Field):
+        return _half(whole, frame, north)
+    return whole.map(partial(_half, frame=frame, north=north))
+
+
+def _half(field, frame, north):
+    lat = field.to_frame(frame).lat
+    keep = lat >= 0 if north else lat < 0
+    if not keep.any():
+        raise NothingLeftError("this part of the catalogue lies in the other half of the sky")
+    return field[keep]

@@ -1,0 +1,175 @@
+"""Classes of sources that share errors: what is found, how it is said, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import random_field
+
+import fit
+import sim
+import vsh
+from fit.background import Spectrum, shared
+from fit.background._blocks import Blocks, reduced
+from vsh import DegeneracyError, Field, FrameError, Modes, ModesError, ParameterError
+
+
+def classes(seed=1, k=3, n=4000, power=20.0, lmax=5, change=(0.0, 0.0, 0.0)):
+    """Classes of one sky with systematics in common, the last with another acceleration."""
+    quasars = sim.quasars(k * n, seed)
+    pattern = sim.systematics(power * Spectrum.flat(), seed + 100, lmax=7)
+    out = []
+    for i in range(k):
+        signal = pattern + sim.acceleration(change if i == k - 1 else (0.0, 0.0, 0.0))
+        out.append(fit.normal_equations(sim.observe(quasars[i::k], signal, rng=seed + i, sigma=300.0), lmax))
+    return out
+
+
+@pytest.fixture(scope="module")
+def three():
+    return shared(classes(), labels=["near", "middle", "far"], draws=200)
+
+
+def test_the_gradient_is_that_of_the_likelihood():
+    modes = Modes(4)
+    parts = [reduced(each, modes) for each in classes(lmax=4, k=2)]
+    for own in ("each", "one"):
+        blocks = Blocks(parts, modes, Spectrum.flat().variances(modes), own)
+        x = np.linspace(0.7, 1.9, blocks.unit.size)
+        value, slope = blocks.loss(x)
+        assert value == pytest.approx(-blocks.log_likelihood(x), rel=1e-12)
+        for k in range(x.size):
+            step = np.zeros(x.size)
+            step[k] = 1e-5
+            numeric = (blocks.loss(x + step)[0] - blocks.loss(x - step)[0]) / 2e-5
+            assert 2 * x[k] * slope[k] == pytest.approx(numeric, rel=1e-4, abs=1e-6)
+
+
+def test_the_likelihood_is_that_of_the_dense_covariance():
+    """ln L of degrees 2 … L by the covariance of all coefficients' right-hand sides."""
+    modes = Modes(3)
+    parts = [reduced(each, modes, False) for each in classes(lmax=3, k=2, n=500)]
+    variances = Spectrum.flat().variances(modes)
+    blocks = Blocks(parts, modes, variances, "each")
+    x = np.array([1.0, 0.5, 2.0, 0.7, 1.1, 0.2])
+    shares = blocks.shares(x)
+    high = modes.degrees > 1
+    prior = np.einsum("kij,k,kl->ikjl", shares[blocks.group], variances[high], np.eye(high.sum()))
+    prior = prior.reshape(2 * high.sum(), -1)
+    a = np.zeros_like(prior)
+    q = high.sum()
+    for i in range(2):
+        a[i * q : (i + 1) * q, i * q : (i + 1) * q] = parts[i].matrix
+    beta = np.concatenate([part.rhs for part in parts])
+    inner = np.linalg.inv(prior) + a
+    wanted = beta @ np.linalg.solve(inner, beta) / 2 - np.linalg.slogdet(np.eye(2 * q) + prior @ a)[1] / 2
+    assert blocks.log_likelihood(x) == pytest.approx(wanted, abs=1e-4)
+
+
+def test_classes_alike_are_not_contradicted(three):
+    assert three.equality() > 0.01
+    assert three.trend() > 0.01
+    verdict = three.verdict()
+    assert verdict.p_value > 0.01
+    assert verdict.p_value >= 0.9 * verdict.face_value
+    assert verdict.looked_at == 6
+    plain = [fit.solve(each) for each in classes()]
+    assert all(s.sigma.mean() > p.sigma[p.modes.degrees == 1].mean() for s, p in zip(three.solutions, plain))
+    difference = three.difference(0, 2)
+    np.testing.assert_allclose(
+        difference.coefficients.values, three.solutions[2].coefficients.values - three.solutions[0].coefficients.values
+    )
+    # What classes have in common drops out of their difference.
+    assert difference.sigma.mean() < 1.2 * np.sqrt(2) * three.solutions[0].sigma.mean()
+    assert three.power("T")[0] > 0
+
+
+def test_a_change_is_found():
+    result = shared(classes(change=(60.0, 0.0, 0.0)), draws=200)
+    assert result.equality("S") < 0.0027
+    assert result.equality("T") > 0.01
+    verdict = result.verdict()
+    assert verdict.p_value < 0.01
+    assert "acceleration" in verdict.comparison
+    assert "is contradicted" in result.verdict_words("redshift")
+
+
+def test_p_values_of_classes_alike():
+    """On 24 skies of two classes with systematics in common, where fits without them find a change in most."""
+    p, wrong = [], []
+    for seed in range(24):
+        normals = classes(seed=1000 + 10 * seed, k=2, n=1500, power=400.0, lmax=4)
+        result = shared(normals, draws=100, rng=seed)
+        p += [result.equality("T"), result.equality("S")]
+        one, _ = result.solutions
+        wrong.append(np.abs(one.coefficients.values / one.sigma))
+    assert np.mean(np.array(p) < 0.05) <= 0.15
+    assert np.mean(np.array(wrong) < 1.96) > 0.88
+
+
+def test_the_same_seed_gives_the_same_result(three):
+    assert shared(classes(), labels=["near", "middle", "far"], draws=200) == three
+
+
+def test_results_are_told_written_and_drawn(three, tmp_path):
+    report = three.report()
+    assert "Does the dipole change with class?" in report
+    assert "spectrum: flat" in report
+    assert "last − first" in report
+    three.write(tmp_path / "shared.ecsv")
+    assert vsh.read(tmp_path / "shared.ecsv") == three
+    table = three.to_table()
+    assert table["class"].tolist() == ["near", "middle", "far", "together"]
+    assert len(three.plot()) == 2
+
+
+def test_one_class_is_a_floor():
+    (normal,) = classes(k=1)
+    one = shared([normal], shapes=("flat",), draws=400)
+    beside = fit.solve(normal, floor=fit.background.floor(normal, shapes=("flat",)))
+    first = normal.modes.degrees == 1
+    np.testing.assert_allclose(one.solutions[0].sigma, beside.sigma[first], rtol=0.12)
+    np.testing.assert_allclose(
+        one.solutions[0].coefficients.values, beside.coefficients.values[first], atol=0.15 * beside.sigma[first].max()
+    )
+    with pytest.raises(ParameterError, match="one class has nothing to be compared with"):
+        one.equality()
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "words"),
+    [
+        (lambda n: shared([]), ParameterError, "there are no classes"),
+        (lambda n: shared(n, degrees=(2,)), ModesError, "degrees 1 and 2 say nothing"),
+        (lambda n: shared(n, degrees=(2, 4)), ModesError, "without a gap"),
+        (lambda n: shared(n, degrees=range(2, 9)), ModesError, "degree 8 is not fitted"),
+        (lambda n: shared(n, shapes=("steep",)), ParameterError, "a shape is 'flat', 'gaia' or a Spectrum"),
+        (lambda n: shared(n, labels=["a"]), ParameterError, "1 labels for 2 classes"),
+        (lambda n: shared(n, own="two"), ParameterError, "own"),
+        (lambda n: shared([n[0], replace(n[1], frame="galactic")]), FrameError, "classes are in"),
+        (lambda n: shared([n[0], replace(n[1], n_data=0)], labels=["a", "b"]), DegeneracyError, "the class b is empty"),
+        (lambda n: shared(n).trend([1.0, 1.0]), ParameterError, "a place for each"),
+    ],
+)
+def test_what_is_wrong_is_said(call, error, words):
+    with pytest.raises(error, match=words):
+        call(classes(k=2, n=300, lmax=4))
+
+
+def test_a_class_on_a_cap_is_named():
+    field = random_field(4000, 1)
+    cap = field[field.lat > 1.2]
+    result = shared([fit.normal_equations(field, 4), fit.normal_equations(cap, 4)], labels=["sky", "cap"], draws=60)
+    assert any("the class cap sees too little of the sky" in note for note in result.notes)
+    one_place = Field(np.full(5, 1.0), np.full(5, 0.2), np.ones((2, 5)), np.ones((2, 5)))
+    with pytest.raises(DegeneracyError, match="class 2: a class does not determine|class 2: a class sees nothing"):
+        shared([fit.normal_equations(field, 4), fit.normal_equations(one_place, 4)])
+
+
+def test_the_covariance_is_that_of_the_mixture(three):
+    """Mean of the covariances of all draws, and the scatter of their means."""
+    size = 18
+    inner = three.covariances.mean(0).reshape(size, size)
+    scatter = np.cov(three.means.reshape(len(three.means), size).T, bias=True)
+    np.testing.assert_allclose(three.covariance, inner + scatter, rtol=1e-10, atol=1e-12)
+    assert np.trace(scatter) > 0

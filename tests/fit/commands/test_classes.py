@@ -1,0 +1,67 @@
+"""`vsh-fit --classes`: magnitudes, conditions, halves of the sky; in memory and in parts."""
+
+import numpy as np
+import pytest
+
+import sim
+import vsh
+from fit.background import Spectrum
+from fit.commands.fit import main
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    quasars = sim.quasars(12_000, 3)
+    field = sim.observe(quasars, sim.systematics(200 * Spectrum.flat(), 5, lmax=7), 2, sigma=300.0)
+    made = field.to_table()
+    file = tmp_path_factory.mktemp("classes") / "q.fits"
+    made.write(file)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("classes", "labels"),
+    [
+        ("magnitude:18.5,19.5", ("magnitude < 18.5", "18.5 ≤ magnitude < 19.5", "magnitude ≥ 19.5")),
+        ("phot_g_mean_mag:19", ("phot_g_mean_mag < 19", "phot_g_mean_mag ≥ 19")),
+        ("magnitude < 19; magnitude >= 19", ("magnitude < 19", "magnitude >= 19")),
+        ("halves:galactic", ("northern half", "southern half")),
+    ],
+)
+def test_every_way_to_say_classes(classes, labels, path, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = [str(path), "--lmax", "4", "--no-figures", "--output", str(out), "--classes", classes]
+    assert main(words) == 0
+    text = capsys.readouterr().out
+    assert "Does the dipole change with class?" in text
+    assert all(label in text for label in labels)
+    shared = vsh.read(out / "shared.ecsv")
+    assert shared.labels == labels
+    assert sum(shared.n_sources) == 12_000
+    assert shared.equality() > 0.0027
+    if classes.startswith("halves"):
+        assert main([*words, "--workers", "1", "--overwrite"]) == 0
+        np.testing.assert_allclose(vsh.read(out / "shared.ecsv").values, shared.values, rtol=1e-6, atol=1e-6)
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("classes", "words"),
+    [
+        ("magnitude:20,18", "edges that rise"),
+        ("magnitude", "COLUMN:EDGE,EDGE"),
+        ("halves:equatorial", "halves:FRAME"),
+        ("magnitude < 19; magnitude < 20", "sources are in more than one of the classes"),
+        ("magnitude:3,19", "the class magnitude < 3 is empty"),
+        ("nothing:3", "no column 'nothing'"),
+    ],
+)
+def test_what_is_wrong_is_said(classes, words, path, capsys):
+    assert main([str(path), "--lmax", "4", "--classes", classes]) == 1
+    assert words in capsys.readouterr().err
+
+
+def test_degrees_are_needed(path, capsys):
+    with pytest.raises(SystemExit):
+        main([str(path), "--lmax", "2", "--classes", "magnitude:19"])
+    assert "say nothing of what classes share" in capsys.readouterr().err
