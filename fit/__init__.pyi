@@ -15,6 +15,7 @@ from . import (
     secular_parallax,
     shear,
     spectrum,
+    stars,
     storage,
     waves,
 )
@@ -24,11 +25,13 @@ from .normal import Moments, NormalEquations, gaussian_prior, normal_equations
 from .robust import Clipped, clip
 from .solution import Solution
 from .solving import fit_field, solve
+from .stars import Kinematics, kinematics
 
 __all__ = [
     "Clipped",
     "CrossCheck",
     "FrameSolution",
+    "Kinematics",
     "MatrixFreeSolution",
     "Moments",
     "NormalEquations",
@@ -42,6 +45,7 @@ __all__ = [
     "frame",
     "galaxy",
     "gaussian_prior",
+    "kinematics",
     "normal_equations",
     "output",
     "pairs",
@@ -55,6 +59,7 @@ __all__ = [
     "solve_frame",
     "solve_matrix_free",
     "spectrum",
+    "stars",
     "storage",
     "waves",
 ]

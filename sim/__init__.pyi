@@ -2,7 +2,7 @@
 
 from . import agis, astrometry, effects, gaia, plot, population, scanning, signal, skies, variability
 from .expected import expected_covariances
-from .gaia import crf3, epochs
+from .gaia import crf3, crf4, epochs
 from .mission import Mission
 from .noise import gaia_errors
 from .observing import observe, observe_offsets
@@ -45,6 +45,7 @@ __all__ = [
     "astrometry",
     "clustered_galaxies",
     "crf3",
+    "crf4",
     "effects",
     "epochs",
     "expected_covariances",

@@ -34,6 +34,8 @@ ZERO_POINT = -0.017
 #: 34 months.
 _YEARS = 34 / 12
 _OUTLIERS, _TIMES = 0.002, 3.0
+#: Shares of quasars whose best model in DR4 has seven and nine parameters: a guess.
+_OTHER_MODELS = 0.003, 0.001
 _NSIDE = 32
 _CRF3_UNITS = {
     "ra": "deg", "dec": "deg", "parallax": "mas", "parallax_error": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
@@ -69,6 +71,56 @@ def crf3(
     Errors and correlations are those of the scanning law over 34 months at the middle of each of 12 288 pixels, for the
     magnitude of each source; the noise of parallax and motion is drawn with their correlations.
     """
+    return _frame_table(rng, signal, n_five, n_six, "DR3")
+
+
+@arguments.accepts(n_five=arguments.whole, rng=arguments.seed)
+def crf4(
+    rng: Rng,
+    signal: Signal | Coefficients | None = None,
+    *,
+    n_five: int = CRF3_COUNTS[31],
+    n_six: int | None = None,
+    table: str = "gaia_source",
+) -> Table:
+    """A catalogue like the quasars of Gaia DR4, for a rehearsal.
+
+    Parameters
+    ----------
+    rng, signal, n_five, n_six
+        As for `crf3`.
+    table : {"gaia_source", "all_source_astrometry"}
+        DR4's best model of each source, those of stars that are not single among them, by which one quasar in 250 is
+        lost (a guess: nobody knows how many); or the core solution of all.
+
+    Returns
+    -------
+    astropy Table
+        In the columns of DR4's draft data model: astrometric_params and tentative_parallax_bias.
+
+    Notes
+    -----
+    As `crf3`, over the 66 months of DR4 and with the errors that are expected of it; epoch J2017.5.
+    """
+    arguments.choice("table", table, ("gaia_source", "all_source_astrometry"))
+    rng = generator(rng)
+    made = _frame_table(rng, signal, n_five, n_six, "DR4")
+    params = np.asarray(made["astrometric_params_solved"]).copy()
+    if table == "gaia_source":
+        draw = rng.spawn(1)[0].random(len(made))
+        params[draw < _OTHER_MODELS[0]] = 127  # seven parameters: an acceleration
+        params[(draw >= _OTHER_MODELS[0]) & (draw < sum(_OTHER_MODELS))] = 511  # nine: its change as well
+    made["astrometric_params_solved"] = params
+    made.rename_column("astrometric_params_solved", "astrometric_params")
+    made["tentative_parallax_bias"] = np.full(len(made), ZERO_POINT, np.float32)
+    made["tentative_parallax_bias"].unit = "mas"
+    made.meta |= {"REFEPOCH": 2017.5, "RELEASE": "simulated quasars of Gaia DR4", "TABLE": table}
+    return made
+
+
+def _frame_table(rng, signal, n_five, n_six, release):
+    """The table of `crf3`, or of another release."""
+    years = {"DR3": _YEARS, "DR4": 66 / 12}[release]
     wanted = n_five * CRF3_COUNTS[95] / CRF3_COUNTS[31] if n_six is None else arguments.not_negative("n_six", n_six)
     n = n_five + round(wanted)
     truth = acceleration((-0.235965, -3.755779, -2.080491)) if signal is None else as_signal(signal)
@@ -77,9 +129,9 @@ def crf3(
     lon, lat = draw_positions(n, sky, "gums")
     six = np.arange(n) >= n_five
     magnitude = crf3_magnitudes(n_five, n - n_five, light)
-    mission = Mission(NominalScanningLaw(years=_YEARS, rng=gaps), "DR3")
+    mission = Mission(NominalScanningLaw(years=years, rng=gaps), release)
     pixel = pixels_of(lon, lat, _NSIDE)
-    there = solve_astrometry(mission.scanning_law.transits(*centres(_NSIDE)), np.ones(12 * _NSIDE**2), 0, years=_YEARS)
+    there = solve_astrometry(mission.scanning_law.transits(*centres(_NSIDE)), np.ones(12 * _NSIDE**2), 0, years=years)
     unit = there.covariance[:, 2:, 2:]  # parallax, µ_α*, µ_δ for a transit's error of one
     unit = np.where(np.isfinite(unit), unit, np.nanmedian(unit, axis=0))
     # A little of its own for each source: transits are lost.

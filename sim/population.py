@@ -436,6 +436,6 @@ def _linear(theory, rng, size, half, low, high=np.inf):
     power = np.where((np.abs(k).max(0) > low) & (np.abs(k).max(0) < high), theory.power_at(length), 0.0)
     power[0, 0, 0] = 0.0
     wave = np.fft.rfftn(rng.standard_normal((size, size, size))) * np.sqrt(power / step**3)
-    density = np.fft.irfftn(wave, (size,) * 3)
+    density = np.fft.irfftn(wave, (size,) * 3, axes=(0, 1, 2))
     pull = 1j * theory.growth_rate * HUBBLE * wave / length**2
-    return density, np.stack([np.fft.irfftn(pull * each, (size,) * 3) for each in k])
+    return density, np.stack([np.fft.irfftn(pull * each, (size,) * 3, axes=(0, 1, 2)) for each in k])

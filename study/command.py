@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from vsh.commands import configuration, finishing, outputs, running
+from vsh.commands import configuration, finishing, outputs, running, values
 from vsh.commands.options import study as options_module
 from vsh.io import tables
 from vsh.tools.files import atomic_write
@@ -31,7 +31,8 @@ def _gaia(options):
     counts = {"rows_used": len(sources.field), "rows_refused": dropped(sources.field.notes)}
     meta = running.provenance(options.gaia, options, **counts)
     with outputs.results_folder(options, meta) as folder:
-        drawn = None if options.no_figures else {"format": options.format, "dpi": options.dpi}
+        formats = values.chosen_formats(options.format, values.FIGURE_FORMATS) or ["png"]
+        drawn = None if options.no_figures else {"format": formats, "dpi": options.dpi}
         text = write_gaia(study, folder, truth=truth, provenance=meta, figures=drawn)
     written = sorted(Path(options.output).glob("*.ecsv"))
     finishing.print_result(

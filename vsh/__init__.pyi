@@ -3,6 +3,7 @@
 from . import conventions, figures, io, models, rotate, sky, transform
 from .coefficients import Coefficients
 from .field import Field
+from .io.results import read
 from .modes import Mode, Modes, ScalarModes
 from .scalars import ScalarCoefficients, ScalarField
 from .tools.errors import (
@@ -54,6 +55,7 @@ __all__ = [
     "figures",
     "io",
     "models",
+    "read",
     "rotate",
     "sky",
     "transform",

@@ -36,9 +36,14 @@ from vsh.tools.writing import table_of, write_table
 
 #: Beyond these a number stands for a missing value, or is none.
 _PLAUSIBLE = {"redshift": (-1.0, 1100.0), "magnitude": (-30.0, 50.0), "redshift_error": (-1e-300, 100.0),
-              "distance": (0.0, 1e6), "distance_error": (0.0, 1e6)}  # fmt: skip
+              "distance": (0.0, 1e6), "distance_error": (0.0, 1e6),
+              "parallax": (-1e5, 1e5), "parallax_error": (0.0, 1e5)}  # fmt: skip
 #: What of a source may be known besides its motion.
-MEASURED = ("redshift", "magnitude", "redshift_error", "distance", "distance_error")
+MEASURED = (
+    "redshift", "magnitude", "redshift_error", "distance", "distance_error", "parallax", "parallax_error",
+)  # fmt: skip
+#: Their units.
+_MEASURED_UNITS = dict.fromkeys(MEASURED[3:5], "Mpc") | dict.fromkeys(MEASURED[5:], "mas")
 _MOTIONS = ("pmra", "pmdec", "pmra_error", "pmdec_error")
 
 
@@ -54,7 +59,7 @@ def usable_columns(
     if on_bad not in ("raise", "drop"):
         raise FieldError(f"on_bad is 'raise' or 'drop', not {on_bad!r}")
     units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr") | {"magnitude": "mag"}
-    units |= dict.fromkeys(("distance", "distance_error"), "Mpc")
+    units |= _MEASURED_UNITS
     absent = [c for c in ("ra", "dec", *_MOTIONS) if given[c] is None]
     if absent:
         raise FieldError(f"{', '.join(absent)} must be given")
@@ -160,7 +165,7 @@ def table_columns(field: Any) -> tuple[dict[str, Any], dict[str, str], dict[str,
     if field.redshift is not None and field.redshift_frame is not None:
         facts[REDSHIFT_FRAME_KEY] = field.redshift_frame
     units = dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(_MOTIONS, "mas / yr") | {"phot_g_mean_mag": "mag"}
-    units |= dict.fromkeys(("distance", "distance_error"), "Mpc")
+    units |= _MEASURED_UNITS
     return columns, {name: unit for name, unit in units.items() if name in columns}, facts
 
 
@@ -216,6 +221,46 @@ class Weighed(Frozen):
         own = ((entry.name, getattr(self, entry.name)) for entry in fields(cast(Any, self)))
         return self._with(**{name: value[..., keep] for name, value in own if isinstance(value, np.ndarray)})
 
+    def select(self, which: Any) -> Self:
+        """The sources of a mask, or of these names.
+
+        Parameters
+        ----------
+        which : mask, slice, or names
+            Booleans, one a source; or names of sources as `name` has them, text or integers, in any order: the sources
+            come in their own. For indices: ``field[indices]``.
+
+        Raises
+        ------
+        FieldError
+            If a mask is not as long as the field, the sources have no names, or one of the names is not among them;
+            the message counts those.
+
+        Examples
+        --------
+        >>> field = Field([0.0, 1.0], [0.0, 0.0], [[1.0, 2.0]] * 2, [[1.0, 1.0]] * 2, name=["3C273", "3C345"])
+        >>> field.select(["3C345"]).name.tolist()
+        ['3C345']
+        """
+        if isinstance(which, slice):
+            return self[which]
+        which = np.atleast_1d(np.asarray(which))
+        own = getattr(self, "name", None)
+        if which.dtype.kind == "b":
+            if which.shape != (len(self),):  # type: ignore[arg-type]
+                raise FieldError(f"a mask has one value a source: {which.shape} for {len(self)}")  # type: ignore[arg-type]
+            return self[which]
+        if own is None:
+            raise FieldError("these sources have no names to select them by: give a mask, or use field[indices]")
+        if which.dtype.kind == "U" and own.dtype.kind in "iu":
+            own = own.astype(str)
+        lost = which[~np.isin(which, own)]
+        if lost.size:
+            raise FieldError(
+                f"{lost.size} of {which.size} names are not among the sources: {', '.join(map(str, lost[:5]))}"
+            )
+        return self[np.isin(own, which)]
+
     def check_frame(self, frame: str) -> None:
         """Raise FrameError unless the sources are in a frame."""
         if self.frame != frame:
@@ -261,9 +306,7 @@ class Tabled(Weighed):
         "lat": "rad",
         "motion": "µas/yr",
         "sigma": "µas/yr",
-        "distance": "Mpc",
-        "distance_error": "Mpc",
-    }
+    } | _MEASURED_UNITS
 
     def _table(self) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
         raise NotImplementedError
@@ -296,6 +339,8 @@ class Field(Tabled):
         nan where unknown.
     distance, distance_error : (n,) arrays or None
         Where something tells it better than the redshift; nan where nothing does. [Mpc, transverse comoving]
+    parallax, parallax_error : (n,) arrays or None
+        Where asked for: of stars, for what depends on their distance. [mas]
     name : (n,) array or None
         64-bit integers or text.
     frame : str
@@ -326,6 +371,8 @@ class Field(Tabled):
     distance: FloatArray | None = None
     distance_error: FloatArray | None = None
     redshift_frame: str | None = None
+    parallax: FloatArray | None = None
+    parallax_error: FloatArray | None = None
 
     components: ClassVar[int] = 2
     unit: ClassVar[str] = "µas/yr"
@@ -382,7 +429,7 @@ class Field(Tabled):
         unusable : dict of str to mask, optional
             Further rows that cannot be used, by reason.
         **measured
-            redshift, magnitude, redshift_error, distance, distance_error, (n,) each.
+            redshift, magnitude, redshift_error, distance, distance_error, parallax, parallax_error, (n,) each.
 
         Raises
         ------

@@ -18,12 +18,14 @@ from vsh.vector import Vector
 _WIDEST = {True: 400.0, False: 1000.0}
 _HEADINGS = {
     "bins": "Bins of redshift",
+    "shared": "Bins with errors that they share",
     "velocity": "Our velocity",
     "hubble": "The Hubble constant",
     "posterior": "Posterior",
 }
 _CAPTIONS = {
     "bins": "Acceleration and spin in bins of redshift; dashed: what our motion past nearby galaxies adds.",
+    "shared": "Spin and acceleration of the bins, with errors that they share.",
     "flow": "Flow of the galaxies on shells: away from us (colours) and across (arrows).",
     "corner": "Every pair of quantities, with 68 and 95 % contours; dashed: the prior on H0.",
     "trace": "Walkers against steps; grey: left out. R̂ near 1 and a large effective size: the chain has converged.",
@@ -37,6 +39,9 @@ def _run(options):
     from vsh.io import catalogue
     from vsh.models.cosmology import with_redshift
 
+    if options.distances:
+        _by_distances(source, options)
+        return
     whole: Any
     if reading.in_parts(options):
         whole = catalogue.parts(options.catalogue, **reading.reading_parts(options))
@@ -47,7 +52,8 @@ def _run(options):
     whole = whole.to_frame(options.frame)
     if not known:
         raise VshError(
-            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME. "
+            f"{source.label} has no column of redshifts: name it, --columns redshift=NAME; or use --distances, where "
+            "distances or parallaxes are known. "
             f"The table has {', '.join(source.names)}"
         )
     stated = next(iter(whole)).redshift_frame if isinstance(whole, Parts) else whole.redshift_frame
@@ -67,7 +73,13 @@ def _run(options):
     results, texts, truth = {}, ["\n".join(lines) + "\n"], catalogue.truth_of(source)
     if options.bins:
         results["bins"] = _binned(whole, options)
-        texts.append(results["bins"].report(p_values=_p_values(whole, results["bins"], options)))
+        # Permutations know nothing of what sources share: they have no word where that is asked for.
+        p_values = None if options.floor else _p_values(whole, results["bins"], options)
+        texts.append(results["bins"].report(p_values=p_values))
+        if options.floor:
+            results["shared"] = results["bins"].shared(rng=options.seed)
+            texts[-1] += "p-values above are for errors that sources do not share; with what they share:\n\n"
+            texts[-1] += results["shared"].report(what="redshift")
     common = {
         "cosmology": cosmology,
         "peculiar_dispersion": options.peculiar_dispersion,
@@ -118,6 +130,36 @@ def _run(options):
     )
     if unfinished is not None:
         raise unfinished
+
+
+def _by_distances(source, options):
+    """Our velocity, and Oort's constants where asked for, from measured distances."""
+    from fit.distances import has_distances
+    from fit.stars import kinematics
+    from vsh.io import catalogue
+
+    given = reading.arguments(options) | {"columns": catalogue.with_distances(options.columns, source)}
+    field = catalogue.read_field(source, **given)
+    counts = {"rows": len(field) + dropped(field.notes) + unselected(field.notes), "rows_read": len(field)}
+    known = has_distances(field)
+    if options.on_bad == "drop" and known.any() and not known.all():
+        field = field[known].add_note(f"left out {(~known).sum()} sources without a distance or parallax")
+    dispersion: Any = "free" if options.peculiar_dispersion is None else options.peculiar_dispersion
+    # Oort's constants are of Galactic axes; ICRS is what --frame says where nobody said anything.
+    frame = "galactic" if options.frame == "icrs" else options.frame
+    solution = kinematics(field, gradient=options.oort, dispersion=dispersion, frame=frame)
+    text = solution.report(source.label)
+    finishing.print_line(options, text)
+    finishing.finish(
+        options,
+        finishing.RunResult(text, lambda: {"Motions at known distances": solution.to_table()}, field.notes),
+        printed=not (options.json or options.latex),
+        provenance=lambda: running.provenance(options.catalogue, options, **counts),
+        draw=lambda: {"correlations": solution.plot()},
+        write=lambda folder, meta: _write({"kinematics": solution}, folder, meta),
+        title=f"Motions at known distances: {source.label}",
+        captions={"correlations": "Correlations of the parameters."},
+    )
 
 
 def _known(acceleration):
@@ -244,7 +286,9 @@ def _write(results, folder, meta):
 
     if "bins" in results:
         tables.write_table(results["bins"].to_table(), folder / "bins.ecsv", meta)
-    for name in ("velocity", "hubble"):
+    if "shared" in results:
+        results["shared"].write(folder / "shared.ecsv", meta)
+    for name in ("velocity", "hubble", "kinematics"):
         if name in results:
             tables.write_table(results[name].to_table(), folder / f"{name}.ecsv", meta)
     flow = _flow_of(results)
@@ -272,6 +316,7 @@ def _truths(truth, posterior):
 
 def _draw(results, truth):
     drawn = {"bins": results["bins"].plot()} if "bins" in results else {}
+    drawn |= {"shared": results["shared"].plot()} if "shared" in results else {}
     flow = _flow_of(results)
     drawn |= {} if flow is None else {"flow": flow.plot()}
     if "posterior" in results:

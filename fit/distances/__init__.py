@@ -3,5 +3,6 @@
 from fit.distances._calibrate import WHOLE_DISPERSION, calibrate, calibrate_if_known
 from fit.distances._calibration import Calibration, InverseDistances, inverse_distances, mean_rates
 from fit.distances._density import ErrorsByRedshift, LuminosityFunction, SourceDensity, flow_counts, flow_limits
+from fit.distances._measured import MeasuredRates, has_distances, measured_rates
 
-__all__ = ["Calibration", "calibrate", "inverse_distances"]
+__all__ = ["Calibration", "MeasuredRates", "calibrate", "inverse_distances", "measured_rates"]

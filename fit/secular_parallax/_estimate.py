@@ -10,11 +10,13 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
+from fit.distances import has_distances
 from fit.secular_parallax._dispersion import freed, preferred_dispersion
 from fit.secular_parallax._equations import OMEGA, A, ParallaxEquations, ParallaxParts, U
 from fit.secular_parallax._setup import DistanceOptions, dispersion_of, noted, parallax_equations
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from fit.secular_parallax._solve import LocalGroup, solve_for
+from fit.stars import Kinematics, kinematics
 from vsh.field import Field
 from vsh.io.parts import Parts
 from vsh.models.cosmology import FLAT_PLANCK13, LOCAL_GROUP, hubble_value, velocity_along
@@ -40,15 +42,17 @@ def observer_velocity(
     acceleration: Vector | None = None,
     excess_noise: float = 0.0,
     **distances: Unpack[DistanceOptions],
-) -> VelocitySolution:
+) -> VelocitySolution | Kinematics:
     """Our velocity and the acceleration, θ = (v, ã), for a known Hubble constant.
 
     Parameters
     ----------
     field : Field or Parts
-        With redshifts, none missing or below 1e-4 (`vsh.models.cosmology.with_redshift`, also as a step of parts).
+        With redshifts, none missing or below 1e-4 (`vsh.models.cosmology.with_redshift`, also as a step of parts). A
+        Field without redshifts and with a distance or parallax for every source (clusters, masers, stars) gives a
+        `fit.Kinematics` in Galactic axes: our velocity with respect to them, by `fit.kinematics`.
     hubble : float
-        H0. [km/s/Mpc]
+        H0; not where distances are known without redshifts. [km/s/Mpc]
     cosmology : astropy cosmology, optional
         The shape of the distance; its own H0 does not count. Flat, Ω_m = 0.315 unless given.
     peculiar_dispersion : float or "free", optional
@@ -85,6 +89,15 @@ def observer_velocity(
     and without; `flow_covariance` then says what flows would add. A dispersion that is wrong biases: 300 km/s taken for
     450 gives pulls of 1.2; `preferred` says what the residuals prefer.
     """
+    if isinstance(field, Field) and field.redshift is None and has_distances(field).all():
+        if hubble is not None or spin is not None or acceleration is not None:
+            raise ParameterError(
+                "sources with distances and no redshifts need no H0, and have no room for a spin or an acceleration: "
+                "leave out hubble=, spin= and acceleration="
+            )
+        return kinematics(
+            field, gradient=False, dispersion="free" if peculiar_dispersion is None else peculiar_dispersion
+        )
     if hubble is None:
         raise DegeneracyError(
             f"{_PRODUCT}: give hubble=, or a velocity to fit.secular_parallax.hubble_constant, or priors to "

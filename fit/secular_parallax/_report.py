@@ -9,6 +9,7 @@ from scipy.special import chdtrc, ndtri
 from fit.output import WIDTH, amplitude, components, direction, note_lines, p_value, pulls
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.notes import printable
+from vsh.tools.units import SPEED_OF_LIGHT
 
 
 def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | None = None) -> str:
@@ -35,6 +36,8 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
         lines.append(f"warning        {quality.warning()}")
         if quality.factor > 1:
             lines.append("               errors below are as quoted; p-values are given for both")
+    if velocity and solution.velocity.amplitude > SPEED_OF_LIGHT:
+        lines.append("warning        faster than light: are redshifts and motions in the unit that was taken?")
     rows = _velocity(solution, quality) if velocity else _hubble(solution, quality)
     if truth and "velocity" in truth:
         rows.insert(2 if velocity else len(rows), _truth(solution, truth))  # below the components, or H0

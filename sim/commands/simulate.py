@@ -19,8 +19,8 @@ def _run(options):
     tables.check_writable(options.output)  # what cannot be written is better told before the work than after
     outputs.check_file(options.output, options.overwrite, recorded=True)
     outputs.check_file(_repeats(options), options.overwrite)  # its configuration, which also has its hash
-    if options.kind == "crf3":
-        _crf3(options)
+    if options.kind in ("crf3", "crf4"):
+        _frame(options)
         return
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky, chosen, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
@@ -65,17 +65,23 @@ def _run(options):
     _finish(options, notes, meta, f"{len(field)} sources")
 
 
-def _crf3(options):
+def _frame(options):
     """A catalogue in the archive's own columns."""
     from vsh.io import tables
 
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     counts = {} if options.number is None else {"n_five": options.number}
-    table = sim.crf3(options.seed, signal, **counts)
+    if options.kind == "crf3":
+        table = sim.crf3(options.seed, signal, **counts)
+    else:
+        table = sim.crf4(options.seed, signal, table=options.table, **counts)
     truth = _truth({"SPIN": options.spin, "ACC": options.acceleration}, options)
     tables.write_table(table, options.output, truth)
-    five = int(np.sum(table["astrometric_params_solved"] == 31))
-    _finish(options, [], dict(table.meta) | truth, f"{five} sources with five parameters, {len(table) - five} with six")
+    params = table["astrometric_params_solved" if options.kind == "crf3" else "astrometric_params"]
+    five, six = (int(np.sum(params == value)) for value in (31, 95))
+    other = len(table) - five - six
+    more = f", {other} with another model" if other else ""
+    _finish(options, [], dict(table.meta) | truth, f"{five} sources with five parameters, {six} with six{more}")
 
 
 def _finish(options, notes, meta, what):
@@ -138,7 +144,7 @@ def _population(options, rng, chosen):
 def _plain(options):
     """All options but those that change nothing."""
     other = [*running.NOT_TOLD, "threads"]
-    if options.kind == "crf3":
+    if options.kind in ("crf3", "crf4"):
         other += [*options_module.NOT_OF_CRF3, "h0", "tau"]
     kept = {key: value for key, value in vars(options).items() if key not in other}
     if options.velocity is not None:

@@ -1,6 +1,7 @@
 import re
 import sys
 import warnings
+from dataclasses import replace
 from importlib import import_module
 
 import matplotlib.pyplot as plt
@@ -39,6 +40,8 @@ def results():
     return {
         "solution": fit.fit_field(field.add_note("left out µ"), 3),
         "clipped": fit.robust.clip(field, fit.fit_field(field, 2).modes).solution,
+        "shared": fit.background.shared([fit.normal_equations(field[k::2], 3) for k in range(2)], draws=60),
+        "kinematics": fit.kinematics(clusters(field)),
         "prediction": predict_covariance(field, 2),
         "frame": fit.solve_frame(field, random_field(50, 2)),
         "velocity": observer_velocity(galaxies, 67.3, spin=spin),
@@ -85,6 +88,12 @@ def results():
     }
 
 
+def clusters(field):
+    """Sources of a field at measured distances."""
+    distance = np.random.default_rng(1).uniform(1e-3, 1e-2, len(field))
+    return replace(field, distance=distance, distance_error=0.1 * distance)
+
+
 NAMES = (
     *(
         "solution",
@@ -112,6 +121,8 @@ NAMES = (
         "orbit",
         "one wave",
         "frames",
+        "kinematics",
+        "shared",
     ),
     *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
     *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),

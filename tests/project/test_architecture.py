@@ -31,7 +31,7 @@ HEAVY = {
     "matplotlib": [
         "vsh/figures/plot/_*.py", "*/_plot.py", "fit/output/_figures.py", "vsh/commands/finishing.py",
     ],
-    "pyarrow": ["vsh/io/tables/_arrow.py"],
+    "pyarrow": [f"vsh/io/tables/{file}.py" for file in ("_arrow", "_packed", "_remote")],
     "h5py": ["vsh/io/tables/_source.py"],
     "dask": ["vsh/io/parts/_dask.py"],
     "distributed": ["vsh/io/parts/_dask.py"],
@@ -43,7 +43,7 @@ HEAVY = {
 }  # fmt: skip
 #: What a function may import instead of its file: what is heavy, and what is imported only if it is asked for.
 LATE = re.compile(
-    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|importlib|multiprocessing|threadpoolctl|tqdm|platform|tomllib|resource|h5py|fcntl)\b"
+    r"(matplotlib|healpy|ducc0|emcee|astropy|arviz|corner|pandas|pyarrow|scipy|dask|distributed|importlib|multiprocessing|threadpoolctl|tqdm|fsspec|aiohttp|lsdb|platform|tomllib|resource|h5py|fcntl)\b"
 )
 #: Files that run before anything is imported, or as something is told to be wrong at once: they import even our own late.
 FIRST = ("vsh/__main__.py", "vsh/tools/modules.py", "vsh/commands/reading.py", "vsh/commands/configuration.py")

@@ -8,6 +8,7 @@ import sim
 from sim.commands.simulate import main as simulate
 from study.command import main
 from study.gaia import read_gaia, run_gaia, subsets
+from vsh import Vector
 from vsh.figures.page import bundle
 from vsh.io.catalogue import read_field, truth_of
 from vsh.tools.errors import DegeneracyError, TableError
@@ -52,6 +53,51 @@ def test_its_errors_are_right(table):
     assert seen == pytest.approx(quoted, abs=0.03)
     assert np.abs(table["pmra_pmdec_corr"]).max() < 1
     assert np.std(table["pmra_pmdec_corr"]) > 0.1
+
+
+def test_a_rehearsal_of_dr4(tmp_path, capsys):
+    """DR4's columns and epoch; its core solutions keep the quasars whose best model is another."""
+    best, core = (sim.crf4(1, TRUTH, n_five=6000, table=name) for name in ("gaia_source", "all_source_astrometry"))
+    assert core.meta["REFEPOCH"] == 2017.5
+    assert set(core["astrometric_params"]) == {31, 95}
+    other = ~np.isin(best["astrometric_params"], [31, 95])
+    assert 0.001 < other.mean() < 0.01
+    np.testing.assert_array_equal(best["pmra"], core["pmra"])
+    assert len(read_field(core)) == len(core)
+    assert len(read_field(best, on_bad="drop")) == len(best) - other.sum()
+    # Twice the time: motions are known 2^1.5 times better, and systematic terms of the instrument as well.
+    three = sim.crf3(1, TRUTH, n_five=6000)
+    assert 2 < np.median(three["pmra_error"]) / np.median(core["pmra_error"]) < 4
+    field = read_field(core)
+    assert np.median(field.minus(TRUTH(field.lon, field.lat)).chi2) == pytest.approx(2 * np.log(2), rel=0.05)
+    path = tmp_path / "crf4.fits"
+    assert simulate(["crf4", "--number", "2000", "--output", str(path)]) == 0
+    assert "with another model" in capsys.readouterr().out
+    assert "astrometric_params" in Table.read(path).colnames
+    with pytest.raises(SystemExit):
+        simulate(["crf3", "--table", "all_source_astrometry", "--output", str(path)])
+
+
+def test_tables_and_report_are_written(study, tmp_path):
+    from study.gaia import write_gaia
+
+    (tmp_path / "out").mkdir()
+    text = write_gaia(
+        study, tmp_path / "out", truth={"spin": _vector((30, -20, 10)), "acceleration": _vector((-10, 40, 5))}
+    )
+    assert "The acceleration of the Solar System" in text
+    degrees = Table.read(tmp_path / "out" / "degrees.ecsv")
+    assert degrees["lmax"].tolist() == [1, 2, 3, 4]
+    assert (degrees["chi2_truth_of_6"] < 25).all()
+    assert {path.name for path in (tmp_path / "out").glob("*.ecsv")} >= {
+        "published.ecsv",
+        "subsets.ecsv",
+        "powers.ecsv",
+    }
+
+
+def _vector(values):
+    return Vector(np.array(values, float), np.zeros((3, 3)))
 
 
 def test_the_same_seed_gives_the_same_table(table):

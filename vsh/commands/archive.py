@@ -1,17 +1,18 @@
 """`vsh-archive`: catalogues from an archive, on the command line."""
 
+import re
 from pathlib import Path
 
 from vsh.commands import configuration, finishing, outputs, running
 from vsh.commands.options import archive as options_module
-from vsh.io.archive import QUERIES, query
+from vsh.io.archive import QUERIES, RELEASES, of_table, query
 from vsh.tools.errors import ArchiveError
 from vsh.tools.files import atomic_write, check_not_read
 from vsh.tools.notes import printable
 
 
 def _run(options):
-    adql = QUERIES[options.what] if options.what in QUERIES else _text(options.what)
+    adql = QUERIES[options.what] if options.what in QUERIES else _text(options)
     if options.show:
         finishing.print_result(options, finishing.RunResult(adql))
         return
@@ -32,7 +33,12 @@ def _run(options):
     finishing.print_result(options, finishing.RunResult(was if there else f"written to {path}"))
 
 
-def _text(path):
+def _text(options):
+    path = options.what
+    if re.fullmatch(r"\w+\.(?!(adql|sql|txt)$)\w+", path) and not Path(path).exists():
+        return of_table(path, release=RELEASES[options.release], astrometry=options.table)
+    if options.release != "DR3" or options.table != "gaia_source":
+        raise ArchiveError("--release and --table are for a table of the archive: schema.table")
     try:
         return Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

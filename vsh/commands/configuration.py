@@ -39,7 +39,7 @@ class Configuration:
         return "\n".join(lines) + "\n"
 
 
-def read(path: str, command: str) -> Configuration:
+def configuration_of(path: str, command: str) -> Configuration:
     """The configuration in a file."""
     import tomllib
 
@@ -87,7 +87,7 @@ def merged(
     """The words of the command line after those of its --config; what is on the line prevails."""
     here = given(make_parser(), words)
     try:
-        kept = read(here["config"], parser.prog)
+        kept = configuration_of(here["config"], parser.prog)
     except argparse.ArgumentTypeError as error:
         parser.error(f"--config {error}")
     known = {name_of(action): action for action in parser._actions}

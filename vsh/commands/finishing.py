@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import vsh
-from vsh.commands import running
+from vsh.commands import running, values
 from vsh.commands.configuration import NOT_KEPT, NUMBER
 from vsh.commands.outputs import results_folder
 from vsh.tools.notes import printable
@@ -44,7 +44,8 @@ class Figures:
             return []
         from vsh.figures.plot import save_figures
 
-        paths = save_figures(self.drawn, folder, format=options.format, dpi=options.dpi, close=False)
+        formats = values.chosen_formats(options.format, values.FIGURE_FORMATS) or ["png"]
+        paths = save_figures(self.drawn, folder, format=formats, dpi=options.dpi, close=False)
         if not options.html:  # nobody wants them any more
             self.close()
         return paths

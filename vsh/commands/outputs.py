@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import vsh
-from vsh.commands import citing, configuration
+from vsh.commands import citing, configuration, values
 from vsh.tools.errors import VshError
 from vsh.tools.files import UNFINISHED, as_recorded, atomic_folder, check_not_read, digest, is_ours
 from vsh.tools.notes import printable
@@ -85,12 +85,24 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
     Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(options.output) as folder:
         yield folder
+        _copy_tables(folder, values.chosen_formats(getattr(options, "format", ""), values.TABLE_FORMATS))
         (folder / configuration.NAME).write_text(repeats(options, provenance), encoding="utf-8")
         (folder / "citation.bib").write_text(citing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
         files = {x.name: digest(x) for x in sorted(folder.iterdir())}
         mark = {"command": options.program, "files": files} | provenance
         (folder / MARK).write_text(json.dumps(mark, indent=1, default=str, ensure_ascii=False) + "\n", encoding="utf-8")
         check_folder(options.output, options.program, options.overwrite)  # somebody else may have written meanwhile
+
+
+def _copy_tables(folder, endings):
+    """The tables of a folder in other formats as well; columns of several numbers a row do not fit into CSV."""
+    from vsh.io import tables
+
+    for path in sorted(folder.glob("*.ecsv")) if endings else ():
+        table = tables.read_table(path)
+        for ending in endings:
+            flat = [name for name in table.colnames if ending != "csv" or table[name].ndim == 1]
+            tables.write_table(table[flat], path.with_suffix(f".{ending}"))
 
 
 def repeats(

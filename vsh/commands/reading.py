@@ -56,7 +56,11 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 def add_figures(parser: argparse.ArgumentParser) -> None:
     """Add --format, --dpi, --no-figures and --html."""
     parser.add_argument(
-        "--format", choices=["png", "pdf", "svg"], default="png", help="format of the figures (default: png)"
+        "--format",
+        type=values.formats,
+        default="png",
+        metavar="NAME,…",
+        help="format of the figures, png (the default), pdf or svg; and of tables besides ECSV: fits, vot, csv",
     )
     parser.add_argument(
         "--dpi", type=_dpi, default=300, help="resolution of the figures in dots per inch, 20 to 2400 (default: 300)"
@@ -81,10 +85,6 @@ def open_catalogue(path: str, options: argparse.Namespace) -> TableSource:
     """Open a catalogue; a file that cannot be read is reported at once, before anything heavy is imported."""
     from vsh.io import tables
 
-    if options.input_format == "icrf":
-        from vsh.io import catalogue
-
-        return catalogue.open_icrf(path, "icrf")
     return tables.open_table(path, options.input_format)
 
 

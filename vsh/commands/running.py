@@ -195,8 +195,12 @@ def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[s
     import astropy
     import scipy
 
-    paths = [Path(str(path)) for path in (paths if isinstance(paths, list) else [paths])]
-    hashes = [digest(path) for path in paths]
+    from vsh.io.tables import is_address, shown_address
+
+    given = [str(path) for path in (paths if isinstance(paths, list) else [paths])]
+    paths = [Path(shown_address(path) if is_address(path) else path) for path in given]
+    # What lies at an address is not fetched once more for its hash.
+    hashes = ["" if is_address(name) else digest(path) for name, path in zip(given, paths, strict=True)]
     one = len(paths) == 1
     return {
         "catalogue": paths[0].name if one else [path.name for path in paths],

@@ -11,9 +11,9 @@ FRAMES = ("icrs", "galactic", "ecliptic")
 #: `vsh.sky.frames.REDSHIFT_FRAME_NAMES`
 REDSHIFT_FRAMES = ("heliocentric", "cmb", "local-group", "true")
 #: The sets of names that `vsh.io.catalogue.as_columns` knows
-COLUMNS = ("gaia", "vizier", "icrf")
-#: Formats of tables, and the IERS's lists.
-INPUT_FORMATS = (*BY_NAME, "icrf")
+COLUMNS = ("gaia", "vizier", "hipparcos", "icrf", "skycoord", "simbad", "ned", "lvdb", "err")
+#: Formats of tables.
+INPUT_FORMATS = tuple(BY_NAME)
 #: The skies that `sim.skies.sky_map` knows.
 SKIES = ("uniform", "plane-avoiding", "gums", "igql")
 #: `vsh.models.cosmology.VELOCITIES`
@@ -26,6 +26,10 @@ TEMPLATES = ("spin", "glide", "waves")
 FRAME = "spin+acceleration"
 #: `vsh.io.archive.QUERIES`
 QUERIES = ("gaia-crf3", "gaia-edr3-qso", "gaia-dr3-galaxies")
+#: `vsh.io.archive.ASTROMETRY`: tables of astrometry in DR4.
+ASTROMETRY = ("gaia_source", "all_source_astrometry")
+#: `vsh.io.archive.RELEASES`
+RELEASES = ("DR3", "DR4")
 #: `vsh.io.archive.ESA`
 ESA = "https://gea.esac.esa.int/tap-server/tap"
 #: What a catalogue may be, for help texts.
@@ -108,6 +112,26 @@ def velocity(text: str) -> str | tuple[float, ...]:
             f"the apex, degrees), not {text!r}"
         )
     return speed, l, b
+
+
+#: `vsh.figures.plot.FORMATS`, and the endings of tables that are written beside ECSV.
+FIGURE_FORMATS, TABLE_FORMATS = ("png", "pdf", "svg"), ("fits", "vot", "csv")
+
+
+def formats(text: str) -> str:
+    """Names of formats of figures and of tables, between commas."""
+    names = [name.strip() for name in text.split(",")]
+    wrong = [name for name in names if name not in (*FIGURE_FORMATS, *TABLE_FORMATS)]
+    if wrong:
+        raise argparse.ArgumentTypeError(
+            f"{wrong[0]!r} is no format: {', '.join(FIGURE_FORMATS)} of figures, {', '.join(TABLE_FORMATS)} of tables"
+        )
+    return ",".join(dict.fromkeys(names))
+
+
+def chosen_formats(text: str, among: tuple[str, ...]) -> list[str]:
+    """Those of `formats` that are among some."""
+    return [name for name in text.split(",") if name in among]
 
 
 def pairs(text: str) -> dict[str, str]:

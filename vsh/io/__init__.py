@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
-    from vsh.io import archive, catalogue, epochs, maps, parts, tables
+    from vsh.io import archive, catalogue, epochs, maps, parts, results, tables
 
-__all__ = ["archive", "catalogue", "epochs", "maps", "parts", "tables"]
+__all__ = ["archive", "catalogue", "epochs", "maps", "parts", "results", "tables"]
 
 __getattr__, __dir__ = lazily(__name__, __all__, {})

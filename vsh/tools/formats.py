@@ -11,7 +11,7 @@ class Format(NamedTuple):
     name: str
     #: astropy's name of it.
     kind: str
-    #: Endings of file names; a further .gz is understood by all but Parquet and HDF5.
+    #: Endings of file names; a further .gz, .bz2, .xz or .zst is understood.
     endings: tuple[str, ...]
     #: How its files begin; None where that says nothing.
     begins: re.Pattern[bytes] | None
@@ -26,6 +26,8 @@ class Format(NamedTuple):
 
 
 _TABLES = "vsh.io.tables."
+#: A line with the position of a radio source: names, hours, minutes, seconds, degrees, minutes, seconds.
+_VLBI = rb"[\s\S]*^(ICRF J|SOU_GCO:|[^#\n]*\S +\d\d \d\d \d\d\.\d+ +[-+]?\d\d \d\d \d\d\.\d+)"
 #: In the order in which beginnings are tried. VOTables are XML, which may begin with a comment.
 FORMATS = (
     Format("fits", "fits", (".fits", ".fit"), re.compile(rb"SIMPLE  ="), _TABLES + "_fits:open_fits", "FITS", True),
@@ -34,16 +36,22 @@ FORMATS = (
            True),
     Format("ecsv", "ascii.ecsv", (".ecsv",), re.compile(rb"(\xef\xbb\xbf)?#\s*%ECSV", re.IGNORECASE),
            _TABLES + "_text:open_text", "ECSV", True),
-    Format("mrt", "ascii.mrt", (".mrt",), re.compile(rb"[\s\S]*^Byte-by-byte Description", re.MULTILINE),
+    Format("mrt", "ascii.mrt", (".mrt",), re.compile(rb"[\s\S]*^(# ?)?Byte-by-byte Description", re.MULTILINE),
            _TABLES + "_source:open_mrt", "MRT"),
-    Format("csv", "ascii.csv", (".csv",), re.compile(rb"(\xef\xbb\xbf)?[^,\n\0]+(,[^,\n\0]+){4,}\r?\n"),
+    Format("csv", "ascii.csv", (".csv",), re.compile(rb"(\xef\xbb\xbf)?[^#,\n\0][^,\n\0]*(,[^,\n\0]+){4,}\r?\n"),
            _TABLES + "_text:open_text", "CSV", True),
     Format("parquet", "parquet", (".parquet", ".pq"), re.compile(rb"PAR1"), _TABLES + "_arrow:open_parquet", "Parquet",
            True, "parquet"),
     Format("hdf5", "hdf5", (".hdf5", ".h5"), re.compile(rb"\x89HDF\r\n"), _TABLES + "_source:open_hdf5", "HDF5",
-           False, "hdf5"),
+           True, "hdf5"),
     Format("cds", "ascii.cds", (), None, _TABLES + "_source:open_cds"),
+    Format("vizier", "ascii.vizier", (), re.compile(rb"(\xef\xbb\xbf)?#[\s\S]*VizieR"), _TABLES + "_text:open_text",
+           "VizieR"),
+    Format("icrf", "ascii.icrf", (".crf", ".sou"), re.compile(_VLBI, re.MULTILINE), _TABLES + "_vlbi:open_vlbi",
+           "VLBI"),
     Format("ascii", "ascii", (), None, _TABLES + "_source:open_ascii"),
+    Format("text", "ascii.text", (".tsv", ".tab"), re.compile(rb"(?!\s*<)[\t\n\r\x20-\x7e\x80-\xff]+\Z"),
+           _TABLES + "_text:open_text", "text"),
 )  # fmt: skip
 
 #: The formats of a table in a sentence of help.
@@ -52,4 +60,6 @@ BY_KIND = {row.kind: row for row in FORMATS}
 BY_NAME = {row.name: row for row in FORMATS}
 #: Kinds by the endings of what is written, and of what is read.
 WRITTEN = {ending: row.kind for row in FORMATS if row.written for ending in row.endings}
+#: Endings of packed files, behind those of the format; only the first is written.
+PACKED = (".gz", ".bz2", ".xz", ".zst")
 READ = WRITTEN | {ending: row.kind for row in FORMATS for ending in row.endings}

@@ -12,7 +12,7 @@ import numpy as np
 import vsh
 from vsh.tools.errors import TableError
 from vsh.tools.files import MARK, atomic_write
-from vsh.tools.formats import WRITTEN
+from vsh.tools.formats import BY_KIND, PACKED, WRITTEN
 from vsh.tools.notes import printable
 from vsh.tools.types import PathName, Table
 
@@ -24,11 +24,13 @@ def format_of(path: PathName, known: Mapping[str, str] = WRITTEN) -> str:
     """astropy's name of the format that the ending of a name tells; TableError where it tells none."""
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
-    if suffixes and suffixes[-1] == ".gz":
+    packed = PACKED[:1] if known is WRITTEN else PACKED
+    if suffixes and suffixes[-1] in packed:
         suffixes.pop()
     if not suffixes or suffixes[-1] not in known:
         raise TableError(
-            f"{printable(path)}: unrecognised format. Known endings: {', '.join(known)}, each also with .gz"
+            f"{printable(path)}: unrecognised format. Known endings: {', '.join(known)}, each also with "
+            f"{', '.join(packed)}"
         )
     return known[suffixes[-1]]
 
@@ -68,6 +70,8 @@ def write_table(table: Table, path: PathName, meta: dict[str, Any] | None = None
         warnings.simplefilter("ignore")  # astropy warns about units that a format spells in its own way
         if kind == "votable":
             _write_votable(table, new)
+        elif kind == "hdf5":
+            table.write(new, format=kind, path="table", serialize_meta=True, overwrite=True)
         else:
             table.write(new, format=kind, overwrite=True)
         if kind.startswith("ascii") and path.suffix.lower() == ".gz":  # astropy compresses FITS and VOTables alone
@@ -83,6 +87,19 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, str) else value
 
 
+#: What columns are, in the words of the IVOA (UCD1+ controlled vocabulary 1.5).
+UCDS = {
+    "source_id": "meta.id;meta.main", "name": "meta.id;meta.main", "ra": "pos.eq.ra;meta.main",
+    "dec": "pos.eq.dec;meta.main", "pmra": "pos.pm;pos.eq.ra", "pmdec": "pos.pm;pos.eq.dec",
+    "pmra_error": "stat.error;pos.pm;pos.eq.ra", "pmdec_error": "stat.error;pos.pm;pos.eq.dec",
+    "pmra_pmdec_corr": "stat.correlation;pos.pm;pos.eq.ra;pos.pm;pos.eq.dec", "phot_g_mean_mag": "phot.mag;em.opt",
+    "redshift": "src.redshift", "redshift_error": "stat.error;src.redshift", "distance": "pos.distance",
+    "distance_error": "stat.error;pos.distance", "parallax": "pos.parallax",
+    "parallax_error": "stat.error;pos.parallax", "parameter": "meta.id", "value": "stat.fit.param",
+    "sigma": "stat.error;stat.fit.param", "covariance": "stat.covariance", "correlation": "stat.correlation",
+}  # fmt: skip
+
+
 def _write_votable(table, path):
     """A VOTable with metadata as parameters, which astropy's own writer leaves out: lists and dicts as JSON."""
     from astropy.io.votable import from_table
@@ -90,6 +107,8 @@ def _write_votable(table, path):
 
     document = from_table(table)
     element = document.get_first_table()
+    for entry in element.fields:
+        entry.ucd = UCDS.get(str(entry.name))
     for key, value in table.meta.items():
         options = {"datatype": "unicodeChar", "arraysize": "*"}
         if isinstance(value, (list, tuple, dict)):
@@ -112,12 +131,14 @@ def check_writable(path: PathName) -> None:
     kind = format_of(path)
     if not path.absolute().parent.is_dir():
         raise TableError(f"{printable(path)}: there is no such folder")
-    if kind == "parquet":
+    library = {"parquet": "pyarrow", "hdf5": "h5py"}.get(kind)
+    if library:
         if path.suffix.lower() == ".gz":
-            raise TableError(f"{printable(path)}: Parquet is compressed by itself: leave out the .gz")
+            title = BY_KIND[kind].title
+            raise TableError(f"{printable(path)}: {title} is compressed by itself: leave out the .gz")
         from importlib.util import find_spec
 
-        if find_spec("pyarrow") is None:
+        if find_spec(library) is None:
             raise TableError(
-                f"{printable(path)} cannot be written. Install what is missing: pip install 'vsh-astrometry[parquet]'"
+                f"{printable(path)} cannot be written. Install what is missing: pip install 'vsh-astrometry[{kind}]'"
             )

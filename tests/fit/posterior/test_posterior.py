@@ -227,7 +227,7 @@ def test_walkers_that_never_moved_report_nothing():
 
 
 def test_figures_and_tables():
-    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=500_000, **SETTINGS)
+    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=100_000, **SETTINGS)
     text = found.report()
     assert "toward the apex" in text
     assert "H0" in text
@@ -266,7 +266,7 @@ def test_samples_travel(ending, tmp_path):
 
 @pytest.mark.filterwarnings("ignore")
 def test_arviz():
-    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=500_000, **SETTINGS)
+    found = sample(galaxies(300), CMB_VELOCITY_PLANCK18, Flat(20, 150), n_samples=100_000, **SETTINGS)
     data = found.to_arviz()
     posterior = data["posterior"]
     assert float(posterior["H0"].mean()) == pytest.approx(found.summary()["H0"].mean)

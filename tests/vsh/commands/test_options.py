@@ -77,6 +77,8 @@ def test_the_names_that_options_choose_from_are_those_of_the_packages():
     assert tuple(fit.pairs.TEMPLATES) == names.TEMPLATES
     assert names.FRAME == fit.correlation.FRAME
     assert tuple(vsh.io.archive.QUERIES) == names.QUERIES
+    assert vsh.io.archive.ASTROMETRY == names.ASTROMETRY
+    assert tuple(vsh.io.archive._tap.RELEASES) == names.RELEASES
     assert names.ESA == vsh.io.archive.ESA
 
 

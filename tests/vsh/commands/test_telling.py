@@ -200,7 +200,7 @@ def test_standard_input(galaxies, tmp_path, monkeypatch, capsys):
     for stdin, words in (
         (Piped(b""), "standard input is empty"),
         (Piped(b"", terminal=True), "nothing comes in"),
-        (Piped(b"hello\n"), "standard input: unrecognised format"),
+        (Piped(b"hel\0lo\n"), "standard input: unrecognised format"),
     ):
         monkeypatch.setattr(sys, "stdin", stdin)
         assert main(["-"]) == 1

@@ -15,7 +15,22 @@ def make_parser() -> argparse.ArgumentParser:
         ),
         epilog="Example: vsh-archive gaia-crf3 --output qso.fits, then vsh-fit qso.fits --clip 3",
     )
-    parser.add_argument("what", help=f"{', '.join(values.QUERIES)}, or a file with a query in ADQL")
+    parser.add_argument(
+        "what",
+        help=(
+            f"{', '.join(values.QUERIES)}, a file with a query in ADQL, or a table of the archive that names sources "
+            "by source_id (schema.table)"
+        ),
+    )
+    parser.add_argument(
+        "--release", choices=values.RELEASES, default="DR3", help="for a table: of which release (default: DR3)"
+    )
+    parser.add_argument(
+        "--table",
+        choices=values.ASTROMETRY,
+        default="gaia_source",
+        help="for a table, DR4: the best model of each source (the default), or the core solution of all",
+    )
     parser.add_argument("--output", metavar="FILE", help="the FITS file to be")
     parser.add_argument("--show", action="store_true", help="print the query and ask nobody")
     parser.add_argument("--url", default=values.ESA, help="of the TAP service (default: ESA's archive of Gaia)")

@@ -34,6 +34,14 @@ def make_parser() -> argparse.ArgumentParser:
         "--bins", type=_edges, metavar="N|Z,Z,…", help="spin and acceleration in bins of redshift: edges, or how many"
     )
     parser.add_argument("--lmax", type=values.count(1), default=1, help="highest degree in the bins (default: 1)")
+    parser.add_argument(
+        "--floor",
+        action="store_true",
+        help=(
+            "with --bins and --lmax 3 or more (5 is best): errors that sources share, from the power of the higher "
+            "degrees, and whether the dipole changes with redshift"
+        ),
+    )
     parser.add_argument("--shared-higher-degrees", action="store_true", help="degrees above 1 the same in all bins")
     parser.add_argument(
         "--peculiar-dispersion",
@@ -98,6 +106,18 @@ def make_parser() -> argparse.ArgumentParser:
     )
     distances.add_argument(
         "--reconstruction-error", type=values.positive, default=0.5, metavar="X", help="of the flow (default: 0.5)"
+    )
+    measured = parser.add_argument_group("distances that are measured: clusters, masers, stars")
+    measured.add_argument(
+        "--distances",
+        action="store_true",
+        help=(
+            "fit our velocity with respect to sources at measured distances or parallaxes, without redshifts or H0; in "
+            "Galactic axes, or with --frame ecliptic in those"
+        ),
+    )
+    measured.add_argument(
+        "--oort", action="store_true", help="with --distances: rotation and shear as well (Oort's A, B, C, K)"
     )
     posterior = parser.add_argument_group("posterior of our velocity and H0")
     posterior.add_argument(
@@ -191,8 +211,15 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     ):
         if getattr(options, name) and not getattr(options, needs):
             parser.error(f"--{name.replace('_', '-')} needs --{needs}")
-    if not (options.h0 or options.velocity or options.bins or options.posterior):
-        parser.error("say what is wanted: --h0 H0, --velocity planck, --bins EDGES, --posterior")
+    wanted = options.h0 or options.velocity or options.bins or options.posterior
+    if options.floor and not (options.bins and options.lmax >= 3):
+        parser.error("--floor needs --bins, and --lmax 3 or more: degrees 1 and 2 say nothing of what bins share")
+    if options.oort and not options.distances:
+        parser.error("--oort needs --distances")
+    if options.distances and (wanted or options.workers or options.scheduler or options.clip or options.free_spin):
+        parser.error("--distances stands alone: it takes no --h0, --velocity, --bins, --posterior, --clip, --workers")
+    if not (wanted or options.distances):
+        parser.error("say what is wanted: --h0 H0, --velocity planck, --bins EDGES, --posterior, --distances")
     if (
         options.checkpoint
         and options.output

@@ -30,14 +30,17 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "kind",
-        choices=["quasars", "galaxies", "vlbi", "crf3"],
-        help="vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns",
+        choices=["quasars", "galaxies", "vlbi", "crf3", "crf4"],
+        help=(
+            "vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns; crf4: "
+            "the same with the columns, epoch, errors and models of DR4"
+        ),
     )
     parser.add_argument(
         "--number",
         type=values.count(1),
         metavar="N",
-        help="how many (default: 10000; crf3: 1215942 with five parameters, and those with six in proportion)",
+        help="how many (default: 10000; crf3, crf4: 1215942 with five parameters, and those with six in proportion)",
     )
     parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
     parsing.add_overwrite(parser)
@@ -108,6 +111,12 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--redshift-range", type=_range, metavar="LOW,HIGH", help="of galaxies (default: 0.001,0.03)")
     parser.add_argument("--dead-time", type=values.not_negative, default=0.06, metavar="FRACTION", help="default: 0.06")
     parser.add_argument("--release", choices=["DR3", "DR4", "DR5", "paper"], default="DR4", help="whose errors")
+    parser.add_argument(
+        "--table",
+        choices=values.ASTROMETRY,
+        default="gaia_source",
+        help="crf4: which table of DR4: the best model of each source, or the core solution of all",
+    )
     parser.add_argument("--no-transits", action="store_true", help="errors by place and magnitude, without transits")
     parser.add_argument("--seed", type=int, default=1, help="the same seed, the same table (default: 1)")
     parsing.add_threads(parser)
@@ -138,17 +147,19 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--velocity is for galaxies: quasars are too far to show it")
     if options.flow and options.kind != "galaxies":
         parser.error("--flow is for galaxies: quasars are too far to show it")
-    if options.kind == "crf3":
+    if options.table != "gaia_source" and options.kind != "crf4":
+        parser.error("--table is for crf4")
+    if options.kind in ("crf3", "crf4"):
         foreign = [
             f"--{name.replace('_', '-')}" for name in NOT_OF_CRF3 if getattr(options, name) != parser.get_default(name)
         ]
         if foreign:
-            parser.error(f"crf3 is as it is: {', '.join(foreign)} cannot be chosen")
+            parser.error(f"{options.kind} is as it is: {', '.join(foreign)} cannot be chosen")
     elif options.number is None:
         options.number = 10_000
     if options.redshift_range and options.kind != "galaxies":
         parser.error("--redshift-range is for galaxies")
-    if options.years is None and options.kind != "crf3":
+    if options.years is None and options.kind not in ("crf3", "crf4"):
         options.years = YEARS[options.release]
     if options.attitude == "solved" and options.no_transits:
         parser.error("--attitude solved needs transits, which --no-transits leaves out")

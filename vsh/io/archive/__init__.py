@@ -1,6 +1,7 @@
 """Data from archives: releases as values, queries, and a client of the Table Access Protocol."""
 
 from vsh.io.archive._tap import (
+    ASTROMETRY,
     DR3,
     DR4,
     ESA,

@@ -452,8 +452,24 @@ WHERE {_solved(DR3)} AND x.redshift_ugc IS NOT NULL"""
 QUERIES = {"gaia-crf3": GAIA_CRF3, "gaia-edr3-qso": GAIA_EDR3_QSO, "gaia-dr3-galaxies": GAIA_DR3_GALAXIES}
 
 
-def of_table(table: str, columns: Iterable[str] = (), *, release: DataRelease = DR3) -> str:
-    """The query for sources of one's own, galaxies or stars: a table in the archive that names them by source_id."""
+#: Where DR4 has its astrometry: the best model of each source, or the core solution of all sources.
+ASTROMETRY = ("gaia_source", "all_source_astrometry")
+#: Columns of gaia_source that are no astrometry.
+_PHOTOMETRY = ("phot_g_mean_mag", "bp_rp")
+
+
+def of_table(
+    table: str, columns: Iterable[str] = (), *, release: DataRelease = DR3, astrometry: str = "gaia_source"
+) -> str:
+    """The query for sources of one's own, galaxies or stars: a table in the archive that names them by source_id.
+
+    With ``astrometry="all_source_astrometry"`` (DR4), the core solution of each source: a quasar whose best model is
+    that of a star with a companion is not lost.
+    """
+    if astrometry not in ASTROMETRY or (astrometry != "gaia_source" and release is DR3):
+        raise ArchiveError(
+            f"{release.name} has no table of astrometry called {astrometry!r}: {', '.join(ASTROMETRY)} (the latter DR4)"
+        )
     columns = (columns,) if isinstance(columns, str) else tuple(columns)
     if not isinstance(release, DataRelease):
         raise ArchiveError(f"a release is a value such as vsh.io.archive.DR4, not {release!r}")
@@ -467,7 +483,17 @@ def of_table(table: str, columns: Iterable[str] = (), *, release: DataRelease = 
                 f"{name!r} is no name of a table or column: letters, digits and _, tables with their schema"
             )
     further = "".join(f", t.{name}" for name in columns)
+    if astrometry == "gaia_source":
+        return (
+            f"SELECT {_listed(release)}{further}\nFROM {table} AS t\n"
+            f"JOIN {release.schema}.gaia_source AS g ON g.source_id = t.source_id"
+        )
+    listed = ", ".join(
+        f"{'s' if name in _PHOTOMETRY else 'g'}.{release.solution if name == DR3.solution else name}"
+        for name in _COLUMNS
+    )
     return (
-        f"SELECT {_listed(release)}{further}\nFROM {table} AS t\n"
-        f"JOIN {release.schema}.gaia_source AS g ON g.source_id = t.source_id"
+        f"SELECT {listed}{further}\nFROM {table} AS t\n"
+        f"JOIN {release.schema}.{astrometry} AS g ON g.source_id = t.source_id\n"
+        f"LEFT JOIN {release.schema}.gaia_source AS s ON s.source_id = t.source_id"
     )

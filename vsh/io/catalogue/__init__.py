@@ -1,7 +1,8 @@
 """Catalogues: from tables to fields and back, whole or in parts; ICRF's positions, two catalogues matched."""
 
-from vsh.io.catalogue._columns import GAIA, Columns, as_columns, missing_column, unit_factor
-from vsh.io.catalogue._match import Counterparts, counterparts, match, open_icrf, read_icrf, read_positions
+from vsh.io.catalogue._columns import as_columns, missing_column, unit_factor
+from vsh.io.catalogue._match import Counterparts, counterparts, match, read_icrf, read_positions
+from vsh.io.catalogue._names import GAIA, NAMED, REQUIRED, Columns, with_distances
 from vsh.io.catalogue._parts import parts
 from vsh.io.catalogue._read import read_field, read_scalars, read_sources, truth_of
 from vsh.tools.modules import old_names

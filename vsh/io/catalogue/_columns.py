@@ -1,88 +1,48 @@
 """Where a table keeps what a field needs, and in which units."""
 
+import re
+import shlex
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from difflib import get_close_matches
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from astropy import units as u
 
 from vsh.io import tables
-from vsh.io.archive import DR3, DR4
+from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, Columns, Wanted, like_correlations, name_and_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import FRAME_KEY, FRAMES, REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, check_frame, redshift_frame_in
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import FieldError, NothingSelectedError, TableError
-from vsh.tools.notebook import InNotebook
 from vsh.tools.notes import FALSE, MISSING, NotSelected, printable
 from vsh.tools.types import BoolArray
+from vsh.tools.units import SPEED_OF_LIGHT
 
-
-@dataclass(frozen=True)
-class Columns(InNotebook):
-    """Where a table keeps what a field needs: a new survey is a new value of this.
-
-    The first six must be there. The others may be left out with None; of several names in
-    a tuple the first that the table has is taken, and none need be there. Where there is a `solution`, sources
-    whose astrometry is not that of a single source with a parallax (31 or 95, `vsh.io.archive.DR4`) cannot be used.
-
-    Examples
-    --------
-    >>> Columns(pmra="mu_ra", pmdec="mu_dec").pmra
-    'mu_ra'
-    """
-
-    ra: str = "ra"
-    dec: str = "dec"
-    pmra: str = "pmra"
-    pmdec: str = "pmdec"
-    pmra_error: str = "pmra_error"
-    pmdec_error: str = "pmdec_error"
-    pmra_pmdec_corr: str | tuple | None = ("pmra_pmdec_corr",)
-    name: str | tuple | None = ("source_id", "name", "designation")
-    magnitude: str | tuple | None = ("phot_g_mean_mag",)
-    redshift: str | tuple | None = ("redshift", "z", "redshift_qsoc")
-    redshift_error: str | tuple | None = ("redshift_error", "z_error", "e_z")
-    distance: str | tuple | None = None
-    distance_error: str | tuple | None = None
-    solution: str | tuple | None = (DR4.solution, DR3.solution)
-
-
-#: Gaia's archive names.
-GAIA = Columns()
-#: Sets of names that are called by one: the archive's, those of VizieR's tables of Gaia (I/355/gaiadr3,
-#: I/350/gaiaedr3), and those that the IERS's lists of ICRF2 and ICRF3 are given, where they are read as tables.
-NAMED = {
-    "gaia": GAIA,
-    "vizier": Columns(
-        ra="RA_ICRS", dec="DE_ICRS", pmra="pmRA", pmdec="pmDE", pmra_error="e_pmRA", pmdec_error="e_pmDE",
-        pmra_pmdec_corr=("pmRApmDEcor",), name=("Source", "ID", "Name"), magnitude=("Gmag",),
-        redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),
-    ),
-    "icrf": replace(GAIA, name=("iers", "icrf")),
-}  # fmt: skip
-REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
 UNITS = dict.fromkeys(("ra", "dec"), u.deg) | dict.fromkeys(REQUIRED[2:], u.mas / u.yr)
 #: Units in which a field has the columns that need not be there.
 FURTHER_UNITS = {
     "pmra_pmdec_corr": u.dimensionless_unscaled, "magnitude": u.mag, "redshift": u.dimensionless_unscaled,
     "redshift_error": u.dimensionless_unscaled, "distance": u.Mpc, "distance_error": u.Mpc,
+    "parallax": u.mas, "parallax_error": u.mas,
 }  # fmt: skip
 #: Those whose unit is asked for where a table does not tell it: nobody would see that kpc were taken for Mpc.
-MUST_SAY = ("distance", "distance_error")
+MUST_SAY = ("distance", "distance_error", "parallax", "parallax_error")
 #: Names that positions have in other frames than the equatorial one.
 _OTHER_FRAMES = dict.fromkeys(("l", "b", "glon", "glat", "gal_lon", "gal_lat"), "galactic")
 _OTHER_FRAMES |= dict.fromkeys(("elon", "elat", "ecl_lon", "ecl_lat"), "ecliptic")
 
 
-def as_columns(columns: Any) -> Columns:
-    """Columns from None (Gaia's names), "gaia", "vizier" or "icrf", a dict of role to name, or Columns."""
+def as_columns(columns: Any) -> Wanted:
+    """What a user says of columns: None (whatever set of names fits), the name of a set, role to name, or Columns."""
     if columns is None:
-        return GAIA
-    if isinstance(columns, Columns):
+        return Wanted()
+    if isinstance(columns, Wanted):
         return columns
+    if isinstance(columns, Columns):
+        return Wanted(columns, None)
     columns = {"names": columns} if isinstance(columns, str) else columns
     if not isinstance(columns, dict):
         raise TableError(
@@ -91,17 +51,20 @@ def as_columns(columns: Any) -> Columns:
     known = columns.get("names", "gaia")
     if known not in NAMED:
         raise TableError(f"columns: no set of names is called {known!r}; there are {', '.join(NAMED)}")
-    columns = {role: name for role, name in columns.items() if role != "names"}
+    chosen = {
+        role: name.strip() if isinstance(name, str) else name for role, name in columns.items() if role != "names"
+    }
     roles = [f.name for f in fields(Columns)]
-    wrong = [str(role) for role in columns if role not in roles]
+    wrong = [str(role) for role in chosen if role not in roles]
     if wrong:
         raise TableError(f"columns: nothing is called {', '.join(wrong)}; there are {', '.join(roles)}")
-    return replace(NAMED[known], **columns)
+    return Wanted(replace(NAMED[known], **chosen), None if "names" in columns else tuple(chosen))
 
 
-def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[str]]:
+def locate(wanted: Wanted, source: TableSource) -> tuple[dict[str, str], list[str]]:
     """From what a field needs to the names of a table's columns, and notes."""
     where, notes, absent = {}, [], []
+    columns, known = wanted.among(source.names)
     for f in fields(Columns):
         name = getattr(columns, f.name)
         if name is None and f.name not in REQUIRED:
@@ -116,18 +79,35 @@ def locate(columns: Columns, source: TableSource) -> tuple[dict[str, str], list[
             if present:
                 where[f.name] = present[0]
             elif f.name == "pmra_pmdec_corr":
-                notes.append(f"no column {' or '.join(name)}: correlations taken as zero")
+                notes += _without_correlations(name, source)
     if absent:
         (role, name), *others = absent
         also = f"; missing too: {', '.join(printable(other) for _, other in others)}" if others else ""
-        fits = [
-            known for known, names in NAMED.items() if all(getattr(names, each) in source.names for each in REQUIRED)
-        ]
-        which = (
-            f"columns={fits[0]!r} (--columns {fits[0]})" if fits else f"columns={{{role!r}: …}} (--columns {role}=…)"
+        if all(re.fullmatch(r"col\d+", each) for each in source.names):
+            also += "; it has no line of names, so its columns are called by their numbers"
+        best, known = Wanted().among(source.names)
+        fits = known and all(getattr(best, each) in source.names for each in REQUIRED)
+        wish = known if fits else ",".join(f"{role}=…" for role, _ in absent)
+        said = f"columns={known!r}" if fits else f"columns={{{role!r}: …}}"
+        raise TableError(
+            f"{source.label}: {missing_column(name, source)}{also}. Say which it is: {said} (--columns {wish})"
         )
-        raise TableError(f"{source.label}: {missing_column(name, source)}{also}. Say which it is: {which}")
+    if known:
+        listed = ", ".join(f"{role} = {printable(where[role])}" for role in REQUIRED if role in where)
+        notes.insert(0, f"columns by their names ({known}): {listed}")
     return where, notes
+
+
+def _without_correlations(names, source):
+    """Notes on a table without correlations where they are looked for."""
+    like = like_correlations(source)
+    if not like:
+        return [f"no column {' or '.join(dict.fromkeys(names))}: correlations taken as zero"]
+    listed = ", ".join(map(printable, like[:3]))
+    return [
+        f"warning: correlations of the motions taken as zero, though the table has {listed}: if it is that, say "
+        f"--columns {shlex.quote(f'pmra_pmdec_corr={printable(like[0])}')}"
+    ]
 
 
 def frame_of(where: Mapping[str, str], frame: str | None, meta: Mapping[str, Any] | None = None) -> str:
@@ -160,11 +140,12 @@ def redshift_frame_of(where: Mapping[str, str], source: TableSource) -> str | No
 
 def missing_column(name: str | None, source: TableSource) -> str:
     """What is said of a column that is not there, with the names nearest to it."""
-    near = [each for each in source.names if each.lower() == str(name).lower()]
-    near = near or get_close_matches(str(name), source.names[:2000], n=3, cutoff=0.6)
+    names = [each for each in source.names if not each.startswith(ASSUMED)]
+    near = [each for each in names if each.lower() == str(name).lower()]
+    near = near or get_close_matches(str(name), names[:2000], n=3, cutoff=0.6)
     hint = f"; nearest: {', '.join(map(printable, near))}" if near else ""
-    shown = list(map(printable, source.names[:200]))
-    more = f" and {len(source.names) - 200} more" if len(source.names) > 200 else ""
+    shown = list(map(printable, names[:200]))
+    more = f" and {len(names) - 200} more" if len(names) > 200 else ""
     return f"no column {printable(name)!r}. The table has {', '.join(shown)}{more}{hint}"
 
 
@@ -189,6 +170,37 @@ def doubt_positions(columns: Any, assumed: Any, at_least: int = 20) -> None:
             f"ra and dec have no unit and reach from {reach}: is ra in hours? Say units={{'ra': 'hourangle'}} "
             "(--units ra=hourangle), or deg if they are degrees"
         )
+
+
+#: Median errors outside these are of no survey. [µas/yr]
+_ERRORS = 0.02, 1e5
+
+
+def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
+    """Warnings of numbers that no survey has, with the likely cause; nothing is changed."""
+    step = max(1, len(field) // 10_000)  # medians of so many say enough
+    sigma, motion = field.sigma[:, ::step], field.motion[:, ::step]
+    if len(field) < at_least or (motion == 0).all():
+        return []
+    notes = []
+    error = float(np.median(sigma))
+    if not _ERRORS[0] < error < _ERRORS[1]:
+        side, likely = ("above", "µas/yr read as mas/yr") if error > 1 else ("below", "mas/yr read as µas/yr")
+        notes.append(
+            f"warning: half of the errors are {side} {error:.3g} µas/yr, which no survey has: {likely}? Say the unit: "
+            "units= (--units)"
+        )
+    size = float(np.median(np.abs(motion)))
+    if size > 300 * max(error, 1.0) and size > 3e6:
+        notes.append(f"warning: half of the motions are above {size:.3g} µas/yr: is the unit right (units=, --units)?")
+    if field.redshift is not None and np.isfinite(field.redshift[::step]).any():
+        z = float(np.nanmedian(field.redshift[::step]))
+        if z > 20:
+            notes.append(
+                f"warning: half of the redshifts are above {z:.3g}: velocities in km/s? Say so, units= (--units "
+                "NAME=km/s)"
+            )
+    return notes
 
 
 class Chosen:
@@ -236,34 +248,44 @@ def nothing_selected(notes: Iterable[str]) -> NothingSelectedError:
 
 def factors(where: Mapping[str, str], units: Mapping[str, Any] | None, source: TableSource) -> Any:
     """By which each column of positions, motions and errors is multiplied, and notes on units that were assumed."""
-    for name in units or {}:
+    units = {str(name).strip(): unit for name, unit in (units or {}).items()}
+    for name in units:
         if name not in source.names:
             raise TableError(f"units: {missing_column(name, source)}")
-    stated, assumed = {}, {}
-    for role in REQUIRED:
-        if role not in where:
-            continue
-        name, wanted = where[role], UNITS[role]
-        unit = (units or {}).get(name, source.units.get(name))
-        if unit is None or str(unit).strip() == "":
-            if name != getattr(GAIA, role):
-                raise TableError(
-                    f"column {name!r} has no unit: say which, units={{{name!r}: {str(wanted)!r}}} (--units {name}=…)"
-                )
+    stated: dict[str, Any] = {}
+    assumed: dict[str, list[str]] = {}
+    lacking: dict[str, str] = {}
+    for role in [role for role in (*REQUIRED, *FURTHER_UNITS) if role in where]:
+        name, wanted = where[role], UNITS.get(role, FURTHER_UNITS.get(role))
+        unit = unit_of(name, units, source)
+        if unit is not None:
+            stated[role] = (_factor if role in REQUIRED else partial(_further, role))(name, unit, wanted, name in units)
+        elif role in ("ra", "dec") or (role in _GAIA_UNITS and name.lower() == role):
             assumed.setdefault(_text(wanted), []).append(name)
             stated[role] = 1.0
-        else:
-            stated[role] = _factor(name, unit, wanted, name in (units or {}))
-    for role in filter(where.__contains__, FURTHER_UNITS):
-        name, wanted = where[role], FURTHER_UNITS[role]
-        unit = (units or {}).get(name, source.units.get(name))
-        if unit is not None and str(unit).strip():
-            stated[role] = _further(role, name, unit, wanted, name in (units or {}))
-        elif role in MUST_SAY:
-            raise TableError(
-                f"column {name!r} has no unit: say which, units={{{name!r}: {str(wanted)!r}}} (--units {name}={wanted})"
-            )
+        elif role in REQUIRED or role in MUST_SAY:
+            lacking[name] = _text(wanted)
+    if lacking:
+        several = (
+            f"columns {', '.join(map(repr, lacking))} have"
+            if len(lacking) > 1
+            else f"column {next(iter(lacking))!r} has"
+        )
+        hint = shlex.quote(",".join(f"{name}={unit.replace(' ', '')}" for name, unit in lacking.items()))
+        raise TableError(f"{several} no unit: say which, units={lacking!r} (--units {hint})")
     return stated, assumed
+
+
+#: Columns that are taken in Gaia's units where they have its names and no unit; positions are in any case.
+_GAIA_UNITS = (*REQUIRED, "parallax", "parallax_error")
+
+
+def unit_of(name: str, units: Mapping[str, Any], source: TableSource) -> Any:
+    """The unit of a column: the user's, the table's, or that in its name; None where nobody says it."""
+    for unit in (units.get(name), source.units.get(name), name_and_unit(name)[1]):
+        if unit is not None and str(unit).strip():
+            return unit
+    return None
 
 
 @lru_cache
@@ -273,7 +295,8 @@ def _text(unit):
 
 def differing_units(where: Mapping[str, str], units: Mapping[str, Any]) -> list[str]:
     """A note where motions and their errors are not all in one unit, which is seldom meant."""
-    sizes = {role: units[role] for role in ("pmra", "pmdec", "pmra_error", "pmdec_error") if role in units}
+    roles = [role for role in REQUIRED[2:] if role in units and not where[role].startswith(ASSUMED)]
+    sizes = {role: units[role] for role in roles}
     if len({float(f"{size:.9g}") for size in sizes.values()}) < 2:
         return []
     listed = ", ".join(f"{printable(where[role])} in units of {size:.6g} mas/yr" for role, size in sizes.items())
@@ -285,8 +308,15 @@ def parse_unit(unit: Any) -> Any:
     return _parsed(unit) if isinstance(unit, str) else u.Unit(unit)
 
 
+#: How units are written that astropy does not know so.
+_SPELLED = {"degrees": "deg", "degree": "deg", "hours": "hourangle", "milliarcsec": "mas"}
+#: Sexagesimal text, which is made degrees as it is read.
+_SPELLED |= dict.fromkeys(("h:m:s", "d:m:s", '"h:m:s"', '"d:m:s"'), "deg")
+
+
 @lru_cache(1000)
 def _parsed(unit):
+    unit = _SPELLED.get(unit.strip().lower(), unit)
     for form in ("generic", "vounit", "cds", "ogip"):
         try:
             return u.Unit(unit, format=form)
@@ -330,20 +360,70 @@ def _further(role, name, unit, wanted, given):
     try:
         parsed = parse_unit(unit)
     except (ValueError, TypeError):
-        if wanted == u.dimensionless_unscaled and not given:
-            return 1.0  # words such as "none"
+        if wanted == u.dimensionless_unscaled and str(unit).strip().lower() in _NO_UNIT:
+            return 1.0
         return _factor(name, unit, wanted, given)  # which says what is wrong
     if role == "magnitude":  # of any zero point: magnitudes are told apart by their differences alone
         if parsed == u.dimensionless_unscaled or parsed == u.mag or isinstance(parsed, u.MagUnit):
             return 1.0
     elif role in ("redshift", "redshift_error"):
-        if parsed != u.dimensionless_unscaled:
+        if parsed == u.dimensionless_unscaled:
+            return 1.0
+        if given and parsed.is_equivalent(u.km / u.s):  # asked for: c z
+            return float(parsed.to(u.km / u.s)) / SPEED_OF_LIGHT
+        raise TableError(
+            f"column {name!r} is in {printable(unit)!r}, not a redshift: if it is c z, say so, --units "
+            f"{shlex.quote(f'{name}=km/s')}; or say which column has redshifts (--columns {role}=NAME)"
+        )
+    elif role in ("distance", "distance_error"):
+        if _is_modulus(parsed):
+            if given:
+                return MODULUS
             raise TableError(
-                f"column {name!r} is in {printable(unit)!r}, not a redshift: divide velocities by c, or say which "
-                f"column has redshifts (--columns {role}=NAME)"
+                f"column {name!r} is in {printable(unit)!r}, not a length: if it is a distance modulus, say so, "
+                f"--units {shlex.quote(f'{name}=mag')}"
             )
-        return 1.0
+        if parsed.is_equivalent(u.mas):
+            raise TableError(
+                f"column {name!r} is in {printable(unit)!r}, which cannot be turned into Mpc: if it is a parallax, say "
+                f"so, --columns {shlex.quote(f'parallax={name}')},parallax_error=NAME"
+            )
     return _factor(name, unit, wanted, given)
+
+
+#: Words that tables have where there is no unit.
+_NO_UNIT = ("none", "-", "--", "---", "unitless", "dimensionless", "null", "n/a")
+#: In place of a factor: a distance modulus with its error, both in mag.
+MODULUS = -1.0
+
+
+def _is_modulus(parsed):
+    return parsed == u.mag or isinstance(parsed, u.MagUnit)
+
+
+def from_modulus(columns: dict[str, Any]) -> None:
+    """Distances [Mpc] and their errors in place of distance moduli [mag]."""
+    columns["distance"] = 10 ** ((columns["distance"] - 25) / 5)
+    if "distance_error" in columns:
+        columns["distance_error"] = np.log(10) / 5 * columns["distance"] * columns["distance_error"]
+
+
+_SEXAGESIMAL = re.compile(r"\s*([-+]?)(\d+)[\s:hd°]+(\d+)[\s:m']+(\d+(?:\.\d*)?)[s\"]?\s*")
+
+
+def sexagesimal(role: str, values: Any, missing: BoolArray | None) -> Any:
+    """Degrees of positions that are text in hours or degrees, minutes and seconds; None of other columns."""
+    if role not in ("ra", "dec") or getattr(values, "dtype", np.dtype(float)).kind not in "US":
+        return None
+    text = values.astype(str)
+    lost = np.zeros(len(text), bool) if missing is None else missing
+    matches = [None if gone else _SEXAGESIMAL.fullmatch(each) for each, gone in zip(text, lost, strict=True)]
+    if not all(match or gone for match, gone in zip(matches, lost, strict=True)):
+        return None  # what is wrong with it is said where it is made numbers
+    parts = np.array([[0, 0, 0] if match is None else match.groups()[1:] for match in matches], float).T
+    size = parts[0] + parts[1] / 60 + parts[2] / 3600
+    negative = np.array([match is not None and match[1] == "-" for match in matches])
+    return np.where(negative, -size, size) * (15.0 if role == "ra" else 1.0)
 
 
 def plain(name: str, values: Any, missing: BoolArray | None) -> Any:

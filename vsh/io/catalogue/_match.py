@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from vsh.sky.sphere import triad
 from vsh.tools.arguments import positive
 from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import FieldError, FrameError, TableError
-from vsh.tools.notes import printable
 from vsh.tools.types import IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, MAS, UAS
 
@@ -191,69 +189,25 @@ def read_icrf(path: PathName, name: str | None = "icrf") -> Positions:
     """
     if name not in ("icrf", "iers"):
         raise TableError(f"sources are named by icrf or iers, not {name!r}")
-    icrf, iers, defining, *numbers = _columns(path)
-    lon, lat, east, north, rho = np.array(numbers)
-    names = np.array(icrf if name == "icrf" else iers)
-    return Positions(lon, lat, np.stack([east, north]), rho, name=names, defining=np.array(defining))
+    return _listed(tables.open_table(path, "icrf"), name)
 
 
-def open_icrf(source: Any, format: str | None = None) -> tables.TableSource:
-    """A table that is open, of any format that a catalogue may come in."""
-    if format != "icrf" or isinstance(source, tables.TableSource):
-        return tables.open_table(source, format)
-    icrf, iers, defining, *numbers = _columns(source)
-    lon, lat, east, north, rho = np.array(numbers)
-    columns = {"icrf": np.array(icrf), "iers": np.array(iers), "defining": np.where(defining, "D", "")}
-    columns |= {
-        "ra": lon / DEGREE,
-        "dec": lat / DEGREE,
-        "ra_error": east / MAS,
-        "dec_error": north / MAS,
-        "ra_dec_corr": rho,
-    }
-    units = {"ra": "deg", "dec": "deg", "ra_error": "mas", "dec_error": "mas"}
-    return replace(tables.open_table(tables.table_of(columns, units=units)), label=printable(source))
-
-
-def _columns(path):
-    """Designations, D marks, angles [rad], errors [µas] and correlations, each of all sources."""
-    label = printable(path)
-    try:
-        lines = Path(path).read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise TableError(f"{label} cannot be read: {error.strerror}") from error
-    first = next((number for number, line in enumerate(lines) if line.startswith("ICRF J")), None)
-    if first is None:
-        raise TableError(f"{label} has no line that begins with 'ICRF J': is it a catalogue of ICRF2 or ICRF3?")
-    # Above the first source is the heading; below it, every line that is not blank is a source.
-    rows = [(number, line) for number, line in enumerate(lines[first:], first + 1) if line.strip()]
-    parsed = [_parse(label, number, line) for number, line in rows]
-    return list(zip(*parsed, strict=True))
-
-
-def _parse(label, number, line):
-    """Names, D mark, angles [rad], errors of α cos δ and δ [µas], correlation."""
-    shown = printable(line.strip()[:80])
-    if not line.startswith("ICRF J"):
-        raise TableError(f"{label}, line {number} is damaged: it does not begin with 'ICRF J': {shown!r}")
-    try:
-        _, icrf, iers, *rest = line.split()
-        defining = rest[0].isalpha()
-        hours, minutes, seconds, degrees, arcmin, arcsec, sigma_ra, sigma_dec, rho = rest[defining : defining + 9]
-        whole = 0 <= int(hours) < 24 and 0 <= int(minutes) < 60 and 0 <= int(arcmin) < 60
-        on_sky = whole and 0 <= float(seconds) < 60 and 0 <= float(arcsec) < 60
-        lon = np.radians(15 * (int(hours) + int(minutes) / 60 + float(seconds) / 3600))
-        size = abs(int(degrees)) + int(arcmin) / 60 + float(arcsec) / 3600
-        lat = np.radians(-size if degrees.startswith("-") else size)  # −00 degrees are negative too
-        east, north = 15e6 * float(sigma_ra) * np.cos(lat), 1e6 * float(sigma_dec)
-        offset = lon, lat, east, north, float(rho)
-    except (ValueError, IndexError):
-        raise TableError(f"{label}, line {number} is damaged: {shown!r}") from None
-    if not (on_sky and abs(lat) <= np.pi / 2):
-        raise TableError(f"{label}, line {number} has no position on the sky: {shown!r}")
-    if not (np.isfinite(offset).all() and east > 0 and north > 0 and abs(offset[4]) < 1):
-        raise TableError(f"{label}, line {number} has no usable errors: {shown!r}")
-    return icrf, iers, defining and rest[0] == "D", *offset
+def _listed(opened, name):
+    """The positions of a list from VLBI."""
+    if "ra_error" not in opened.names:
+        raise TableError(f"{opened.label} has no errors: give one for all, sigma= (--position-error)")
+    columns = {key: values for key, (values, _) in opened.columns().items()}
+    if not all(columns[name]):
+        raise TableError(f"{opened.label} has sources without a designation of the {name.upper()}: name them by iers")
+    return Positions(
+        columns["ra"] * DEGREE,
+        columns["dec"] * DEGREE,
+        np.stack([columns["ra_error"], columns["dec_error"]]) * MAS,
+        columns["ra_dec_corr"],
+        name=columns[name],
+        defining=columns["defining"] == "D",
+        notes=opened.notes,
+    )
 
 
 #: Roles of columns, Gaia's names, and what a column without a unit is in.
@@ -278,9 +232,10 @@ def read_positions(
     known = columns.pop("names", "gaia")
     if known not in ("gaia", "icrf"):
         raise TableError(f"columns: no set of names of positions is called {known!r}; there are gaia, icrf")
-    listed = format == "icrf" or (format is None and _is_icrf(source))
-    if listed and where is None and not columns:
-        positions = read_icrf(source, designation)
+    opened = tables.open_table(source, format)
+    listed = {"icrf", "iers", "defining"} <= set(opened.names)
+    if listed and where is None and not columns and "ra_error" in opened.names:
+        positions = _listed(opened, designation)
         return positions if sigma is None else _with_sigma(positions, sigma)
     wrong = [str(role) for role in columns if role not in (*_COLUMNS, *_OPTIONAL)]
     if wrong:
@@ -288,7 +243,6 @@ def read_positions(
             f"columns: nothing of positions is called {', '.join(wrong)}; there are "
             f"{', '.join((*_COLUMNS, *_OPTIONAL))}"
         )
-    opened = open_icrf(source, "icrf" if listed else format)
     if listed or known == "icrf":
         columns = {"name": designation} | columns
     roles = {role: columns.get(role, role) for role in (*_COLUMNS, *_OPTIONAL)}
@@ -335,16 +289,3 @@ def read_positions(
 
 def _with_sigma(field, sigma):
     return replace(field, sigma=np.full((2, len(field)), positive("sigma", sigma)), rho=np.zeros(len(field)))
-
-
-def _is_icrf(source):
-    """Whether a path is a file of ICRF's fixed columns."""
-    if not isinstance(source, str) and not hasattr(source, "__fspath__"):
-        return False
-    if not str(source).endswith((".txt", ".dat")):
-        return False
-    try:
-        with open(source, encoding="utf-8", errors="replace") as file:
-            return any(line.startswith("ICRF J") for line in file)
-    except OSError:
-        return False

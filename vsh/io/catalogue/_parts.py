@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from vsh.field import Field
-from vsh.io.catalogue._columns import REQUIRED, Columns, as_columns
-from vsh.io.catalogue._match import open_icrf
+from vsh.io.catalogue._columns import as_columns
+from vsh.io.catalogue._names import REQUIRED, Columns, Wanted, derived_from
 from vsh.io.catalogue._read import stream_fields, without_motions
-from vsh.io.parts import Dask, Engine, Here, Parts, Processes, is_delayed
-from vsh.io.tables import TableSource, Where, check_alike, files_of, open_table
+from vsh.io.parts import Dask, Engine, Here, Parts, Processes, delayed_of, is_delayed
+from vsh.io.tables import Place, TableSource, Where, check_alike, files_of, is_address, open_table
 from vsh.tools.arguments import whole
 from vsh.tools.errors import ParameterError, TableError
 from vsh.tools.parallel import ahead
@@ -80,19 +80,20 @@ def parts(
     >>> parts([table, table]).sum(len)
     4
     """
-    columns = as_columns(columns)
+    wanted = as_columns(columns)
     if workers is not None and scheduler is not None:
         raise ParameterError("workers are processes of this machine, a scheduler has its own: give one of the two")
     if where is not None:
         Where(where)  # its mistakes before anything is read
-    read = Reader(columns, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
-    pieces = _pieces(source, columns, motions, format)
-    files = [piece for piece in pieces if isinstance(piece, Path)]
-    if len(set(files)) < len(files):
-        raise ParameterError(f"{len(files) - len(set(files))} of the parts are files that stand there twice")
+    read = Reader(wanted, units, on_bad, frame, whole("rows", rows), motions, sigma, where=where, format=format)
+    pieces = _pieces(source, wanted, motions, format, where)
+    files = [piece for piece in pieces if isinstance(piece, (Path, Place))]
+    paths = {str(file) if isinstance(file, Path) else file.path for file in files}
+    if len(paths) < len(files):
+        raise ParameterError(f"{len(files) - len(paths)} of the parts are files that stand there twice")
     if len(files) > 1:
-        first = open_icrf(files[0], format)
-        read = replace(read, like=(first.label, _layout(first, columns)))
+        first = open_table(files[0], format)
+        read = replace(read, like=(first.label, _layout(first, wanted)))
     return Parts(pieces, read, engine=_engine(pieces, workers, scheduler))
 
 
@@ -104,7 +105,7 @@ _WORTH_A_THREAD = 2**15
 class Reader:
     """From a piece to its fields, a block of sources at a time."""
 
-    columns: Columns
+    columns: Wanted
     units: Mapping[str, Any] | None
     on_bad: OnBad
     frame: str | None
@@ -121,17 +122,17 @@ class Reader:
             yield piece
             return
         columns = self.columns
-        if isinstance(piece, (str, os.PathLike)):
-            piece = open_icrf(piece, self.format)
+        if isinstance(piece, (str, os.PathLike, Place)):
+            piece = open_table(piece, self.format)
         if self.like is not None and isinstance(piece, TableSource):
             _check_same_columns(piece, columns, *self.like)
         notes: tuple[str, ...] = ()
         if not self.motions:
-            piece, columns, notes = without_motions(open_table(piece), columns, self.sigma)
+            piece, wanted, notes = without_motions(open_table(piece), columns, self.sigma)
         fields = stream_fields(
             piece,
             self.rows,
-            columns=columns,
+            columns=columns if self.motions else wanted,  # type: ignore[arg-type]
             units=self.units,
             on_bad=self.on_bad,
             frame=self.frame,
@@ -153,7 +154,9 @@ def _layout(opened, columns):
 @lru_cache
 def _layout_of(present, units, columns):
     named, known = dict(units), set(present)
-    wanted = [name for role in Columns.__dataclass_fields__ for name in _candidates(columns, role)]
+    chosen, _ = columns.among((*present, *derived_from(present)))
+    wanted = [name for role in Columns.__dataclass_fields__ for name in _candidates(chosen, role)]
+    wanted += [name for made, inputs in derived_from(present).items() if made in wanted for name in inputs]
     return {name: named.get(name, "None") for name in wanted if name in known}
 
 
@@ -180,19 +183,19 @@ def _engine(pieces, workers, scheduler) -> Engine:
     return Here()
 
 
-def _pieces(source, columns, motions, format):
+def _pieces(source, columns, motions, format, where):
     """What the parts are read from, a tuple."""
-    if isinstance(source, (str, os.PathLike)):
-        return tuple(files_of(source, None if format == "icrf" else format))
+    if isinstance(source, (str, os.PathLike)) or is_address(source):
+        return tuple(files_of(source, format))
     if isinstance(source, Parts):
         raise ParameterError("this is a catalogue in parts already")
     if hasattr(type(source), "to_delayed"):
-        return tuple(_narrowed(source, columns, motions).to_delayed())
+        return tuple(_partitions(source, columns, motions, where))
     if isinstance(source, list | tuple) and source:
         return tuple(
             piece
             for each in source
-            for piece in (_pieces(each, columns, motions, format) if _has_parts(each) else (each,))
+            for piece in (_pieces(each, columns, motions, format, where) if _has_parts(each) else (each,))
         )
     if isinstance(source, list | tuple):
         raise ParameterError("the list of parts is empty")
@@ -221,21 +224,23 @@ class OneStream:
 
 
 def _has_parts(thing):
-    return isinstance(thing, (str, os.PathLike)) or hasattr(type(thing), "to_delayed")
+    return isinstance(thing, (str, os.PathLike)) or is_address(thing) or hasattr(type(thing), "to_delayed")
 
 
-def _narrowed(collection, columns, motions):
-    """The columns that a field can use, so that nothing else is read."""
-    names = list(map(str, getattr(collection, "columns", ())))
+def _partitions(collection, columns, motions, where):
+    """The partitions of a collection with the columns that a field can use, so that nothing else is read."""
+    names = tuple(map(str, getattr(collection, "columns", ())))
     if not names:
-        return collection
-    wanted = []
+        return collection.to_delayed()
+    made = derived_from(names)
+    chosen, _ = columns.among((*names, *made))
+    wanted = [name for name in (() if where is None else Where(where).names) if name in names]
     for role in Columns.__dataclass_fields__:
-        given = getattr(columns, role)
-        present = [name for name in _candidates(columns, role) if name in names]
+        given = getattr(chosen, role)
+        present = [name for name in _candidates(chosen, role) if name in names or name in made]
         if role in (REQUIRED if motions else REQUIRED[:2]) and not present:
             raise TableError(
                 f"the {type(collection).__name__} has no column {given!r} for {role}: it has {', '.join(names)}"
             )
-        wanted += present[:1]
-    return collection[list(dict.fromkeys(wanted))]
+        wanted += [name for one in present[:1] for name in made.get(one, (one,))]
+    return delayed_of(collection, wanted)

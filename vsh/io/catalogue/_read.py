@@ -13,14 +13,15 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.io.archive import DR4
 from vsh.io.catalogue._columns import (
-    REQUIRED,
+    MODULUS,
     Chosen,
-    Columns,
     as_columns,
     differing_units,
     doubt_positions,
+    doubtful_sizes,
     factors,
     frame_of,
+    from_modulus,
     identifiers,
     locate,
     missing_column,
@@ -28,9 +29,10 @@ from vsh.io.catalogue._columns import (
     parse_unit,
     plain,
     redshift_frame_of,
+    sexagesimal,
     unit_factor,
 )
-from vsh.io.catalogue._match import open_icrf
+from vsh.io.catalogue._names import ASSUMED, REQUIRED, Columns, derived, with_derived
 from vsh.io.parts import OPTIONAL
 from vsh.scalars import ScalarField
 from vsh.tools import arguments
@@ -103,7 +105,7 @@ def read_field(
     'no unit in the table, so taken in deg: ra, dec'
     """
     begin = perf_counter()
-    make = _maker(open_icrf(source, format), columns, units, on_bad, frame, roles, where)
+    make = _maker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where)
     field = make(make.source.columns(make.names))
     log_result(_LOG, f"read {make.source.label}", field, begin)
     return field
@@ -123,7 +125,7 @@ def stream_fields(
 ) -> Iterator[Field]:
     """A catalogue larger than memory, as fields of at most `rows` sources; options as for `read_field`."""
     rows = whole("rows", rows)
-    make = _maker(open_icrf(source, format), columns, units, on_bad, frame, roles, where)
+    make = _maker(tables.open_table(source, format), columns, units, on_bad, frame, roles, where)
     return _fields(make, rows)
 
 
@@ -156,13 +158,15 @@ class _maker:
     """What turns columns of one table into fields."""
 
     def __init__(self, source, columns, units, on_bad, frame, roles=OPTIONAL, where=None):
-        self.source = source
+        self.source = source = with_derived(source)
         located, self.notes = locate(as_columns(columns), self.source)
         self.chosen = None if where is None else Chosen(where, self.source, located)
         self.where = {role: name for role, name in located.items() if role not in OPTIONAL or role in roles}
         self.frame = frame_of(self.where, frame, self.source.meta)
         self.redshift_frame = redshift_frame_of(self.where, self.source)
         self.factors, assumed = factors(self.where, units, self.source)
+        if (self.factors.get("distance") == MODULUS) != (self.factors.get("distance_error") == MODULUS):
+            raise TableError("a distance modulus and its error are both in mag: say so of both columns (--units)")
         # What marks missing values does so in the table's own units; in Gaia's the field looks for it.
         self.other_units = any(self.factors[role] != 1 for role in REQUIRED[2:])
         self.assumed = any("ra" in names for names in assumed.values())
@@ -185,11 +189,14 @@ class _maker:
                 columns[role], more = identifiers(printable(name), np.asarray(values), mask)
                 notes += more
             else:
-                columns[role] = plain(name, values, mask)
+                degrees = sexagesimal(role, values, mask)
+                columns[role] = plain(name, values if degrees is None else degrees, mask)
                 if self.other_units and role in REQUIRED[2:]:
                     raw[role] = np.ma.filled(np.ma.asarray(columns[role], float), np.nan)
-                if self.factors.get(role, 1.0) != 1.0:
+                if degrees is None and self.factors.get(role, 1.0) not in (1.0, MODULUS):
                     columns[role] = columns[role] * self.factors[role]
+        if self.factors.get("distance") == MODULUS:
+            from_modulus(columns)
         doubt_positions(columns, self.assumed)
         flat = all(values.ndim == 1 for values in raw.values())  # others are refused below
         if raw and flat and (marked := placeholders(raw)).any():
@@ -203,10 +210,11 @@ class _maker:
                 notes=notes,
                 first_row=first_row,
             )
-        for warning in notes:
+        doubts = doubtful_sizes(field)
+        for warning in (*notes, *doubts):
             if warning.startswith("warning"):
                 warn(warning, VshWarning, stacklevel=3)
-        return field
+        return field.add_note(*doubts) if doubts else field
 
 
 def _other_solutions(name, values, mask):
@@ -214,9 +222,8 @@ def _other_solutions(name, values, mask):
     if values.dtype.kind not in "iuf":
         raise TableError(f"column {printable(name)!r} holds {values.dtype.name}, not numbers of astrometric models")
     missing = np.zeros(len(values), bool) if mask is None else np.asarray(mask)
-    other = ~np.isin(values, list(DR4.accepted)) & ~missing
-    copies = {f"{printable(name)} = {value:g}": values == value for value in np.unique(values[other])}
-    return copies | ({f"{printable(name)} missing": missing} if missing.any() else {})
+    other = ~np.isin(values, list(DR4.accepted)) & ~missing  # where it is null, the motions say what they are
+    return {f"{printable(name)} = {value:g}": values == value for value in np.unique(values[other])}
 
 
 def write_field(field: Field, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -241,42 +248,42 @@ def read_sources(
     format: str | None = None,
 ) -> Field:
     """Read positions and errors; what the table lacks of motions is zero."""
-    opened, chosen, notes = without_motions(open_icrf(source, format), as_columns(columns), sigma)
+    opened, chosen, notes = without_motions(tables.open_table(source, format), columns, sigma)
     return read_field(opened, chosen, units, on_bad=on_bad, frame=frame, where=where).add_note(*notes)
 
 
 def without_motions(
-    opened: tables.TableSource, wanted: Columns, sigma: float | None = None
+    opened: tables.TableSource, columns: Any, sigma: float | None = None
 ) -> tuple[tables.TableSource, Columns, tuple[str, ...]]:
-    """A table with zeros for the motions that it lacks, and errors where it has none: table, its columns, and notes."""
+    """A table with zeros for the motions that it lacks, and errors where it has none: table, its columns, and notes.
+
+    Errors of positions stand for those of motions where there are no motions: they weigh the sources.
+    """
+    opened = with_derived(opened)
+    wanted, _ = as_columns(columns).among(opened.names)
     absent = {role for role in (*_MOTIONS, *_ERRORS) if getattr(wanted, role) not in opened.names}
-    replaced = {
-        role: 0.0 for role in _MOTIONS if absent >= set(_MOTIONS)
-    }  # one of two is a mistake, not a table without them
-    if sigma is not None or absent >= set(_ERRORS):
-        replaced |= dict.fromkeys(_ERRORS, 1000.0 if sigma is None else positive("sigma", sigma))
-    if not replaced:
-        return opened, wanted, ()
-    names = {role: f"assumed {role}" for role in replaced}
-    changed = {role: getattr(wanted, role) for role in Columns.__dataclass_fields__} | names
+    made: dict[str, Any] = {}
     notes: tuple[str, ...] = ()
-    if set(_ERRORS) & set(replaced):
+    if absent >= set(_MOTIONS):  # one of two is a mistake, not a table without them
+        made |= {role: ((), lambda: 0.0, "uas / yr") for role in _MOTIONS}
+    of_positions = {f"pm{name}": name for name in ("ra_error", "dec_error")}
+    if sigma is None and absent == {*_MOTIONS, *_ERRORS} and set(of_positions.values()) <= set(opened.names):
+        for role, name in of_positions.items():
+            unit = str(opened.units.get(name) or "mas")
+            made[role] = (name,), lambda values: values, f"{unit} / yr"
+        if "ra_dec_corr" in opened.names:
+            made["pmra_pmdec_corr"] = ("ra_dec_corr",), lambda values: values, None
+        notes = ("errors of positions weigh the sources: ra_error, dec_error as errors of motions per year",)
+    elif sigma is not None or absent >= set(_ERRORS):
+        size = 1000.0 if sigma is None else positive("sigma", sigma)
+        made |= {role: ((), lambda: size, "uas / yr") for role in _ERRORS}
         what = "as asked" if sigma is not None else "no errors in the table: all sources weigh the same"
-        notes = (f"errors of {replaced['pmra_error']:g} µas/yr for every source ({what})",)
-    return _with_constants(opened, {names[role]: replaced[role] for role in names}), Columns(**changed), notes
-
-
-def _with_constants(source, constants):
-    """A table with further columns of one value each [µas/yr]."""
-
-    def read(names, rows):
-        own = [name for name in names if name not in constants]
-        for block in source.read(tuple(own), rows):
-            count = len(next(iter(block.values()))[0])
-            yield block | {name: (np.full(count, constants[name]), None) for name in names if name in constants}
-
-    units = source.units | dict.fromkeys(constants, "uas / yr")
-    return replace(source, names=(*source.names, *constants), read=read, units=units)
+        notes = (f"errors of {size:g} µas/yr for every source ({what})",)
+    if not made:
+        return opened, wanted, ()
+    names = {role: f"{ASSUMED}{role}" for role in made}
+    settled = replace(wanted, **{role: names.get(role, getattr(wanted, role)) for role in Columns.__dataclass_fields__})
+    return derived(opened, {names[role]: recipe for role, recipe in made.items()}), settled, notes
 
 
 def truth_of(source: Any) -> dict[str, Any] | None:
@@ -307,6 +314,8 @@ def read_scalars(
     unit: str | None = None,
     on_bad: OnBad = "raise",
     frame: str | None = None,
+    where: str | None = None,
+    format: str | None = None,
 ) -> ScalarField:
     """Read a scalar field from a table: parallaxes of quasars, unless another column is asked for.
 
@@ -326,6 +335,8 @@ def read_scalars(
         What to do about rows that cannot be used; the field's notes count them.
     frame : str, optional
         "icrs", "galactic" or "ecliptic"; that of a field that was written, or ICRS, unless given.
+    where, format : str, optional
+        As for `read_field`: the rows to use, and the format of a file.
 
     Raises
     ------
@@ -339,13 +350,16 @@ def read_scalars(
     >>> read_scalars({"ra": [10.0], "dec": [-20.0], "parallax": [-0.02], "parallax_error": [0.1]}, unit="uas").values
     array([-20.])
     """
-    opened = tables.open_table(source)
+    opened = tables.open_table(source, format)
+    chosen = None if where is None else Chosen(where, opened)
     error = error or f"{value}_error"
     wanted = [ra, dec, value, error] + ([name] if name else [])
     for column in wanted:
         if column not in opened.names:
             raise TableError(missing_column(column, opened))
-    columns, notes = opened.columns(tuple(wanted)), []
+    columns, notes = opened.columns(tuple(dict.fromkeys((*wanted, *(chosen.names if chosen else ()))))), []
+    if chosen:
+        columns, _, notes = chosen.of(columns, 0)
     units = {column: parse_unit(opened.units.get(column) or "") for column in (value, error)}
     for column in (value, error):
         if units[column].is_unity() and column in ("parallax", "parallax_error"):

@@ -235,3 +235,42 @@ def _dask():
             f"parts of Dask, and schedulers, need it: pip install 'vsh-astrometry[dask]' ({error})"
         ) from error
     return dask
+
+
+#: A catalogue of LSDB whose wanted columns take less is kept in memory between passes. [bytes]
+KEPT = 2**30
+
+
+def delayed_of(collection: Any, columns: Sequence[str]) -> list[Any]:
+    """Some columns of a collection of Dask or LSDB, as delayed partitions.
+
+    LSDB reads all columns of a catalogue that was opened with them, and chooses then: as long as nothing else was done
+    to it, it is opened again with those that are wanted. What fits into a gibibyte is read once, and kept for the
+    passes to come.
+    """
+    wanted = list(dict.fromkeys(columns))
+    operation = getattr(collection, "_operation", None)
+    if operation is None:
+        return collection[wanted].to_delayed()
+    import dask
+
+    structure = getattr(collection, "hc_structure", None)
+    rows = getattr(getattr(structure, "catalog_info", None), "total_rows", None)
+    chosen = _opened_again(collection, operation, structure, wanted)
+    delayed = (collection[wanted] if chosen is None else chosen).to_delayed()
+    fits = rows and 8 * int(rows) * len(wanted) <= KEPT
+    return list(dask.persist(*delayed)) if fits else delayed
+
+
+def _opened_again(collection, operation, structure, wanted):
+    """A catalogue of LSDB as it was opened, with fewer columns; None where something else was done to it."""
+    path = getattr(structure, "catalog_path", None)
+    if path is None or type(operation).__name__ != "FromHealpixMap" or set(wanted) == set(collection.columns):
+        return None
+    try:
+        import lsdb
+
+        again = lsdb.open_catalog(path, columns=wanted)
+        return again if again.get_healpix_pixels() == collection.get_healpix_pixels() else None
+    except Exception:  # another version of LSDB, or files that went: all columns are read then
+        return None

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vsh.io.tables._packed import plain_file
 from vsh.io.tables._source import TableSource
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.types import PathName
@@ -38,8 +39,13 @@ def _open_one(arrow, path, label):
     """One file: a dataset of it would take twice as long to open and to begin."""
     from pyarrow.parquet import ParquetFile
 
-    def opened(footer=None):
-        return ParquetFile(str(path), metadata=footer, page_checksum_verification=True)
+    try:
+        plain = plain_file(path, label)
+    except OSError as error:
+        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
+
+    def opened(footer=None):  # which keeps an unpacked copy for as long as it is read
+        return ParquetFile(str(plain.name), metadata=footer, page_checksum_verification=True)
 
     try:
         with opened() as file:
@@ -53,6 +59,63 @@ def _open_one(arrow, path, label):
             yield from file.iter_batches(rows, columns=list(names))
 
     return _source(label, schema, batches)
+
+
+def open_parquet_at(filesystem: Any, path: str, label: str) -> TableSource:
+    """A Parquet file of a pyarrow filesystem: of the columns that are wanted, the byte ranges are fetched."""
+    from pyarrow.parquet import ParquetFile
+
+    def opened(footer=None):
+        stream = filesystem.open_input_file(path)
+        return ParquetFile(stream, metadata=footer, page_checksum_verification=True, pre_buffer=True)
+
+    try:
+        file = opened()
+        schema, footer = file.schema_arrow, file.metadata
+        file.close(force=True)
+    except Exception as error:  # of Arrow, or of the library that speaks to the server
+        raise TableError(f"{label} cannot be read as Parquet: {first_line(error)}") from error
+    _check_names(schema.names, label)
+
+    def batches(names, rows):
+        file = opened(footer)
+        try:
+            yield from file.iter_batches(min(rows, 2**20), columns=list(names))
+        except Exception as error:  # a server that dies in the middle
+            raise TableError(
+                f"{label} cannot be read: {first_line(error)}. Start again: it is fetched again"
+            ) from error
+        finally:
+            file.close(force=True)
+
+    return _source(label, schema, batches)
+
+
+def open_dataset(dataset: Any, label: str) -> TableSource:
+    """A pyarrow Dataset, wherever its files lie."""
+    _check_names(dataset.schema.names, label)
+
+    def batches(names, rows):
+        return dataset.to_batches(columns=list(names), batch_size=min(rows, 2**17))
+
+    return _source(label, dataset.schema, batches)
+
+
+def open_lazy(frame: Any, label: str) -> TableSource:
+    """A LazyFrame of polars: what is wanted of it is collected when it is."""
+    arrow, _ = _arrow(label)
+    try:
+        names = list(frame.collect_schema())
+        empty = arrow.table(frame.head(0).collect())
+    except Exception as error:  # whatever a plan that cannot be carried out raises
+        raise TableError(f"{label} cannot be collected: {first_line(error)}") from error
+    _check_names(names, label)
+
+    def batches(wanted, rows):
+        table = arrow.table(frame.select(list(wanted)).collect())
+        return table.to_batches(max_chunksize=min(rows, 2**20))
+
+    return _source(label, empty.schema, batches)
 
 
 def open_stream(thing: Any, label: str) -> TableSource:

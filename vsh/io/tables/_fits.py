@@ -1,11 +1,7 @@
 """Tables in FITS files. Every size that a header declares is held against the file before astropy allocates it."""
 
-import gzip
 import re
-import shutil
-import tempfile
 import warnings
-import zlib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -14,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vsh.io.tables._packed import plain_file
 from vsh.io.tables._source import TableSource
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.parallel import cores
@@ -175,22 +172,6 @@ def open_fits(path: PathName, label: str) -> TableSource:
     units_of = {c.name: c.unit for c in columns if c.unit and c.unit.strip()}
     rows = max(1, units[chosen]["NAXIS2"])  # the file holds as many: `check_layout` has looked
     return TableSource(label, tuple(names), read, units_of, meta, notes, whole=rows, descriptions=descriptions)
-
-
-def plain_file(path: PathName, label: str) -> Any:
-    """The file itself, or an unpacked copy that is deleted when nobody holds it any more: something with a name."""
-    with open(path, "rb") as file:
-        if file.read(2) != b"\x1f\x8b":
-            return file
-    copy = tempfile.NamedTemporaryFile(suffix=".unpacked")  # noqa: SIM115 (it lives as long as its reader)
-    try:
-        with gzip.open(path, "rb") as packed:
-            shutil.copyfileobj(packed, copy, 2**20)
-    except (OSError, EOFError, ValueError, zlib.error) as error:
-        copy.close()
-        raise TableError(f"{label} cannot be unpacked: {error}. Fetch it again") from None
-    copy.flush()
-    return copy
 
 
 @contextmanager

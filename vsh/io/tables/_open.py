@@ -1,15 +1,16 @@
 """What a user gives as a table, opened: files by their first bytes, folders, and objects in memory."""
 
 import os
-import zlib
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from vsh.io.tables._arrow import open_parquet, open_stream
+from vsh.io.tables._arrow import open_dataset, open_lazy, open_parquet, open_stream
+from vsh.io.tables._packed import first_bytes
+from vsh.io.tables._remote import Place, files_at, is_address, open_at, place_of
 from vsh.io.tables._source import TableSource, chained, is_frame, open_astropy, open_frame, open_other
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.formats import BY_KIND, BY_NAME, FORMATS, READ
+from vsh.tools.formats import BY_KIND, BY_NAME, FORMATS, PACKED, READ
 from vsh.tools.notes import printable
 from vsh.tools.types import PathName, Table
 from vsh.tools.writing import format_of
@@ -41,6 +42,8 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
     """
     if isinstance(source, TableSource):
         return source
+    if is_address(source) or isinstance(source, Place):
+        return open_at(source, _open_fetched, BY_NAME[format].kind if format else None)
     if isinstance(source, (str, os.PathLike)):
         return _open_path(source, format)
     if is_frame(source):
@@ -49,12 +52,18 @@ def open_table(source: Any, format: str | None = None) -> TableSource:
         return open_astropy(source)
     if hasattr(source, "__arrow_c_stream__") or hasattr(source, "__arrow_c_array__"):
         return open_stream(source, f"the {type(source).__name__}")
-    kind = type(source)
-    if kind.__name__ == "LazyFrame":
-        raise TableError("a LazyFrame is a plan of a table: give .collect(), the table itself")
-    if hasattr(kind, "__dask_graph__") or hasattr(kind, "to_delayed"):
+    its = type(source)
+    if its.__name__ == "LazyFrame":
+        return open_lazy(source, "the LazyFrame")
+    if any(c.__name__ == "Dataset" and c.__module__.startswith("pyarrow") for c in its.__mro__):
+        return open_dataset(source, "the Dataset")
+    if hasattr(its, "__dask_graph__") or hasattr(its, "to_delayed"):
         raise TableError("a table of Dask is in parts: give it to vsh.io.catalogue.parts(…), or .compute() it")
     return open_other(source)
+
+
+def _open_fetched(path, label, kind):
+    return _open_file(path, label, kind or _kind(path, label))
 
 
 def _open_path(path, format):
@@ -63,8 +72,6 @@ def _open_path(path, format):
     text = os.fspath(path)
     text = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
     label = STANDARD_INPUT if os.path.basename(text) == STANDARD_INPUT else printable(text)
-    if "://" in text[:12]:
-        raise TableError(f"{label} is an address, not a file: fetch it first, and name the file")
     path = Path(path if not isinstance(path, bytes) else os.fsdecode(path))
     try:
         if path.is_dir():
@@ -84,13 +91,9 @@ def _kind(path, label):
     try:
         return format_of(path, READ)
     except TableError:
-        with path.open("rb") as file:
-            begin = file.read(2**14)
-        if begin[:2] == b"\x1f\x8b":
-            try:
-                begin = zlib.decompressobj(31).decompress(begin, 2**14)
-            except zlib.error:
-                begin = b""
+        if _described(path):
+            return "ascii.cds"
+        begin = first_bytes(path, label)
         for row in FORMATS:
             if row.begins is not None and row.begins.match(begin):
                 return row.kind
@@ -101,6 +104,16 @@ def _kind(path, label):
         ) from None
 
 
+def _described(path):
+    """Whether a file ReadMe of the CDS lies beside a file, and describes it."""
+    readme = path.with_name("ReadMe")
+    name = path.stem if path.suffix.lower() in PACKED else path.name
+    try:
+        return readme.is_file() and f"file: {name}".lower() in readme.read_text("utf-8", "replace").lower()
+    except OSError:
+        return False
+
+
 def _open_folder(path, label, format):
     kind, files = _tables_in(path, label, format)
     if kind == "parquet":
@@ -108,8 +121,10 @@ def _open_folder(path, label, format):
     return chained(label, [_open_file(file, printable(file), kind) for file in files])
 
 
-def files_of(path: PathName, format: str | None = None) -> list[Path]:
-    """The files that `open_table` would read from a path: those of a folder by name, or the file."""
+def files_of(path: PathName, format: str | None = None) -> list[Any]:
+    """The files that `open_table` would read from a path or an address: those of a folder by name, or the file."""
+    if is_address(path):
+        return files_at(place_of(path))
     path, label = Path(path), printable(path)
     if path.is_dir():
         return _tables_in(path, label, format)[1]

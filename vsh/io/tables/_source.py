@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from vsh.io.tables._packed import plain_file
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import PathName, Table
@@ -185,7 +186,11 @@ def open_whole(path: PathName, label: str, kind: str) -> TableSource:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # units that a format spells in its own way
-            table = _hdf5(path, label) if kind == "hdf5" else _text(Path(path), label, kind)
+            if kind == "hdf5":
+                plain = plain_file(path, label)
+                table = _hdf5(plain.name, label)
+            else:
+                table = _text(Path(path), label, kind)
     except (TableError, MemoryError):
         raise
     except ImportError as error:
@@ -243,25 +248,27 @@ def _plain(values: Any) -> Any:
 def _text(path, label, kind):
     from astropy.io import ascii
 
-    size = path.stat().st_size
+    readme = path.with_name("ReadMe")
+    plain = plain_file(path, label)
+    size = Path(plain.name).stat().st_size
     if size > _MOST:
         raise TableError(
             f"{label} has {size / 2**30:.1f} GiB, too much for text that is read whole: make it CSV, FITS or Parquet"
         )
-    with path.open("rb") as file:
+    with open(plain.name, "rb") as file:
         begin = file.read(2**16)
     if b"\0" in begin:
         raise TableError(f"{label} is no text")
     if kind == "ascii":
-        return ascii.read(path, format=None, guess=True)
-    options = {}
+        return ascii.read(plain.name, format=None, guess=True)
     if b"Byte-by-byte" not in begin:
-        readme = path.with_name("ReadMe")
         if not readme.is_file():
             raise TableError(f"{label} does not describe its columns, and there is no file ReadMe beside it that does")
-        options = {"readme": str(readme)}
-        kind = "ascii.cds"
-    return ascii.read(str(path), format=kind.removeprefix("ascii."), guess=False, **options)
+        return ascii.read(plain.name, format="cds", guess=False, readme=str(readme))
+    lines = Path(plain.name).read_text("utf-8", "replace").splitlines()
+    if lines[0].startswith("#"):  # written behind comment marks
+        lines = [line.removeprefix("#").removeprefix(" ") for line in lines]
+    return ascii.read(lines, format=kind.removeprefix("ascii."), guess=False)
 
 
 def _with_degrees(table):

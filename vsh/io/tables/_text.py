@@ -1,15 +1,15 @@
 """CSV and ECSV, line by line: only the fields that are wanted become values, and no line is longer than it may be."""
 
 import csv
-import gzip
 import io
-import zlib
 from collections import Counter
-from itertools import islice
+from itertools import chain, islice
 from operator import itemgetter
 
 import numpy as np
 
+from vsh.io.tables._layout import Layout, layout_of
+from vsh.io.tables._packed import DAMAGE, unpacked
 from vsh.io.tables._source import TableSource
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.types import PathName
@@ -24,40 +24,52 @@ _INTEGERS = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64
 
 
 def open_text(path: PathName, label: str) -> TableSource:
-    """A table of text: ECSV where its first line says so, whatever its name; CSV otherwise."""
+    """A table of text: ECSV where its first line says so, whatever its name; else as its first lines are laid out."""
     with open_lines(path, label) as lines:
         first = next(lines, "")
         # A mark of the byte order, which spreadsheets write, is no part of the first name.
         ecsv = first.lstrip("\ufeff").replace(" ", "").upper().startswith("#%ECSV")
-        comments, line = [], first
-        while ecsv and line.lstrip("\ufeff").startswith("#"):
-            comments.append(line.lstrip("\ufeff")[1:].strip("\n\r").removeprefix(" "))
-            line = next(lines, "")
-    if not line.strip():
-        raise TableError(f"{label} is empty" if not comments else f"{label} has a header and no table")
-    types, units, meta, delimiter, descriptions = _ecsv_header(comments, label) if ecsv else ({}, {}, {}, ",", {})
-    names = _split(line.lstrip("\ufeff"), delimiter, label)
-    if types and list(types) != names:
-        raise TableError(f"{label} is damaged: its header describes other columns than the line of names")
-    repeated = sorted(name for name, times in Counter(names).items() if times > 1)
-    if repeated:
-        raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, repeated))}")
-    skip = len(comments) + 1
+        if ecsv:
+            layout, types, meta, descriptions = _ecsv(first, lines, label)
+        else:
+            layout, types, meta, descriptions = layout_of(chain([first], lines), label), {}, {}, {}
+    names, width = layout.names, len(layout.names)
 
     def read(wanted, rows):
         places = [names.index(name) for name in wanted]
         with open_lines(path, label) as lines:
-            for _ in islice(lines, skip):
+            for _ in islice(lines, layout.skip):
                 pass
-            records = _records(lines, places, len(names), delimiter, label, skip)
+            if layout.delimiter:
+                records = _records(lines, places, width, layout.delimiter, label, layout.skip)
+            else:
+                records = _columned(lines, places, layout, label)
             count = 0
             while picked := list(islice(records, rows)):
-                yield _block(wanted, picked, types, label, skip + count)
+                yield _block(wanted, picked, types, label, layout.skip + count, layout.decimal_comma)
                 count += len(picked)
             if not count:
                 yield {name: (np.empty(0), None) for name in wanted}
 
-    return TableSource(label, tuple(names), read, units, meta, descriptions=descriptions)
+    return TableSource(label, tuple(names), read, layout.units, meta, layout.notes, descriptions=descriptions)
+
+
+def _ecsv(first, lines, label):
+    """Layout, types, metadata and descriptions, from the header of an ECSV file."""
+    comments, line = [], first
+    while line.lstrip("\ufeff").startswith("#"):
+        comments.append(line.lstrip("\ufeff")[1:].strip("\n\r").removeprefix(" "))
+        line = next(lines, "")
+    if not line.strip():
+        raise TableError(f"{label} has a header and no table")
+    types, units, meta, delimiter, descriptions = _ecsv_header(comments, label)
+    names = _split(line, delimiter, label)
+    if list(types) != names:
+        raise TableError(f"{label} is damaged: its header describes other columns than the line of names")
+    repeated = sorted(name for name, times in Counter(names).items() if times > 1)
+    if repeated:
+        raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, repeated))}")
+    return Layout(names, len(comments) + 1, delimiter, units=units), types, meta, descriptions
 
 
 class open_lines:
@@ -67,16 +79,11 @@ class open_lines:
         self.path, self.label = path, label
 
     def __enter__(self):
-        raw = open(self.path, "rb")
-        packed = raw.peek(2)[:2] == b"\x1f\x8b"
-        stream = io.BufferedReader(gzip.GzipFile(fileobj=raw), 2**20) if packed else raw
-        self.files = [raw, stream]
-        self.text = io.TextIOWrapper(stream, encoding="utf-8", newline="\n")
+        self.text = io.TextIOWrapper(unpacked(self.path, self.label), encoding="utf-8", newline="\n")
         return self._guarded()
 
     def __exit__(self, *_):
         self.text.close()
-        self.files[0].close()
 
     def _guarded(self):
         try:
@@ -86,10 +93,12 @@ class open_lines:
                         f"{self.label} is damaged, or no table: it has a line of more than {LINE} characters"
                     )
                 yield line
-        except (OSError, EOFError, zlib.error) as error:
-            raise TableError(f"{self.label} cannot be unpacked: {first_line(error)}. Fetch it again") from error
         except UnicodeDecodeError as error:
             raise TableError(f"{self.label} is no text in UTF-8: {error.reason} at byte {error.start}") from error
+        except TableError:
+            raise
+        except DAMAGE as error:
+            raise TableError(f"{self.label} cannot be unpacked: {first_line(error)}. Fetch it again") from error
 
 
 def _split(line, delimiter, label):
@@ -112,7 +121,7 @@ def _records(lines, places, width, delimiter, label, number):
             # Quoted fields without a delimiter within, which the count has just shown.
             yield tuple(_unquoted(each) for each in picked) if quotes else picked
             continue
-        if not line.strip():
+        if not line.strip() or line.startswith("#"):  # VizieR ends with #END#
             continue
         start = number
         while line.count('"') % 2:  # a field may hold line breaks
@@ -127,13 +136,28 @@ def _records(lines, places, width, delimiter, label, number):
         yield pick(row)
 
 
+def _columned(lines, places, layout, label):
+    """The wanted fields of each row of fields between blanks, or in fixed columns."""
+    for number, line in enumerate(lines, layout.skip + 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        row = layout.fields(line.rstrip("\r\n"))
+        if row is None:
+            raise TableError(f"{label}, line {number} is damaged: text stands between the columns")
+        if len(row) != len(layout.names):
+            raise TableError(
+                f"{label}, line {number} is damaged: {len(row)} fields where the table has {len(layout.names)} columns"
+            )
+        yield tuple(row[place] for place in places)
+
+
 def _unquoted(field):
     if len(field) > 1 and field[0] == field[-1] == '"':
         return field[1:-1].replace('""', '"')
     return field
 
 
-def _block(names, picked, types, label, first_line_number):
+def _block(names, picked, types, label, first_line_number, decimal_comma=False):
     block = {}
     for name, column in zip(names, zip(*picked, strict=True), strict=True):
         longest = max(map(len, column))
@@ -142,7 +166,12 @@ def _block(names, picked, types, label, first_line_number):
             raise TableError(
                 f"{label}, line {row}: a field of {longest} characters in column {name!r}, at most {FIELD} are read"
             )
-        block[name] = _values(np.array(column), types.get(name))
+        text = np.array(column)
+        values, mask = _values(np.char.replace(text, ",", ".") if decimal_comma else text, types.get(name))
+        if values.dtype.kind == "U" and name not in types:  # blanks around a field are no part of it
+            stripped = np.char.strip(text)
+            values, mask = (values, mask) if (stripped == text).all() and not decimal_comma else _values(stripped, None)
+        block[name] = values, mask
     return block
 
 

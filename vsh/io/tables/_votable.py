@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from vsh.io.tables._fits import plain_file
+from vsh.io.tables._packed import plain_file
 from vsh.io.tables._source import TableSource
 from vsh.tools.errors import TableError, first_line
 from vsh.tools.types import PathName

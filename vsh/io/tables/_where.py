@@ -2,8 +2,10 @@
 
 import ast
 import operator
+import os
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,8 +25,10 @@ _ORDER = {
     ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
     ast.Eq: operator.eq, ast.NotEq: operator.ne,
 }  # fmt: skip
-#: Longer ones are not typed by hand, and would keep the parser busy; nor are larger powers.
-MAX_LENGTH, MAX_PARTS, MAX_POWER = 2000, 300, 20.0
+#: What keeps the parser and the stack safe; members of a list behind `in` count little, since they are no expressions.
+MAX_LENGTH, MAX_PARTS, MAX_DEPTH, MAX_POWER = 10**6, 2000, 100, 20.0
+#: A list of names in a file has at most so many bytes.
+MAX_LIST = 2**28
 
 
 class Where(InNotebook):
@@ -38,14 +42,13 @@ class Where(InNotebook):
             self._tree = ast.parse(self.text, mode="eval").body
         except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
             raise TableError(f"--where {self.shown!r} cannot be understood: {getattr(error, 'msg', error)}") from None
-        if sum(1 for _ in ast.walk(self._tree)) > MAX_PARTS:
-            raise TableError(f"--where: a condition has at most {MAX_PARTS} parts")
+        _check_size(self._tree)
         self.names = tuple(dict.fromkeys(self._named(self._tree)))
 
     @property
     def shown(self) -> str:
-        """The condition as messages have it."""
-        return printable(self.text)
+        """The condition as messages have it; a long one cut short."""
+        return printable(self.text if len(self.text) <= 200 else f"{self.text[:150]} … {self.text[-40:]}")
 
     def check(self, names: tuple[str, ...], label: str) -> None:
         """Raise TableError unless a table has all columns; the message names the nearest."""
@@ -101,6 +104,9 @@ class Where(InNotebook):
                 yield from self._named(left)
                 for sign, value in zip(ops, others, strict=True):
                     if isinstance(sign, ast.In | ast.NotIn):
+                        if _listed_file(value) is not None:
+                            names_in(_listed_file(value))  # what is wrong with it is said before anything is read
+                            continue
                         if not isinstance(value, ast.Tuple | ast.List) or not value.elts:
                             raise TableError("--where: what stands behind `in` is a list: in (1, 2)")
                         for one in value.elts:
@@ -172,15 +178,86 @@ class Where(InNotebook):
         left = self._of(node.left, block)
         for op, each in zip(node.ops, node.comparators, strict=True):
             if isinstance(op, ast.In | ast.NotIn):
-                right, among = left, [_ordered(ast.Eq(), left, self._of(one, block), node) for one in each.elts]
-                holds = np.logical_or.reduce(np.broadcast_arrays(*among))
+                right, lost = left, left[1]
+                holds = self._among(left, each, node, block)
                 holds = ~holds if isinstance(op, ast.NotIn) else holds
-                lost = left[1]
             else:
                 right = self._of(each, block)
                 holds, lost = _ordered(op, left, right, node), left[1] | right[1]
             value, unknown, left = value & holds, unknown | lost, right
         return np.asarray(value, bool), unknown
+
+    def _among(self, left, members, node, block):
+        """Whether each value is one of a list, or of the names in a file."""
+        path = _listed_file(members)
+        if path is not None:
+            return np.isin(left[0], _as_those(left[0], names_in(path), path))
+        constants = [one.value for one in members.elts if isinstance(one, ast.Constant)]
+        kinds = {isinstance(value, str) for value in constants}
+        text = np.asarray(left[0]).dtype.kind in "US"
+        if len(constants) == len(members.elts) and kinds == {text}:
+            return np.isin(left[0], np.array(constants))
+        among = [_ordered(ast.Eq(), left, self._of(one, block), node) for one in members.elts]
+        return np.logical_or.reduce(np.broadcast_arrays(*among))
+
+
+def _check_size(tree):
+    """Raise TableError where a condition is too large or too deep for the functions that walk through it."""
+    parts, wait = 0, [(tree, 1)]
+    while wait:
+        node, depth = wait.pop()
+        parts += 1
+        if depth > MAX_DEPTH or parts > MAX_PARTS:
+            raise TableError(
+                f"--where: a condition has at most {MAX_PARTS} parts, and {MAX_DEPTH} within each other; a long list "
+                "of names goes into a file: name in file('list.txt')"
+            )
+        inner = ast.iter_child_nodes(node)
+        wait += [(each, depth + 1) for each in inner if not isinstance(each, ast.Constant | ast.Load | ast.operator)]
+
+
+def _listed_file(node):
+    """The path in file('list.txt'); None of anything else."""
+    match node:
+        case ast.Call(func=ast.Name(id="file"), args=[ast.Constant(value=str() as path)], keywords=[]):
+            return path
+    return None
+
+
+def names_in(path: str) -> tuple[str, ...]:
+    """The names in a file, one a line; what stands behind a # is no name."""
+    try:
+        stat = os.stat(path)
+        if not os.path.isfile(path) or stat.st_size > MAX_LIST:
+            raise TableError(f"--where: {printable(path)} is no list of names, one a line")
+        return _names_in(os.path.abspath(path), stat.st_mtime_ns, stat.st_size)
+    except OSError as error:
+        raise TableError(f"--where: {printable(path)} cannot be read: {error.strerror}") from None
+
+
+@lru_cache(8)
+def _names_in(path, *_):
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            names = tuple(name for line in file if (name := line.partition("#")[0].strip().strip("\"'")))
+    except UnicodeDecodeError:
+        raise TableError(f"--where: {printable(path)} is no text in UTF-8") from None
+    if not names:
+        raise TableError(f"--where: {printable(path)} holds no names")
+    return names
+
+
+def _as_those(values, names, path):
+    """The names of a list as what the column holds, numbers or text."""
+    kind = np.asarray(values).dtype.kind
+    if kind in "US":
+        return np.array(names)
+    try:
+        return np.array(names).astype(np.asarray(values).dtype if kind in "iu" else float)
+    except (ValueError, OverflowError):
+        raise TableError(
+            f"--where: the column holds numbers, and {printable(path)} names that are none ({printable(names[0])}, …)"
+        ) from None
 
 
 def _ordered(op, left, right, node):
@@ -215,5 +292,5 @@ def _small(node):
 def _refused(node):
     return TableError(
         f"--where: {printable(ast.unparse(node))[:80]} is not allowed; there are columns, numbers, text, comparisons, "
-        f"and, or, not, in, column(), ismissing(), {', '.join(f'{name}()' for name in FUNCTIONS)}"
+        f"and, or, not, in, column(), ismissing(), file(), {', '.join(f'{name}()' for name in FUNCTIONS)}"
     )

@@ -39,14 +39,12 @@ def test_the_same_figure_twice_is_the_same_file(tmp_path, ending):
 
 
 def test_commands_offer_what_can_be_written():
-    from argparse import ArgumentParser
-
-    from vsh.commands.reading import add_figures
+    from vsh.commands import values
     from vsh.figures.plot import FORMATS
+    from vsh.tools.formats import WRITTEN
 
-    parser = ArgumentParser()
-    add_figures(parser)
-    assert next(each.choices for each in parser._actions if each.dest == "format") == list(FORMATS)
+    assert values.FIGURE_FORMATS == FORMATS
+    assert {f".{ending}" for ending in values.TABLE_FORMATS} <= set(WRITTEN)
 
 
 def test_bad_ones(tmp_path):

@@ -168,6 +168,13 @@ def test_queries():
     assert "IN (31, 95)" in GAIA_CRF3
     assert "gaiadr4.gaia_source" in of_table("user_me.stars", release=DR4)
     assert "g.astrometric_params," in of_table("user_me.stars", release=DR4)
+    core = of_table("user_me.quasars", release=DR4, astrometry="all_source_astrometry")
+    assert "JOIN gaiadr4.all_source_astrometry AS g" in core
+    assert "LEFT JOIN gaiadr4.gaia_source AS s" in core
+    assert "s.phot_g_mean_mag" in core
+    assert "g.pmra," in core
+    with pytest.raises(ArchiveError, match="DR3 has no table of astrometry called 'all_source_astrometry'"):
+        of_table("user_me.quasars", astrometry="all_source_astrometry")
     with pytest.raises(ArchiveError, match="no name of a table"):
         of_table("stars; DROP TABLE x")
     assert of_table("user_me.x", "redshift") == of_table("user_me.x", ["redshift"])

@@ -144,7 +144,7 @@ RAGGED = b"ra,dec,pmra,pmdec,pmra_error,pmdec_error\n1,2,3,4,5,6\n1,2,3,4,5,6,7\
 FILES = {
     "no such file": (lambda tmp: tmp / "none.fits", "none.fits: no such file"),
     "a folder": (lambda tmp: tmp, "is a folder without tables"),
-    "unknown ending": (file_with("a.dat", b"1 2 3"), "unrecognised format. Known endings: .fits"),
+    "unknown ending": (file_with("a.dat", b"1 2 3\0"), "unrecognised format. Known endings: .fits"),
     "not FITS": (file_with("a.fits", b"hello"), "a.fits is damaged or not FITS: a header begins with 'hello'"),
     "an empty file": (file_with("a.csv", b""), "a.csv is empty"),
     "an empty FITS": (file_with("a.fits", b""), "a.fits is empty"),
@@ -237,8 +237,8 @@ def test_every_missing_column_is_named():
     with pytest.raises(TableError, match="no column 'pmra'.*missing too: pmdec_error. Say which"):
         read_field(bad)
     bad = table()
-    bad.rename_column("ra", "RA")
-    with pytest.raises(TableError, match="no column 'ra'.*nearest: RA. Say"):
+    bad.rename_column("ra", "raa")
+    with pytest.raises(TableError, match="no column 'ra'.*nearest: raa, pmra. Say"):
         read_field(bad)
 
 
@@ -267,5 +267,6 @@ def test_names_of_vizier_are_told():
         "pmdec_error": "e_pmDE",
     }.items():
         made.rename_column(old, new)
+    assert read_field(made).notes[0].startswith("columns by their names (vizier): ra = RA_ICRS, dec = DE_ICRS, pmra")
     with pytest.raises(TableError, match=r"Say which it is: columns='vizier' \(--columns vizier\)"):
-        read_field(made)
+        read_field(made, "gaia")

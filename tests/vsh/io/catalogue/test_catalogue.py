@@ -112,8 +112,8 @@ def test_names_of_vizier():
     assert (read_field(table, {"names": "vizier", "redshift": "zq"}, units).redshift == 1).all()
     table["Solved"][:3] = 3
     assert len(read_field(table, "vizier", units, on_bad="drop")) == 47
-    with pytest.raises(TableError, match="no set of names is called 'simbad'; there are gaia, vizier"):
-        read_field(table, "simbad", units)
+    with pytest.raises(TableError, match="no set of names is called 'sdss'; there are gaia, vizier"):
+        read_field(table, "sdss", units)
 
 
 @pytest.mark.parametrize(

@@ -110,11 +110,16 @@ def test_a_table_of_the_cds_with_its_readme(tmp_path):
     for kind in ("cds", "mrt"):
         field = catalogue.read_field(tmp_path / "table1.dat", format=kind)
         np.testing.assert_array_equal(field.motion, catalogue.read_field(tmp_path / "whole.mrt").motion)
+    (tmp_path / "ReadMe").write_text(head.replace("table1.dat", "table1.dat") + "File: table1.dat\n")
+    packed = tmp_path / "table1.dat.gz"
+    packed.write_bytes(gzip.compress(rows.encode()))
+    for path in (tmp_path / "table1.dat", packed):  # the ReadMe beside them says what they are
+        np.testing.assert_array_equal(catalogue.read_field(path).motion, field.motion)
 
 
 def test_the_lists_of_the_iers(capsys):
     path = str(real_catalogue("icrf3sx.txt"))
-    opened = catalogue.open_icrf(path, "icrf")
+    opened = tables.open_table(path, "icrf")
     assert opened.names == ("icrf", "iers", "defining", "ra", "dec", "ra_error", "dec_error", "ra_dec_corr")
     listed = catalogue.read_positions(path)
     chosen = catalogue.read_positions(path, "icrf", where='defining == "D"', format="icrf")
@@ -136,7 +141,7 @@ def test_by_its_first_bytes(tmp_path):
         units = UNITS if kind == "csv" else None
         for path in (tmp_path / kind, packed):
             assert len(catalogue.read_field(path, units=units)) == len(made())
-    (tmp_path / "notes.txt").write_text("dear diary,\n")
+    (tmp_path / "notes.txt").write_bytes(b"dear diary,\0\n")
     with pytest.raises(
         TableError, match=r"notes.txt: unrecognised format\. Known endings: .* Name it: --input-format fits"
     ):

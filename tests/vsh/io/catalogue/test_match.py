@@ -140,7 +140,8 @@ def test_the_layout_of_the_iers(tmp_path):
         (lambda t: t.replace("20.39997606", "x"), "line 3 is damaged: 'ICRF J000020.3-322101"),
         (lambda t: t.replace("0.0002624 -0.0602   56559.8", ""), "line 3 is damaged"),
         (lambda t: t.replace("0.0001076", "0.0000000"), "line 4 has no usable errors"),
-        (lambda t: t.replace("ICRF J", "QUASAR "), "no line that begins with 'ICRF J'"),
+        (lambda t: t.replace("ICRF J", "QUASAR "), "without a designation of the ICRF: name them by iers"),
+        (lambda t: "No rows\nat all\n", "no line with a position in hours and degrees"),
     ],
 )
 def test_damaged_catalogues(change, words, tmp_path):
@@ -148,7 +149,7 @@ def test_damaged_catalogues(change, words, tmp_path):
     path.write_text(change(LINES))
     with pytest.raises(TableError, match=words):
         read_icrf(path)
-    with pytest.raises(TableError, match="cannot be read"):
+    with pytest.raises(TableError, match="no such file"):
         read_icrf(tmp_path / "none.txt")
     with pytest.raises(TableError, match="icrf or iers"):
         read_icrf(path, "b1950")
@@ -159,7 +160,7 @@ def test_icrf3_against_icrf2():
     a, b = (read_icrf(real_catalogue(name), "iers") for name in ("icrf3sx.txt", "icrf2-all.txt"))
     assert (len(a), len(b), a.defining.sum(), b.defining.sum()) == (4536, 3414, 303, 295)
     field = match(a, b)
-    assert "matched 3410 sources by name; left over 1126 of 4536 and 4 of 3414" in field.notes[0]
+    assert "matched 3410 sources by name; left over 1126 of 4536 and 4 of 3414" in "\n".join(field.notes)
     clipped = fit.robust.clip(field, Modes(2), threshold=5)
     found = to_icrf3(clipped.solution.coefficients)
     assert max(abs(found[name]) for name in ("R1", "R2", "R3")) < 20

@@ -305,10 +305,11 @@ def test_rows_are_numbered_through_the_file(tmp_path):
         list(stream_fields(tmp_path / "c.fits", rows=5))
 
 
-def test_an_address_is_no_file():
-    """'https:/…: no such file'."""
-    with pytest.raises(TableError, match="https://example.org/c.fits is an address"):
-        read_field("https://example.org/c.fits")
+def test_an_address_where_nobody_answers():
+    """'https:/…: no such file'; and no password in a message."""
+    with pytest.raises(TableError, match="^https://127.0.0.1:9/c.fits ") as error:
+        read_field("https://me:secret@127.0.0.1:9/c.fits?key=secret")
+    assert "secret" not in str(error.value)
 
 
 def test_control_characters_do_not_reach_messages(tmp_path):

@@ -75,7 +75,7 @@ def test_masked_integers_stay_integers(tmp_path):
     ("name", "content", "message"),
     [
         ("none.fits", None, "no such file"),
-        ("a.txt", b"ra,dec\n", "unrecognised format"),
+        ("a.txt", b"ra,dec\0\n", "unrecognised format"),
         ("a.fits", b"SIMPLE", "header at byte 0 does not end"),
         ("a.parquet", b"PAR1", "cannot be read as Parquet"),
     ],

@@ -36,10 +36,10 @@ def test_lengths_are_converted(unit, factor):
 @pytest.mark.parametrize(
     ("unit", "words"),
     [
-        ("mas", "cannot be turned into Mpc"),
-        ("mag", "cannot be turned into Mpc|a logarithm"),
+        ("mas", "cannot be turned into Mpc: if it is a parallax, say so, --columns parallax=dist"),
+        ("mag", "not a length: if it is a distance modulus, say so, --units dist=mag"),
         ("furlong", "no unit that astropy knows|cannot be turned into"),
-        (None, "'dist' has no unit: say which"),
+        (None, r"'dist', 'disterr' have no unit: say which.*--units dist=Mpc,disterr=Mpc"),
     ],
 )
 def test_what_is_no_length_is_refused(unit, words):
@@ -58,6 +58,88 @@ def test_pure_numbers_and_magnitudes(role, unit):
         read_field(made, {role: "x"})
     made["x"].unit = "mag" if role == "magnitude" else None
     assert getattr(read_field(made, {role: "x"}), "rho" if role == "pmra_pmdec_corr" else role)[0] == pytest.approx(0.1)
+
+
+ROLES = {
+    "ra": ("deg", "rad", "mas/yr"), "dec": ("deg", "arcsec", "s"), "pmra": ("mas/yr", "uas/yr", "mas"),
+    "pmdec": ("mas/yr", "deg/s", "km/s"), "pmra_error": ("mas/yr", "arcsec/yr", "mag"),
+    "pmdec_error": ("mas/yr", "mas/d", ""), "pmra_pmdec_corr": ("", "percent", "mas/yr"),
+    "magnitude": ("mag", "mag(AB)", "Jy"), "redshift": ("", "percent", "km/s"), "redshift_error": ("", "percent", "mag"),
+    "distance": ("Mpc", "kpc", "s"), "distance_error": ("Mpc", "lyr", "mas"), "parallax": ("mas", "uas", "pc"),
+    "parallax_error": ("mas", "arcsec", "mag"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_every_role_with_every_kind_of_unit(role):
+    """Right, convertible, wrong and nonsense: as it is, converted, refused by name, refused by name."""
+    right, other, wrong = ROLES[role]
+    made = Table(PLAIN | {"ra": np.arange(N) * 0.5} | {name: np.full(N, 0.2) for name in ROLES if name not in PLAIN})
+    columns = {name: name for name in ROLES}
+    for name, (unit, *_) in ROLES.items():
+        made[name].unit = unit or None
+
+    def value(unit):
+        made[role].unit = unit or None
+        field = read_field(made, columns)
+        where = {"ra": "lon", "dec": "lat", "pmra_pmdec_corr": "rho"}
+        if role.startswith("pm") and role != "pmra_pmdec_corr":
+            return (field.sigma if role.endswith("error") else field.motion)[int("dec" in role), 1]
+        return getattr(field, where.get(role, role))[1]
+
+    plain = value(right)
+    if role in ("redshift", "redshift_error"):  # a percentage is no redshift
+        with pytest.raises(TableError, match=f"column {role!r} is in '%', not a redshift"):
+            value(other)
+    else:
+        factor = 1.0 if role == "magnitude" else (1 * u.Unit(other)).to_value(u.Unit(right))
+        assert value(other) == pytest.approx(plain * factor, rel=1e-9)
+    for unit in (wrong, "blurb/fortnight"):
+        if unit:
+            with pytest.raises(TableError, match=role):
+                value(unit)
+
+
+def test_what_is_not_linear_must_be_asked_for():
+    made = Table(PLAIN | {"cz": np.full(N, 2997.92458), "mu": np.full(N, 30.0), "e_mu": np.full(N, 0.1)})
+    made["cz"].unit, made["mu"].unit, made["e_mu"].unit = "km/s", "mag", "mag"
+    with pytest.raises(TableError, match=r"if it is c z, say so, --units cz=km/s"):
+        read_field(made, {"redshift": "cz"})
+    assert read_field(made, {"redshift": "cz"}, {"cz": "km/s"}).redshift[0] == pytest.approx(0.01)
+    moduli = {"distance": "mu", "distance_error": "e_mu"}
+    field = read_field(made, moduli, {"mu": "mag", "e_mu": "mag"})
+    np.testing.assert_allclose(field.distance, 10.0)
+    np.testing.assert_allclose(field.distance_error, np.log(10) / 5)
+    made["e_mu"].unit = "Mpc"
+    with pytest.raises(TableError, match="both in mag"):
+        read_field(made, moduli, {"mu": "mag"})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            {"pmra_error": 300.0, "pmdec_error": 300.0},
+            "half of the errors are above 3e.05 µas/yr, .*µas/yr read as mas/yr",
+        ),
+        ({"pmra_error": 1e-6, "pmdec_error": 1e-6}, "below 0.001 µas/yr, .*mas/yr read as µas/yr"),
+        ({"pmra": 5000.0, "pmdec": 5000.0}, "half of the motions are above 5e.06 µas/yr"),
+        ({"redshift": 900.0}, "half of the redshifts are above 900: velocities in km/s"),
+    ],
+)
+def test_sizes_that_no_survey_has_are_doubted_and_not_changed(change, words):
+    made = {name: np.tile(values, 10) for name, values in PLAIN.items()} | {
+        name: np.full(10 * N, value) for name, value in change.items()
+    }
+    with pytest.warns(match=words):
+        field = read_field(made)
+    assert any("warning: half of" in note for note in field.notes)
+    plain = {name: np.tile(values, 10) for name, values in PLAIN.items()}
+    assert not any("half of" in note for note in read_field(plain).notes)
+    if "redshift" not in change:
+        name = next(iter(change))
+        kept = field.sigma if name.endswith("error") else field.motion
+        np.testing.assert_allclose(kept, 1000 * change[name])
 
 
 def test_quantities():

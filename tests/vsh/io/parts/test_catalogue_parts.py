@@ -193,7 +193,7 @@ def test_rows_that_cannot_be_used(tmp_path):
     for i, field in enumerate(FIELDS[:3]):
         table = {"ra": np.degrees(field.lon), "dec": np.degrees(field.lat)} | {
             name: np.array(column) for name, column in zip(
-                ("pmra", "pmdec", "pmra_error", "pmdec_error"), [*field.motion, *field.sigma], strict=True)}  # fmt: skip
+                ("pmra", "pmdec", "pmra_error", "pmdec_error"), [*field.motion / 1000, *field.sigma / 1000], strict=True)}  # fmt: skip
         table["pmra"][: (3, len(field), 0)[i]] = np.nan
         tables.write(tmp_path / f"{i}.parquet", table)
     found = fit.normal_equations(parts(tmp_path, on_bad="drop"), 2)

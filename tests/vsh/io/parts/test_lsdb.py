@@ -57,3 +57,34 @@ def test_a_cone_and_a_join(catalog):
     assert parts(
         joined, columns={"redshift": "redshift_known"} if "redshift_known" in joined.columns else None
     ).counted() == len(TABLE[::3])
+
+
+def bytes_read():
+    """What this process has read so far."""
+    with open("/proc/self/io") as file:
+        return int(file.readline().split()[1])
+
+
+def test_only_the_columns_that_are_used_are_read_and_once(tmp_path):
+    """150 columns, of which eight are used; and a clip, which passes over them many times."""
+    import dask
+
+    import fit.robust
+
+    n = 40_000
+    rng = np.random.default_rng(1)
+    columns = {name: np.tile(TABLE[name], n // N) for name in ROLES} | {f"x{k}": rng.normal(size=n) for k in range(141)}
+    wide = pandas.DataFrame(columns | {"source_id": np.arange(n), "ra": rng.uniform(0, 360, n)})
+    lsdb.from_dataframe(wide, catalog_name="wide", lowest_order=0, highest_order=1).write_catalog(tmp_path / "wide")
+    used, counts = ["source_id", *ROLES], {}
+    with dask.config.set(scheduler="synchronous"):
+        for name, options in (("named", {"columns": used}), ("all", {})):
+            opened = lsdb.open_catalog(tmp_path / "wide", **options)
+            begin = bytes_read()
+            fit.normal_equations(parts(opened), 1)
+            counts[name] = bytes_read() - begin
+        begin = bytes_read()
+        fit.robust.clip(parts(lsdb.open_catalog(tmp_path / "wide")), 1, 3)
+        counts["clip"] = bytes_read() - begin
+    assert counts["all"] < 2 * counts["named"]  # which also reads what the catalogue says of itself
+    assert counts["clip"] < 2.5 * counts["named"]

@@ -1,0 +1,63 @@
+"""
+Oort's constants from a star catalogue
+======================================
+
+Stars near the Sun stream past it, because the Sun moves, and their streaming changes with place, because the Galaxy turns faster inside than outside.
+To first order in the distance four numbers in the Galactic plane say how: Oort's A and B, shear and rotation, and C and K, which are zero where orbits
+are circles. Proper motions and parallaxes are enough.
+
+With a file of one's own: ``vsh-redshift stars.fits --distances --oort``. Here a catalogue is simulated, so that the answer is known.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import fit
+from vsh import Field
+from vsh.figures.plot import COLOURS, STYLE
+from vsh.sky.sphere import triad
+from vsh.tools.units import AU_PER_YEAR
+
+# %%
+# Stars that thin out with exp(−d/L), L = 300 pc, with a velocity ellipsoid of 35, 25 and 20 km/s, in the field of A = 15.3, B = −11.9, C = −3.2 and
+# K = −3.3 km/s/kpc, the values of Bovy (2017). Parallaxes are known to 0.3 mas: a third of them to no better than 5 standard errors.
+TRUTH = {"A": 15.3, "B": -11.9, "C": -3.2, "K": -3.3}
+SUN = np.array([11.1, 12.24, 7.25])
+rng = np.random.default_rng(1)
+n = 60_000
+distance = rng.gamma(3.0, 0.3, n)  # kpc
+lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
+p, q, r = triad(lon, lat)
+a, b, c, k = TRUTH.values()
+gradient = np.array([[k + c, a - b, 0], [a + b, k - c, 0], [0, 0, 0]])
+velocity = -SUN[:, None] + gradient @ (r * distance) + rng.normal(size=(3, n)) * np.array([[35.0], [25.0], [20.0]])
+motion = np.stack([np.sum(p * velocity, 0), np.sum(q * velocity, 0)]) / (AU_PER_YEAR * distance / 1000)  # µas/yr
+sigma = np.full((2, n), 100.0)
+parallax = 1 / distance + 0.3 * rng.normal(size=n)  # mas
+stars = Field(
+    lon,
+    lat,
+    motion + sigma * rng.normal(size=(2, n)),
+    sigma,
+    frame="galactic",
+    parallax=parallax,
+    parallax_error=np.full(n, 0.3),
+)
+
+# %%
+# The fit needs no cut in parallax: the mean of 1/d given the parallax, negative ones among them, stands in its place, with the scale length that the
+# catalogue itself has. A cut would choose stars by their errors, and bias.
+solution = fit.kinematics(stars)
+print(solution.report("simulated stars"))
+
+# %%
+# Along the plane, A and B are a wave and an offset in longitude: µ_l = (A cos 2l + B)/4.74 beyond what our own motion adds.
+plt.rcParams.update(STYLE)
+figure, axes = plt.subplots()
+names = list(TRUTH)
+values = np.array([solution.oort[name] for name in names])
+axes.errorbar(names, values[:, 0], values[:, 1], fmt="o", color=COLOURS[0], label="fit")
+axes.plot(names, list(TRUTH.values()), "_", markersize=24, color=COLOURS[1], label="truth")
+axes.axhline(0, color="0.7", linewidth=0.8)
+axes.set_ylabel("km/s/kpc")
+axes.legend()

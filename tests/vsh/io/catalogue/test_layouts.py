@@ -1,0 +1,267 @@
+"""The layouts in which tables of this field are handed round, made here as they are published, and read."""
+
+import bz2
+import gzip
+import lzma
+
+import numpy as np
+import pytest
+from gaia_table import table
+
+from vsh.io import tables
+from vsh.io.catalogue import read_field, read_icrf, read_positions
+from vsh.tools.errors import TableError, VshError
+
+NAMES = ["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"]
+UNITS = ["deg", "deg", "mas/yr", "mas/yr", "mas/yr", "mas/yr"]
+VIZIER = ["RA_ICRS", "DE_ICRS", "pmRA", "pmDE", "e_pmRA", "e_pmDE"]
+
+
+def rows():
+    """Numbers that every layout keeps."""
+    return np.round(np.stack([np.asarray(table()[name], float) for name in NAMES], 1), 6)
+
+
+def delimited(names=NAMES, between=",", above="", below="", units=None, dashes=False, comma=False, head=True):
+    lines = [between.join(names)] if head else []
+    lines += [between.join(units)] if units else []
+    lines += [between.join("-" * len(name) for name in names)] if dashes else []
+    body = [between.join(f"{value:.6f}" for value in row) for row in rows()]
+    body = [line.replace(".", ",") for line in body] if comma else body
+    return above + "\n".join([*lines, *body]) + "\n" + below
+
+
+VIZIER_HEAD = """#
+#   VizieR Astronomical Server vizier.cds.unistra.fr
+#    Date: 2026-11-20T10:00:00 [V7.4]
+#Coosys\tJ2000:\teq_FK5 J2000
+#INFO\t-ref=VIZ6740
+#RESOURCE=yCat_1355
+#Name: I/355
+#Column\tRA_ICRS\t(F15.11)\tRight ascension  [ucd=pos.eq.ra;meta.main]
+
+"""
+
+
+def fixed(above=VIZIER_HEAD):
+    """VizieR's "ascii table": a rule of dashes gives the columns."""
+    width = [12, 12, 11, 11, 9, 9]
+    cells = [VIZIER, [f"({unit})" for unit in UNITS], ["-" * w for w in width]]
+    cells += [[f"{value:.6f}" for value in row] for row in rows()]
+    return above + "\n".join(" ".join(cell.rjust(w) for cell, w in zip(row, width)) for row in cells) + "\n"
+
+
+def mrt(mark=""):
+    made = table()[NAMES]
+    for name, unit, column in zip(NAMES, UNITS, rows().T):
+        made[name] = column
+        made[name].unit = unit
+    import io
+
+    text = io.StringIO()
+    made.write(text, format="ascii.mrt")
+    return "".join(f"{mark}{line}\n" for line in text.getvalue().splitlines())
+
+
+CSV = delimited()
+LAYOUTS = {
+    "vizier with tabs": ("v.tsv", delimited(VIZIER, "\t", VIZIER_HEAD, "\n#END#\n", UNITS, dashes=True)),
+    "vizier with semicolons": ("v.txt", delimited(VIZIER, ";", VIZIER_HEAD, "#END#\n", UNITS, dashes=True)),
+    "vizier with bars": ("v.dat", delimited(VIZIER, "|", VIZIER_HEAD, "", UNITS, dashes=True)),
+    "vizier without comments": ("v.tsv", delimited(VIZIER, ";", "", "", UNITS, dashes=True)),
+    "vizier without dashes": ("v.tsv", delimited(VIZIER, "\t", VIZIER_HEAD, "", UNITS)),
+    "vizier ascii table": ("v.txt", fixed()),
+    "vizier ascii table, rules around": ("v.txt", fixed("-" * 70 + "\n")),
+    "blanks after commas": ("a.csv", CSV.replace(",", " , ")),
+    "semicolons": ("a.csv", CSV.replace(",", ";")),
+    "semicolons and decimal commas": ("a.csv", delimited(between=";", comma=True)),
+    "tabs": ("a.csv", CSV.replace(",", "\t")),
+    "blanks": ("a.txt", CSV.replace(",", "  ")),
+    "behind a #": ("a.txt", "# " + CSV.replace(",", " ")),
+    "commas behind a #": ("a.csv", "# made by hand\n#" + CSV),
+    "an unnamed first column": (
+        "a.csv",
+        "\n".join(f"{'' if k == 0 else k - 1},{line}" for k, line in enumerate(CSV.splitlines())),
+    ),
+    "a row of units": ("a.csv", delimited(units=UNITS)),
+    "bom and crlf": ("a.csv", "\ufeff" + CSV.replace("\n", "\r\n")),
+    "names between ; over rows between blanks": (
+        "a.txt",
+        ";".join(NAMES) + "\n" + CSV.partition("\n")[2].replace(",", "   "),
+    ),
+    "mrt behind #": ("a.txt", mrt("# ")),
+    "units in names": (
+        "a.csv",
+        delimited(
+            ["RA (deg)", "Dec (deg)", "pmra [mas/yr]", "pmdec_mas_yr", "pmra_error(mas/yr)", "pmdec_error_masyr"]
+        ),
+    ),
+    "upper case": ("a.csv", delimited([name.upper() for name in NAMES])),
+    "errors called err": ("a.csv", delimited([*NAMES[:4], "pmra_err", "pmdec_err"], units=UNITS)),
+}
+PACKERS = {".gz": gzip.compress, ".bz2": bz2.compress, ".xz": lzma.compress}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_every_layout_gives_the_same_numbers(name, tmp_path):
+    file, text = LAYOUTS[name]
+    path = tmp_path / file
+    path.write_bytes(text.encode())
+    field = read_field(path)
+    wanted = rows()
+    np.testing.assert_allclose(np.degrees(field.lon), wanted[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(np.degrees(field.lat), wanted[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(field.motion, 1000 * wanted[:, 2:4].T, rtol=1e-12)
+    np.testing.assert_allclose(field.sigma, 1000 * wanted[:, 4:].T, rtol=1e-12)
+    for ending, pack in PACKERS.items():
+        packed = tmp_path / (file + ending)
+        packed.write_bytes(pack(text.encode()))
+        np.testing.assert_array_equal(read_field(packed).motion, field.motion)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["vizier with tabs", "vizier ascii table", "blanks after commas", "behind a #"])
+def test_a_damaged_line_is_named(name, tmp_path):
+    file, text = LAYOUTS[name]
+    lines = text.splitlines()
+    lines[-5] = lines[-5][: len(lines[-5]) // 2] + "x" + lines[-5][len(lines[-5]) // 2 :]
+    (tmp_path / file).write_text("\n".join(lines))
+    with pytest.raises(VshError, match="holds text|damaged"):
+        read_field(tmp_path / file)
+    lines[-5] = lines[-5].replace("\t", "", 1).replace(",", "", 1).replace(" ", "", 3)
+    (tmp_path / file).write_text("\n".join(lines))
+    with pytest.raises(TableError, match=f"line {len(lines) - 4} is damaged"):
+        read_field(tmp_path / file)
+
+
+def test_a_table_without_names(tmp_path):
+    path = tmp_path / "bare.txt"
+    path.write_text(delimited(head=False, between=" "))
+    with pytest.raises(TableError, match="has no line of names, so its columns are called by their numbers"):
+        read_field(path)
+    columns = {name: f"col{k + 1}" for k, name in enumerate(NAMES)}
+    with pytest.raises(TableError, match="columns 'col3', .* have no unit: say which.*--units col3=mas/yr,col4=mas/yr"):
+        read_field(path, columns)
+    field = read_field(path, columns, {f"col{k + 1}": unit for k, unit in enumerate(UNITS)})
+    np.testing.assert_allclose(field.motion, 1000 * rows()[:, 2:4].T, rtol=1e-12)
+
+
+def test_sexagesimal_positions_are_hours_and_degrees(tmp_path):
+    path = tmp_path / "s.tsv"
+    path.write_text(
+        'RAJ2000\tDEJ2000\tpmRA\tpmDE\te_pmRA\te_pmDE\n"h:m:s"\t"d:m:s"\tmas/yr\tmas/yr\tmas/yr\tmas/yr\n'
+        "-----------\t-----------\t---\t---\t---\t---\n"
+        "12 30 00.00\t-00 30 36.0\t1.0\t2.0\t0.1\t0.2\n00 00 01.00\t+89 59 59.9\t1.5\t2.5\t0.1\t0.2\n"
+    )
+    field = read_field(path)
+    np.testing.assert_allclose(np.degrees(field.lon), [187.5, 15 / 3600])
+    np.testing.assert_allclose(np.degrees(field.lat), [-0.51, 90 - 0.1 / 3600])
+
+
+def test_errors_of_two_sides_and_ellipses():
+    base = {"ra": [10.0, 20.0], "dec": [1.0, 2.0], "pmra": [0.1, 0.2], "pmdec": [0.3, 0.4]}
+    sided = base | {"pmra_em": [0.1, 0.3], "pmra_ep": [0.2, 0.1], "pmdec_em": [0.1, 0.1], "pmdec_ep": [0.1, 0.4]}
+    field = read_field(sided)
+    np.testing.assert_allclose(field.sigma, [[200, 300], [100, 400]])
+    assert any("the larger is taken: pmra_error, pmdec_error" in note for note in field.notes)
+    ellipse = base | {"pm_err_maj": [0.2, 0.2], "pm_err_min": [0.1, 0.1], "pm_err_angle": [90.0, 45.0]}
+    field = read_field(ellipse)
+    np.testing.assert_allclose(field.sigma[:, 0], [200, 100])
+    np.testing.assert_allclose(field.rho, [0, 0.6], atol=1e-12)
+    # The major axis lies where the covariance is largest: north-east.
+    assert field.sigma[0, 1] == pytest.approx(np.sqrt((0.2**2 + 0.1**2) / 2) * 1000)
+
+
+def test_a_correlation_of_another_name_is_named():
+    made = {name: column for name, column in zip(NAMES, rows().T)} | {"rho(pmRA,pmDE)": np.full(len(rows()), 0.5)}
+    with pytest.warns(match=r"the table has rho\(pmRA,pmDE\): if it is that, say --columns 'pmra_pmdec_corr=rho"):
+        read_field(made)
+
+
+POSITIONS = (
+    ("0002-478", 1.1485148, -47.605445667778, 0.00001359, 0.0002139, 0.383),
+    ("2357-326", 0.08499990, -32.35034264, 0.00000804, 0.0002624, -0.0602),
+    ("3C273B", 187.27791559, 2.0523883, 0.0000061, 0.0001, -0.013),
+)
+
+
+def sexagesimal(lon, lat):
+    h = lon / 15
+    m, s = divmod((h % 1) * 3600, 60)
+    d = abs(lat)
+    dm, ds = divmod((d % 1) * 3600, 60)
+    return (f"{int(h):02d}", f"{int(m):02d}", f"{s:011.8f}"), ("-" if lat < 0 else "+", f"{int(d):02d}", f"{int(dm):02d}", f"{ds:010.7f}")  # fmt: skip
+
+
+def listed(kind):
+    """A list of radio sources as it is published."""
+    lines = {
+        "crf": ["# IVS name, IERS name, RA, Dec, errors [s, arcsec], correlation, MJD mean first last, sessions, obs"],
+        "globl": ["# Solution gsf2020a of globl"],
+        "getpar": ["# GETPAR_SOU format version 1.0  of 2001.05.25"],
+        "rfc": ["# VLBI SOURCE POSITION CATALOGUE  Format version of 2024.10.14", "#"],
+        "vievs": ["* VieVS", "* name RA Dec epoch velocity"],
+        "icrf with flags": ["heading", ""],
+    }[kind]
+    for name, lon, lat, east, north, rho in POSITIONS:
+        (h, m, s), (sign, d, dm, ds) = sexagesimal(lon, lat)
+        mas = east * 15000, north * 1000
+        lines.append({
+            "crf": f"{name:8} {name:8} {h} {m} {s} {sign}{d} {dm} {ds} {east:.8f} {north:.7f} {rho:7.4f} 55000.0 45000.0 58000.0 10 100 0 Y",
+            "globl": f"   {name:8}    {h} {m} {s}   {sign}{d} {dm} {ds}   {east:.8f}  {north:.7f}  {f'{rho:.4f}'.replace('0.', '.'):>7} 55000.0 45000.0 58000.0 10 100",
+            "getpar": f"SOU_GCO:  {name:8}  R: {h}_{m}_{s} -+ {mas[0]:10.4f}  D: {sign}{d}_{dm}_{ds} -+ {mas[1]:10.4f}  C: {rho:6.3f} Obs_used: 100 Obs_tot: 200",
+            "rfc": f"RFC J0000+0000  {name:8} {h} {m} {s} {sign}{d} {dm} {ds} {mas[0]:8.4f} {mas[1]:8.4f} {rho:7.4f}",
+            "vievs": f"{name:8} {h} {m} {s} {sign}{d} {dm} {ds} 2000.0 0.0 GSFC 1",
+            "icrf with flags": f"ICRF J000000.0+000000  {name:8}  D V {h} {m} {s} {sign}{d} {dm} {ds} {east:.8f} {north:.7f} {rho:7.4f}  55000.0",
+        }[kind])  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("kind", ["crf", "globl", "getpar", "rfc", "icrf with flags"])
+def test_lists_of_vlbi(kind, tmp_path):
+    path = tmp_path / "list.txt"
+    path.write_text(listed(kind))
+    positions = read_positions(path)
+    for k, (name, lon, lat, east, north, rho) in enumerate(POSITIONS):
+        assert positions.name[k] == name
+        np.testing.assert_allclose(np.degrees([positions.lon[k], positions.lat[k]]), [lon, lat], atol=1e-9)
+        size = [15e6 * east * np.cos(np.radians(lat)), 1e6 * north]
+        np.testing.assert_allclose(positions.sigma[:, k], size, rtol=2e-3)
+        assert positions.rho[k] == pytest.approx(rho, abs=6e-4)
+    assert any("without cos δ, by which they were multiplied" in note for note in positions.notes)
+    if kind == "icrf with flags":
+        assert positions.defining.all()
+
+
+def test_a_list_without_errors(tmp_path):
+    path = tmp_path / "vievsCrf.txt"
+    path.write_text(listed("vievs"))
+    with pytest.raises(TableError, match="no column 'ra_error'.*one error for all, sigma="):
+        read_positions(path)
+    with pytest.raises(TableError, match="has no errors: give one for all"):
+        read_icrf(path)
+    assert (read_positions(path, sigma=100.0).sigma == 100).all()
+
+
+def test_what_is_no_list_of_positions(tmp_path):
+    path = tmp_path / "list.crf"
+    path.write_text("no\nsources\n")
+    with pytest.raises(TableError, match="no line with a position in hours and degrees"):
+        read_positions(path)
+    path.write_text(
+        listed("crf").replace("0.0002139", "213.9000").replace("0.0002624", "262.40").replace("0.0001", "100.")
+    )
+    with pytest.raises(TableError, match="arcsec in the median if in arcsec: another unit"):
+        read_positions(path)
+
+
+def test_zstandard(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    path = tmp_path / "a.csv.zst"
+    with pyarrow.output_stream(str(path), compression="zstd") as stream:
+        stream.write(CSV.encode())
+    np.testing.assert_allclose(read_field(path).motion, 1000 * rows()[:, 2:4].T, rtol=1e-12)
+    assert tables.format_of("a.csv.zst", tables._open.READ) == "ascii.csv"
+    with pytest.raises(TableError, match="unrecognised format"):
+        tables.write_table(table(), tmp_path / "b.csv.zst")

@@ -1,0 +1,304 @@
+"""How tables of this field call their columns: sets of names, units within names, and columns made from others."""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vsh.io.archive import DR3, DR4
+from vsh.io.tables import TableSource
+from vsh.tools.errors import TableError
+from vsh.tools.notebook import InNotebook
+
+REQUIRED = ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error")
+#: Before the names of columns that a table lacks, and that are made for it.
+ASSUMED = "assumed "
+#: Names that belong together: where a set has several, those of one place are taken.
+_PAIRS = (("ra", "dec"), ("pmra", "pmdec"), ("pmra_error", "pmdec_error"))
+
+
+@dataclass(frozen=True)
+class Columns(InNotebook):
+    """Where a table keeps what a field needs: a new survey is a new value of this.
+
+    The first six must be there. The others may be left out with None; of several names in
+    a tuple the first that the table has is taken, and none need be there. Where there is a `solution`, sources
+    whose astrometry is not that of a single source with a parallax (31 or 95, `vsh.io.archive.DR4`) cannot be used;
+    where it is null, a source is what its motion says.
+
+    Examples
+    --------
+    >>> Columns(pmra="mu_ra", pmdec="mu_dec").pmra
+    'mu_ra'
+    """
+
+    ra: str | tuple = "ra"
+    dec: str | tuple = "dec"
+    pmra: str | tuple = "pmra"
+    pmdec: str | tuple = "pmdec"
+    pmra_error: str | tuple = "pmra_error"
+    pmdec_error: str | tuple = "pmdec_error"
+    pmra_pmdec_corr: str | tuple | None = ("pmra_pmdec_corr",)
+    name: str | tuple | None = ("source_id", "name", "designation")
+    magnitude: str | tuple | None = ("phot_g_mean_mag",)
+    redshift: str | tuple | None = ("redshift", "z", "redshift_qsoc")
+    redshift_error: str | tuple | None = ("redshift_error", "z_error", "e_z")
+    distance: str | tuple | None = None
+    distance_error: str | tuple | None = None
+    parallax: str | tuple | None = None
+    parallax_error: str | tuple | None = None
+    solution: str | tuple | None = (DR4.solution, DR3.solution)
+
+
+#: Gaia's archive names.
+GAIA = Columns()
+_VIZIER = Columns(
+    ra=("RA_ICRS", "RAICRS", "RAdeg", "RArad", "_RA.icrs", "_RA_icrs", "_RAJ2000", "RAJ2000", "_RA", "RA"),
+    dec=("DE_ICRS", "DEICRS", "DEdeg", "DErad", "_DE.icrs", "_DE_icrs", "_DEJ2000", "DEJ2000", "_DE", "DE"),
+    pmra=("pmRA", "pmRA*"), pmdec=("pmDE", "pmDE"), pmra_error=("e_pmRA", "e_pmRA*"), pmdec_error=("e_pmDE", "e_pmDE"),
+    pmra_pmdec_corr=("pmRApmDEcor", "pmDE:pmRA", "pmRA:pmDE", "pmRApmDEcorr", "r_pmRApmDE"),
+    name=("Source", "ID", "HIP", "ICRF", "IERS", "Name"), magnitude=("Gmag", "Hpmag"),
+    redshift=("z", "zsp", "Redshift"), redshift_error=("e_z", "e_zsp"), solution=("Solved",),
+)  # fmt: skip
+_SHARED = ("pmra_pmdec_corr", "name", "magnitude", "redshift", "redshift_error")
+#: Sets of names that are called by one; where none is asked for, the first that a table has.
+NAMED = {
+    "gaia": GAIA,
+    "vizier": _VIZIER,
+    "hipparcos": _VIZIER,
+    "icrf": replace(GAIA, name=("iers", "icrf")),
+    "skycoord": replace(
+        GAIA, pmra="pm_ra_cosdec", pmdec="pm_dec",
+        pmra_error=("pm_ra_cosdec_error", "pm_ra_cosdec_err", "e_pm_ra_cosdec"),
+        pmdec_error=("pm_dec_error", "pm_dec_err", "e_pm_dec"),
+        pmra_pmdec_corr=("pm_ra_cosdec_pm_dec_corr", "pm_corr", "pmra_pmdec_corr"),
+    ),
+    "simbad": replace(GAIA, name=("main_id", "MAIN_ID"), redshift=("rvz_redshift", "Z_VALUE")),
+    "ned": replace(GAIA, name=("Object Name",), redshift=("Redshift",)),
+    "lvdb": replace(GAIA, name=("key", "name")),
+    "err": replace(
+        GAIA, pmra_error=("pmra_err", "e_pmra", "pmra_e", "epmra", "pmra_unc", "sigma_pmra", "pmra_sigma"),
+        pmdec_error=("pmdec_err", "e_pmdec", "pmdec_e", "epmdec", "pmdec_unc", "sigma_pmdec", "pmdec_sigma"),
+        pmra_pmdec_corr=("pmra_pmdec_corr", "pmra_pmdec_correlation", "corr_pmra_pmdec", "pmra_pmdec_cor", "pm_corr",
+                         "rho_pm", "pmcorr"),
+    ),
+}  # fmt: skip
+
+#: What need not be there may also have Gaia's names, in a table that has others for the rest.
+NAMED = {
+    known: replace(
+        names, **{role: tuple(dict.fromkeys((*getattr(names, role), *getattr(GAIA, role)))) for role in _SHARED}
+    )
+    for known, names in NAMED.items()
+}
+
+#: A unit behind a name: RA (deg), RA(deg), pmra [mas/yr].
+_IN_BRACKETS = re.compile(r"(.*\S)\s*[\(\[]\s*([^()\[\]]+?)\s*[\)\]]\s*")
+#: The same with underscores: dist_kpc, pmra_mas_yr.
+_BEHIND = re.compile(r"(.+)_(deg|rad|kpc|mpc|pc|(?:mas|uas|arcsec)(?:_?p?e?r?_?yr))", re.IGNORECASE)
+_CORRELATION = re.compile(
+    r"(?=.*(corr?|rho|:|cov))(?=.*pm_?ra)(?=.*pm_?de)|pm_?(corr?|rho)|(corr?|rho)_?pm", re.IGNORECASE
+)
+_OF_PARALLAX = re.compile("par|plx", re.IGNORECASE)
+_SPELLED = {"mpc": "Mpc", "kpc": "kpc", "pc": "pc", "deg": "deg", "rad": "rad"}
+
+
+def name_and_unit(name: str) -> tuple[str, str | None]:
+    """A name without the unit that stands in it, and the unit."""
+    if match := _IN_BRACKETS.fullmatch(name):
+        return match[1].strip(), match[2]
+    if match := _BEHIND.fullmatch(name):
+        unit = match[2].lower()
+        return match[1], _SPELLED.get(unit, re.sub(r"_?(per)?_?yr$", "/yr", unit))
+    return name, None
+
+
+class Wanted(NamedTuple):
+    """The names that a user wants: those of a set, or of whatever set a table has where none was asked for."""
+
+    columns: Columns = GAIA
+    #: Roles whose names are the user's; None where all are.
+    asked: tuple[str, ...] | None = ()
+
+    def among(self, names: Iterable[str]) -> tuple[Columns, str | None]:
+        """The names that a table has for each role, and the set that was chosen, where it is not Gaia's."""
+        return _chosen(self, tuple(names))
+
+
+@lru_cache
+def _chosen(wanted, names):
+    index = _index(names)
+    if wanted.asked is None:
+        return _settled(wanted.columns, names, index), None
+    given = {role: getattr(wanted.columns, role) for role in wanted.asked}
+    best, most, chosen = "gaia", -1, _settled(wanted.columns, names, index)
+    for known, named in NAMED.items():
+        settled = _settled(replace(named, **given), names, index)
+        count = sum(getattr(settled, role) in names for role in REQUIRED)
+        if {settled.ra, settled.dec} <= set(names) and count > most:
+            best, most, chosen = known, count, settled
+    plain = all(getattr(chosen, role) == getattr(GAIA, role) for role in REQUIRED if role not in given)
+    return chosen, None if plain else best
+
+
+def _settled(columns, names, index):
+    """Columns with one name a role: that of the table where it has one of those wanted, in pairs."""
+    changed: dict[str, Any] = {}
+    for roles in _PAIRS:
+        wanted = [_candidates(columns, role) for role in roles]
+        present = [[_in(name, names, index) for name in candidates] for candidates in wanted]
+        pairs = zip(*present, strict=True) if len(present[0]) == len(present[1]) else ()
+        one = next((pair for pair in pairs if all(pair)), None)
+        one = one or tuple(next(filter(None, found), None) for found in present)
+        for role, name, candidates in zip(roles, one, wanted, strict=True):
+            changed[role] = name or (candidates[0] if candidates else getattr(columns, role))
+    for role in Columns.__dataclass_fields__:
+        candidates = getattr(columns, role)
+        if role not in REQUIRED and isinstance(candidates, tuple):
+            name = next(filter(None, (_in(each, names, index) for each in candidates)), None)
+            changed[role] = (name, *candidates) if name else candidates
+    return replace(columns, **changed)
+
+
+def _candidates(columns, role):
+    names = getattr(columns, role)
+    return (names,) if isinstance(names, str) else names or ()
+
+
+def _index(names):
+    """Names as they are compared where no name is the same: without units, case and underscores at the ends."""
+    index: dict[str, list[str]] = {}
+    for name in names:
+        index.setdefault(name_and_unit(name)[0].lower(), []).append(name)
+    return index
+
+
+def _in(name, names, index):
+    """The name as the table has it: as it is, or the only one that differs by case or a unit alone; or None."""
+    if name in names:
+        return name
+    near = index.get(name_and_unit(name)[0].lower(), []) if len(name) > 1 else []
+    return near[0] if len(near) == 1 else None
+
+
+#: How tables call distances and parallaxes, and their errors.
+_DISTANCES = (
+    ("distance", "distance_error"), ("distance", "distance_err"), ("distance", "e_distance"), ("dist", "dist_error"),
+    ("dist", "dist_err"), ("dist", "e_dist"), ("Dist", "e_Dist"), ("Rsun", "e_Rsun"), ("parallax", "parallax_error"),
+    ("parallax", "parallax_err"), ("Plx", "e_Plx"), ("plx_value", "plx_err"),
+)  # fmt: skip
+
+
+def with_distances(columns: Any, source: TableSource) -> Any:
+    """What a user says of columns, with those of distances or parallaxes where nothing is said of them.
+
+    Raises
+    ------
+    TableError
+        If the table has none that is known by its name.
+    """
+    roles = ("distance", "distance_error", "parallax", "parallax_error")
+    if isinstance(columns, Columns):
+        return columns
+    given = {"names": columns} if isinstance(columns, str) else dict(columns or {})
+    if set(roles) & set(given):
+        return given
+    names = (*source.names, *derived_from(source.names))
+    index = _index(names)
+    for k, pair in enumerate(_DISTANCES):
+        present = [_in(name, names, index) for name in pair]
+        if all(present):
+            return given | dict(zip(roles[:2] if k < 8 else roles[2:], present, strict=True))
+    raise TableError(
+        f"{source.label} has no distances or parallaxes with errors that are known by their names: name them, "
+        "--columns distance=…,distance_error=… or parallax=…,parallax_error=…. The table has "
+        f"{', '.join(source.names[:200])}"
+    )
+
+
+def like_correlations(source: TableSource) -> list[str]:
+    """Columns that may be the correlation of the proper motions, by their names."""
+    return [name for name in source.names if _CORRELATION.search(name) and not _OF_PARALLAX.search(name)]
+
+
+_ELLIPSES = (("pm_err_maj", "pm_err_min", "pm_err_angle"), ("PM_ERR_MAJA", "PM_ERR_MINA", "PM_ERR_ANGLE"))
+
+
+@lru_cache
+def derived_from(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """The columns that can be made of those of a table, and of which: errors of two sides, error ellipses."""
+    present = set(names)
+    bases = [name[:-3] for name in names if name.endswith("_em")]
+    sided = {f"{base}_error": (f"{base}_em", f"{base}_ep") for base in bases if f"{base}_ep" in present}
+    ellipse = next((each for each in _ELLIPSES if present.issuperset(each)), None)
+    made = dict.fromkeys(("pmra_error", "pmdec_error", "pmra_pmdec_corr"), ellipse) if ellipse else {}
+    return {name: inputs for name, inputs in (sided | made).items() if name not in present}
+
+
+def with_derived(source: TableSource) -> TableSource:
+    """A table with the columns that others are made of: errors of two sides, error ellipses."""
+    made = derived_from(source.names)
+    if not made:
+        return source
+    recipes, notes = {}, []
+    for name, inputs in made.items():
+        unit = None if name == "pmra_pmdec_corr" else source.units.get(inputs[0])
+        recipes[name] = inputs, _FROM_ELLIPSE[name] if len(inputs) == 3 else _larger, unit
+    if sided := [
+        name for name, inputs in made.items() if len(inputs) == 2 and name[:-6] in ("pmra", "pmdec", "distance")
+    ]:
+        notes.append(f"of errors of two sides the larger is taken: {', '.join(sided)}")
+    if ellipse := next((inputs for inputs in made.values() if len(inputs) == 3), None):
+        notes.append(f"errors and correlations of the motions by the ellipses {', '.join(ellipse)}")
+    return derived(source, recipes, notes)
+
+
+def derived(source: TableSource, made: Mapping[str, Any], notes: Iterable[str] = ()) -> TableSource:
+    """A table with further columns: name → (the columns it is made of, function of their values, unit)."""
+
+    def read(names, rows):
+        inputs = [name for each in names if each in made for name in made[each][0]]
+        own = tuple(dict.fromkeys([name for name in names if name not in made] + inputs))
+        for block in source.read(own or source.names[:1], rows):
+            count = len(next(iter(block.values()))[0])
+            yield {name: _made(made[name], block, count) if name in made else block[name] for name in names}
+
+    units = source.units | {name: unit for name, (_, _, unit) in made.items() if unit}
+    names = (*source.names, *(name for name in made if name not in source.names))
+    return replace(source, names=names, read=read, units=units, notes=(*source.notes, *notes))
+
+
+def _made(recipe, block, count):
+    inputs, function, _ = recipe
+    masks = [block[name][1] for name in inputs if block[name][1] is not None]
+    with np.errstate(all="ignore"):
+        values = np.broadcast_to(function(*(np.asarray(block[name][0], float) for name in inputs)), count).copy()
+    return values, np.logical_or.reduce(masks) if masks else None
+
+
+def _larger(a, b):
+    return np.maximum(np.abs(a), np.abs(b))
+
+
+def _sin(angle):
+    return np.sin(np.radians(angle))
+
+
+def _cos(angle):
+    return np.cos(np.radians(angle))
+
+
+def _ellipse_correlation(a, b, angle):
+    """The correlation that an ellipse is, whose major axis points `angle` degrees from north through east."""
+    cross = (a**2 - b**2) * _sin(angle) * _cos(angle)
+    return cross / (np.hypot(a * _sin(angle), b * _cos(angle)) * np.hypot(a * _cos(angle), b * _sin(angle)))
+
+
+_FROM_ELLIPSE = {
+    "pmra_error": lambda a, b, angle: np.hypot(a * _sin(angle), b * _cos(angle)),
+    "pmdec_error": lambda a, b, angle: np.hypot(a * _cos(angle), b * _sin(angle)),
+    "pmra_pmdec_corr": _ellipse_correlation,
+}

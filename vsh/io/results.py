@@ -1,0 +1,52 @@
+"""Whatever this project wrote, read back as what it was."""
+
+import json
+import re
+from importlib import import_module
+from typing import Any
+
+from vsh.io import catalogue, tables
+from vsh.tools.errors import TableError
+from vsh.tools.notes import printable
+from vsh.tools.types import PathName
+
+#: Modules whose results are read by their mark; a file cannot have anything else imported.
+_OURS = re.compile(r"(fit|sim|study)(\.\w+)+")
+
+
+def read(path: PathName) -> Any:
+    """Read a file that this project wrote: a result of a fit as that result, sources as a Field, else a table.
+
+    Parameters
+    ----------
+    path : str or Path
+        A result (ECSV or FITS), a field, or any other table.
+
+    Raises
+    ------
+    TableError
+        If the file cannot be read, or holds a result that is not as it was written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from vsh import Field, read
+    >>> with tempfile.NamedTemporaryFile(suffix=".fits") as file:
+    ...     Field([0.1], [0.2], [[1.0], [2.0]], [[1.0], [1.0]]).write(file.name)
+    ...     read(file.name)
+    <Field: 1 sources, icrs, with name>
+    """
+    opened = tables.open_table(path)
+    mark = {str(key).upper(): value for key, value in opened.meta.items()}.get("RESULT")
+    if mark is None:
+        return catalogue.read_field(path) if set(catalogue.REQUIRED) <= set(opened.names) else tables.read_table(path)
+    try:
+        facts = json.loads(mark)
+        module, kind = str(facts["module"]), str(facts["type"])
+        if not _OURS.fullmatch(module):
+            raise ImportError
+        return getattr(import_module(module), kind).read(path)
+    except (KeyError, TypeError, ValueError, AttributeError, ImportError) as error:
+        if isinstance(error, TableError):
+            raise
+        raise TableError(f"{printable(path)} holds a result that is not known here, or is damaged") from None
