@@ -29,8 +29,6 @@ __all__ = ["FrameComparison", "compare_catalogues"]
 _LISTED = 10
 #: What is so many times farther than the limit from a robust fit is left out before the first plain one.
 _FAR = 3.0
-
-
 #: Classes of quoted error, and the fewest sources in one.
 _CLASSES, _FEWEST = 5, 30
 
@@ -215,12 +213,11 @@ class FrameComparison(AboutSolution):
                 + (f", {printed_p_value(self.deformation_p_value_scaled)} by one factor" if self.factor != 1 else "")
             )
         if self.factor > 1:
-            lines.append(f"residuals suggest errors {self.factor:.3g} times as large: multiply those above by it")
+            lines.append(f"over all sources residuals are {self.factor:.3g} times the errors quoted")
         if self.factor < 1:
             lines.append(
-                f"residuals are {self.factor:.3g} of their errors: the catalogues share observations, or errors are too"
-                " large. The scaled p-value holds where all share alike; errors above stay as they are, since what is "
-                "shared may still be wrong in both"
+                f"over all sources residuals are {self.factor:.3g} times the errors quoted: the catalogues share "
+                "observations, or errors are too large; what is wrong in both alike is in no error here"
             )
         for label, index in ((a, 0), (b, 1)):
             value, pair = self.correlations.largest(index)

@@ -117,3 +117,15 @@ def norm_limit(norms: FloatArray, sigma: FloatArray, size: int, probability: flo
 def printed_p_value(p: float) -> str:
     """A probability as it is printed."""
     return f"{p:.4f}" if p > 1e-3 else f"{p:.1e}" if p > 0 else "<1e-300" if p == 0 else "nan"
+
+
+def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+    """Generalised least squares of values (B, q) = design (B, k) · θ (k, q): θ flat, χ² and θ's covariance."""
+    q = values.shape[1]
+    full = np.kron(design, np.eye(q))
+    y = values.ravel()
+    weighted = np.linalg.solve(covariance, np.column_stack([full, y]))
+    spread = np.linalg.inv(full.T @ weighted[:, :-1])
+    theta = spread @ (full.T @ weighted[:, -1])
+    least = float(y @ weighted[:, -1] - theta @ (full.T @ weighted[:, -1]))
+    return theta, least, spread

@@ -31,7 +31,7 @@ def _gaia(options):
     counts = {"rows_used": len(sources.field), "rows_refused": dropped(sources.field.notes)}
     meta = running.provenance(options.gaia, options, **counts)
     with outputs.results_folder(options, meta) as folder:
-        formats = values.chosen_formats(options.format, values.FIGURE_FORMATS) or ["png"]
+        formats = values.figure_formats(options.format)
         drawn = None if options.no_figures else {"format": formats, "dpi": options.dpi}
         text = write_gaia(study, folder, truth=truth, provenance=meta, figures=drawn)
     written = sorted(Path(options.output).glob("*.ecsv"))

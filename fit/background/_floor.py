@@ -310,14 +310,14 @@ def floor(
 
     Notes
     -----
-    The floor extrapolates from degrees 2, 3, … to degree 1, on the assumption that each mode has the same power: a
-    spectrum that rises towards low degrees makes it too small. On skies drawn from Gaia EDR3's published one
-    (`vsh.models.covariance.LINDEGREN_2021`) spin and acceleration scatter by 1.18, 1.49 and 1.79 of the errors with the
-    floor at degrees 3, 7 and 10, and three standard deviations hold 98, 95 and 91 %: the lower degree holds better
-    there. Systematics of degrees that are not fitted leak into those that are, and make the powers larger than they
-    are, not the coverage. The median of the posterior covers better than the largest likelihood where modes are few
-    (degree 3: 12 of each parity). Where there is nothing it enlarges errors by 4 % at degree 7, 8 % at 4, 12 % at 3,
-    and takes away what the higher degrees cost. Coverage on simulated skies: docs/backgrounds.md.
+    The floor extrapolates from degrees 2, 3, … to degree 1 along the shapes that it is given. On skies drawn from Gaia
+    EDR3's published covariance spin and acceleration scatter by 1.06 and 1.07 of the errors with both shapes at
+    degrees 5 and 7, and 95 % intervals hold 93 and 95 % (with the flat one alone 1.4 and 1.5, 84 and 82 %); a spectrum
+    that rises more steeply than either, l⁻² a mode, makes the floor two to three times too small (`steeper`).
+    Systematics of degrees that are not fitted leak into those that are, and make the powers larger than they are, not
+    the coverage. The median of the posterior covers better than the largest likelihood where modes are few (degree 3:
+    12 of each parity). Where there is nothing it enlarges errors by 4 % at degree 7, 8 % at 4, 12 % at 3, and takes
+    away what the higher degrees cost. Coverage on simulated skies: docs/backgrounds.md.
 
     Examples
     --------

@@ -16,6 +16,7 @@ from fit.background._amplitude import equations_of, words_of
 from fit.background._blocks import Blocks, ClassEquations, reduced
 from fit.background._floor import SHAPES
 from fit.normal import NormalEquations
+from fit.quality import gls
 from fit.solution import HarmonicSolution, Solution
 from fit.storage import Result
 from vsh.coefficients import Coefficients
@@ -128,8 +129,8 @@ class SharedErrors(Result):
 
     def together(self) -> Solution:
         """One spin and acceleration for all classes, by generalised least squares."""
-        values, covariance, _, _ = _line(np.ones((len(self), 1)), self.values, self._blocks(), slice(0, 6))
-        return self._harmonic(values[0], covariance, 2 * sum(self.n_sources))
+        values, _, covariance = gls(self.values, self.covariance, np.ones((len(self), 1)))
+        return self._harmonic(values, covariance, 2 * sum(self.n_sources))
 
     def equality(self, kind: str | None = None) -> float:
         """p-value of classes that are alike, the mean over what may be shared.
@@ -294,11 +295,11 @@ class SharedErrors(Result):
             None if kind is None else choice("kind", kind, ("T", "S"))
         ]
         one, total = np.ones((len(self), 1)), 0.0
-        for mean, covariance in zip(self.means, self.covariances, strict=True):
-            *_, misfit, dof = _line(one, mean, covariance, part)
+        for mean, covariance in zip(self.means[:, :, part], self.covariances[:, :, part][..., part], strict=True):
+            flat, width = covariance.reshape(mean.size, mean.size), mean.shape[1]
+            misfit, dof = gls(mean, flat, one)[1], mean.size - width
             if x is not None:
-                *_, with_slope, less = _line(np.c_[one, x - x.mean()], mean, covariance, part)
-                misfit, dof = misfit - with_slope, dof - less
+                misfit, dof = misfit - gls(mean, flat, np.c_[one, x - x.mean()])[1], width
             total += chdtrc(dof, max(misfit, 0.0))
         return float(total / len(self.means))
 
@@ -325,20 +326,6 @@ class SharedErrors(Result):
             for row, name in rows
             for kind, word in (("T", "spin"), ("S", "acceleration"))
         ]
-
-
-def _line(design, values, covariance, part):
-    """Generalised least squares θ_i = Σ design_ik β_k: β (k, c), its covariance, misfit and degrees of freedom."""
-    v = covariance[:, part][:, :, :, part]
-    y = values[:, part]
-    size, width = y.size, y.shape[1]
-    x = np.kron(design, np.eye(width))
-    solved = np.linalg.solve(v.reshape(size, size), np.column_stack([x, y.ravel()]))
-    normal = np.linalg.inv(x.T @ solved[:, :-1])
-    beta = normal @ (x.T @ solved[:, -1])
-    residual = y.ravel() - x @ beta
-    misfit = residual @ np.linalg.solve(v.reshape(size, size), residual)
-    return beta.reshape(-1, width), normal, float(misfit), size - x.shape[1]
 
 
 def _cells(solution):

@@ -134,18 +134,6 @@ def slope_chi2(values: FloatArray, covariance: FloatArray, x: FloatArray) -> flo
     return float(rhs.ravel() @ np.linalg.solve(normal, rhs.ravel()) - rhs[0] @ np.linalg.solve(weight.sum(0), rhs[0]))
 
 
-def gls(values: FloatArray, covariance: FloatArray, design: FloatArray) -> tuple[FloatArray, float, FloatArray]:
-    """Least squares of values (B, q) = design (B, k) · θ (k, q): θ, χ² and θ's covariance."""
-    q = values.shape[1]
-    full = np.kron(design, np.eye(q))
-    y = values.ravel()
-    weighted = np.linalg.solve(covariance, np.column_stack([full, y]))
-    spread = np.linalg.inv(full.T @ weighted[:, :-1])
-    theta = spread @ (full.T @ weighted[:, -1])
-    least = float(y @ weighted[:, -1] - theta @ (full.T @ weighted[:, -1]))
-    return theta, least, spread
-
-
 #: From this share in a variance on, a flow matters to the tests of bins.
 FLOW_MATTERS = 0.05
 _BLOCK = 4096

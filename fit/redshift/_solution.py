@@ -11,8 +11,8 @@ from scipy.special import chdtrc
 
 from fit.background import SharedErrors, shared
 from fit.output import WIDTH, components, note_lines, p_value
-from fit.quality import Quality, f_p_value
-from fit.redshift._contrasts import FLOW_MATTERS, ChiSquare, Trend, gls, information, slope_of, welch
+from fit.quality import Quality, f_p_value, gls
+from fit.redshift._contrasts import FLOW_MATTERS, ChiSquare, Trend, information, slope_of, welch
 from fit.storage import Result
 from vsh import Modes
 from vsh.coefficients import FIRST_DEGREE

@@ -44,7 +44,7 @@ class Figures:
             return []
         from vsh.figures.plot import save_figures
 
-        formats = values.chosen_formats(options.format, values.FIGURE_FORMATS) or ["png"]
+        formats = values.figure_formats(options.format)
         paths = save_figures(self.drawn, folder, format=formats, dpi=options.dpi, close=False)
         if not options.html:  # nobody wants them any more
             self.close()

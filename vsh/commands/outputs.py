@@ -85,7 +85,7 @@ def results_folder(options: argparse.Namespace, provenance: dict[str, Any]) -> I
     Path(os.path.realpath(options.output)).parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(options.output) as folder:
         yield folder
-        _copy_tables(folder, values.chosen_formats(getattr(options, "format", ""), values.TABLE_FORMATS))
+        _copy_tables(folder, values.table_formats(getattr(options, "format", "")))
         (folder / configuration.NAME).write_text(repeats(options, provenance), encoding="utf-8")
         (folder / "citation.bib").write_text(citing.bibtex(options.program, options.given) + "\n", encoding="utf-8")
         files = {x.name: digest(x) for x in sorted(folder.iterdir())}

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import vsh
 from vsh.commands import citing, configuration, values
+from vsh.tools.formats import is_address, shown_address
 
 _NEGATIVE = re.compile(r"-[\d.]")
 
@@ -51,13 +52,16 @@ def parse(options_module: Any, arguments: Sequence[str] | None = None) -> argpar
         options_module.check(parser, options)
     options.program = parser.prog
     options.expected = {} if kept is None else dict(kept.files)
-    options.given = configuration.given(options_module.make_parser(), joined)
+    given = configuration.given(options_module.make_parser(), joined)
+    options.given = {name: _without_secrets(value) for name, value in given.items()}
     options.command = [parser.prog, *map(_told, words if kept is None else _without_config(joined))]
     return options
 
 
 def without_folder(text: str) -> str:
-    """The name of a file without its folder, for pages that are handed round; any other text as it is."""
+    """The name of a file without its folder, an address without its password; any other text as it is."""
+    if is_address(text):
+        return shown_address(text)
     path = Path(text)
     return path.name if path.is_absolute() or ("/" in text and os.path.lexists(path)) else text
 
@@ -83,6 +87,13 @@ def _told(word):
     """A word of the command as a page may hold it, the value of --option=value too."""
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     return option + equals + without_folder(value)
+
+
+def _without_secrets(value):
+    """What an option was given, its addresses without their passwords."""
+    if isinstance(value, tuple):
+        return tuple(map(shown_address, value))
+    return shown_address(value) if isinstance(value, str) else value
 
 
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:

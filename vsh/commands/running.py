@@ -21,6 +21,7 @@ from vsh.commands.parsing import parse, without_folder
 from vsh.commands.reading import standard_input
 from vsh.tools.errors import VshError, VshWarning
 from vsh.tools.files import check_not_read, digest, reading
+from vsh.tools.formats import is_address, shown_address
 from vsh.tools.logs import PACKAGES
 from vsh.tools.notes import printable
 from vsh.tools.parallel import limited, without_bars
@@ -195,10 +196,8 @@ def provenance(paths: Any, options: argparse.Namespace, **counts: Any) -> dict[s
     import astropy
     import scipy
 
-    from vsh.io.tables import is_address, shown_address
-
     given = [str(path) for path in (paths if isinstance(paths, list) else [paths])]
-    paths = [Path(shown_address(path) if is_address(path) else path) for path in given]
+    paths = [Path(shown_address(path)) for path in given]
     # What lies at an address is not fetched once more for its hash.
     hashes = ["" if is_address(name) else digest(path) for name, path in zip(given, paths, strict=True)]
     one = len(paths) == 1

@@ -129,9 +129,14 @@ def formats(text: str) -> str:
     return ",".join(dict.fromkeys(names))
 
 
-def chosen_formats(text: str, among: tuple[str, ...]) -> list[str]:
-    """Those of `formats` that are among some."""
-    return [name for name in text.split(",") if name in among]
+def figure_formats(text: str) -> list[str]:
+    """Those of `formats` that figures have; PNG where none is said."""
+    return [name for name in text.split(",") if name in FIGURE_FORMATS] or ["png"]
+
+
+def table_formats(text: str) -> list[str]:
+    """Those of `formats` that tables have."""
+    return [name for name in text.split(",") if name in TABLE_FORMATS]
 
 
 def pairs(text: str) -> dict[str, str]:

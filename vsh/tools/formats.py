@@ -1,7 +1,8 @@
-"""The formats of tables, a row each: what a reader, a writer, a command and a message know of them."""
+"""What names of tables say: formats by their endings, a row each, and addresses, shown without what is secret."""
 
 import re
 from typing import NamedTuple
+from urllib.parse import urlsplit, urlunsplit
 
 
 class Format(NamedTuple):
@@ -63,3 +64,23 @@ WRITTEN = {ending: row.kind for row in FORMATS if row.written for ending in row.
 #: Endings of packed files, behind those of the format; only the first is written.
 PACKED = (".gz", ".bz2", ".xz", ".zst")
 READ = WRITTEN | {ending: row.kind for row in FORMATS for ending in row.endings}
+
+
+def is_address(text: str) -> bool:
+    """Whether a text is an address."""
+    return "://" in text[:16]
+
+
+def shown_address(text: str) -> str:
+    """An address without passwords and what stands behind a question mark; any other text as it is."""
+    return _shown(text) if is_address(text) else text
+
+
+def shown_addresses(text: str) -> str:
+    """A message, each address in it as `shown_address` has it."""
+    return re.sub(r"\w+://[^\s'\"]+", lambda address: _shown(address[0]), text)
+
+
+def _shown(text):
+    parts = urlsplit(text)
+    return urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path, "", ""))

@@ -77,6 +77,7 @@ def server(folder):
     threading.Thread(target=made.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{made.server_address[1]}", handler
     made.shutdown()
+    made.server_close()
 
 
 @pytest.mark.parametrize("name", ["part0.parquet", "one.fits", "one.csv"])
@@ -114,6 +115,20 @@ def test_a_server_that_dies_is_said_and_started_again_it_goes_on(server, folder,
     assert there.replace(f"{address}/", "") == capsys.readouterr().out.replace(f"{folder}/", "")
     with pytest.raises(TableError, match="no such file|cannot be read"):
         read_field(f"{address}/none.fits")
+
+
+def test_passwords_and_keys_are_written_nowhere(server, tmp_path, capsys):
+    address = server[0].replace("://", "://me:sesame1@") + "/one.fits?key=sesame2"
+    pages = ["--output", str(tmp_path / "run"), "--html", str(tmp_path / "page.html")]
+    assert main([address, "--lmax", "2", *pages]) == 0
+    assert main([address.replace("one", "none"), "--lmax", "2"]) == 1
+    printed = capsys.readouterr()
+    assert "127.0.0.1" in printed.out
+    assert "none.fits" in printed.err
+    assert "sesame" not in printed.out + printed.err
+    written = [path for path in tmp_path.rglob("*") if path.is_file() and path.parent.name != "out"]
+    assert {"run.toml", "provenance.json", "solution.ecsv", "page.html"} <= {path.name for path in written}
+    assert not [path.name for path in written if b"sesame" in path.read_bytes()]
 
 
 def test_no_server_and_no_such_protocol():

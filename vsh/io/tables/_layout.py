@@ -3,7 +3,7 @@
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from vsh.tools.errors import TableError
@@ -133,10 +133,21 @@ def _fields(line, delimiter):
 def _named(names, label):
     """Names without blanks around them; a column without one is called by its number."""
     names = [name.strip().strip('"').strip() or f"col{k + 1}" for k, name in enumerate(names)]
+    check_repeated(names, label)
+    return names
+
+
+def check_repeated(names: Iterable[str], label: str) -> None:
+    """Refuse columns of one name.
+
+    Raises
+    ------
+    TableError
+        If there are such.
+    """
     repeated = sorted(name for name, times in Counter(names).items() if times > 1)
     if repeated:
         raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, repeated))}")
-    return names
 
 
 def _names_in_comment(comments, count, delimiter):

@@ -11,13 +11,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
-from urllib.parse import urlsplit, urlunsplit
+from urllib.parse import urlsplit
 
 from vsh.io.tables._arrow import open_parquet_at
 from vsh.io.tables._packed import in_folder
 from vsh.io.tables._source import TableSource
+from vsh.tools import formats
 from vsh.tools.errors import TableError, first_line
-from vsh.tools.formats import READ
 from vsh.tools.notes import printable
 from vsh.tools.writing import format_of
 
@@ -28,7 +28,7 @@ CONNECT, ANSWER = 10.0, 60.0
 def is_address(source: Any) -> bool:
     """Whether a source is an address, s3://bucket/folder say, or an fsspec path (UPath)."""
     if isinstance(source, str):
-        return "://" in source[:16]
+        return formats.is_address(source)
     return any(c.__name__ == "UPath" for c in type(source).__mro__) and bool(source.protocol)
 
 
@@ -48,7 +48,7 @@ class Place(NamedTuple):
 def place_of(source: Any) -> Place:
     """Where an address leads."""
     text = source if isinstance(source, str) else f"{source.protocol}://{source.path.lstrip('/')}"
-    label = shown(text)
+    label = printable(formats.shown_address(text))
     try:
         import pyarrow.fs
     except ImportError as error:
@@ -63,7 +63,7 @@ def place_of(source: Any) -> Place:
         if scheme in ("s3", "s3a"):
             return Place(_s3(text, pyarrow.fs), _below(text), label, source)
         if scheme in ("gs", "gcs"):
-            anonymous = _anonymous(text, "GOOGLE_APPLICATION_CREDENTIALS")
+            anonymous = _anonymous(text, os.environ.get("GOOGLE_APPLICATION_CREDENTIALS"))
             return Place(pyarrow.fs.GcsFileSystem(anonymous=anonymous), _below(text), label, source)
         import fsspec
 
@@ -87,27 +87,20 @@ def _http_timeout():
     return aiohttp.ClientTimeout(total=None, connect=CONNECT, sock_read=ANSWER)
 
 
-def shown(address: str) -> str:
-    """An address as messages and results have it: without passwords and what stands behind a question mark."""
-    parts = urlsplit(address)
-    return printable(urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path, "", "")))
-
-
 def _below(text):
     parts = urlsplit(text)
     return f"{parts.netloc.rpartition('@')[2]}{parts.path}".rstrip("/")
 
 
-def _anonymous(text, *names):
+def _anonymous(text, credentials):
     """Whether no credentials are used: asked for, or none are set up."""
-    user = urlsplit(text).netloc.rpartition("@")[0]
-    return user == "anonymous" or not any(os.environ.get(name) for name in names)
+    return urlsplit(text).netloc.rpartition("@")[0] == "anonymous" or not credentials
 
 
 def _s3(text, fs):
-    config = os.path.expanduser("~/.aws/credentials")
     names = ("AWS_ACCESS_KEY_ID", "AWS_PROFILE", "AWS_WEB_IDENTITY_TOKEN_FILE", "AWS_CONTAINER_CREDENTIALS_FULL_URI")
-    anonymous = _anonymous(text, *names, *(["HOME"] if os.path.exists(config) else []))
+    set_up = any(map(os.environ.get, names)) or os.path.exists(os.path.expanduser("~/.aws/credentials"))
+    anonymous = _anonymous(text, set_up)
     endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL") or ""
     scheme, _, host = endpoint.rpartition("://")
     given = {"endpoint_override": host, "scheme": scheme or "https"} if host else {}
@@ -117,7 +110,8 @@ def _s3(text, fs):
 
 
 def _unreachable(label, error):
-    reason = "no such file, or no server answers" if isinstance(error, FileNotFoundError) else first_line(error)
+    missing = isinstance(error, FileNotFoundError)
+    reason = "no such file, or no server answers" if missing else formats.shown_addresses(first_line(error))
     return TableError(
         f"{label} cannot be read: {reason}. Is there a network, and the address right? Started again, it is "
         "fetched again"
@@ -132,7 +126,7 @@ def open_at(source: Any, open_file: Any, kind: str | None = None) -> TableSource
     if len(files) > 1:
         raise TableError(f"{label} holds {len(files)} files: go through them with vsh.io.catalogue.parts, or --workers")
     (file,) = files
-    kind = kind or _kind(file)
+    kind = kind or _kind(file.path)
     if kind == "parquet":
         return open_parquet_at(file.filesystem, file.path, label)
     copy = in_folder(PurePosixPath(file.path).name)
@@ -155,9 +149,10 @@ def _keeping(opened, copy):
     return replace(opened, read=read)
 
 
-def _kind(file):
+def _kind(path):
+    """The format that an ending says, or None."""
     try:
-        return format_of(file.path, READ)
+        return format_of(path, formats.READ)
     except TableError:
         return None
 
@@ -184,10 +179,10 @@ def files_at(place: Place) -> list[Place]:
         wanted = {p: full for p, full in inside.items() if p.startswith("dataset/Norder=") and p.endswith(".parquet")}
     else:
         hidden = {p for p in inside if any(part.startswith((".", "_")) for part in PurePosixPath(p).parts)}
-        wanted = {p: full for p, full in inside.items() if p not in hidden and _kind(Place(None, p, "", None))}
+        wanted = {p: full for p, full in inside.items() if p not in hidden and _kind(p)}
     if not wanted:
-        raise TableError(f"{place.label} is a folder without tables: known endings are {', '.join(READ)}")
-    kinds = {_kind(Place(None, p, "", None)) for p in wanted}
+        raise TableError(f"{place.label} is a folder without tables: known endings are {', '.join(formats.READ)}")
+    kinds = {_kind(p) for p in wanted}
     if len(kinds) > 1:
         raise TableError(
             f"{place.label} holds tables of several formats ({', '.join(sorted(kinds))}): name those of one"

@@ -2,13 +2,12 @@
 
 import csv
 import io
-from collections import Counter
 from itertools import chain, islice
 from operator import itemgetter
 
 import numpy as np
 
-from vsh.io.tables._layout import Layout, layout_of
+from vsh.io.tables._layout import Layout, check_repeated, layout_of
 from vsh.io.tables._packed import DAMAGE, unpacked
 from vsh.io.tables._source import TableSource
 from vsh.tools.errors import TableError, first_line
@@ -66,9 +65,7 @@ def _ecsv(first, lines, label):
     names = _split(line, delimiter, label)
     if list(types) != names:
         raise TableError(f"{label} is damaged: its header describes other columns than the line of names")
-    repeated = sorted(name for name, times in Counter(names).items() if times > 1)
-    if repeated:
-        raise TableError(f"{label} is damaged: several columns are called {', '.join(map(repr, repeated))}")
+    check_repeated(names, label)
     return Layout(names, len(comments) + 1, delimiter, units=units), types, meta, descriptions
 
 
