@@ -83,6 +83,9 @@ def solve(
     covariance = cho_solve(factor, np.diag(scale)) * scale[:, None]
     values = scale * cho_solve(factor, scale * normal.rhs)
     chi2, notes = float(normal.chi2_null - values @ normal.rhs), spoken(normal.notes)
+    if normal.templates:
+        names = ", ".join(each.name for each in normal.templates)
+        notes = (*notes, f"templates are not in this fit, but in that of fit.background.shared: {names}")
     by_prior = 0.0
     if (assumed := normal.prior) is not None:
         by_prior = float(np.sum(covariance * assumed.matrix))

@@ -1,7 +1,7 @@
 """What `sim` holds: for type checkers, and for whoever asks (lazy_loader reads the imports here)."""
 
 from . import agis, astrometry, effects, gaia, plot, population, scanning, signal, skies, variability
-from .expected import expected_covariances
+from .expected import expected_covariances, scan_maps
 from .gaia import crf3, crf4, epochs
 from .mission import Mission
 from .noise import gaia_errors
@@ -63,6 +63,7 @@ __all__ = [
     "population",
     "quasars",
     "random_field",
+    "scan_maps",
     "scanning",
     "secular_parallax",
     "signal",

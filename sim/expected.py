@@ -9,12 +9,13 @@ from sim.mission import Mission, as_mission
 from sim.population import Population
 from sim.scanning import BLOCK, NominalScanningLaw
 from sim.variability import Variability
+from vsh.sky.pixels import centres, check_nside
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray, Release
 
-__all__ = ["errors_by_place"]
+__all__ = ["errors_by_place", "scan_maps"]
 
 _COLUMNS = {"motion": slice(3, 5), "position": slice(0, 2)}
 
@@ -141,3 +142,41 @@ def errors_by_place(
         )
     unit = np.sqrt(np.stack([covariance[:, 0, 0], covariance[:, 1, 1]]))
     return mission.transit_error(magnitude) * unit, covariance[:, 0, 1] / (unit[0] * unit[1])
+
+
+def scan_maps(
+    law: Mission | NominalScanningLaw, nside: int = 8, *, threads: int | None = None
+) -> dict[str, FloatArray]:
+    """Maps of how a mission scans the sky: templates of what its scanning may cause (`fit.background.Template`).
+
+    Parameters
+    ----------
+    law : Mission or NominalScanningLaw
+        The mission.
+    nside : int
+        Resolution of the maps.
+    threads : int, optional
+        How many; one a core unless given.
+
+    Returns
+    -------
+    dict of (12 nside²,) arrays
+        HEALPix maps in ring order and the mission's frame: "transits", their number, and "cos kψ", "sin kψ" for k = 1 …
+        4, the means over the transits of the angle ψ of the scans, as the moments `scan_direction` of Gaia's archive.
+
+    Examples
+    --------
+    >>> maps = scan_maps(NominalScanningLaw(years=0.5), nside=1)
+    >>> sorted(maps)[:3], maps["transits"].shape
+    (['cos 1ψ', 'cos 2ψ', 'cos 3ψ'], (12,))
+    """
+    scanning = law.scanning_law if isinstance(law, Mission) else law
+    lon, lat = centres(check_nside(nside))
+    transits = scanning.transits(lon, lat, threads=threads)
+    counts = transits.counts(lon.size).astype(float)
+    maps = {"transits": counts}
+    for k in range(1, 5):
+        for name, of in (("cos", np.cos), ("sin", np.sin)):
+            total = np.bincount(transits.source, of(k * transits.angle), lon.size)
+            maps[f"{name} {k}ψ"] = np.divide(total, counts, out=np.full(lon.size, np.nan), where=counts > 0)
+    return maps

@@ -5,11 +5,13 @@ normal equations, with whatever else is fitted marginalised.
 """
 
 from fit.background._amplitude import Amplitude, equations_of
+from fit.background._cross import CrossPowers, cross_powers
 from fit.background._evidence import Comparison, compare_models, evidence
 from fit.background._fit import Background, fit_amplitudes
 from fit.background._floor import SHAPES, Floor, add_floor, floor
 from fit.background._shared import SharedErrors, Verdict, shared
 from fit.background._waves import WaveLimit, wave_limit
+from fit.normal import Template
 from vsh.models.covariance import Spectrum
 from vsh.tools.modules import old_names
 
@@ -17,12 +19,15 @@ __all__ = [
     "Amplitude",
     "Background",
     "Comparison",
+    "CrossPowers",
     "Floor",
     "SharedErrors",
+    "Template",
     "Verdict",
     "WaveLimit",
     "add_floor",
     "compare_models",
+    "cross_powers",
     "evidence",
     "fit_amplitudes",
     "floor",

@@ -7,6 +7,8 @@ G = 1 + Rᵀ A R = Λ Λᵀ,
 
     ln L = ½ wᵀ w − Σ ln Λ_kk,   w = Λ⁻¹ Rᵀ β.
 
+Amplitudes of templates stand behind the modes, with one variance for all of them, the same in all classes.
+
 The amplitudes a, b_i are drawn by importance sampling, flat in each beforehand; ln L is even in them.
 """
 
@@ -44,6 +46,7 @@ def reduced(normal: NormalEquations, modes: Modes, scaled: bool = True) -> Class
     """The equations of a class to the degree of `modes`; errors scaled by its own χ²/dof where that is known."""
     at = np.flatnonzero(normal.modes.degrees <= modes.lmax)
     matrix, rhs = normal.matrix[np.ix_(at, at)], normal.rhs[at]
+    templates = np.reshape([each.values[at] for each in normal.templates], (-1, len(at)))
     size = np.sqrt(np.diag(matrix))
     if not (size > 0).all():
         raise DegeneracyError("a class sees nothing of some coefficients: it has no sources, or too few")
@@ -51,8 +54,9 @@ def reduced(normal: NormalEquations, modes: Modes, scaled: bool = True) -> Class
     ridge = 1e-9 * np.diag(np.diag(matrix))  # of few sources the matrix may be singular
     left = normal.chi2_null - rhs @ np.linalg.solve(matrix + ridge, rhs)
     tau = left / (normal.n_data - len(at)) if scaled and normal.n_data > 1.5 * len(at) else 1.0
-    matrix, rhs = matrix / tau, rhs / tau
-    one = modes.degrees == 1
+    also = np.vstack([np.eye(len(at)), templates])  # EᵀNE and Eᵀb
+    matrix, rhs = also @ matrix @ also.T / tau, also @ rhs / tau
+    one = np.r_[modes.degrees == 1, np.zeros(len(templates), bool)]
     first, across = matrix[np.ix_(one, one)], matrix[np.ix_(one, ~one)]
     if np.linalg.cond(first) > 1e12:
         raise DegeneracyError("a class does not determine its spin and acceleration: merge it with another")
@@ -79,15 +83,20 @@ class Blocks:
         self.matrices = np.array([each.matrix for each in classes])
         self.rhs = np.array([each.rhs for each in classes])
         self.n_classes, self.size = self.rhs.shape
-        self.group, self.first_group = group[high], group[one]
-        self.root, self.first = np.sqrt(variances[high]), variances[one]
-        units = np.array([self._units(np.flatnonzero(self.group == g), variances[high]) for g in range(2)])
+        self.n_modes = int(high.sum())
+        among = np.ones(self.size - self.n_modes)
+        self.group, self.first_group = np.r_[group[high], np.full(among.size, 2)], group[one]
+        shape = np.r_[variances[high], among]
+        self.root, self.first = np.sqrt(shape), variances[one]
+        units = np.array([self._units(np.flatnonzero(self.group == g), shape) for g in range(2)])
         if self.n_classes == 1:
             units = units[:, :1]
         elif own == "one":
             units = np.c_[units[:, 0], units[:, 0]]
-        #: Roots of amplitudes that would be seen at one standard error, (2, 1 + K).
+        #: Roots of amplitudes that would be seen at one standard error, (2, 1 + K), and that of templates behind them.
         self.unit = units
+        template = self._units(np.flatnonzero(self.group == 2), shape)[:1] if among.size else np.empty(0)
+        self.units = np.r_[units.ravel(), template]
 
     def _units(self, at, shape):
         squares = self.matrices[:, at][:, :, at] ** 2
@@ -95,19 +104,21 @@ class Blocks:
         return np.sqrt([1 / np.sqrt(shape[at] @ square @ shape[at] / 2) for square in among])
 
     def shares(self, x: FloatArray) -> FloatArray:
-        """C of both parities, (2, K, K)."""
-        squares = (x.reshape(self.unit.shape) * self.unit) ** 2
+        """C of both parities, and of templates where there are some, (2 or 3, K, K)."""
+        squares = (x * self.units) ** 2
+        of_modes = squares[: self.unit.size].reshape(self.unit.shape)
         ones = np.ones((self.n_classes, self.n_classes))
-        if self.n_classes == 1:
-            return squares[:, :1, None] * ones
-        own = squares[:, 1:] if self.own == "each" else np.repeat(squares[:, 1:2], self.n_classes, 1)
-        return squares[:, :1, None] * ones + own[:, :, None] * np.eye(self.n_classes)
+        common = np.r_[of_modes[:, 0], squares[self.unit.size :]][:, None, None] * ones
+        if self.n_classes > 1:
+            own = of_modes[:, 1:] if self.own == "each" else np.repeat(of_modes[:, 1:2], self.n_classes, 1)
+            common[:2] += own[:, :, None] * np.eye(self.n_classes)
+        return common
 
     def factor(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """R by class and mode, Λ, and w."""
         shares = self.shares(x)
         # Without what each has for itself C would be singular.
-        least = np.trace(shares, axis1=1, axis2=2)[:, None, None] + (self.unit**2).min()
+        least = np.trace(shares, axis1=1, axis2=2)[:, None, None] + (self.units**2).min()
         root = np.linalg.cholesky(shares + 1e-9 * np.eye(self.n_classes) * least)
         r = root[self.group].transpose(1, 2, 0) * self.root
         k, q = self.n_classes, self.size
@@ -140,12 +151,14 @@ class Blocks:
         trace = -np.einsum("zik,zjk->ijk", solved, solved)
         trace[np.arange(k), np.arange(k)] += np.einsum("ikk->ik", self.matrices)
         slope = (left[:, None] * left[None] - trace) * self.root**2 / 2
-        by_group = np.stack([slope[:, :, self.group == g].sum(2) for g in range(2)])
-        own = np.einsum("gii->gi", by_group)
-        gradient = by_group.sum((1, 2))[:, None]
+        by_group = np.stack([slope[:, :, self.group == g].sum(2) for g in range(3)])
+        own = np.einsum("gii->gi", by_group)[:2]
+        common = by_group.sum((1, 2))
+        gradient = common[:2, None]
         if k > 1:
             gradient = np.c_[gradient, own if self.own == "each" else own.sum(1)]
-        return float(np.log(np.diag(lower)).sum() - w @ w / 2), -gradient.ravel() * self.unit.ravel() ** 2
+        gradient = np.r_[gradient.ravel(), common[2:]][: self.units.size]
+        return float(np.log(np.diag(lower)).sum() - w @ w / 2), -gradient * self.units**2
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, float]:
         """Draws of the amplitudes, (n, d), their weights, and ln of the evidence: the mode, then importance."""
@@ -167,14 +180,14 @@ class Blocks:
         """The mode, and a covariance from the curvature there."""
         from scipy.optimize import minimize  # slow to import
 
-        size = self.unit.size
+        size = self.units.size
 
         def by_log(y):  # x² = eʸ − 1 is linear next to zero, where x itself would be stuck
             value, slope = self.loss(np.sqrt(np.expm1(y)))
             return value, slope * np.exp(y)
 
         best = minimize(
-            by_log, np.ones(size), jac=True, method="L-BFGS-B", bounds=[(0, 60)] * size, options={"ftol": 1e-9}
+            by_log, np.ones(size), jac=True, method="L-BFGS-B", bounds=[(0, 30)] * size, options={"ftol": 1e-9}
         )
         middle, bend = np.sqrt(np.expm1(best.x)), np.empty((size, size))
         for k in range(size):
@@ -200,6 +213,20 @@ class Blocks:
             for j in range(k):
                 covariance[i, at, j, at] += shares[self.first_group, i, j] * self.first
         return plain - (z.T @ w).reshape(k, 6), covariance
+
+    def template_amplitudes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Amplitudes of the templates beside what is shared, free beforehand, and their covariance."""
+        n = self.n_modes
+        r, _, _ = self.factor(x)
+        root, k = r[:, :, :n], self.n_classes
+        modes, across = self.matrices[:, :n, :n], self.matrices[:, :n, n:]
+        gram = np.einsum("mjk,mkl,mil->jkil", root, modes, root, optimize=True).reshape(k * n, k * n)
+        lower = cholesky(gram + np.eye(k * n), lower=True, check_finite=False)
+        both = np.concatenate([across, self.rhs[:, :n, None]], 2)
+        z = solve_triangular(lower, np.einsum("mjk,mkt->jkt", root, both).reshape(k * n, -1), lower=True)
+        precision = self.matrices[:, n:, n:].sum(0) - z[:, :-1].T @ z[:, :-1]
+        covariance = np.linalg.inv(precision)
+        return covariance @ (self.rhs[:, n:].sum(0) - z[:, :-1].T @ z[:, -1]), covariance
 
 
 def _folded(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]:

@@ -307,6 +307,8 @@ def floor(
         If a degree is not fitted, or degree 1 is named.
     DegeneracyError
         If the data do not determine what is fitted freely.
+    ParameterError
+        If a shape is not known, or the normal equations have templates: `shared` gives the floor beside them.
 
     Notes
     -----
@@ -331,6 +333,8 @@ def floor(
     """
     equations = equations_of(normal)
     modes = equations.modes
+    if equations.templates:
+        raise ParameterError("fit.background.shared([normal]) gives the floor beside templates; this one knows none")
     if degrees is None and modes.lmax < 2:
         raise ModesError("a floor is estimated from degrees 2 and higher: fit to degree 3 at least")
     degrees = fitted_degrees(modes, range(2, modes.lmax + 1) if degrees is None else degrees)

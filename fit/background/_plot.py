@@ -86,6 +86,22 @@ def _intervals(names, values, intervals, labels, point, ax):
 
 
 @styled
+def plot_cross(powers: Any, *, ax: Any = None) -> Any:
+    """Projections on templates by degree, in units of their errors with the floor."""
+    (axes,) = panels(ax, 1, size=(WIDTH, 3.2))
+    listed = list(dict.fromkeys(powers.templates))
+    for k, name in enumerate(listed):
+        at = np.array([each == name for each in powers.templates])
+        x = powers.degrees[at] + 0.6 * ((k + 0.5) / len(listed) - 0.5)
+        size = powers.values[at] / powers.errors_with_floor[at]
+        axes.errorbar(x, size, 1.0, fmt="o", color=COLOURS[k % len(COLOURS)], label=name)
+    axes.axhline(0, color="0.7", linewidth=0.8)
+    axes.set_xlabel("degree")
+    axes.set_ylabel("along the template  [errors]")
+    legend_above(axes, 2)
+    return axes
+
+
 def plot_shared(classes: Any, *, ax: Any = None) -> Any:
     """Amplitudes of spin and acceleration of each class, component by component, with their errors."""
     solutions = classes.solutions

@@ -6,7 +6,8 @@ differences of classes, follows.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,6 +84,11 @@ class SharedErrors(Result):
     n_sources : tuple of int
     frame : str
     notes : tuple of str
+    templates : tuple of str
+        Names of the templates, cut to the highest degree.
+    amplitudes, amplitude_covariance : (t,) and (t, t) arrays
+        How much of each is in the motions, the same in all classes, beside what is shared; rms over the sky where the
+        degree is that of the normal equations. Free beforehand: nothing shrinks them. [µas/yr]
     """
 
     labels: tuple[str, ...]
@@ -97,6 +103,9 @@ class SharedErrors(Result):
     n_sources: tuple[int, ...]
     frame: str = "icrs"
     notes: tuple[str, ...] = ()
+    templates: tuple[str, ...] = ()
+    amplitudes: FloatArray = field(default_factory=partial(np.zeros, 0))
+    amplitude_covariance: FloatArray = field(default_factory=partial(np.zeros, (0, 0)))
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -230,6 +239,9 @@ class SharedErrors(Result):
         lines.append(f"spectrum: {spectra}; draws that count: {', '.join(f'{x:.0f}' for x in self.effective)}")
         if len(self) > 1:
             lines.append(self.verdict_words(what))
+        sigma = np.sqrt(np.diag(self.amplitude_covariance))
+        for name, value, error in zip(self.templates, self.amplitudes, sigma, strict=True):
+            lines.append(f"template {name:32}{value:+10.2f} ±{error:8.2f} µas/yr{value / error:+8.1f} errors")
         lines.append(
             "This assumes that what is shared has one of these spectra: no higher degree shows what degree 1 has alone."
         )
@@ -405,6 +417,10 @@ def shared(
     frames = {each.frame for each in equations}
     if len(frames) > 1:
         raise FrameError(f"classes are in {' and '.join(sorted(map(str, frames)))}: take all to one frame")
+    if any(
+        [each.name for each in one.templates] != [each.name for each in equations[0].templates] for one in equations
+    ):
+        raise ParameterError("classes have different templates: give all of them the same maps")
     names = tuple(f"class {k + 1}" for k in range(len(listed))) if labels is None else tuple(map(str, labels))
     if len(names) != len(listed):
         raise ParameterError(f"{len(names)} labels for {len(listed)} classes")
@@ -415,7 +431,7 @@ def shared(
     evidence = np.array([each.evidence for each in lots])
     probability = np.exp(evidence - evidence.max())
     probability /= probability.sum()
-    means, covariances, shares = _kept(lots, probability, generator_)
+    means, covariances, shares, amplitudes = _kept(lots, probability, generator_)
     if min(each.effective for each, p in zip(lots, probability, strict=True) if p > 0.05) < _EFFECTIVE:
         notes.append("few draws of what is shared count: give more of them (draws=), or merge classes")
     return SharedErrors(
@@ -431,6 +447,8 @@ def shared(
         tuple(each.n_data // 2 for each in equations),
         equations[0].frame or "icrs",
         tuple(notes),
+        tuple(each.name for each in equations[0].templates),
+        *amplitudes,
     )
 
 
@@ -492,6 +510,7 @@ def _draws(classes, modes, spectra, own, draws, rng):
     high = modes.degrees > 1
     squares = sum(each.matrix**2 for each in classes)
     flat = Spectrum.flat().variances(modes)[high]
+    squares = squares[: len(flat), : len(flat)]  # without templates
     lots = []
     for _, spectrum in spectra:
         variances = spectrum.variances(modes)
@@ -509,7 +528,7 @@ def _draws(classes, modes, spectra, own, draws, rng):
 
 
 def _kept(lots, probability, rng):
-    """Draws of equal weight by systematic resampling: degree 1, its covariance, and C in the flat one's units."""
+    """Draws of equal weight by systematic resampling: degree 1, its covariance, C by the flat one, templates."""
     weight = np.concatenate([p * lot.weight for lot, p in zip(lots, probability, strict=True)])
     where = [(lot, i) for lot in lots for i in range(len(lot.x))]
     at = (np.arange(_KEPT) + rng.random()) / _KEPT
@@ -520,6 +539,8 @@ def _kept(lots, probability, rng):
             lot, i = where[k]
             power = lot.blocks.first.reshape(2, 3).mean(1)[[0, 1]]
             unit = Spectrum.flat().variances(Modes(1)).reshape(2, 3).mean(1)
-            done[k] = (*lot.blocks.degree_one(lot.x[i]), lot.blocks.shares(lot.x[i]) * (power / unit)[:, None, None])
-    means, covariances, shares = (np.array([done[k][part] for k in chosen]) for part in range(3))
-    return means, covariances, shares
+            shares = lot.blocks.shares(lot.x[i])[:2] * (power / unit)[:, None, None]
+            done[k] = (*lot.blocks.degree_one(lot.x[i]), shares, *lot.blocks.template_amplitudes(lot.x[i]))
+    means, covariances, shares, values, spreads = (np.array([done[k][part] for k in chosen]) for part in range(5))
+    away = values - values.mean(0)
+    return means, covariances, shares, (values.mean(0), spreads.mean(0) + away.T @ away / len(away))

@@ -32,6 +32,7 @@ class Backgrounds:
         return {
             "floor": "Power of the higher degrees by parity, with 68 % intervals: errors that sources share.",
             "shared": "Spin and acceleration of the classes, with errors that they share.",
+            "cross_powers": "What of the solution follows each template, by degree, in errors with the floor.",
             "waves": "Energy in gravitational waves: posteriors and 95 % limits.",
         }
 

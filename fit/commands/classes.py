@@ -1,6 +1,7 @@
 """What `vsh-fit --classes` does: spin and acceleration of classes of sources, with errors that they share."""
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -16,7 +17,7 @@ from vsh.tools.errors import NothingLeftError, NothingSelectedError, ParameterEr
 _HALVES = ("icrs", "galactic", "ecliptic")
 
 
-def shared_by(source: Any, path: str, options: argparse.Namespace) -> Any:
+def shared_by(source: Any, path: str, options: argparse.Namespace, templates: Sequence[Any] = ()) -> Any:
     """Normal equations of each class, and what they share."""
     name, _, rest = options.classes.partition(":")
     if name == "halves":
@@ -32,7 +33,7 @@ def shared_by(source: Any, path: str, options: argparse.Namespace) -> Any:
             _check_apart(source, path, options, labels, conditions, parts)
     if options.clip:
         parts = [fit.robust.clip(part, options.lmax, options.clip).sources(part) for part in parts]
-    normals = [fit.normal_equations(part.to_frame(options.frame), options.lmax) for part in parts]
+    normals = [fit.normal_equations(part.to_frame(options.frame), options.lmax, templates=templates) for part in parts]
     classes = fit.background.shared(normals, labels=labels, rng=options.seed)
     if options.robust or options.excess_noise or options.bootstrap or options.jackknife is not None:
         note = "classes are fitted by plain least squares, errors scaled by the χ²/dof of each"

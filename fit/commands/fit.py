@@ -8,7 +8,7 @@ from typing import Any
 import fit
 import vsh
 from fit.commands import backgrounds as shared
-from fit.commands import classes
+from fit.commands import classes, templates
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
@@ -32,9 +32,17 @@ def _run(options):
     backgrounds = shared.found(solution, options)
     solution = fit.background.add_floor(backgrounds.solution)
     results, texts = dict(backgrounds.results), list(backgrounds.texts)
+    maps = templates.templates_of(source, str(path), field, options) if options.templates else []
     if options.classes:
-        results["shared"] = classes.shared_by(source, str(path), options)
+        results["shared"] = classes.shared_by(source, str(path), options, maps)
         texts.append(results["shared"].report(what="class"))
+    elif maps:
+        normal = fit.normal_equations(kept, options.lmax, templates=maps)
+        results["shared"] = fit.background.shared([normal], labels=["all sources"], rng=options.seed)
+        texts.append(results["shared"].report())
+    if maps:
+        results["cross_powers"] = templates.cross_powers_of(solution, maps)
+        texts.append(results["cross_powers"].report())
     backgrounds = replace(backgrounds, results=results, texts=tuple(texts))
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,13 @@ from vsh.tools.errors import FrameError, ModesError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
 from vsh.tools.types import ArrayLike, FloatArray
+
+
+class TemplateField(NamedTuple):
+    """One field of motions that a template may cause, of 1 µas/yr rms over the sky, cut to a degree."""
+
+    name: str
+    values: FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,6 +47,8 @@ class NormalEquations(Frozen):
         What of N, b and χ² is no data, but was assumed.
     unit : str or None
         Unit of the values that were summed; None fits any (a prior).
+    templates : tuple of TemplateField
+        What may cause systematics, for `fit.background.shared`; each a sum of the modes.
     """
 
     modes: Modes
@@ -51,6 +60,7 @@ class NormalEquations(Frozen):
     notes: tuple[str, ...] = ()
     prior: NormalEquations | None = None
     unit: str | None = "µas/yr"
+    templates: tuple[TemplateField, ...] = ()
 
     def __repr__(self) -> str:
         what = "scalar, " if isinstance(self.modes, ScalarModes) else ""
@@ -92,6 +102,10 @@ class NormalEquations(Frozen):
                 f"cannot add normal equations in {self.frame} and {other.frame} axes: "
                 f'take one field .to_frame("{self.frame}") first'
             )
+        if self.templates and other.templates:
+            _check_alike(self.templates, other.templates)
+        elif other.n_data and self.n_data and (self.templates or other.templates):
+            raise ModesError("cannot add normal equations with templates and without")
         return NormalEquations(
             self.modes,
             self.matrix + sign * other.matrix,
@@ -102,6 +116,7 @@ class NormalEquations(Frozen):
             merge_notes(self.notes, other.notes),
             self._prior_with(other, sign),
             other.unit if self.unit is None else self.unit,
+            self.templates or other.templates,
         )
 
     def _prior_with(self, other, sign):
@@ -143,3 +158,10 @@ def gaussian_prior(
     weight = 1 / sigma**2
     assumed = NormalEquations(modes, np.diag(weight), weight * mean, float(weight @ mean**2), 0, frame, unit=None)
     return replace(assumed, prior=assumed)
+
+
+def _check_alike(one, two):
+    """Raise ModesError where templates differ."""
+    names = [[each.name for each in fields] for fields in (one, two)]
+    if names[0] != names[1] or not all(np.array_equal(a.values, b.values) for a, b in zip(one, two, strict=True)):
+        raise ModesError("cannot add normal equations of different templates: give all of them the same maps")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
 from typing import Any, Literal, cast
@@ -12,6 +12,7 @@ import numpy as np
 
 from fit.normal._equations import NormalEquations
 from fit.normal._moments import Moments
+from fit.normal._templates import Template, template_fields
 from fit.sums import compressed_sums, design_matrix_sums, design_matrix_up_to, dipole_sums
 from vsh.basis import harmonics
 from vsh.field import Field, Weighed
@@ -82,6 +83,7 @@ def normal_equations(
     method: Literal["auto", "design-matrix", "compressed"] = "auto",
     threads: int | None = None,
     covariance: Covariance | FloatArray | None = None,
+    templates: Sequence[Template] = (),
 ) -> NormalEquations:
     """Sum a field, a catalogue in parts, or a stream of fields into normal equations.
 
@@ -101,6 +103,9 @@ def normal_equations(
     covariance : Covariance or (2n, 2n) array, optional
         Covariance of the motions of a field, all east components first, in place of the errors that the field has; for
         at most 10 000 sources (`vsh.models.covariance`). [(µas/yr)²]
+    templates : sequence of fit.background.Template
+        Maps of what may cause systematics, cut to the degree of the fit; `fit.background.shared` gives them amplitudes
+        whose variance is estimated. All normal equations that are added have the same.
 
     Raises
     ------
@@ -109,7 +114,7 @@ def normal_equations(
     FrameError
         If the fields of a stream stand in different frames.
     ParameterError
-        If the covariance is of other sources, or too large.
+        If the covariance is of other sources, or too large; if a template is constant, or twice the same.
     CovarianceError
         If it is not positive definite.
 
@@ -125,6 +130,9 @@ def normal_equations(
     True
     """
     choice("method", method, ("auto", "design-matrix", "compressed"))
+    if templates:
+        plain = normal_equations(field, modes, method=method, threads=threads, covariance=covariance)
+        return replace(plain, templates=template_fields(templates, plain.modes, plain.frame or "icrs"))
     if isinstance(field, (str, PathLike)):
         raise FieldError(f"{field} is a path: read it first, with vsh.io.catalogue.read_field or parts")
     if not isinstance(field, Weighed | Parts) and covariance is None:

@@ -40,6 +40,7 @@ def results():
     return {
         "solution": fit.fit_field(field.add_note("left out µ"), 3),
         "clipped": fit.robust.clip(field, fit.fit_field(field, 2).modes).solution,
+        "cross": cross_of(field),
         "shared": fit.background.shared([fit.normal_equations(field[k::2], 3) for k in range(2)], draws=60),
         "kinematics": fit.kinematics(clusters(field)),
         "prediction": predict_covariance(field, 2),
@@ -88,6 +89,12 @@ def results():
     }
 
 
+def cross_of(field):
+    template = fit.background.Template.density("density", field, 4)
+    normal = fit.normal_equations(field, 3, templates=[template])
+    return fit.background.cross_powers(fit.solve(normal), normal.templates)
+
+
 def clusters(field):
     """Sources of a field at measured distances."""
     distance = np.random.default_rng(1).uniform(1e-3, 1e-2, len(field))
@@ -123,6 +130,7 @@ NAMES = (
         "frames",
         "kinematics",
         "shared",
+        "cross",
     ),
     *("correlations", "leakage", "clipping", "reweighting", "excess noise", "cross-check", "trend", "bootstrap"),
     *("velocity to come", "hubble to come", "eigenmodes", "keeping", "moments", "without a matrix", "grid", "samples"),

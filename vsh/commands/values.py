@@ -139,6 +139,14 @@ def table_formats(text: str) -> list[str]:
     return [name for name in text.split(",") if name in TABLE_FORMATS]
 
 
+def names(text: str) -> list[str]:
+    """Names between commas."""
+    listed = [name.strip() for name in text.split(",")]
+    if not all(listed):
+        raise argparse.ArgumentTypeError(f"{text!r} are no names between commas")
+    return listed
+
+
 def pairs(text: str) -> dict[str, str]:
     """NAME=VALUE,… as a dict."""
     split = [part.partition("=") for part in text.split(",")]

@@ -63,6 +63,15 @@ def make_parser() -> argparse.ArgumentParser:
             "by conditions between semicolons, or halves:galactic"
         ),
     )
+    parser.add_argument(
+        "--templates",
+        type=values.names,
+        metavar="MAP,…",
+        help=(
+            "how far motions follow maps, cut to --lmax: HEALPix maps (FITS), solutions (ECSV), columns of the "
+            "catalogue, or density, that of the sources"
+        ),
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the bootstrap and of the classes (default: 1)")
     parsing.add_threads(parser)
     reading.add_workers(parser)
@@ -80,6 +89,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("name one catalogue, or --demo")
     if options.classes and options.lmax < 3:
         parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 say nothing of what classes share")
+    if options.templates and options.lmax < 3:
+        parser.error("--templates needs --lmax 3 or more, 5 is best: degrees 1 and 2 alone tell them from nothing")
     if options.years and not options.waves:
         parser.error("--years is for --waves")
     if options.beside and not options.html:

@@ -1,0 +1,127 @@
+"""How far a solution follows templates, degree by degree."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fit.normal import TemplateField
+from fit.solution import HarmonicSolution
+from fit.storage import Result
+from vsh.io import tables
+from vsh.models.covariance import Spectrum
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import FloatArray, Table
+
+#: More errors than this are marked.
+_SEEN = 3.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CrossPowers(Result):
+    """What of a solution follows each template, by degree: its projection on the template's part of that degree.
+
+    Attributes
+    ----------
+    templates : tuple of str
+        The template of each row.
+    degrees : (n,) array
+        The degree of each row.
+    values : (n,) array
+        Motion along the template's part of this degree, rms over the sky; negative where it is against it. [µas/yr]
+    errors : (n,) array
+        What the covariance of the solution makes of it. [µas/yr]
+    errors_with_floor : (n,) array
+        The same with what sources share, where a spectrum of it was given: what a template that causes nothing scatters
+        by. [µas/yr]
+    """
+
+    templates: tuple[str, ...]
+    degrees: FloatArray
+    values: FloatArray
+    errors: FloatArray
+    errors_with_floor: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<CrossPowers: {len(set(self.templates))} templates, degrees to {int(max(self.degrees))}>"
+
+    def report(self) -> str:
+        """The projections as text."""
+        lines = [
+            f"{'Along each template, by degree':44}{'µas/yr, rms':>14}{'±':>9}{'± with floor':>14}{'in errors':>11}"
+        ]
+        rows = zip(self.templates, self.degrees, self.values, self.errors, self.errors_with_floor, strict=True)
+        for name, l, value, error, wide in rows:
+            mark = " *" if abs(value) > _SEEN * wide else ""
+            lines.append(
+                f"{name:38}{f'l = {l:.0f}':>6}{value:>+14.3f}{error:>9.3f}{wide:>14.3f}{value / wide:>+11.1f}{mark}"
+            )
+        return "\n".join(lines) + "\n"
+
+    def to_table(self) -> Table:
+        """A row for each template and degree as an astropy Table."""
+        columns = {
+            "template": list(self.templates),
+            "degree": self.degrees.astype(int),
+            "value": self.values,
+            "error": self.errors,
+            "error_with_floor": self.errors_with_floor,
+        }
+        return tables.table_of(columns, {}, dict.fromkeys(("value", "error", "error_with_floor"), "uas / yr"))
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """The projections in units of their errors on matplotlib axes."""
+        from fit.background._plot import plot_cross
+
+        return plot_cross(self, ax=ax)
+
+
+def cross_powers(
+    solution: HarmonicSolution, templates: Sequence[TemplateField], spectrum: Spectrum | None = None
+) -> CrossPowers:
+    """Project a solution on templates, degree by degree.
+
+    Parameters
+    ----------
+    solution : Solution
+        Fitted to the degree of the templates, without them.
+    templates : sequence of TemplateField
+        `normal.templates` of the normal equations it was solved from.
+    spectrum : Spectrum, optional
+        That of what sources share, `Floor.spectrum` say: the power that is there whatever a template does.
+
+    Raises
+    ------
+    ParameterError
+        If there are no templates, or they are cut to another degree.
+
+    Notes
+    -----
+    Σ t_k c_k over the modes of a degree, by the norm of the template there. Nguyen & Murray (2026) take cross-powers of
+    Gaia's quasar motions with maps of scans, densities and stars in this sense.
+    """
+    modes = solution.modes
+    if not templates or any(len(each.values) != len(modes) for each in templates):
+        raise ParameterError("cross-powers need templates cut to the degree of the solution: those of normal.templates")
+    wide = np.array(solution.covariance)
+    if spectrum is not None:
+        wide[np.diag_indices(len(modes))] += spectrum.variances(modes)
+    names, degrees, rows = [], [], []
+    for each in templates:
+        weight = each.values * modes.norm2
+        for l in range(1, modes.lmax + 1):
+            at = np.where(modes.degrees == l, weight, 0.0)
+            size = np.sqrt(4 * np.pi * at @ each.values)
+            if size > 1e-6:
+                names.append(each.name)
+                degrees.append(float(l))
+                rows.append(at / size)
+    row = np.array(rows)
+    return CrossPowers(
+        tuple(names),
+        np.array(degrees),
+        row @ solution.values,
+        np.sqrt(np.einsum("nk,kl,nl->n", row, solution.covariance, row)),
+        np.sqrt(np.einsum("nk,kl,nl->n", row, wide, row)),
+    )

@@ -1,0 +1,227 @@
+"""Templates: maps of what may cause systematics, cut to the degree of a fit.
+
+A scalar map m may push motions along its slope, ∇m, or across it, r × ∇m: its coefficients a_lm of degrees 1 … L times
+√(l(l+1)) are those of a spheroidal and of a toroidal field. Cut to degree L a template is a sum of the modes that are
+fitted, t = Σ t_k V_k: normal equations with it as a further unknown are EᵀNE and Eᵀb, E = [1 | t], so no source is
+looked at again. Its amplitude has a variance of its own, or it could not be told from the modes.
+
+Structure beyond degree L is left out on purpose: it lines up with systematics beyond L, which no prior holds, and its
+amplitude would be taken for better known than it is.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from fit.normal._equations import TemplateField
+from fit.normal._moments import Moments
+from vsh.coefficients import Coefficients
+from vsh.field import Field
+from vsh.modes import KINDS, Modes, ScalarModes
+from vsh.scalars import ScalarField
+from vsh.sky.frames import check_frame
+from vsh.sky.pixels import centres, missing_pixels, pixels_of
+from vsh.tools.arguments import float_array
+from vsh.tools.errors import FrameError, ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.types import ArrayLike
+
+#: Two templates whose directions agree as closely as this are one.
+_ALIKE = 0.999
+#: A map that varies by less of its largest value is constant.
+_CONSTANT = 1e-9
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Template(Frozen):
+    """A map of what may cause systematics: counts of transits, moments of scan angles, densities, motions of stars.
+
+    Attributes
+    ----------
+    name : str
+        What it is called.
+    source : (12 nside²,) array, path, Coefficients or ScalarField
+        A HEALPix map in ring order, with NaN where nothing is known; a file of one (FITS); motions as they are; or
+        numbers at places, a column of a catalogue say.
+    frame : str
+        Axes of a map or of coefficients: "icrs", "galactic" or "ecliptic".
+
+    Raises
+    ------
+    ParameterError
+        If the source is none of these.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 2000), np.arcsin(rng.uniform(-1, 1, 2000))
+    >>> field = Field(lon, lat, rng.normal(size=(2, 2000)), np.ones((2, 2000)))
+    >>> Template.density("density", field)
+    <Template: density, icrs>
+    """
+
+    name: str
+    source: Any
+    frame: str = "icrs"
+
+    def __post_init__(self) -> None:
+        check_frame(self.frame)
+        if isinstance(self.source, Coefficients | ScalarField | str | PathLike):
+            return
+        values = np.ravel(float_array("template", self.source, finite=False))
+        nside = np.sqrt(values.size / 12)
+        if values.size < 12 or nside != int(nside):
+            raise ParameterError(
+                f"the template {self.name} has {values.size} values, which is no HEALPix map; numbers at places are "
+                "Template.of_sources(name, lon, lat, values)"
+            )
+        object.__setattr__(self, "source", values)
+
+    def __repr__(self) -> str:
+        return f"<Template: {self.name}, {self.frame}>"
+
+    @classmethod
+    def of_sources(
+        cls, name: str, lon: ArrayLike, lat: ArrayLike, values: ArrayLike, frame: str = "icrs"
+    ) -> "Template":
+        """A template of numbers at places: a column of a catalogue.
+
+        Parameters
+        ----------
+        name : str
+            What it is called.
+        lon, lat : (n,) arrays
+            Positions. [rad]
+        values : (n,) array
+            The numbers; sources whose number is not finite are left out.
+        frame : str
+            Axes of the positions.
+        """
+        numbers = np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
+        known = np.isfinite(numbers)
+        at = [float_array(axis, each, known.shape)[known] for axis, each in (("lon", lon), ("lat", lat))]
+        return cls(name, ScalarField(at[0], at[1], numbers[known], np.ones(known.sum()), frame=frame), frame)
+
+    @classmethod
+    def density(cls, name: str, field: Field | Iterable[Field], nside: int = 16) -> "Template":
+        """A template of the number of sources on the sky.
+
+        Parameters
+        ----------
+        name : str
+            What it is called.
+        field : Field, or iterable of Fields
+            The sources, in one frame.
+        nside : int
+            Resolution of the map.
+        """
+        counts, frame = np.zeros(12 * nside**2), "icrs"
+        for part in [field] if isinstance(field, Field) else field:
+            counts += np.bincount(pixels_of(part.lon, part.lat, nside), minlength=counts.size)
+            frame = part.frame
+        return cls(name, counts, frame)
+
+    def fields(self, modes: Modes, frame: str) -> list[TemplateField]:
+        """The motions that it may cause: along its slope and across of a map, as they are of coefficients.
+
+        Parameters
+        ----------
+        modes : Modes
+            What is fitted; the template is cut to its degree.
+        frame : str
+            Axes of the fit.
+
+        Raises
+        ------
+        ParameterError
+            If it is constant, or has no value in half of the sky.
+        FrameError
+            If its coefficients are of other axes.
+        """
+        if isinstance(self.source, Coefficients):
+            if self.frame != frame:
+                raise FrameError(f"the template {self.name} is of {self.frame} axes, the fit of {frame} ones")
+            least = Modes(min(modes.lmax, self.source.modes.lmax))
+            vectors = {self.name: _padded(self.source.to_degree(least.lmax), modes)}
+        else:
+            scalar = self._scalar(modes.lmax, frame)
+            nothing = np.zeros_like(scalar)
+            vectors = {f"{self.name}, along": np.r_[nothing, scalar], f"{self.name}, across": np.r_[scalar, nothing]}
+        made = []
+        for name, values in vectors.items():
+            size = np.sqrt(values**2 @ modes.norm2 / (4 * np.pi))
+            if not size > 0:
+                raise ParameterError(f"the template {self.name} is constant: it moves nothing")
+            made.append(TemplateField(name, values / size))
+        return made
+
+    def _scalar(self, lmax, frame):
+        """Coefficients of its gradient in spheroidal modes."""
+        field, scale = self._places()
+        if scale == 0:
+            raise ParameterError(f"the template {self.name} is constant: it moves nothing")
+        modes = ScalarModes(lmax)
+        normal = Moments.of(field.to_frame(frame), lmax).normal_equations()
+        size = np.sqrt(np.diag(normal.matrix))
+        if not (size > 0).all() or np.linalg.cond(normal.matrix / np.outer(size, size)) > 1e6:
+            raise ParameterError(
+                f"the template {self.name} is known on too little of the sky to be expanded to degree {lmax}"
+            )
+        values = np.linalg.solve(normal.matrix, normal.rhs)[1:]
+        degrees = modes.degrees[1:]
+        return values * np.sqrt(degrees * (degrees + 1.0))
+
+    def _places(self):
+        """Its numbers at places, about their mean and in units of their scatter, and that scatter."""
+        field = self.source
+        if not isinstance(field, ScalarField):
+            values, frame = self._map()
+            lon, lat = centres(int(np.sqrt(values.size / 12)))
+            known = np.isfinite(values) & (values > -1e30)  # healpy's UNSEEN
+            if known.sum() < values.size / 2:
+                raise ParameterError(
+                    f"the template {self.name} has no value in {missing_pixels(values)} of {values.size} pixels"
+                )
+            field = ScalarField(lon[known], lat[known], values[known], np.ones(known.sum()), frame=frame)
+        scatter = float(np.std(field.values))
+        if not scatter > _CONSTANT * np.abs(field.values).max(initial=0.0):
+            return field, 0.0
+        values = (field.values - field.values.mean()) / scatter
+        return ScalarField(field.lon, field.lat, values, np.ones(len(field)), frame=field.frame), scatter
+
+    def _map(self):
+        if isinstance(self.source, np.ndarray):
+            return self.source, self.frame
+        from vsh.io.maps import read_map  # healpy
+
+        values, named = read_map(self.source)
+        return values, named or self.frame
+
+
+def _padded(coefficients, modes):
+    """Values among modes of a higher degree, zeros above their own."""
+    values = np.zeros(len(modes))
+    for kind in KINDS:
+        for l in range(1, coefficients.modes.lmax + 1):
+            values[modes.slice_of(kind, l)] = coefficients.values[coefficients.modes.slice_of(kind, l)]
+    return values
+
+
+def template_fields(templates: Sequence[Template], modes: Modes, frame: str) -> tuple[TemplateField, ...]:
+    """The fields of all templates, cut to the degree of `modes`.
+
+    Raises
+    ------
+    ParameterError
+        If one is constant, or two are the same.
+    """
+    fields = [each for template in templates for each in template.fields(modes, frame)]
+    for i, one in enumerate(fields):
+        for two in fields[:i]:
+            if abs(one.values * modes.norm2 @ two.values) / (4 * np.pi) > _ALIKE:
+                raise ParameterError(f"the templates {two.name} and {one.name} are the same: leave one out")
+    return tuple(fields)

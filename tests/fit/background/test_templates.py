@@ -1,0 +1,196 @@
+"""Templates: their fields, their amplitudes beside what is shared, and what is refused."""
+
+import healpy
+import numpy as np
+import pytest
+from conftest import random_field
+
+import fit
+import sim
+from fit.background import SHAPES, Template, cross_powers, floor, shared
+from fit.commands.fit import main
+from vsh import Coefficients, Field, Modes, ModesError, ParameterError
+from vsh.sky.pixels import centres
+
+LON, LAT = centres(16)
+
+
+def smooth(lon, lat):
+    return np.cos(lat) ** 2 * np.cos(2 * lon) + np.sin(3 * lat)
+
+
+MAP = smooth(LON, LAT)
+
+
+def fields_of(template, lmax=5, frame="icrs"):
+    return [Coefficients(Modes(lmax), each.values) for each in template.fields(Modes(lmax), frame)]
+
+
+def test_a_map_moves_along_its_slope_and_across():
+    along, across = fields_of(Template("scans", MAP))
+    lon, lat = sim.uniform_sky(500, 1)
+    step = 1e-5
+    east = (smooth(lon + step, lat) - smooth(lon - step, lat)) / (2 * step) / np.cos(lat)
+    north = (smooth(lon, lat + step) - smooth(lon, lat - step)) / (2 * step)
+    motion = along.at(lon, lat)
+    scale = np.sum(motion * [east, north]) / np.sum(motion**2)
+    assert scale > 0
+    np.testing.assert_allclose(scale * motion, [east, north], atol=1e-3 * np.std(north))
+    turned = across.at(lon, lat)
+    np.testing.assert_allclose(np.abs([turned[0], turned[1]]), np.abs([motion[1], motion[0]]), atol=1e-12)
+    for each in (along, across):
+        assert np.mean((each.at(LON, LAT) ** 2).sum(0)) == pytest.approx(1, rel=1e-3)
+
+
+def test_maps_files_columns_and_coefficients_agree(tmp_path):
+    healpy.write_map(tmp_path / "scans.fits", MAP, dtype=np.float64, coord="C")
+    lon, lat = sim.uniform_sky(4000, 2)
+    from_map, from_file, from_column = (
+        fields_of(each)[0].values
+        for each in (
+            Template("m", MAP),
+            Template("m", tmp_path / "scans.fits"),
+            Template.of_sources("m", lon, lat, np.ma.masked_where(lon > 6.2, 7 * smooth(lon, lat) + 2)),
+        )
+    )
+    np.testing.assert_allclose(from_file, from_map, atol=1e-12)
+    np.testing.assert_allclose(from_column, from_map, atol=1e-6)
+    vector = Coefficients(Modes(5), from_map)
+    np.testing.assert_allclose(fields_of(Template("m", 3.0 * vector))[0].values, from_map, atol=1e-12)
+    turned = fields_of(Template("m", MAP), frame="galactic")[0]
+    ours = Field(lon, lat, vector.at(lon, lat), np.ones((2, 4000))).to_frame("galactic")
+    np.testing.assert_allclose(turned.at(ours.lon, ours.lat), ours.motion, atol=1e-6)
+
+
+def skies(count, amplitude, lmax=5, template=None):
+    """Fits of skies with so much of a template along its slope."""
+    template = template or Template("scans", MAP)
+    lon, lat = sim.plane_avoiding_sky(3000, 3)
+    pattern = fields_of(template, 12)[0].at(lon, lat)
+    for seed in range(count):
+        rng = np.random.default_rng([5, seed])
+        motion = 100 * rng.normal(size=(2, 3000)) + amplitude * pattern
+        field = Field(lon, lat, motion, np.full((2, 3000), 100.0))
+        yield shared([fit.normal_equations(field, lmax, templates=[template])], draws=100, rng=seed)
+
+
+@pytest.mark.parametrize("sigma", [0, 3, 10])
+def test_amplitudes_come_back(sigma):
+    """The mean of 24 amplitudes is the truth to .2 of one error and its own; errors are the scatter."""
+    error = float(np.sqrt(np.diag(next(skies(1, 0.0)).amplitude_covariance))[0])
+    results = list(skies(24, sigma * error))
+    pulls = np.array(
+        [(each.amplitudes[0] - sigma * error) / np.sqrt(each.amplitude_covariance[0, 0]) for each in results]
+    )
+    assert abs(pulls.mean()) < 0.2 + 3 / np.sqrt(24)
+    assert 0.6 < np.sqrt(np.mean(pulls**2)) < 1.35
+    across = np.array([each.amplitudes[1] / np.sqrt(each.amplitude_covariance[1, 1]) for each in results])
+    assert np.sqrt(np.mean(across**2)) < 1.35
+    first = np.array([each.values[0] / np.sqrt(np.diag(each.covariance)) for each in results])
+    assert 0.7 < np.sqrt(np.mean(first**2)) < 1.2
+
+
+def test_a_template_in_degree_one_is_taken_from_the_acceleration():
+    """A density that leans to one pole moves motions in degree 1 too: without the template that is acceleration."""
+    leaning = Template("lean", np.sin(LAT) + 0.8 * np.sin(2 * LAT) ** 2 * np.cos(LON) + np.sin(3 * LAT))
+    biased, right = [], []
+    for each in skies(12, 30.0, template=leaning):
+        right.append(each.values[0, 3] / np.sqrt(each.covariance[3, 3]))
+    lon, lat = sim.plane_avoiding_sky(3000, 3)
+    pattern = fields_of(leaning, 12)[0].at(lon, lat)
+    for seed in range(12):
+        motion = 100 * np.random.default_rng([5, seed]).normal(size=(2, 3000)) + 30 * pattern
+        field = Field(lon, lat, motion, np.full((2, 3000), 100.0))
+        solution = fit.fit_field(field, 5, floor=False)
+        biased.append(
+            solution.values[solution.modes.slice_of("S", 1)][0] / solution.sigma[solution.modes.slice_of("S", 1)][0]
+        )
+    assert abs(np.mean(biased)) > 3
+    assert abs(np.mean(right)) < 1.5
+
+
+def test_equations_with_templates_add(tmp_path):
+    field, templates = random_field(2000, 4), [Template("scans", MAP)]
+    whole = fit.normal_equations(field, 4, templates=templates)
+    halves = [fit.normal_equations(part, 4, templates=templates) for part in (field[:900], field[900:])]
+    both = halves[0] + halves[1]
+    assert [each.name for each in both.templates] == ["scans, along", "scans, across"]
+    np.testing.assert_allclose(both.matrix, whole.matrix, rtol=1e-12, atol=1e-9)
+    one, two = (shared([each], draws=50) for each in (whole, both))
+    np.testing.assert_allclose(one.amplitudes, two.amplitudes, rtol=1e-6)
+    streamed = fit.normal_equations([field[:900], field[900:]], 4, templates=templates)
+    np.testing.assert_allclose(shared([streamed], draws=50).amplitudes, one.amplitudes, rtol=1e-6)
+    with pytest.raises(ModesError, match="with templates and without"):
+        whole + fit.normal_equations(field, 4)
+    with pytest.raises(ModesError, match="different templates"):
+        whole + fit.normal_equations(field, 4, templates=[Template("other", MAP**2)])
+    assert "templates are not in this fit" in "\n".join(fit.solve(whole).notes)
+    with pytest.raises(ParameterError, match="shared"):
+        floor(whole)
+    with pytest.raises(ParameterError, match="different templates"):
+        shared([whole, fit.normal_equations(field, 4)])
+
+
+def test_templates_that_say_nothing_are_refused():
+    field = random_field(300, 1)
+    for templates, words in (
+        ([Template("flat", np.ones(768))], "constant"),
+        ([Template("a", MAP), Template("b", 2 * MAP + 5)], "are the same"),
+        ([Template("half", np.where(LAT > -0.2, np.nan, MAP))], "no value in"),
+    ):
+        with pytest.raises(ParameterError, match=words):
+            fit.normal_equations(field, 4, templates=templates)
+    with pytest.raises(ParameterError, match="no HEALPix map"):
+        Template("short", np.arange(5.0))
+    cap = sim.uniform_sky(4000, 2)[1] > 1.2
+    lon, lat = (each[cap] for each in sim.uniform_sky(4000, 2))
+    with pytest.raises(ParameterError, match="too little of the sky"):
+        fit.normal_equations(field, 5, templates=[Template.of_sources("cap", lon, lat, smooth(lon, lat))])
+    with pytest.raises(ParameterError, match="degree of the solution"):
+        cross_powers(fit.fit_field(field, 3), ())
+
+
+def test_cross_powers_are_the_amplitude_by_degree():
+    lon, lat = sim.uniform_sky(20000, 1)
+    template = Template("scans", MAP)
+    along = fields_of(template)[0]
+    rng = np.random.default_rng(1)
+    field = Field(lon, lat, 9.0 * along.at(lon, lat) + rng.normal(size=(2, 20000)) * 50, np.full((2, 20000), 50.0))
+    solution = fit.fit_field(field, 5, floor=False)
+    powers = cross_powers(solution, template.fields(Modes(5), "icrs"), 4.0 * SHAPES["flat"])
+    assert (powers.errors_with_floor > powers.errors).all()
+    own = np.array([name == "scans, along" for name in powers.templates])
+    size = np.sqrt(np.sum(powers.values[own] ** 2))
+    assert size == pytest.approx(9.0, abs=3 * np.sqrt(np.sum(powers.errors[own] ** 2)))
+    assert np.sqrt(np.mean((powers.values[~own] / powers.errors[~own]) ** 2)) < 2.0
+    assert len(powers.to_table()) == len(powers.values)
+    assert powers.report().count("\n") == len(powers.values) + 1
+
+
+def test_maps_of_a_mission_are_templates():
+    maps = sim.scan_maps(sim.NominalScanningLaw(years=1.0), 4)
+    assert len(maps) == 9
+    assert maps["transits"].sum() > 192 * 5
+    assert all(np.nanmax(np.abs(values)) <= 1 for name, values in maps.items() if name != "transits")
+    normal = fit.normal_equations(random_field(500, 2), 4, templates=[Template("transits", maps["transits"])])
+    assert len(shared([normal], draws=50).templates) == 2
+
+
+def test_command(tmp_path, capsys):
+    field = random_field(3000, 6)
+    table = field.to_table()
+    table["scans"] = np.where(np.asarray(field.lat) > 1.4, np.nan, smooth(field.lon, field.lat))
+    table.write(tmp_path / "q.fits")
+    healpy.write_map(tmp_path / "m.fits", MAP + LAT**3, dtype=np.float64)
+    fit.fit_field(random_field(3000, 7), 3).write(tmp_path / "stars.ecsv")
+    names = f"scans,density,{tmp_path / 'm.fits'},{tmp_path / 'stars.ecsv'}"
+    run = ["--lmax", "4", "--templates", names, "--output", str(tmp_path / "out")]
+    assert main([str(tmp_path / "q.fits"), *run]) == 0
+    text = capsys.readouterr().out
+    for words in ("template scans, along", "template density, across", "template m.fits, along", "template stars.ecsv"):
+        assert words in text
+    assert {"cross_powers.ecsv", "cross_powers.png", "shared.ecsv"} <= {p.name for p in (tmp_path / "out").iterdir()}
+    assert main([str(tmp_path / "q.fits"), "--lmax", "4", "--templates", "nothing"]) == 1
+    assert "no such file, and no such column" in capsys.readouterr().err
+    assert main([str(tmp_path / "q.fits"), "--lmax", "4", "--templates", "scans", "--classes", "halves:galactic"]) == 0
+    assert "template scans, along" in capsys.readouterr().out
