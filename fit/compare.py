@@ -1,11 +1,14 @@
 """Two catalogues of one sky: how one frame is turned, drifts and is deformed against the other."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
+from fit.background import Floor, SharedErrors, shared
+from fit.background import floor as background_floor
 from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.normal import normal_equations
 from fit.output import report
@@ -19,16 +22,20 @@ from vsh.io.catalogue import counterparts, match
 from vsh.modes import Modes, as_modes
 from vsh.sky.positions import Positions
 from vsh.tools import arguments
-from vsh.tools.errors import ParameterError
+from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import FloatArray, Rng, Table
 
 __all__ = ["FrameComparison", "compare_catalogues"]
 #: Outliers that the report lists.
 _LISTED = 10
 #: What is so many times farther than the limit from a robust fit is left out before the first plain one.
 _FAR = 3.0
+#: From so many sources on what they share is in the errors unasked; below so few its size is not known.
+_MANY, _SEEN = 100_000, 200
+#: The degree that it is looked for to.
+_DEGREE = 5
 #: Classes of quoted error, and the fewest sources in one.
 _CLASSES, _FEWEST = 5, 30
 
@@ -110,6 +117,10 @@ class FrameComparison(AboutSolution):
         Correlations of the coefficients, by the errors of either catalogue alone at the sources they have in common.
     by_class : ByErrorClass or None
         The same fit with errors scaled in classes of their size, each by its own residuals.
+    shared : SharedErrors or None
+        Rotation and glide with the errors that sources share over the sky, where that was asked for.
+    floor : Floor or None
+        The size of what sources share, where it is in no error above.
     """
 
     labels: tuple[str, str]
@@ -120,6 +131,8 @@ class FrameComparison(AboutSolution):
     factor: float
     correlations: CorrelationMatrices
     by_class: "ByErrorClass | None" = None
+    shared: SharedErrors | None = None
+    floor: Floor | None = None
 
     def __repr__(self) -> str:
         return (
@@ -219,6 +232,12 @@ class FrameComparison(AboutSolution):
                 f"over all sources residuals are {self.factor:.3g} times the errors quoted: the catalogues share "
                 "observations, or errors are too large; what is wrong in both alike is in no error here"
             )
+        if self.floor is not None:
+            spin, glide = self.floor.spin_error, self.floor.acceleration_error
+            lines.append(
+                f"not in these errors: what sources share over the sky, rotation ± {spin:.3g}, glide ± {glide:.3g} "
+                f"{solution.unit} by degrees 2 to {max(self.floor.degrees)}; --floor takes it into them"
+            )
         for label, index in ((a, 0), (b, 1)):
             value, pair = self.correlations.largest(index)
             lines.append(f"largest correlation by the errors of {label} alone: {value:+.3f} of {pair[0]} and {pair[1]}")
@@ -229,7 +248,8 @@ class FrameComparison(AboutSolution):
                 f"  {n:24}{east:+12.1f}, {north:+.1f} {solution.unit}, {x:.1f} times its error"
                 for n, (east, north), x in list(rows)[:_LISTED]
             ]
-        return "\n".join(lines) + "\n\n" + report(solution)
+        shared_errors = [] if self.shared is None else [self.shared.report(what="")]
+        return "\n\n".join(["\n".join(lines), *shared_errors, report(solution)])
 
     def parameters_table(self) -> Table:
         """`parameters`, a row each, as an astropy Table."""
@@ -269,6 +289,8 @@ def compare_catalogues(
     radius: Any = None,
     threshold: float = 5.0,
     labels: Sequence[str] = ("A", "B"),
+    floor: bool | None = None,
+    rng: Rng = 1,
 ) -> tuple[FrameComparison, Field]:
     """Match two catalogues and fit a − b, with the sum of their covariances.
 
@@ -284,6 +306,11 @@ def compare_catalogues(
         Differences farther than so many errors from the fit are outliers: left out and listed.
     labels : two str
         What the catalogues are called.
+    floor : bool, optional
+        Whether rotation and glide are also given with the errors that sources share over the sky, from the power of
+        degrees 2 to 5 of the differences; from 100 000 sources on unless given. Otherwise its size is given.
+    rng : Generator or int
+        The source of all randomness: of that alone.
 
     Returns
     -------
@@ -335,7 +362,24 @@ def compare_catalogues(
         correlation_matrices(sources, modes.lmax, labels=list(labels)),
         by_error_class(fitted, modes),
     )
-    return comparison, fitted
+    return _with_floor(comparison, fitted, floor, rng), fitted
+
+
+def _with_floor(comparison, fitted, wanted, rng):
+    """The comparison with what sources share in its errors, or its size beside them."""
+    if wanted is None:
+        wanted = len(fitted) >= _MANY
+    if not wanted and len(fitted) < _SEEN:
+        return comparison
+    normal = normal_equations(fitted, max(_DEGREE, comparison.solution.modes.lmax))
+    if wanted:
+        errors = shared([normal], range(2, _DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
+        return replace(comparison, shared=replace(errors, unit=comparison.solution.unit))
+    with suppress(VshError):  # without noise, or on too little of the sky, there is none to be known
+        estimate = background_floor(normal, range(2, _DEGREE + 1))
+        if np.isfinite([estimate.spin_error, estimate.acceleration_error]).all():
+            return replace(comparison, floor=estimate)
+    return comparison
 
 
 def _distances(solution, field):

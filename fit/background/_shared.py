@@ -88,7 +88,9 @@ class SharedErrors(Result):
         Names of the templates, cut to the highest degree.
     amplitudes, amplitude_covariance : (t,) and (t, t) arrays
         How much of each is in the motions, the same in all classes, beside what is shared; rms over the sky where the
-        degree is that of the normal equations. Free beforehand: nothing shrinks them. [µas/yr]
+        degree is that of the normal equations. Free beforehand: nothing shrinks them. [`unit`]
+    unit : str
+        "µas/yr" of motions, "µas" of positions.
     """
 
     labels: tuple[str, ...]
@@ -106,6 +108,7 @@ class SharedErrors(Result):
     templates: tuple[str, ...] = ()
     amplitudes: FloatArray = field(default_factory=partial(np.zeros, 0))
     amplitude_covariance: FloatArray = field(default_factory=partial(np.zeros, (0, 0)))
+    unit: str = "µas/yr"
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -226,14 +229,16 @@ class SharedErrors(Result):
         what : str
             What classes are made by: "redshift", say.
         """
+        names = ("spin", "acceleration") if self.unit == "µas/yr" else ("rotation", "glide")
+        whose = "classes of sources" if len(self) > 1 else "sources"
         lines = [
-            f"Errors that classes of sources share, by degrees {words_of(self.degrees)} ({self.frame} axes)",
-            f"{'':24}{'sources':>10}{'spin':>27}{'acceleration':>27}{'|ã|':>8}",
+            f"Errors that {whose} share, by degrees {words_of(self.degrees)} ({self.frame} axes)",
+            f"{f'[{self.unit}]':24}{'sources':>10}{names[0]:>27}{names[1]:>27}{'size':>8}",
         ]
         for label, solution, n in zip(self.labels, self.solutions, self.n_sources, strict=True):
             lines.append(f"{label:24}{n:>10}{_cells(solution)}")
-        lines.append(f"{'together':24}{sum(self.n_sources):>10}{_cells(self.together())}")
         if len(self) > 1:
+            lines.append(f"{'together':24}{sum(self.n_sources):>10}{_cells(self.together())}")
             lines.append(f"{'last − first':24}{'':>10}{_cells(self.difference(0, len(self) - 1))}")
         spectra = ", ".join(f"{name} {100 * p:.0f} %" for name, p in zip(self.shapes, self.probability, strict=True))
         lines.append(f"spectrum: {spectra}; draws that count: {', '.join(f'{x:.0f}' for x in self.effective)}")
@@ -241,7 +246,7 @@ class SharedErrors(Result):
             lines.append(self.verdict_words(what))
         sigma = np.sqrt(np.diag(self.amplitude_covariance))
         for name, value, error in zip(self.templates, self.amplitudes, sigma, strict=True):
-            lines.append(f"template {name:32}{value:+10.2f} ±{error:8.2f} µas/yr{value / error:+8.1f} errors")
+            lines.append(f"template {name:32}{value:+10.2f} ±{error:8.2f} {self.unit}{value / error:+8.1f} errors")
         lines.append(
             "This assumes that what is shared has one of these spectra: no higher degree shows what degree 1 has alone."
         )
@@ -276,7 +281,8 @@ class SharedErrors(Result):
             for k, axis in enumerate("xyz"):
                 columns[f"{name}_{axis}"] = [vector.value[k] for vector in vectors]
                 columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
-        units = {name: "uas / yr" for name in columns if name.startswith(("spin", "acceleration"))}
+        unit = "uas / yr" if self.unit == "µas/yr" else "uas"
+        units = {name: unit for name in columns if name.startswith(("spin", "acceleration"))}
         meta = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
         return tables.table_of(columns, meta, units)
 

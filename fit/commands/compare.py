@@ -5,55 +5,95 @@ from pathlib import Path
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import compare as options_module
 from vsh.tools.errors import TableError, VshError
+from vsh.tools.notes import merge_notes
 
 
 def _run(options):
     outputs.check(options)
     from fit.compare import compare_catalogues
 
-    paths = [options.catalogue, options.catalogue2]
+    paths = [options.catalogue, options.catalogue2, *options.others]
     what = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
-    conditions = options.where, options.where2 or options.where
-    one, two = (_read(path, what, options, where) for path, where in zip(paths, conditions, strict=True))
     labels = _labels(paths)
-    comparison, kept = compare_catalogues(
-        one, two, options.lmax, by=options.by, radius=options.radius, threshold=options.threshold, labels=labels
-    )
+    first = _read(paths[0], what, options, options.where)
+    floor = True if options.floor else False if options.no_floor else None
+    compared = {}
+    for path, label in zip(paths[1:], labels[1:], strict=True):
+        compared[label] = compare_catalogues(
+            first,
+            _read(path, what, options, options.where2 or options.where),
+            options.lmax,
+            by=options.by,
+            radius=options.radius,
+            threshold=options.threshold,
+            labels=(labels[0], label),
+            floor=floor,
+            rng=options.seed,
+        )
+    comparisons = [comparison for comparison, _ in compared.values()]
+    texts = [comparison.report() for comparison in comparisons]
+    if len(compared) > 1:
+        texts.append(f"Errors of {labels[0]} are in all of these differences: they are not independent of each other.")
 
     def sheets():
-        tables = {
-            "Under the names of the ICRF3 papers": comparison.parameters_table(),
-            "Coefficients": comparison.solution.to_table(),
-        }
-        return tables | ({"Sources that were left out": comparison.outliers_table()} if comparison.names else {})
+        tables = {}
+        for label, (comparison, _) in compared.items():
+            of = f": {label}" if len(compared) > 1 else ""
+            tables[f"Under the names of the ICRF3 papers{of}"] = comparison.parameters_table()
+            tables[f"Coefficients{of}"] = comparison.solution.to_table()
+            if comparison.names:
+                tables[f"Sources that were left out{of}"] = comparison.outliers_table()
+        return tables
 
     finishing.finish(
         options,
-        finishing.RunResult(comparison.report(), sheets, comparison.solution.notes, comparison.solution.latex),
-        provenance=lambda: running.provenance(
-            paths, options, matched=len(kept) + len(comparison.names), left_out=len(comparison.names)
+        finishing.RunResult(
+            "\n\n".join(texts),
+            sheets,
+            merge_notes(*(comparison.solution.notes for comparison in comparisons)),
+            lambda: "\n\n".join(comparison.solution.latex() for comparison in comparisons),
         ),
-        draw=lambda: _draw(comparison, kept),
-        write=lambda folder, meta: _write(folder, comparison, meta),
-        page=lambda drawn, meta: _page(comparison, kept, options, meta, drawn),
+        provenance=lambda: running.provenance(paths, options, **_counts(list(compared.values()))),
+        draw=lambda: {
+            f"{name}{_of(label, compared)}": axes
+            for label, (comparison, kept) in compared.items()
+            for name, axes in _draw(comparison, kept).items()
+        },
+        write=lambda folder, meta: _write(folder, compared, meta),
+        page=(lambda drawn, meta: _page(*compared[labels[1]], options, meta, drawn)) if len(compared) == 1 else None,
+        title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
 
 
-def _write(folder, comparison, meta):
+def _of(label, compared):
+    """What a file is called behind its name where there are several catalogues."""
+    return f"_{label}" if len(compared) > 1 else ""
+
+
+def _counts(compared):
+    matched = [len(kept) + len(comparison.names) for comparison, kept in compared]
+    out = [len(comparison.names) for comparison, _ in compared]
+    return {"matched": matched, "left_out": out} if len(compared) > 1 else {"matched": matched[0], "left_out": out[0]}
+
+
+def _write(folder, compared, meta):
     from fit.output import write_correlation
     from vsh.io import tables
 
-    comparison.write(folder / "comparison.ecsv", meta)
-    comparison.solution.write(folder / "solution.ecsv", meta)
-    write_correlation(comparison.solution, folder / "correlation.ecsv", meta)
-    tables.write_table(comparison.parameters_table(), folder / "parameters.ecsv", meta)
-    tables.write_table(comparison.outliers_table(), folder / "outliers.ecsv", meta)
+    for label, (comparison, _) in compared.items():
+        of = _of(label, compared)
+        comparison.write(folder / f"comparison{of}.ecsv", meta)
+        comparison.solution.write(folder / f"solution{of}.ecsv", meta)
+        write_correlation(comparison.solution, folder / f"correlation{of}.ecsv", meta)
+        tables.write_table(comparison.parameters_table(), folder / f"parameters{of}.ecsv", meta)
+        tables.write_table(comparison.outliers_table(), folder / f"outliers{of}.ecsv", meta)
 
 
 def _draw(comparison, kept):
     from fit.output import draw_figures
 
-    return draw_figures(comparison.solution, kept) | {"catalogues": comparison.correlations.plot()}
+    drawn = draw_figures(comparison.solution, kept) | {"catalogues": comparison.correlations.plot()}
+    return drawn if comparison.shared is None else drawn | {"shared": comparison.shared.plot()}
 
 
 def _page(comparison, kept, options, meta, drawn):
@@ -61,7 +101,8 @@ def _page(comparison, kept, options, meta, drawn):
 
     left_out = {"Sources that were left out": comparison.outliers_table()} if comparison.names else {}
     captions = {
-        "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle."
+        "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle.",
+        "shared": "Rotation and glide with the errors that sources share over the sky.",
     }
     write_html(
         comparison.solution,
@@ -108,7 +149,11 @@ def _read(path, what, options, where):
 
 def _labels(paths):
     names = [Path(path).stem for path in paths]
-    return names if names[0] != names[1] else [f"{names[0]} (first)", f"{names[1]} (second)"]
+    if len(set(names)) == len(names):
+        return names
+    if len(names) == 2:
+        return [f"{names[0]} (first)", f"{names[1]} (second)"]
+    return [f"{name} ({k})" for k, name in enumerate(names, 1)]
 
 
 main, run = running.make_entry(options_module, _run)

@@ -16,6 +16,10 @@ from vsh.vector import Vector
 
 #: Upper limits of a dispersion that is free in the posterior, beside a flow and without. [km/s]
 _WIDEST = {True: 400.0, False: 1000.0}
+#: From so many sources on what they share is looked for unasked; below so few its size is not known.
+_MANY, _FEW = 100_000, 200
+#: The degree that it is looked for to where bins are fitted to degree 1.
+_DEGREE = 5
 _HEADINGS = {
     "bins": "Bins of redshift",
     "shared": "Bins with errors that they share",
@@ -72,14 +76,12 @@ def _run(options):
     velocity, cosmology = reading.velocity_of(options.velocity), _cosmology(options)
     results, texts, truth = {}, ["\n".join(lines) + "\n"], catalogue.truth_of(source)
     if options.bins:
-        results["bins"] = _binned(whole, options)
+        results["bins"] = _binned(whole, options, options.lmax)
+        asked = options.floor or (results["bins"].counts.sum() >= _MANY and not options.no_floor)
         # Permutations know nothing of what sources share: they have no word where that is asked for.
-        p_values = None if options.floor else _p_values(whole, results["bins"], options)
+        p_values = None if asked else _p_values(whole, results["bins"], options)
         texts.append(results["bins"].report(p_values=p_values))
-        if options.floor:
-            results["shared"] = results["bins"].shared(rng=options.seed)
-            texts[-1] += "p-values above are for errors that sources do not share; with what they share:\n\n"
-            texts[-1] += results["shared"].report(what="redshift")
+        texts[-1] += _add_shared(results, whole, options) if asked else _left_out(whole, results["bins"])
     common = {
         "cosmology": cosmology,
         "peculiar_dispersion": options.peculiar_dispersion,
@@ -214,13 +216,42 @@ def _ask_for_frame(field, options, common, label):
     )
 
 
-def _binned(field, options):
+def _add_shared(results, whole, options):
+    """What bins share as a result, and in words."""
+    bins = results["bins"] if options.lmax >= 3 else _binned(whole, options, _DEGREE)
+    try:
+        results["shared"] = bins.shared(rng=options.seed)
+    except VshError as error:
+        if options.floor:
+            raise
+        return f"errors above are without what sources share over the sky, which is not known: {error}\n"
+    words = "p-values above are for errors that sources do not share; with what they share:\n\n"
+    return words + results["shared"].report(what="redshift")
+
+
+def _left_out(whole, bins):
+    """The size of what errors of bins leave out, in words."""
+    import fit
+    from fit.redshift import FLOW_MATTERS
+
+    if bins.counts.sum() < _FEW or bins.flow_share > FLOW_MATTERS:
+        return ""
+    floor = fit.fit_field(whole, _DEGREE).floor
+    if floor is None:
+        return ""
+    return (
+        f"not in these errors: what sources share over the sky, spin ± {floor.spin_error:.3g}, acceleration ± "
+        f"{floor.acceleration_error:.3g} µas/yr by degrees 2 to {_DEGREE} of all; --floor takes it into them\n"
+    )
+
+
+def _binned(field, options, lmax):
     from fit.redshift import binned
 
     edges = int(options.bins[0]) if len(options.bins) == 1 else options.bins
     return binned(
         field,
-        options.lmax,
+        lmax,
         edges,
         shared_higher_degrees=options.shared_higher_degrees,
         threads=options.threads,

@@ -23,7 +23,6 @@ from vsh.field import Field
 from vsh.modes import KINDS, Modes, ScalarModes
 from vsh.scalars import ScalarField
 from vsh.sky.frames import check_frame
-from vsh.sky.pixels import centres, missing_pixels, pixels_of
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import FrameError, ParameterError
 from vsh.tools.notebook import Frozen
@@ -119,6 +118,8 @@ class Template(Frozen):
         nside : int
             Resolution of the map.
         """
+        from vsh.sky.pixels import pixels_of  # slow to import, as below
+
         counts, frame = np.zeros(12 * nside**2), "icrs"
         for part in [field] if isinstance(field, Field) else field:
             counts += np.bincount(pixels_of(part.lon, part.lat, nside), minlength=counts.size)
@@ -179,6 +180,8 @@ class Template(Frozen):
         """Its numbers at places, about their mean and in units of their scatter, and that scatter."""
         field = self.source
         if not isinstance(field, ScalarField):
+            from vsh.sky.pixels import centres, missing_pixels
+
             values, frame = self._map()
             lon, lat = centres(int(np.sqrt(values.size / 12)))
             known = np.isfinite(values) & (values > -1e30)  # healpy's UNSEEN

@@ -14,6 +14,7 @@ from fit.compare import compare_catalogues
 from vsh import Coefficients, ConvergenceError, Field, FieldError, ParameterError, TableError
 from vsh.conventions import from_icrf3
 from vsh.io.catalogue import read_icrf, read_positions
+from vsh.models.covariance import Spectrum
 from vsh.sky.positions import Positions
 from vsh.tools.units import UAS
 
@@ -250,3 +251,57 @@ def test_errors_by_class_of_few_sources_and_of_none():
     assert np.isnan(by_error_class(field, Modes(1)).p_value)
     assert by_error_class(field[:2], Modes(2)) is None
     assert by_error_class(field.minus(field.motion), Modes(1)) is None
+
+
+def sharing(seed, n=3000, power=900.0):
+    """Two catalogues of one sky, of which the first has systematics."""
+    rng = np.random.default_rng(seed)
+    lon, lat = sim.uniform_sky(n, rng)
+    sky = sim.Population(lon, lat)
+    pattern = sim.systematics(power * Spectrum.flat(), rng, lmax=7)
+    for signal in (pattern, sim.spin((0, 0, 0))):
+        field = sim.observe(sky, signal, rng, sigma=100.0)
+        yield Field(field.lon, field.lat, field.motion, field.sigma, name=np.arange(n))
+
+
+def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys):
+    a, b = sharing(1)
+    few, _ = compare_catalogues(a, b, 2)
+    assert few.shared is None
+    assert few.floor.spin_error > 5
+    assert "not in these errors: what sources share over the sky, rotation ±" in few.report()
+    asked, _ = compare_catalogues(a, b, 2, floor=True)
+    assert asked.floor is None
+    assert (asked.shared.together().sigma > 2 * few.solution.sigma[few.solution.modes.degrees == 1]).all()
+    assert "Errors that sources share, by degrees 2 to 5" in asked.report()
+    assert compare_catalogues(a[:150], b[:150], 2)[0].floor is None
+    for name, field in (("a", a), ("b", b), ("c", next(sharing(2)))):
+        field.write(tmp_path / f"{name}.fits")
+    paths = [str(tmp_path / f"{name}.fits") for name in "abc"]
+    assert main([*paths, "--floor", "--output", str(tmp_path / "out"), "--html", str(tmp_path / "p.html")]) == 0
+    out = capsys.readouterr().out
+    assert "a − b: differences of motion of" in out
+    assert "a − c: differences of motion of" in out
+    assert out.count("Errors that sources share") == 2
+    assert "Errors of a are in all of these differences" in out
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"comparison_b.ecsv", "comparison_c.ecsv", "parameters_c.ecsv", "shared_b.png"} <= written
+    assert fit.storage.read(tmp_path / "out" / "comparison_c.ecsv").shared is not None
+    assert main(["--config", str(tmp_path / "out" / "run.toml"), "--output", str(tmp_path / "again")]) == 0
+    assert "a − c: differences" in capsys.readouterr().out
+    assert main([*paths[:2], str(tmp_path / "none.fits")]) == 1
+    assert "no such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("n_skies", [16, pytest.param(200, marks=pytest.mark.slow)])
+def test_rotation_and_glide_with_what_sources_share_hold(n_skies):
+    pulls, plain = [], []
+    for seed in range(n_skies):
+        comparison, _ = compare_catalogues(*sharing(seed, 1500), 2, floor=True)
+        solution = comparison.shared.together()
+        pulls.append(solution.values / solution.sigma)
+        first = comparison.solution.modes.degrees == 1
+        plain.append(comparison.solution.values[first] / comparison.solution.sigma[first])
+    few = 3 / np.sqrt(2 * 6 * n_skies)
+    assert 0.85 - few < np.sqrt(np.mean(np.square(pulls))) < 1.1 + few
+    assert np.sqrt(np.mean(np.square(plain))) > 2

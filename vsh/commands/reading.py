@@ -93,11 +93,13 @@ def standard_input(options: argparse.Namespace) -> Iterator[None]:
     """Keep standard input, where a catalogue is called -, in a file meanwhile: it is read more than once."""
     from vsh.tools.errors import TableError
 
-    for name in ("catalogue", "catalogue2"):
-        path = getattr(options, name, None)
+    others = getattr(options, "others", [])
+    for path in [getattr(options, "catalogue", None), getattr(options, "catalogue2", None), *others]:
         if path not in (None, "-") and "://" not in path and not Path(path).exists():
             raise TableError(f"{path}: no such file")
     asked = [name for name in ("catalogue", "catalogue2") if getattr(options, name, None) == "-"]
+    if "-" in others:
+        raise TableError("standard input is one of the first two catalogues")
     if not asked:
         yield
         return

@@ -10,6 +10,7 @@ from fit.redshift import binned, equal_information, permutation_test
 from vsh import Modes, Vector
 from vsh.io import catalogue
 from vsh.models.cosmology import BACHCHAN_2016, CMB_VELOCITY_PLANCK18, transverse_distance
+from vsh.models.covariance import Spectrum
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
 from vsh.tools.units import AU_PER_YEAR
 
@@ -301,7 +302,7 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
     assert "by permut" not in out
     assert (tmp_path / "out" / "shared.ecsv").exists()
     with pytest.raises(SystemExit):
-        main([*words, "--floor"])
+        main([*words, "--lmax", "2", "--floor"])
     assert "degrees 1 and 2 say nothing of what bins share" in capsys.readouterr().err
     near = sim.galaxies(3000, 1, min_redshift=0.003, max_redshift=0.03)
     seen = sim.observe(near, sim.spin((0, 0, 0)), 2, sigma=30.0)
@@ -312,3 +313,31 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
     )
     assert np.trace(with_flows.covariance) > 1.01 * np.trace(without.covariance)
     assert "flows are in these errors" in with_flows.notes
+
+
+def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch):
+    """From so many sources on the floor is in the answer, below that its size is beside it, and --no-floor leaves it."""
+    from fit.commands import redshift as command
+    from fit.commands.redshift import main
+
+    quasars = sim.quasars(4000, 3)
+    pattern = sim.systematics(900.0 * Spectrum.flat(), 4, lmax=7)
+    sim.observe(quasars, pattern, 5, sigma=100.0).write(tmp_path / "q.fits")
+    words = [str(tmp_path / "q.fits"), "--bins", "0.1,1.2,6", "--redshift-frame", "true", "--no-flows"]
+    assert main(words) == 0
+    few = capsys.readouterr().out
+    assert "not in these errors: what sources share over the sky, spin ±" in few
+    assert float(few.split("what sources share over the sky, spin ± ")[1].split(",")[0]) > 5
+    monkeypatch.setattr(command, "_MANY", 3000)
+    assert main(words) == 0
+    many = capsys.readouterr().out
+    assert "Does the dipole change with redshift?" in many
+    assert "by permut" not in many
+    assert "not in these errors" not in many
+    assert main([*words, "--no-floor"]) == 0
+    without = capsys.readouterr().out
+    assert "Does the dipole change" not in without
+    assert "not in these errors: what sources share" in without
+    with pytest.raises(SystemExit):
+        main([str(tmp_path / "q.fits"), "--h0", "70", "--no-floor"])
+    assert "--no-floor is for --bins" in capsys.readouterr().err

@@ -17,6 +17,9 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("catalogue", help=f"ICRF2 or ICRF3 as the IERS distributes them, or {values.A_TABLE}")
     parser.add_argument("catalogue2", help="the one that is subtracted")
+    parser.add_argument(
+        "others", nargs="*", metavar="catalogue3", help="more that are subtracted from the first, each by itself"
+    )
     parser.add_argument("--lmax", type=values.count(1), default=2, help="highest degree of the fit (default: 2)")
     parser.add_argument(
         "--what",
@@ -39,8 +42,21 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--position-error", type=values.positive, metavar="UAS", help="one error for all positions, µas"
     )
+    floors = parser.add_mutually_exclusive_group()
+    floors.add_argument(
+        "--floor",
+        action="store_true",
+        help=(
+            "rotation and glide with the errors that sources share over the sky as well, from degrees 2 to 5 of the "
+            "differences; from 100000 sources on that is done unasked"
+        ),
+    )
+    floors.add_argument("--no-floor", action="store_true", help="leave them out: the report has their size")
+    parser.add_argument("--seed", type=int, default=1, help="of the draws of what sources share (default: 1)")
     parser.add_argument(
-        "--where2", metavar="CONDITION", help="rows of the second catalogue to use (default: as --where)"
+        "--where2",
+        metavar="CONDITION",
+        help="rows of the second catalogue, and those behind it, to use (default: as --where)",
     )
     parsing.add_threads(parser)
     reading.add_reading(parser)

@@ -34,14 +34,16 @@ def make_parser() -> argparse.ArgumentParser:
         "--bins", type=_edges, metavar="N|Z,Z,…", help="spin and acceleration in bins of redshift: edges, or how many"
     )
     parser.add_argument("--lmax", type=values.count(1), default=1, help="highest degree in the bins (default: 1)")
-    parser.add_argument(
+    floors = parser.add_mutually_exclusive_group()
+    floors.add_argument(
         "--floor",
         action="store_true",
         help=(
-            "with --bins and --lmax 3 or more (5 is best): errors that sources share, from the power of the higher "
-            "degrees, and whether the dipole changes with redshift"
+            "with --bins: errors that sources share, from the power of degrees 2 to --lmax (to 5 where that is 1), and "
+            "whether the dipole changes with redshift; from 100000 sources on that is done unasked"
         ),
     )
+    floors.add_argument("--no-floor", action="store_true", help="leave them out: the report has their size")
     parser.add_argument("--shared-higher-degrees", action="store_true", help="degrees above 1 the same in all bins")
     parser.add_argument(
         "--peculiar-dispersion",
@@ -212,8 +214,11 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         if getattr(options, name) and not getattr(options, needs):
             parser.error(f"--{name.replace('_', '-')} needs --{needs}")
     wanted = options.h0 or options.velocity or options.bins or options.posterior
-    if options.floor and not (options.bins and options.lmax >= 3):
-        parser.error("--floor needs --bins, and --lmax 3 or more: degrees 1 and 2 say nothing of what bins share")
+    if options.floor and options.lmax == 2:
+        parser.error("--floor needs --lmax 3 or more: degrees 1 and 2 say nothing of what bins share")
+    for name in ("floor", "no_floor"):
+        if getattr(options, name) and not options.bins:
+            parser.error(f"--{name.replace('_', '-')} is for --bins")
     if options.oort and not options.distances:
         parser.error("--oort needs --distances")
     if options.distances and (wanted or options.workers or options.scheduler or options.clip or options.free_spin):
