@@ -249,6 +249,8 @@ class FrameComparison(AboutSolution):
                 for n, (east, north), x in list(rows)[:_LISTED]
             ]
         shared_errors = [] if self.shared is None else [self.shared.report(what="")]
+        if shared_errors and solution.unit == "µas":
+            shared_errors.append("R1, R2, R3 of the ICRF3 papers are the rotation with the other sign.")
         return "\n\n".join(["\n".join(lines), *shared_errors, report(solution)])
 
     def parameters_table(self) -> Table:

@@ -8,6 +8,9 @@ from typing import Any
 import fit
 from vsh.tools.errors import ModesError
 
+#: Waves beside a floor are looked for to this degree.
+_HIGHEST = 7
+
 
 @dataclass(frozen=True)
 class Backgrounds:
@@ -44,7 +47,11 @@ def found(solution: Any, options: argparse.Namespace) -> Backgrounds:
     if options.waves:
         if solution.modes.lmax < 2:
             raise ModesError("gravitational waves begin at degree 2: take --lmax 2 or higher")
-        results["waves"] = fit.background.wave_limit(given)
+        beside: dict[str, Any] = {}
+        if options.floor and given.modes.lmax >= 3:  # the higher degrees tell what of degree 2 is no wave
+            shapes = list(fit.background.SHAPES.values())
+            beside = {"degrees": range(2, min(given.modes.lmax, _HIGHEST) + 1), "systematics": shapes}
+        results["waves"] = fit.background.wave_limit(given, **beside)
         texts.append(replace(results["waves"], notes=()).report(options.years))  # those of the report above
     if options.floor:
         if solution.modes.lmax < 3:
