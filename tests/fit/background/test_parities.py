@@ -59,7 +59,7 @@ def test_a_sky_that_mixes_the_parities_is_taken_as_it_is(monkeypatch):
     normal = equations(13, 1000.0, 1.0, south=0.4)
     with pytest.raises(ConvergenceError, match="mixes the parities"):
         Parities(normal, range(2, 14), (1,))
-    found = floor(normal)
+    found = floor(normal, shapes=("flat",))
     monkeypatch.setattr("fit.background._floor._AS_IT_IS", 20)
-    plain = floor(normal)
+    plain = floor(normal, shapes=("flat",))
     assert (found.odd, found.even, found.parity_p_value) == (plain.odd, plain.even, plain.parity_p_value)

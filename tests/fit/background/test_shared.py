@@ -173,3 +173,15 @@ def test_the_covariance_is_that_of_the_mixture(three):
     scatter = np.cov(three.means.reshape(len(three.means), size).T, bias=True)
     np.testing.assert_allclose(three.covariance, inner + scatter, rtol=1e-10, atol=1e-12)
     assert np.trace(scatter) > 0
+
+
+def test_errors_are_scaled_by_their_own_chi2():
+    """Errors of one class too small by a factor: the same as if they were right, and the factor is said."""
+    right = classes(k=2, n=1000)
+    wrong = [
+        right[0],
+        replace(right[1], matrix=right[1].matrix * 9, rhs=right[1].rhs * 9, chi2_null=9 * right[1].chi2_null),
+    ]
+    one, two = (shared(each, draws=100) for each in (right, wrong))
+    np.testing.assert_allclose(two.covariance, one.covariance, rtol=1e-6)
+    assert two.noise_scale[1] == pytest.approx(3 * one.noise_scale[1])
