@@ -13,7 +13,7 @@ The amplitudes a, b_i are drawn by importance sampling, flat in each beforehand;
 """
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -80,14 +80,25 @@ class Blocks:
         high, one = modes.degrees > 1, modes.degrees == 1
         group = parities(modes)
         self.classes, self.own = classes, own
-        self.matrices = np.array([each.matrix for each in classes])
-        self.rhs = np.array([each.rhs for each in classes])
-        self.n_classes, self.size = self.rhs.shape
-        self.n_modes = int(high.sum())
-        among = np.ones(self.size - self.n_modes)
-        self.group, self.first_group = np.r_[group[high], np.full(among.size, 2)], group[one]
-        shape = np.r_[variances[high], among]
+        self.n_classes, self.n_modes = len(classes), int(high.sum())
+        among = np.ones(len(classes[0].rhs) - self.n_modes)
+        behind = np.r_[group[high], np.full(among.size, 2)]
+        order = np.argsort(behind, kind="stable")  # one parity, the other, templates
+        self.group, self.first_group, self.size = behind[order], group[one], order.size
+        self.matrices = np.array([each.matrix[np.ix_(order, order)] for each in classes])
+        self.rhs = np.array([each.rhs[order] for each in classes])
+        self.leverage = np.array([each.leverage[:, order] for each in classes])
+        shape = np.r_[variances[high], among][order]
         self.root, self.first = np.sqrt(shape), variances[one]
+        scaled = self.matrices * self.root[:, None] * self.root
+        ends = np.searchsorted(self.group, range(2 + (among.size > 0) + 1))
+        self.groups = [slice(low, high) for low, high in pairwise(ends)]
+        #: √S A √S of the classes, flat, for each pair of groups.
+        self.scaled = {
+            (g, h): scaled[:, rows, columns].reshape(self.n_classes, -1)
+            for g, rows in enumerate(self.groups)
+            for h, columns in enumerate(self.groups)
+        }
         units = np.array([self._units(np.flatnonzero(self.group == g), shape) for g in range(2)])
         if self.n_classes == 1:
             units = units[:, :1]
@@ -122,10 +133,14 @@ class Blocks:
         root = np.linalg.cholesky(shares + 1e-9 * np.eye(self.n_classes) * least)
         r = root[self.group].transpose(1, 2, 0) * self.root
         k, q = self.n_classes, self.size
-        gram = np.empty((k, q, k, q))
-        for i in range(k):
-            for j in range(i + 1):
-                gram[i, :, j] = sum((r[m, i][:, None] * r[m, j]) * self.matrices[m] for m in range(i, k))
+        gram = np.zeros((k, q, k, q))
+        below = [(i, j) for i in range(k) for j in range(i + 1)]
+        i, j = np.transpose(below)
+        for (g, h), matrix in self.scaled.items():  # Σ_m R_mi A_m R_mj below the diagonal: a product a pair of groups
+            products = (root[g].T[i] * root[h].T[j]) @ matrix
+            rows, columns = self.groups[g], self.groups[h]
+            for (one, two), values in zip(below, products, strict=True):
+                gram[one, rows, two, columns] = values.reshape(rows.stop - rows.start, -1)
         square = gram.reshape(k * q, k * q)
         square.ravel()[:: k * q + 1] += 1
         lower = cholesky(square, lower=True, overwrite_a=True, check_finite=False)
@@ -160,10 +175,13 @@ class Blocks:
         gradient = np.r_[gradient.ravel(), common[2:]][: self.units.size]
         return float(np.log(np.diag(lower)).sum() - w @ w / 2), -gradient * self.units**2
 
-    def sample(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, float]:
-        """Draws of the amplitudes, (n, d), their weights, and ln of the evidence: the mode, then importance."""
+    def sample(self, n: int, rng: np.random.Generator, least: float = 0.0) -> tuple[FloatArray, FloatArray, float]:
+        """Draws of the amplitudes, (n, d), their weights, and ln of the evidence: the mode, then importance.
+
+        Where fewer than `least` draws count the proposal goes on learning from twice as many, and twice again.
+        """
         middle, covariance = self._peak()
-        for count in (n // 2, n // 2, n):
+        for count in (n // 2, n // 2, n, 2 * n, 4 * n):
             x, log_density = _folded(middle, 1.2 * covariance, count, rng)
             log = np.array([self.log_likelihood(each) for each in x]) - log_density
             weight = np.exp(log - log.max())
@@ -174,6 +192,8 @@ class Blocks:
             middle = kind @ x
             spread = np.einsum("n,ni,nj->ij", kind, x - middle, x - middle)
             covariance = spread + 0.1 * covariance if few else 1.1 * spread
+            if count >= n and 1 / np.sum(weight**2) >= least:
+                break
         return x, weight, evidence
 
     def _peak(self):
@@ -202,8 +222,7 @@ class Blocks:
         """θ of all classes, (K, 6), and its covariance, (K, 6, K, 6): what degrees 2 … L leave, and C ⊗ S_1."""
         r, lower, w = self.factor(x)
         k, q = self.n_classes, self.size
-        leverage = np.array([each.leverage for each in self.classes])
-        across = np.einsum("mjk,mak->jkma", r, leverage).reshape(k * q, -1)
+        across = np.einsum("mjk,mak->jkma", r, self.leverage).reshape(k * q, -1)
         z = solve_triangular(lower, across, lower=True, check_finite=False)
         covariance = (z.T @ z).reshape(k, 6, k, 6)
         plain = np.array([np.linalg.solve(each.first, each.first_rhs) for each in self.classes])
@@ -239,9 +258,15 @@ def _folded(middle, covariance, n, rng) -> tuple[FloatArray, FloatArray]:
     signs: Any = np.ones((2 ** len(near), size))
     signs[:, near] = list(product((1, -1), repeat=len(near)))
     inverse = np.linalg.inv(root)
+    precision = inverse.T @ inverse
     constant = gammaln((_TAIL + size) / 2) - gammaln(_TAIL / 2) - size / 2 * np.log(_TAIL * np.pi)
     density = np.empty(n)
+    a, b = np.triu_indices(size)
+    pairs, twice = signs[:, a] * signs[:, b], np.where(a == b, 1.0, 2.0) * precision[a, b]
+    pull = precision @ middle
     for start in range(0, n, 64):  # many signs of many draws would fill the memory
-        y = np.einsum("ab,snb->sna", inverse, signs[:, None] * x[start : start + 64] - middle)
-        density[start : start + 64] = logsumexp(-(_TAIL + size) / 2 * np.log1p(np.sum(y * y, 2) / _TAIL), axis=0)
+        part = x[start : start + 64]
+        # (s x − µ)ᵀ P (s x − µ) of all signs s at once.
+        square = pairs @ (part[:, a] * part[:, b] * twice).T - 2 * signs @ (part * pull).T + middle @ pull
+        density[start : start + 64] = logsumexp(-(_TAIL + size) / 2 * np.log1p(np.maximum(square, 0) / _TAIL), axis=0)
     return x, density - np.log(np.diag(root)).sum() + constant

@@ -31,7 +31,7 @@ from vsh.tools.notes import note_lines
 from vsh.tools.types import FloatArray, Rng, Table
 
 #: Draws that count fewer than this are drawn again, four times as many, up to a limit.
-_EFFECTIVE, _MOST_DRAWS = 20.0, 1600
+_EFFECTIVE = 20.0
 #: So many draws of equal weight are kept.
 _KEPT = 60
 #: Beyond this condition of its normal matrix a class sees too little of the sky to tell degrees apart.
@@ -522,14 +522,9 @@ def _draws(classes, modes, spectra, own, draws, rng):
         variances = spectrum.variances(modes)
         # All shapes as well seen as the flat one, or their evidence would depend on units.
         scale = np.sqrt((flat @ squares @ flat) / (variances[high] @ squares @ variances[high]))
-        blocks, count = Blocks(classes, modes, variances * scale, own), draws
-        while True:
-            x, weight, evidence = blocks.sample(count, rng)
-            effective = float(1 / np.sum(weight**2))
-            if effective >= _EFFECTIVE or count >= max(draws, _MOST_DRAWS):
-                break
-            count *= 4
-        lots.append(_Lot(blocks, x, weight, evidence, effective))
+        blocks = Blocks(classes, modes, variances * scale, own)
+        x, weight, evidence = blocks.sample(draws, rng, _EFFECTIVE)
+        lots.append(_Lot(blocks, x, weight, evidence, float(1 / np.sum(weight**2))))
     return lots
 
 

@@ -10,7 +10,7 @@ import fit
 import sim
 import vsh
 from fit.background import Spectrum, shared
-from fit.background._blocks import Blocks, reduced
+from fit.background._blocks import Blocks, parities, reduced
 from vsh import DegeneracyError, Field, FrameError, Modes, ModesError, ParameterError
 
 
@@ -54,7 +54,7 @@ def test_the_likelihood_is_that_of_the_dense_covariance():
     x = np.array([1.0, 0.5, 2.0, 0.7, 1.1, 0.2])
     shares = blocks.shares(x)
     high = modes.degrees > 1
-    prior = np.einsum("kij,k,kl->ikjl", shares[blocks.group], variances[high], np.eye(high.sum()))
+    prior = np.einsum("kij,k,kl->ikjl", shares[parities(modes)[high]], variances[high], np.eye(high.sum()))
     prior = prior.reshape(2 * high.sum(), -1)
     a = np.zeros_like(prior)
     q = high.sum()
