@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.quality import norm_limit, printed_p_value
+from fit.quality import printed_p_value, vector_limit
 from fit.shear._tensor import PLACES, TO_TENSOR, degree_two, matrix_of
 from fit.solution import HarmonicSolution
 from fit.storage import Result
@@ -98,12 +98,12 @@ class Shear(Result):
     def limit(self, probability: float = 0.95) -> float:
         """Upper limit of |Σ|: a larger one would have been found larger with `probability`. [µas/yr]
 
-        Holds with at least this probability at any signal to noise, where errors are alike for all axes.
+        Holds with about this probability or more at any signal to noise (`fit.quality.vector_limit`).
         """
         between("probability", probability, 0, 1)
-        weights = np.array([1, 1, 1, 2, 2, 2])
-        sigma = np.sqrt(weights @ np.diag(self.covariance) / 5)
-        return float(norm_limit(np.array([self.norm]), np.array([sigma]), 5, probability)[0])
+        root = np.sqrt([1, 1, 1, 2, 2, 2])
+        covariance = np.outer(root, root) * self.covariance
+        return float(vector_limit((root * self.values)[None], covariance[None], 5, probability)[0])
 
     def percent(self, rate: ArrayLike) -> FloatArray:
         """A `rate` [µas/yr] in per cent of H0."""

@@ -54,11 +54,11 @@ def templates(lmax: int, nside: int) -> FloatArray:
 
 
 def map_of(white: Whitened, modes: Modes, nside: int, copies: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """2F, the best amplitudes and the mean error of one, for every direction."""
+    """2F, the best amplitudes, (2 copies, n), and their covariance, (n, 2 copies, 2 copies), for every direction."""
     seen, inverse = _basis(white, modes, nside, copies)
     g = np.tensordot(white.values, seen, axes=(0, 1))
     amplitudes = np.einsum("nij,jn->in", inverse, g)
-    return np.sum(g * amplitudes, axis=0), amplitudes, np.sqrt(np.einsum("nii->n", inverse) / len(g))
+    return np.sum(g * amplitudes, axis=0), amplitudes, inverse
 
 
 def _basis(white, modes, nside, copies):

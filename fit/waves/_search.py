@@ -8,7 +8,7 @@ import numpy as np
 
 from fit.background import equations_of
 from fit.normal import NormalEquations
-from fit.quality import norm_limit, printed_p_value
+from fit.quality import printed_p_value, vector_limit
 from fit.solution import HarmonicSolution
 from fit.storage import Result
 from fit.waves._map import Whitened, chance, map_of
@@ -231,11 +231,11 @@ def search(
     if not wanted or wanted[0] < 2 or wanted[-1] > modes.lmax:
         raise ModesError(f"waves have degrees from 2 on, and {modes.lmax} are fitted: not {wanted or 'none'}")
     white = Whitened.of(equations.matrix, equations.rhs, np.isin(modes.degrees, wanted))
-    statistic, amplitudes, spread = map_of(white, modes, nside)
+    statistic, amplitudes, covariance = map_of(white, modes, nside)
     search = WaveSearch(
         statistic,
         amplitudes,
-        norm_limit(np.sqrt(statistic) * spread, spread, 2),
+        vector_limit(amplitudes.T, covariance, 2),
         1.0,
         n_skies,
         wanted,
@@ -321,11 +321,11 @@ def search_in_time(
     if used == 0:
         raise DegeneracyError("no source has more observations than five parameters of its own: none tells of waves")
     white = Whitened.of(matrix, rhs, np.tile(modes.degrees >= 2, 2))
-    statistic, amplitudes, spread = map_of(white, modes, nside, copies=2)
+    statistic, amplitudes, covariance = map_of(white, modes, nside, copies=2)
     search = WaveSearch(
         statistic,
         amplitudes,
-        norm_limit(np.sqrt(statistic) * spread, spread, 4),
+        vector_limit(amplitudes.T, covariance, 4),
         1.0,
         n_skies,
         tuple(range(2, modes.lmax + 1)),

@@ -8,7 +8,7 @@ from scipy.stats import kstest
 
 import fit
 import sim
-from fit.quality import norm_limit
+from fit.quality import vector_limit
 from fit.waves import search, search_in_time
 from fit.waves._map import Whitened, _basis, chance, map_of
 from vsh import DegeneracyError, Field, ModesError, ParameterError
@@ -64,14 +64,14 @@ def test_a_wave_is_found():
     # At its own direction the amplitudes are without bias.
     white, modes = whitened(sky(signal=sim.plane_wave((0, 0, 1), 15.0, -8.0)), 5)
     at = 0  # the first pixel is next to the pole
-    _, amplitudes, spread = map_of(white, modes, 64)
-    assert abs(np.linalg.norm(amplitudes[:, at]) - 17) < 4 * spread[at]
+    _, amplitudes, covariance = map_of(white, modes, 64)
+    assert abs(np.linalg.norm(amplitudes[:, at]) - 17) < 4 * np.sqrt(np.trace(covariance[at]) / 2)
 
 
 def test_the_error_of_an_amplitude_on_an_even_sky():
     """σ(ḣ) = σ_µ √(6/N), with all degrees; those to 5 hold 99 %."""
     white, modes = whitened(sky(20000, lowest=-1), 5)
-    spread = map_of(white, modes, 2)[2]
+    spread = np.sqrt(np.einsum("nii->n", map_of(white, modes, 2)[2]) / 2)
     assert spread == pytest.approx(50 * np.sqrt(6 / 20000), rel=0.02)
 
 
@@ -85,9 +85,24 @@ def test_limits_hold():
         turn = rng.uniform(0, 2 * np.pi, 4000)
         waves = size * spread * (np.outer(np.cos(turn), seen[0]) + np.outer(np.sin(turn), seen[1]))
         g = (waves + rng.standard_normal(waves.shape)) @ seen.T
-        statistic = np.sum(g @ inverse * g, axis=1)
-        held = norm_limit(np.sqrt(statistic) * spread, np.full(4000, spread), 2) >= size * spread
+        held = vector_limit(g @ inverse, np.broadcast_to(inverse, (4000, 2, 2)), 2) >= size * spread
         assert held.mean() > 0.94
+
+
+@pytest.mark.parametrize("size", [0.0, 2.0, 6.0, 20.0])
+@pytest.mark.parametrize(("k", "ratio"), [(2, 4.0), (2, 100.0), (4, 25.0)])
+def test_limits_hold_where_errors_differ_by_component(size, k, ratio):
+    """One mean error for all, as it was, held 78 % of strong waves in two dimensions with variances of 4 : 1."""
+    rng, n = np.random.default_rng(int(ratio)), 2000
+    turn = np.linalg.qr(rng.normal(size=(n, k, k)))[0]
+    covariance = np.einsum("nij,j,nkj->nik", turn, ratio ** np.linspace(-0.5, 0.5, k), turn)
+    unit = rng.normal(size=(n, k))
+    true = size * np.sqrt(np.trace(covariance[0]) / k) * unit / np.linalg.norm(unit, axis=1)[:, None]
+    seen = true + np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.normal(size=(n, k)))
+    held = np.mean(vector_limit(seen, covariance, k) >= np.linalg.norm(true, axis=1))
+    assert held > 0.95 - 0.012 - 2.5 * np.sqrt(0.05 * 0.95 / n)
+    if size == 20:
+        assert held < 0.97
 
 
 def test_report_and_strain():
