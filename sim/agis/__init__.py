@@ -16,6 +16,7 @@ from sim.agis._mission import (
     solve_mission,
     start_errors,
 )
+from sim.agis._response import Response, share_left
 from sim.agis._system import System
 from sim.agis.passes import FULL, Plan, Scans, plan, scaled, scans
 from sim.agis.results import AgisSolution, correlation_by_angle, ratio_by, rotate_frame
@@ -27,6 +28,7 @@ __all__ = [
     "AgisSolution",
     "GlobalMotion",
     "Mixture",
+    "Response",
     "System",
     "global_motion",
     "joint_system",
@@ -34,6 +36,7 @@ __all__ = [
     "observations",
     "plan",
     "scans",
+    "share_left",
     "solve_mission",
 ]
 
