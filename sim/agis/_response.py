@@ -139,7 +139,16 @@ class Response(InNotebook):
 
     @classmethod
     def read(cls, path: PathName, law: NominalScanningLaw, **options: Any) -> "Response":
-        """A response whose factor was written; the law and the options are as they were then.
+        """A response whose factor was written.
+
+        Parameters
+        ----------
+        path : str or Path
+            What `save` wrote.
+        law : NominalScanningLaw
+            The law that it was factored for.
+        **options
+            epoch, steps and rng, as they were then.
 
         Raises
         ------
