@@ -197,7 +197,7 @@ class Response(InNotebook):
         return left
 
     def taken(self, modes: Modes, functions: Functions) -> FloatArray:
-        """What the five parameters of stars take up of each function times each mode, (60 nside², F p)."""
+        """What stars take up of each of the `functions` times each of the `modes`, (60 nside², F p)."""
         probe = functions(np.linspace(-1.0, 1.0, 7)).tobytes()  # functions are known by their values
         if (modes, probe) not in self._taken:
             right: Any = 0.0
