@@ -13,6 +13,9 @@ _PIXELS = ("gorski2005", "zonca2019")
 _OPTIONS = {
     "posterior": ("foremanmackey2013", "foremanmackey2016", "planck2020overview"),
     "waves": ("book2011",),
+    "floor": ("lindegren2021",),
+    "classes": ("lindegren2021",),
+    "templates": ("lindegren2021", "nguyen2026"),
     "jackknife": _PIXELS,
     "influence": _PIXELS,
     "selection": _PIXELS,
