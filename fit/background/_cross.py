@@ -53,10 +53,11 @@ class CrossPowers(Result):
         ]
         rows = zip(self.templates, self.degrees, self.values, self.errors, self.errors_with_floor, strict=True)
         for name, l, value, error, wide in rows:
-            mark = " *" if abs(value) > _SEEN * wide else ""
+            mark = " *" if abs(value) > _SEEN * wide and l > 1 else ""
             lines.append(
                 f"{name:38}{f'l = {l:.0f}':>6}{value:>+14.3f}{error:>9.3f}{wide:>14.3f}{value / wide:>+11.1f}{mark}"
             )
+        lines.append("* more than three errors; degree 1 holds the spin and the acceleration themselves, and is not judged")
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:
