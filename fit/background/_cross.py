@@ -57,7 +57,7 @@ class CrossPowers(Result):
             lines.append(
                 f"{name:38}{f'l = {l:.0f}':>6}{value:>+14.3f}{error:>9.3f}{wide:>14.3f}{value / wide:>+11.1f}{mark}"
             )
-        lines.append("* more than three errors; degree 1 holds the spin and the acceleration themselves, and is not judged")
+        lines.append("* more than three errors; degree 1 holds spin and acceleration themselves, and is not judged")
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:

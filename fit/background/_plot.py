@@ -87,34 +87,42 @@ def _intervals(names, values, intervals, labels, point, ax):
 
 @styled
 def plot_cross(powers: Any, *, ax: Any = None) -> Any:
-    """Projections on templates by degree, in units of their errors with the floor."""
-    (axes,) = panels(ax, 1, size=(WIDTH, 3.2))
+    """Projections on templates by degree, in units of their errors with the floor; degree 1 has what is looked for."""
+    (axes,) = panels(ax, size=(WIDTH, 2.9))
     listed = list(dict.fromkeys(powers.templates))
     for k, name in enumerate(listed):
-        at = np.array([each == name for each in powers.templates])
+        at = np.array([each == name for each in powers.templates]) & (powers.degrees > 1)
         x = powers.degrees[at] + 0.6 * ((k + 0.5) / len(listed) - 0.5)
         size = powers.values[at] / powers.errors_with_floor[at]
-        axes.errorbar(x, size, 1.0, fmt="o", color=COLOURS[k % len(COLOURS)], label=name)
+        axes.errorbar(x, size, 1.0, fmt="o", markersize=3, color=COLOURS[k % len(COLOURS)], label=name)
     axes.axhline(0, color="0.7", linewidth=0.8)
+    axes.set_xticks(np.arange(2, powers.degrees.max() + 1))
     axes.set_xlabel("degree")
     axes.set_ylabel("along the template  [errors]")
-    legend_above(axes, 2)
+    legend_above(axes, 2, fontsize=6.5, columnspacing=0.8, handletextpad=0.3)
     return axes
 
 
+@styled
 def plot_shared(classes: Any, *, ax: Any = None) -> Any:
-    """Amplitudes of spin and acceleration of each class, component by component, with their errors."""
-    solutions = classes.solutions
-    both = panels(ax, 2, size=(WIDTH, 3.2))
-    place = np.arange(len(classes))
-    for axes, name in zip(both, ("spin", "acceleration"), strict=True):
-        vectors = [getattr(solution, name) for solution in solutions]
+    """Spin and acceleration of each class, component by component, with their errors; all together at the bottom."""
+    labels, solutions = list(classes.labels), classes.solutions
+    if len(classes) > 1:
+        labels, solutions = [*labels, "together"], [*solutions, classes.together()]
+    both = panels(ax, 1, 2, size=(WIDTH, 1.3 + 0.36 * len(labels)))
+    names = ("spin", "acceleration") if classes.unit == "µas/yr" else ("rotation", "glide")
+    place = np.arange(len(labels))
+    for axes, attribute, name in zip(both, ("spin", "acceleration"), names, strict=True):
+        vectors = [getattr(solution, attribute) for solution in solutions]
         for k, axis in enumerate("xyz"):
             values = [vector.value[k] for vector in vectors]
             errors = [vector.sigma[k] for vector in vectors]
-            axes.errorbar(place + 0.12 * (k - 1), values, errors, fmt="o", color=COLOURS[k], label=axis)
-        axes.axhline(0, color="0.7", linewidth=0.8)
-        axes.set_xticks(place, classes.labels, rotation=20, ha="right")
-        axes.set_ylabel(f"{name}  [µas/yr]")
+            axes.errorbar(
+                values, place + 0.2 * (k - 1), xerr=errors, fmt="o", markersize=3, color=COLOURS[k], label=axis
+            )
+        axes.axvline(0, color="0.7", linewidth=0.8)
+        axes.set_ylim(len(labels) - 0.5, -0.5)
+        axes.set_yticks(place, labels if axes is both[0] else [""] * len(labels))
+        axes.set_xlabel(f"{name}\n[{classes.unit}]")
     legend_above(both[0], 3)
     return both
