@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 
@@ -11,6 +12,7 @@ from conftest import ROOT
 from tap_server import serving
 
 from vsh import Field
+from vsh.commands import COMMANDS
 
 PAGES = [ROOT / "docs" / name for name in ("large_catalogues.md", "archive.md")]
 RECIPES = {
@@ -100,3 +102,39 @@ def test_the_job_for_one_node_runs(home, tmp_path):
     )
     assert done.returncode == 0, done.stderr[-2000:]
     assert (tmp_path / "results" / "report.txt").exists()
+
+
+#: The day of DR4, line by line.
+DAY = (ROOT / "docs" / "dr4.md").read_text(encoding="utf-8")
+LINES = [line.strip() for line in DAY.splitlines() if re.match(r" {7,}vsh-", line)]
+
+
+def run_line(line, *more):
+    from importlib import import_module
+
+    program, *words = shlex.split(line)
+    module = COMMANDS[program.removeprefix("vsh-")].module
+    return import_module(module).main([*words, *more])
+
+
+def test_the_page_has_ten_steps():
+    assert len(re.findall(r"^\d+\. ", DAY, re.MULTILINE)) == 10
+    assert len(LINES) == 13
+
+
+@pytest.mark.slow
+def test_the_day(tmp_path, monkeypatch, capsys):
+    """Every line of the page on tables of 8000 sources, but the archive's, which is not asked."""
+    monkeypatch.chdir(tmp_path)
+    for line in LINES:
+        if line.startswith("vsh-archive"):
+            continue
+        more = ["--number", "8000"] if line.startswith("vsh-sim") else ["--no-figures"] if "--output" in line else []
+        assert run_line(line, *more) == 0, line
+    out = capsys.readouterr().out
+    assert out.count("Does the dipole change with class?") == 3
+    assert "Does the dipole change with redshift?" in out
+    assert "Along each template, by degree" in out
+    assert {"answer", "magnitude", "colour", "halves", "bins", "templates", "against3", "gaia", "pairs"} <= {
+        each.name for each in tmp_path.iterdir()
+    }
