@@ -236,6 +236,8 @@ class Blocks:
     def template_amplitudes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Amplitudes of the templates beside what is shared, free beforehand, and their covariance."""
         n = self.n_modes
+        if n == self.size:
+            return np.zeros(0), np.zeros((0, 0))
         r, _, _ = self.factor(x)
         root, k = r[:, :, :n], self.n_classes
         modes, across = self.matrices[:, :n, :n], self.matrices[:, :n, n:]

@@ -57,7 +57,9 @@ def _column(name, source, options):
 
 def cross_powers_of(solution: Any, templates: list[Any]) -> Any:
     """How far the solution follows the templates, beside the floor where it is known."""
-    fields = [each for template in templates for each in template.fields(solution.modes, solution.frame)]
+    from fit.normal import template_fields
+
+    fields = template_fields(templates, solution.modes, solution.frame)
     floor = getattr(solution, "floor", None)
     plain = solution.unshrunk or solution
     return fit.background.cross_powers(plain, fields, None if floor is None else floor.spectrum)

@@ -3,6 +3,6 @@
 from fit.normal._equations import NormalEquations, TemplateField, gaussian_prior
 from fit.normal._moments import Moments
 from fit.normal._sum import WhiteRows, normal_equations
-from fit.normal._templates import Template
+from fit.normal._templates import Template, template_fields
 
 __all__: list[str] = []
