@@ -40,7 +40,7 @@ def sky(kind, n, rng):
         lon, lat = sim.uniform_sky(30, rng)
         at = rng.integers(30, size=n)
         east, north = 0.1 * rng.normal(size=(2, n))
-        return lon[at] + east / np.cos(lat[at]), np.clip(lat[at] + north, -1.57, 1.57)
+        return (lon[at] + east / np.cos(lat[at])) % (2 * np.pi), np.clip(lat[at] + north, -1.57, 1.57)
     return sim.uniform_sky(n, rng)
 
 

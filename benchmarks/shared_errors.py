@@ -3,7 +3,8 @@
 `python benchmarks/shared_errors.py [SKIES] [WORDS]` prints a row for each case whose name holds the words: the share of
 skies whose p-value of classes alike is below 0.05 and 0.0027 (spin, acceleration), by plain fits of degree 1 and by
 `fit.background.shared`; pulls of a class, of the difference of the last and first, and of all together; and how often 95 %
-intervals hold. Systematics go to degree 16, beyond what is fitted.
+intervals hold. Systematics go to degree 16, beyond what is fitted. `python benchmarks/shared_errors.py SKIES power WORDS`
+puts an acceleration of four of its errors into the last class and prints in how many skies it is found.
 """
 
 import os
@@ -117,6 +118,36 @@ CASES = [
 ]  # fmt: skip
 
 
+def power(n_skies, words):
+    """In how many skies a last class whose acceleration is four errors away is told from the others."""
+    print(f"{'case':54}{'equality p < .05':>20}{'p < .0027':>12}{'verdict p < .05':>18}")
+    cache = {}
+    for kinds, lmax, spectrum, mix in CASES:
+        name = f"{len(kinds)} {'+'.join(kinds)}, L = {lmax}, {spectrum}, {mix}"
+        if words not in name or len(kinds) == 1:
+            continue
+        skies, rows = cache.setdefault(kinds, Skies(kinds)), []
+        for seed in range(n_skies):
+            rng = np.random.default_rng(seed)
+            normals = skies.draw(spectrum, mix, lmax, rng)
+            away = shared(normals, draws=200, rng=seed).difference(0, len(kinds) - 1)
+            step, at = np.zeros(len(normals[-1].rhs)), np.flatnonzero(normals[-1].modes.degrees == 1)[3:]
+            axis = rng.normal(size=3)
+            axis /= np.linalg.norm(axis)
+            covariance = away.covariance[3:6, 3:6]
+            step[at] = 4 * axis / np.sqrt(axis @ np.linalg.solve(covariance, axis))
+            last = normals[-1]
+            moved = last.matrix @ step
+            total = last.chi2_null + 2 * step @ last.rhs + step @ moved
+            result = shared([*normals[:-1], replace(last, rhs=last.rhs + moved, chi2_null=total)], draws=200, rng=seed)
+            rows.append([result.equality("S"), result.verdict(1000, seed).p_value])
+        p, verdict = np.array(rows).T
+        print(
+            f"{name:54}{np.mean(p < 0.05):>20.2f}{np.mean(p < 0.0027):>12.2f}{np.mean(verdict < 0.05):>18.2f}",
+            flush=True,
+        )
+
+
 def main(n_skies=100, words=""):
     print(f"{'case':54}{'plain: spin; accel.':>24}{'shared':>24}{'verdict':>9}{'pull class diff sum':>24}{'95 %':>20}")
     cache = {}
@@ -151,4 +182,5 @@ def main(n_skies=100, words=""):
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100, " ".join(sys.argv[2:]))
+    run = power if sys.argv[2:3] == ["power"] else main
+    run(int(sys.argv[1]) if len(sys.argv) > 1 else 100, " ".join(sys.argv[3 if run is power else 2 :]))

@@ -48,7 +48,7 @@ def same(one: Any, two: Any) -> bool:
     if isinstance(one, float) and isinstance(two, float) and np.isnan(one):
         return bool(np.isnan(two))
     if is_dataclass(one) and not isinstance(one, type) and type(one) is type(two):
-        return all(same(getattr(one, entry.name), getattr(two, entry.name)) for entry in fields(one))
+        return all(same(getattr(one, name), getattr(two, name)) for name in _attributes(type(one)) or ())
     return bool(one == two)
 
 
@@ -75,7 +75,7 @@ def encoded(value: Any) -> Any:
 def _attributes(kind):
     """Names of what a dataclass or a NamedTuple is made with; None for anything else."""
     if is_dataclass(kind):
-        return [entry.name for entry in fields(kind)]
+        return [entry.name for entry in fields(kind) if entry.init]
     return (
         list(kind._fields) if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields") else None
     )

@@ -16,12 +16,13 @@ from .population import (
     uniform_sky,
     vlbi_quasars,
 )
-from .scanning import NominalScanningLaw
+from .scanning import NominalScanningLaw, TabulatedLaw, gaps_of
 from .signal import (
     Signal,
     acceleration,
     anisotropic_expansion,
     from_coefficients,
+    in_time,
     off_centre_void,
     peculiar,
     plane_wave,
@@ -30,6 +31,7 @@ from .signal import (
     spin,
     systematics,
     wave_background,
+    wave_in_time,
 )
 from .variability import Variability
 
@@ -38,6 +40,7 @@ __all__ = [
     "NominalScanningLaw",
     "Population",
     "Signal",
+    "TabulatedLaw",
     "Variability",
     "acceleration",
     "agis",
@@ -53,6 +56,8 @@ __all__ = [
     "gaia",
     "gaia_errors",
     "galaxies",
+    "gaps_of",
+    "in_time",
     "observe",
     "observe_offsets",
     "off_centre_void",
@@ -75,4 +80,5 @@ __all__ = [
     "variability",
     "vlbi_quasars",
     "wave_background",
+    "wave_in_time",
 ]

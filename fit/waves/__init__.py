@@ -2,13 +2,14 @@
 
 from typing import TYPE_CHECKING
 
-from fit.waves._search import WaveSearch, search, search_in_time
+from fit.waves._in_time import WaveSpectrum, search_in_time
+from fit.waves._search import WaveSearch, search
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
-    from fit.waves._map import plot_search
+    from fit.waves._map import plot_search, plot_spectrum
 
-__all__ = ["WaveSearch", "search", "search_in_time"]
+__all__ = ["WaveSearch", "WaveSpectrum", "search", "search_in_time"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_map": ["plot_search"]})
+__getattr__, __dir__ = lazily(__name__, __all__, {"_map": ["plot_search", "plot_spectrum"]})

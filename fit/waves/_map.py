@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
 from fit.quality import printed_p_value
-from vsh.figures.plot import COLOURS, WIDTH, draw_points, panels, plot_map, styled
+from vsh.figures.plot import COLOURS, WIDTH, draw_points, legend_above, log_ticks, panels, plot_map, styled
 from vsh.models.waves import wave_templates
 from vsh.modes import Modes
 from vsh.sky.pixels import centres
@@ -72,17 +72,21 @@ def _basis(white, modes, nside, copies):
     return seen, np.linalg.inv(np.einsum("iqn,jqn->nij", seen, seen))
 
 
-def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng, copies: int = 1) -> float:
+def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng) -> float:
     """Probability that noise alone gives as large a 2F anywhere: (1 + how many skies do)/(1 + how many there are)."""
+    return (1 + int(np.sum(chances(white, modes, nside, n_skies, rng) >= largest))) / (1 + n_skies)
+
+
+def chances(white: Whitened, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:
+    """The largest 2F of each of so many skies of noise."""
     seen, inverse = _basis(white, modes, nside, copies)
     root = np.linalg.cholesky(inverse)
     rotated = np.einsum("nij,iqn->jnq", root, seen)  # 2F is the sum of squares of these with the noise
-    rng, beyond = generator(rng), 0
+    rng, largest = generator(rng), []
     for start in range(0, n_skies, 100):
         noise = rng.standard_normal((len(white.values), min(100, n_skies - start)))
-        statistic = sum((part @ noise) ** 2 for part in rotated)
-        beyond += int(np.sum(statistic.max(axis=0) >= largest))
-    return (1 + beyond) / (1 + n_skies)
+        largest.append(sum((part @ noise) ** 2 for part in rotated).max(axis=0))
+    return np.concatenate(largest)
 
 
 @styled
@@ -100,3 +104,23 @@ def plot_search(search: Any, *, ax: Any = None) -> Any:
         drawn[place] = plot_map(values, label, frame=search.frame, cmap=cmap, title=title, ax=drawn[place])
         draw_points(drawn[place], *np.radians(search.direction), marker="+", s=60, color=COLOURS[1])
     return drawn
+
+
+@styled
+def plot_spectrum(spectrum: Any, *, ax: Any = None) -> Any:
+    """The strain that a wave can have, with 95 %, against its frequency: median and range over directions."""
+    (axes,) = panels(ax, size=(WIDTH, 3.0))
+    order = np.argsort(spectrum.frequencies)
+    f, limits = spectrum.frequencies[order], spectrum.strain_limits[order]
+    axes.fill_between(f, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, linewidth=0, label="by direction")
+    axes.plot(
+        f, limits[:, 1], "o-" if len(f) < 60 else "-", ms=3, color=COLOURS[0], label="95 % limit, median direction"
+    )
+    axes.set_yscale("log")
+    if f[-1] > 5 * f[0]:
+        axes.set_xscale("log")
+        log_ticks(axes.xaxis, f[0], f[-1])
+    axes.set_xlabel("frequency  [1/yr]")
+    axes.set_ylabel("strain")
+    legend_above(axes, 2)
+    return axes

@@ -1,6 +1,6 @@
 """The search for one wave in the coefficients of motions."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,16 +12,13 @@ from fit.quality import printed_p_value, vector_limit
 from fit.solution import HarmonicSolution
 from fit.storage import Result
 from fit.waves._map import Whitened, chance, map_of
-from vsh.basis import harmonics
 from vsh.io import tables
-from vsh.io.epochs import Observations
 from vsh.models.waves import strain_of
-from vsh.modes import as_modes
 from vsh.sky.frames import ANGLES, check_frame
 from vsh.sky.pixels import centres
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
-from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
+from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.notes import note_lines
 from vsh.tools.types import FloatArray, Rng, Table
 from vsh.tools.units import UAS
@@ -244,197 +241,3 @@ def search(
         notes=equations.notes,
     )
     return replace(search, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng))
-
-
-#: Notes of searches in time: of an attitude that is known, and of one that was solved.
-KNOWN_ATTITUDE = (
-    "warning: amplitudes and limits are those of an attitude that is known from elsewhere; where it was solved from the"
-    " same sky, as in Gaia's releases, 0.6 to 0.7 of a wave is left, and a 95 % limit is 0.7 of the truth: give a "
-    "sim.agis.Response"
-)
-SOLVED_ATTITUDE = (
-    "of each wave is taken what an attitude solved from the same sky took of it; a rotation that changes with "
-    "time is not seen"
-)
-
-
-@arguments.accepts(frequency=arguments.positive, nside=arguments.whole, n_skies=arguments.whole, rng=arguments.seed)
-def search_in_time(
-    observations: Observations,
-    frequency: float,
-    *,
-    attitude: Any = None,
-    lmax: int = 5,
-    nside: int = 8,
-    n_skies: int = 1000,
-    rng: Rng = 1,
-) -> WaveSearch:
-    """Look for one gravitational wave of a frequency within the mission, in positions along scan.
-
-    Each source keeps five parameters of its own, and the frame a rotation and a glide that swing at the frequency; what
-    is left is compared with a wave from every direction, its two polarisations with cosine and sine of time.
-
-    Parameters
-    ----------
-    observations : Observations
-        Observations as `vsh.io.epochs.read_observations` gives them.
-    frequency : float
-        Frequency of the wave. Below about one cycle in the time that they span, positions and motions of the sources
-        take all of it. [1/yr]
-    attitude : sim.agis.Response, or "known"
-        What the attitude takes of a wave where it was solved from the same sky, as in Gaia's releases; or that it is
-        known from elsewhere. There is no default.
-    lmax : int
-        The highest degree; a wave has 99 % of its power up to 5.
-    nside : int
-        Resolution of the HEALPix map of directions.
-    n_skies : int
-        Simulated skies of noise, for the p-value.
-    rng : Generator or int
-        The source of their noise.
-
-    Returns
-    -------
-    WaveSearch
-        Amplitudes of the strain: plus and cross of cosine, then of sine. [µas; 1 µas is a strain of 4.8e-12]
-
-    Raises
-    ------
-    DegeneracyError
-        If the observations determine no wave of this frequency.
-    ParameterError
-        If they are no Observations, the frequency is not above zero, or nothing is said of the attitude.
-
-    Notes
-    -----
-    The response is that of a wave much shorter than the distances of the sources (Book & Flanagan 2011), and much
-    longer than the time from one field of view to the other. 2F of noise is χ² with four degrees of freedom in one
-    direction; the p-value is of all directions at this frequency: of several that are tried, it is to be multiplied by
-    their number.
-
-    An attitude that was solved from the same sky, as in Gaia's releases, takes a part of the wave up: as if it were
-    known .59 to .68 of the amplitude of waves put into such a solution is found, and the "95 %" limit is .7 of the true
-    one; with a Response of nside 8 it is .96, of nside 16 .98.
-    """
-    arguments.a(Observations)("observations", observations)
-    modes = as_modes(lmax)
-    if modes.lmax < 2:
-        raise ParameterError("waves have degrees from 2 on: lmax of 2 or more")
-    if attitude is None:
-        raise ParameterError(
-            "say what the attitude is: sim.agis.Response(law) where it was solved from the same sky, as in Gaia's "
-            'releases, or attitude="known"'
-        )
-    rate = 2 * np.pi * frequency
-    if isinstance(attitude, str):
-        arguments.choice("attitude", attitude, ("known",))
-        matrix, rhs, used = _known(observations, modes, rate)
-    else:
-        matrix, rhs, used = _responding(observations, modes, rate, attitude)
-    if used == 0:
-        raise DegeneracyError("no source has more observations than five parameters of its own: none tells of waves")
-    white = Whitened.of(matrix, rhs, np.tile(modes.degrees >= 2, 2))
-    statistic, amplitudes, covariance = map_of(white, modes, nside, copies=2)
-    search = WaveSearch(
-        statistic,
-        amplitudes,
-        vector_limit(amplitudes.T, covariance, 4),
-        1.0,
-        n_skies,
-        tuple(range(2, modes.lmax + 1)),
-        "icrs",
-        used,
-        float(frequency),
-        "µas",
-        (*observations.notes, KNOWN_ATTITUDE if isinstance(attitude, str) else SOLVED_ATTITUDE),
-    )
-    return replace(search, p_value=chance(white, modes, nside, statistic.max(), n_skies, rng, copies=2))
-
-
-def _known(observations, modes, rate):
-    """Normal equations of cosine and sine times every mode, nothing taken by the attitude."""
-    p, used = len(modes), 0
-    matrix, rhs = np.zeros((2 * p, 2 * p)), np.zeros(2 * p)
-    for rows, form, side, count in _sources(observations, rate):
-        basis = harmonics(observations.lon[rows], observations.lat[rows], modes)
-        # (cosine, sine) × (east, north) of each source, and of each coefficient.
-        flat = basis.reshape(p, -1)
-        blocks = [
-            [flat @ np.einsum("nij,pjn->pin", form[:, a : a + 2, b : b + 2], basis).reshape(p, -1).T for b in (0, 2)]
-            for a in (0, 2)
-        ]
-        matrix += np.block(blocks)
-        rhs += np.concatenate([flat @ side[:, a : a + 2].T.ravel() for a in (0, 2)])
-        used += count
-    return matrix, rhs, used
-
-
-def _responding(observations, modes, rate, attitude, size=300):
-    """The same, of what the attitude leaves; five parameters of every source eliminated, a rotation held fixed."""
-    n, p, used = len(observations.lon), len(modes), 0
-    bounds = np.searchsorted(observations.source, np.arange(n + 1))
-    total: Any = np.zeros((2 * p + 1, 2 * p + 1))
-
-    def functions(time):
-        return np.array([np.cos(rate * time), np.sin(rate * time)])
-
-    for start in range(0, n, size):
-        stop = min(start + size, n)
-        own = slice(bounds[start], bounds[stop])
-        source, design = observations.source[own], observations.design[:, own]
-        if not len(source):
-            continue
-        seen = attitude.left(
-            observations.lon[source], observations.lat[source], design[:2], observations.time[own], modes, functions
-        )
-        error = observations.error[own]
-        columns = np.column_stack([seen, observations.position[own]]) / error[:, None]
-        rows = design / error
-        counts = np.bincount(source - start, minlength=stop - start)
-        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-        for k in np.flatnonzero(counts > 5):
-            mine = slice(first[k], first[k] + counts[k])
-            five = rows[:, mine].T
-            root, triangle = np.linalg.qr(five / np.linalg.norm(five, axis=0))
-            if np.abs(np.diag(triangle)).min() < 1e-5:
-                continue
-            left = columns[mine] - root @ (root.T @ columns[mine])
-            total += left.T @ left
-            used += int(counts[k])
-    matrix = np.array(total[:-1, :-1])
-    degree, typical = np.tile(modes.degrees, 2), np.median(np.diag(matrix))
-    unseen = (degree == 1) & (np.diag(matrix) < 1e-3 * typical)
-    matrix[unseen, unseen] += typical  # a rotation in time is attitude: any prior does
-    return matrix, total[:-1, -1], used
-
-
-def _sources(
-    observations: Observations, rate: float, size: int = 2000
-) -> Iterator[tuple[Any, FloatArray, FloatArray, int]]:
-    """Some sources at a time: which, the 4 × 4 forms and sides that their parameters leave, number of observations."""
-    n = len(observations.lon)
-    bounds = np.searchsorted(observations.source, np.arange(n + 1))
-    for start in range(0, n, size):
-        stop = min(start + size, n)
-        own = slice(bounds[start], bounds[stop])
-        design, time, scan = observations.design[:, own], observations.time[own], observations.design[:2, own]
-        columns = np.concatenate(
-            [design, scan * np.cos(rate * time), scan * np.sin(rate * time), observations.position[own][None]]
-        )
-        columns = columns / observations.error[own]
-        source = observations.source[own] - start
-        counts = np.bincount(source, minlength=stop - start)
-        sums = np.array([[np.bincount(source, x * y, stop - start) for x in columns] for y in columns]).transpose(
-            2, 0, 1
-        )
-        five = sums[:, :5, :5]
-        scale = np.sqrt(np.maximum(np.einsum("nii->ni", five), 1e-300))
-        enough = counts > 5
-        with np.errstate(invalid="ignore"):
-            enough &= np.linalg.cond(five / scale[:, :, None] / scale[:, None, :]) < 1e10
-        if not enough.any():
-            continue
-        some = sums[enough]
-        taken = some[:, :5, 5:].transpose(0, 2, 1) @ np.linalg.solve(some[:, :5, :5], some[:, :5, 5:])
-        left = some[:, 5:, 5:] - taken
-        yield start + np.flatnonzero(enough), left[:, :4, :4], left[:, :4, 4], int(counts[enough].sum())

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, hstack
 from scipy.special import gammaln, lpmv
 
-from sim.scanning import NominalScanningLaw
+from sim.scanning import NominalScanningLaw, TabulatedLaw
 from vsh.basis import harmonics
 from vsh.modes import Modes
 from vsh.sky.frames import rotation_matrix
@@ -31,7 +31,7 @@ from vsh.tools import arguments
 from vsh.tools.errors import FrameError, ParameterError
 from vsh.tools.files import read_arrays, write_arrays
 from vsh.tools.notebook import InNotebook
-from vsh.tools.types import ArrayLike, FloatArray, Kind, PathName, Rng
+from vsh.tools.types import ArrayLike, FloatArray, IntArray, Kind, PathName, Rng
 
 #: Functions of time: from years since the middle of the mission, (k,), to so many rows, (F, k).
 Functions = Callable[[FloatArray], FloatArray]
@@ -69,8 +69,8 @@ class Response(InNotebook):
 
     Parameters
     ----------
-    law : NominalScanningLaw
-        The scanning law, in ICRS.
+    law : NominalScanningLaw or TabulatedLaw
+        The scanning law, in ICRS, with the gaps of the data (`sim.gaps_of`).
     weights : (12 nside²,) array, optional
         Σ 1/σ² of the stars that hold the attitude, by pixel in ring order; even unless given, which changes amplitudes
         by 1 % for stars as crowded to the Galactic plane as 21 : 1.
@@ -79,6 +79,10 @@ class Response(InNotebook):
         time of the factor: 118 MB and 1 s, .6 GB and 7 s, 1.9 GB and 33 s.
     epoch : float, optional
         Julian year of the observations' time zero; the middle of the mission unless given.
+    calibration : (int, float), optional
+        What the calibration of the basic angle may take besides: harmonics of the spin phase from the Sun to this
+        order, each free anew every so many days. None unless given: EDR3's and DR4's must be known before a limit is
+        published, for (1, 5) leaves .02 of a glide's power in time and .6 of degree 2's.
     steps : int
         Times at which the fields are compared.
     rng : Generator or int
@@ -89,27 +93,28 @@ class Response(InNotebook):
     FrameError
         If the law is not in ICRS.
     ParameterError
-        If there are not as many weights as pixels.
+        If there are not as many weights as pixels, or a calibration is none.
     """
 
     def __init__(
         self,
-        law: NominalScanningLaw,
+        law: NominalScanningLaw | TabulatedLaw,
         weights: ArrayLike | None = None,
         nside: int = 12,
         *,
         epoch: float | None = None,
+        calibration: tuple[int, float] | None = None,
         steps: int = 600_000,
         rng: Rng = 1,
     ) -> None:
         if law.frame != "icrs":
             raise FrameError(f"observations stand in ICRS, this scanning law in {law.frame} axes")
-        self.law, self.nside = law, check_nside(nside)
+        self.law, self.nside = law, check_nside(nside, any_size=True)
         self.epoch = law.start + law.years / 2 if epoch is None else arguments.number("epoch", epoch)
         self.weights = np.ones(12 * nside**2) if weights is None else np.asarray(weights, float)
         if self.weights.shape != (12 * nside**2,) or not (self.weights >= 0).all():
             raise ParameterError(f"weights are {12 * nside**2} numbers of at least 0, one a pixel of nside {nside}")
-        self._lon, self._lat = centres(nside)
+        self._lon, self._lat = centres(nside, any_size=True)
         time = np.sort(arguments.generator(rng).uniform(0, law.years, arguments.whole("steps", steps)))
         for start, end in law.lost:
             time = time[(time < start) | (time > end)]
@@ -127,15 +132,21 @@ class Response(InNotebook):
         rows = 10 * np.arange(len(time) + 1)
         shape = (len(time), 5 * len(self.weights))
         self._design = csr_matrix((np.concatenate(values, 1).ravel(), np.concatenate(columns, 1).ravel(), rows), shape)
+        self.calibration = None if calibration is None else _checked(*calibration)
         self._factor: Any = None
+        self._joint: Any = None
         self._taken: dict[Any, FloatArray] = {}
 
     def __repr__(self) -> str:
-        return f"<Response: {self.law.years:g} years, nside {self.nside}>"
+        free = (
+            "" if self.calibration is None else ", basic angle to order {} free every {:g} d".format(*self.calibration)
+        )
+        return f"<Response: {self.law.years:g} years, nside {self.nside}{free}>"
 
     def save(self, path: PathName) -> None:
         """Write what was factored to `path`, an NPZ file of 8 (60 nside²)² bytes, for `read`."""
-        write_arrays(path, {"factor": self._factored()[0], "weights": self.weights, "steps": np.array(len(self._time))})
+        stored = {"factor": self._factored()[0], "weights": self.weights, "steps": np.array(len(self._time))}
+        write_arrays(path, stored | {"calibration": np.array(self.calibration or (0.0, 0.0))})
 
     @classmethod
     def read(cls, path: PathName, law: NominalScanningLaw, **options: Any) -> "Response":
@@ -157,6 +168,8 @@ class Response(InNotebook):
         """
         stored = read_arrays(path)
         nside = round(np.sqrt(len(stored["weights"]) / 12))
+        order, days = stored["calibration"]
+        options = {"calibration": (int(order), float(days)) if days else None} | options
         response = cls(law, stored["weights"], nside, **options)
         if len(response._time) != int(stored["steps"]):
             raise ParameterError("this factor is of another law, or of other steps")
@@ -164,7 +177,15 @@ class Response(InNotebook):
         return response
 
     def left(
-        self, lon: FloatArray, lat: FloatArray, scan: FloatArray, time: FloatArray, modes: Modes, functions: Functions
+        self,
+        lon: FloatArray,
+        lat: FloatArray,
+        scan: FloatArray,
+        time: FloatArray,
+        modes: Modes,
+        functions: Functions,
+        *,
+        view: IntArray | None = None,
     ) -> FloatArray:
         """What is left along scan of every function times every mode, (k, F p), functions outermost.
 
@@ -180,10 +201,12 @@ class Response(InNotebook):
             What is seen of the sky.
         functions : function
             From times to the functions at them, (F, k).
+        view : (k,) array, optional
+            +1 in the preceding field of view, −1 in the following one; the nearer one by the law unless given.
         """
         p, q, r = triad(lon, lat)
         m = p * scan[0] + q * scan[1]
-        view = self._view(r, time)
+        view = self._view(r, time) if view is None else view
         turn = -view * self.law.basic_angle
         r2, m2 = r * np.cos(turn) + m * np.sin(turn), m * np.cos(turn) - r * np.sin(turn)
         here, there = self._pixel(r), self._pixel(r2)
@@ -194,10 +217,15 @@ class Response(InNotebook):
         for weight, pixel, direction in ((1 - share, here, m), (share, there, m2)):
             x = taken[5 * pixel[:, None] + np.arange(5)]
             left += weight * np.einsum("ik,kin->kn", self._five(pixel, direction, time), x)
+        if self.calibration is not None:
+            left -= share * view[:, None] * (self._angle(time) @ taken[5 * len(self.weights) :])
         return left
 
     def taken(self, modes: Modes, functions: Functions) -> FloatArray:
-        """What stars take up of each of the `functions` times each of the `modes`, (60 nside², F p)."""
+        """What stars take up of each of the `functions` times each of the `modes`, (60 nside², F p).
+
+        Behind it what the calibration of the basic angle takes, where it is free.
+        """
         probe = functions(np.linspace(-1.0, 1.0, 7)).tobytes()  # functions are known by their values
         if (modes, probe) not in self._taken:
             right: Any = 0.0
@@ -206,17 +234,45 @@ class Response(InNotebook):
                 some = slice(start, None, step)
                 fields = [_along(r[:, some], m[:, some], modes) for r, m in self._seen]
                 difference = _outer(functions(self._time[some]), fields[0] - fields[1])
-                right = right + self._design[some].T @ (self._difference[some, None] * difference)
+                right = right + self._whole()[some].T @ (self._difference[some, None] * difference)
             self._taken = {(modes, probe): cho_solve(self._factored(), right, check_finite=False)}
         return self._taken[modes, probe]
 
     def _factored(self):
         if self._factor is None:
-            normal = (self._design.T @ self._design.multiply(self._difference[:, None]).tocsr()).toarray()
+            design = self._whole()
+            normal = (design.T @ design.multiply(self._difference[:, None]).tocsr()).toarray()
             scale = np.diag(normal).copy()
             normal[np.diag_indices_from(normal)] += 1e-7 * scale + 1e-9 * scale.max()  # six rotations are free
             self._factor = cho_factor(normal, overwrite_a=True, check_finite=False)
         return self._factor
+
+    def _whole(self):
+        """The differences by five parameters a pixel, and by the calibration."""
+        if self.calibration is None:
+            return self._design
+        if self._joint is None:
+            self._joint = hstack([self._design, self._angle(self._time)], format="csr")
+        return self._joint
+
+    def _angle(self, time):
+        """The basic angle by every coefficient of its calibration: harmonics of the spin phase within spans of days."""
+        assert self.calibration is not None
+        order, days = self.calibration
+        since = time + (self.epoch - self.law.start)
+        z, preceding, following = self.law.attitude(since)
+        sun = rotation_matrix("ecliptic", self.law.frame) @ self.law.sun(since)[0]
+        up = sun - z * np.sum(sun * z, 0)
+        middle = preceding + following
+        phase = np.arctan2(np.sum(np.cross(up, middle, axis=0) * z, 0), np.sum(up * middle, 0))
+        harmonics = [np.ones_like(phase)]
+        harmonics += [turn(m * phase) for m in range(1, order + 1) for turn in (np.cos, np.sin)]
+        spans = int(np.ceil(self.law.years * 365.25 / days))
+        own = np.clip((since * 365.25 / days).astype(int), 0, spans - 1)
+        columns = own[:, None] * len(harmonics) + np.arange(len(harmonics))
+        rows = len(harmonics) * np.arange(len(time) + 1)
+        shape = (len(time), spans * len(harmonics))
+        return csr_matrix((np.stack(harmonics, 1).ravel(), columns.ravel(), rows), shape)
 
     def _view(self, r, time):
         """+1 in the preceding field, −1 in the following one: they are far from each other."""
@@ -224,7 +280,7 @@ class Response(InNotebook):
         return np.where(np.sum(r * preceding, 0) > np.sum(r * following, 0), 1, -1)
 
     def _pixel(self, r):
-        return pixels_of(*angles(r), self.nside)
+        return pixels_of(*angles(r), self.nside, any_size=True)
 
     def _five(self, pixel, m, time):
         """Motion along scan by five parameters, east and north at the centre of the pixel, (5, k)."""
@@ -233,6 +289,11 @@ class Response(InNotebook):
         sun = rotation_matrix("ecliptic", self.law.frame) @ sun * far
         a, b = np.sum(m * p, 0), np.sum(m * q, 0)
         return np.array([a, b, -np.sum(m * sun, 0), a * time, b * time])
+
+
+def _checked(order, days):
+    """A calibration: the highest harmonic, and for how many days its coefficients stand."""
+    return arguments.whole("the order of a calibration", order, 0), arguments.positive("days", days)
 
 
 def _along(r, m, modes):

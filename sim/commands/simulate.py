@@ -22,6 +22,9 @@ def _run(options):
     if options.kind in ("crf3", "crf4"):
         _frame(options)
         return
+    if options.kind == "epochs":
+        _epochs(options)
+        return
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky, chosen, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
     population = _population(options, sky, chosen)
@@ -82,6 +85,30 @@ def _frame(options):
     other = len(table) - five - six
     more = f", {other} with another model" if other else ""
     _finish(options, [], dict(table.meta) | truth, f"{five} sources with five parameters, {six} with six{more}")
+
+
+def _epochs(options):
+    """Every transit of quasars, in the columns of DR4's epoch astrometry."""
+    from vsh.io import tables
+    from vsh.vector import Vector
+
+    sky, gaps, observed = np.random.default_rng(options.seed).spawn(3)
+    population = _population(options, sky, sky)
+    signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
+    meta = {"SPIN": options.spin, "ACC": options.acceleration}
+    if options.wave:
+        frequency, plus, cross, lon, lat = options.wave
+        signal += sim.wave_in_time(Vector.from_spherical(1.0, lon, lat).value, frequency, plus, cross)
+        meta["WAVE"] = options.wave
+    law = sim.NominalScanningLaw(years=options.years, dead_time=options.dead_time, rng=gaps)
+    attitude = "solved" if options.attitude == "solved" else "perfect"
+    mission = sim.Mission(law, options.release, 10.0 if attitude == "solved" else options.attitude)
+    table = sim.epochs(
+        population, signal, observed, mission=mission, attitude=attitude, complete=True, threads=options.threads
+    )
+    truth = {f"{name}_{i}": float(value) for name, values in meta.items() for i, value in enumerate(values)}
+    tables.write_table(table, options.output, truth | {"ATTITUDE": attitude, "SEED": options.seed})
+    _finish(options, [], truth, f"{len(table)} transits of {len(population)} quasars, attitude {attitude}")
 
 
 def _finish(options, notes, meta, what):

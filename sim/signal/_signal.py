@@ -28,6 +28,19 @@ class Observer:
     velocity: FloatArray
 
 
+class TimeDependent:
+    """Base of displacements that change with time: no motions, so that `sim.epochs` alone can show them."""
+
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None) -> FloatArray:
+        raise ParameterError(
+            "a signal that changes within the mission has no proper motion of its own: sim.epochs shows it"
+        )
+
+    def displacement(self, lon: FloatArray, lat: FloatArray, time: FloatArray) -> FloatArray:
+        """Displacements of sources at `lon`, `lat` [rad], a `time` each [yr since the epoch], (2, k). [µas]"""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, repr=False)
 class Signal(InNotebook):
     """A true field of motions: called as signal(lon, lat, redshift) → (2, n) µas/yr, added with +.
@@ -48,6 +61,30 @@ class Signal(InNotebook):
     def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None = None) -> FloatArray:
         lon, lat = np.atleast_1d(float_array("lon", lon)), np.atleast_1d(float_array("lat", lat))
         return sum(part(lon, lat, redshift) for part in self.parts)
+
+    @property
+    def steady(self) -> Signal:
+        """What of it are proper motions."""
+        return Signal(tuple(part for part in self.parts if not isinstance(part, TimeDependent)))
+
+    @property
+    def changes(self) -> bool:
+        """Whether something of it changes within the mission."""
+        return any(isinstance(part, TimeDependent) for part in self.parts)
+
+    def displacement(self, lon: ArrayLike, lat: ArrayLike, time: ArrayLike) -> FloatArray:
+        """Displacements by what changes within the mission, (2, k), a source and a time each. [µas]
+
+        Parameters
+        ----------
+        lon, lat : (k,) arrays
+            Positions. [rad]
+        time : (k,) array
+            Since the reference epoch. [yr]
+        """
+        lon, lat, time = (np.atleast_1d(float_array("positions and times", each)) for each in (lon, lat, time))
+        parts = [part.displacement(lon, lat, time) for part in self.parts if isinstance(part, TimeDependent)]
+        return sum(parts, np.zeros((2, len(time))))
 
     def observed_redshift(
         self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike, frame: str = "heliocentric"

@@ -12,6 +12,7 @@ from conftest import random_field
 
 import fit
 import sim
+from fit import in_time
 from fit.correlation import correlation_matrices, downweight, eigenmodes, leakage, predict_covariance
 from fit.posterior import grid, sample
 from fit.redshift import binned
@@ -19,6 +20,7 @@ from fit.secular_parallax import hubble_constant, observer_velocity
 from fit.storage import _KINDS, read
 from vsh import Field, ScalarField, Vector
 from vsh.figures.plot import figure_of
+from vsh.io.epochs import read_observations
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.models.covariance import Spectrum
 from vsh.tools.errors import TableError
@@ -63,6 +65,11 @@ def results():
         "shear": fit.shear.expansion(fit.fit_field(field, 2)),
         "orbit": fit.galaxy.orbit(Vector([5.0, 0.1, 0.2], 0.1 * np.eye(3), "galactic")),
         "frames": fit.compare.compare_catalogues(*two_catalogues(field), 1, labels=("one", "two"))[0],
+        "in time": in_time.solve(in_time_equations()),
+        "bands in time": in_time.background(in_time_equations(), draws=40),
+        "waves by frequency": fit.waves.search_in_time(
+            epochs(), [1.5, 2.0], attitude="known", lmax=2, nside=2, n_skies=5
+        ),
         "one wave": fit.waves.search(fit.fit_field(field, 2), nside=2, n_skies=5),
         "power of pairs": fit.pairs.power(field, 2, nside=1),
         "floor": fit.background.floor(fit.normal_equations(field, 3)),
@@ -87,6 +94,16 @@ def results():
             galaxies, CMB_VELOCITY_PLANCK18, n_samples=20_000, rng=1, n_walkers=20, progress=False
         ).kept(),
     }
+
+
+def epochs():
+    law = sim.NominalScanningLaw(years=2.0)
+    table = sim.epochs(sim.quasars(40, 1), sim.spin((0, 0, 0)), 1, mission=law)
+    return read_observations(table).by_transit()
+
+
+def in_time_equations():
+    return in_time.normal_equations(epochs(), 2, in_time.waves(2.0, 3.0, span=(-2.8, -0.7)), attitude="known")
 
 
 def cross_of(field):
@@ -127,6 +144,9 @@ NAMES = (
         "shear",
         "orbit",
         "one wave",
+        "in time",
+        "bands in time",
+        "waves by frequency",
         "frames",
         "kinematics",
         "shared",

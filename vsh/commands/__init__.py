@@ -29,5 +29,6 @@ COMMANDS = {
     "study": Command("study", "study.command", (*_FIT, "bachchan2016")),
     "forecast": Command("forecast", "study.forecast.command",
                         (*_FIT, "bachchan2016", "book2011", "planck2020overview", "planck2020parameters")),
+    "waves": Command("waves", "study.waves", (*_FIT, *_PIXELS, "book2011", "lindegren2012")),
     "archive": Command("archive", "vsh.commands.archive", ("gaia2016",)),
 }  # fmt: skip

@@ -12,7 +12,7 @@ __all__ = ["centres", "pixels_of"]
 
 
 @arguments.accepts(lon=arguments.dimension(1), lat=arguments.dimension(1), nside=arguments.whole)
-def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = False) -> IntArray:
+def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = False, any_size: bool = False) -> IntArray:
     """The HEALPix pixel of each position, (n,), in ring order unless told otherwise.
 
     Parameters
@@ -23,13 +23,15 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = Fals
         A power of two.
     nested : bool
         Pixels in nested order.
+    any_size : bool
+        Whether nside may be no power of two, in ring order.
 
     Raises
     ------
     FieldError
         If nside is no power of two, or a position is not on the sky.
     """
-    check_nside(nside)
+    check_nside(nside, any_size and not nested)
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     if lon.shape != lat.shape:
         raise FieldError(f"lon and lat have shapes {lon.shape} and {lat.shape}")
@@ -39,22 +41,26 @@ def pixels_of(lon: ArrayLike, lat: ArrayLike, nside: int, *, nested: bool = Fals
     return Healpix_Base(int(nside), "NEST" if nested else "RING").ang2pix(place)
 
 
-def check_nside(nside: int) -> int:
-    """Return nside; raise FieldError unless it is a power of two from 1 to 8192."""
+def check_nside(nside: int, any_size: bool = False) -> int:
+    """Return nside; raise FieldError unless it is a power of two from 1 to 8192, or any whole number in ring order."""
+    if any_size and isinstance(nside, (int, np.integer)) and 1 <= nside <= 8192:
+        return nside
     if not (isinstance(nside, (int, np.integer)) and 1 <= nside <= 8192 and nside & (nside - 1) == 0):
         raise FieldError(f"nside must be a power of two from 1 to 8192, not {nside!r}")
     return nside
 
 
-def centres(nside: int) -> tuple[FloatArray, FloatArray]:
+def centres(nside: int, *, any_size: bool = False) -> tuple[FloatArray, FloatArray]:
     """Longitude and latitude of every pixel's centre, two (12 nside²,) arrays. [rad]
 
     Parameters
     ----------
     nside : int
         Resolution of the HEALPix pixels.
+    any_size : bool
+        Whether nside may be no power of two.
     """
-    theta, phi = Healpix_Base(int(check_nside(nside)), "RING").pix2ang(np.arange(12 * nside**2)).T
+    theta, phi = Healpix_Base(int(check_nside(nside, any_size)), "RING").pix2ang(np.arange(12 * nside**2)).T
     return phi, np.pi / 2 - theta
 
 

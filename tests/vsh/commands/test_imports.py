@@ -40,6 +40,10 @@ JOBS = {
     ),
     "study": ("s.toml --output study", FITS | TABLE | TRANSITS | FIGURES | {"ducc0"}),
     "forecast": ("", {"astropy.units", "scipy.linalg", "scipy.special"} | SPLINES),
+    "waves": (
+        "e.fits --attitude known --frequencies 2 --lmax 2 --nside 2 --skies 5",
+        FITS | TABLE | TRANSITS | {"ducc0"},
+    ),
     "archive": ("gaia-crf3 --show", set()),
 }
 STUDY = """
@@ -68,6 +72,7 @@ def folder(tmp_path_factory):
         ("b", sim.quasars(60, 1)),
     ):
         sim.observe(population, sim.spin((1, 2, 3)), rng=2, sigma=50.0).write(folder / f"{name}.fits")
+    sim.epochs(sim.quasars(60, 1), sim.spin((1, 2, 3)), 2).write(folder / "e.fits")
     return folder
 
 

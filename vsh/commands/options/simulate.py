@@ -8,10 +8,12 @@ from vsh.commands import parsing, values
 ACCELERATION = "-0.235965,-3.755779,-2.080491"
 #: Lengths of mission at which errors of transits give those of a release.
 YEARS = {"DR3": 2.8, "DR4": 5.0, "DR5": 10.0, "paper": 5.0}
+#: What positions along scan take of the other kinds' options.
+NOT_OF_EPOCHS = ("no_transits", "variability", "excess_noise", "velocity", "redshifts", "redshift_error", "orientation")
 NOT_OF_CRF3 = (
     "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts",
     "redshift_error", "variability", "attitude", "excess_noise", "years", "dead_time", "redshift_range", "release",
-    "no_transits",
+    "no_transits", "wave",
 )  # fmt: skip
 
 
@@ -30,10 +32,11 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "kind",
-        choices=["quasars", "galaxies", "vlbi", "crf3", "crf4"],
+        choices=["quasars", "galaxies", "vlbi", "crf3", "crf4", "epochs"],
         help=(
             "vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns; crf4: "
-            "the same with the columns, epoch, errors and models of DR4"
+            "the same with the columns, epoch, errors and models of DR4; epochs: every transit of quasars in the "
+            "columns of DR4's epoch astrometry"
         ),
     )
     parser.add_argument(
@@ -117,6 +120,12 @@ def make_parser() -> argparse.ArgumentParser:
         default="gaia_source",
         help="crf4: which table of DR4: the best model of each source, or the core solution of all",
     )
+    parser.add_argument(
+        "--wave",
+        type=values.numbers,
+        metavar="F,PLUS,CROSS,L,B",
+        help="epochs: a gravitational wave of F a year, strains in µas, that travels to ICRS degrees L, B",
+    )
     parser.add_argument("--no-transits", action="store_true", help="errors by place and magnitude, without transits")
     parser.add_argument("--seed", type=int, default=1, help="the same seed, the same table (default: 1)")
     parsing.add_threads(parser)
@@ -147,6 +156,18 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--velocity is for galaxies: quasars are too far to show it")
     if options.flow and options.kind != "galaxies":
         parser.error("--flow is for galaxies: quasars are too far to show it")
+    if options.wave is not None and (options.kind != "epochs" or len(options.wave) != 5 or options.wave[0] <= 0):
+        parser.error("--wave is for epochs: a frequency above zero, plus, cross, and a direction, as 2,100,0,30,-20")
+    if options.kind == "epochs":
+        foreign = [
+            f"--{name.replace('_', '-')}"
+            for name in NOT_OF_EPOCHS
+            if getattr(options, name) != parser.get_default(name)
+        ]
+        if foreign:
+            parser.error(f"epochs are positions of quasars along scan: {', '.join(foreign)} cannot be chosen")
+        options.years = 5.5 if options.years is None else options.years
+        options.number = 500 if options.number is None else options.number
     if options.table != "gaia_source" and options.kind != "crf4":
         parser.error("--table is for crf4")
     if options.kind in ("crf3", "crf4"):

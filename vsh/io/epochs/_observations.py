@@ -1,7 +1,7 @@
 """Observations along scan from files of epoch astrometry, in the columns of the draft of Gaia DR4's data model."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from vsh.tools.errors import NothingLeftError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import DroppedRows
 from vsh.tools.types import FloatArray, IntArray, OnBad
-from vsh.tools.units import DEGREE, MAS
+from vsh.tools.units import DEGREE, JULIAN_YEAR, MAS
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
 _COLUMNS = (
@@ -24,6 +24,11 @@ _COLUMNS = (
     "ra0", "dec0",
 )  # fmt: skip
 _OPTIONAL = ("obs_time_bary_corr", "used_by_agis_al", "transit_id")
+_PLACES = ("ra0", "dec0")
+#: CCDs of a transit with the sky mapper's, which is the first and never used.
+_SLOTS = 10
+#: Bits 15 and 16 of a transit_id: 1 the preceding field of view, 2 the following one (GAIA-C3-TN-UB-JP-011, p. 9).
+_VIEWS = np.array([0, 1, -1, 0])
 #: What columns without a unit are in, and others are turned to.
 _UNITS = {"obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
           "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg"}  # fmt: skip
@@ -50,6 +55,8 @@ class Observations(Frozen):
         Name of the sources.
     notes : tuple of str
         What was not used.
+    view : (k,) int array or None
+        Field of view of each observation: +1 the preceding, −1 the following one; None where it is not known.
     """
 
     lon: FloatArray
@@ -61,28 +68,66 @@ class Observations(Frozen):
     error: FloatArray
     name: Any
     notes: tuple[str, ...] = ()
+    view: IntArray | None = None
+
+    def by_transit(self, gap: float = 60.0) -> "Observations":
+        """The same with one observation for each crossing of the field: the weighted mean of its CCDs.
+
+        Parameters
+        ----------
+        gap : float
+            Observations of a source by less apart are of one crossing, be it with several transit_ids. [s]
+        """
+        order = np.lexsort([self.time, self.source])
+        source, time = self.source[order], self.time[order]
+        new = np.ones(len(order), bool)
+        new[1:] = (np.diff(source) > 0) | (np.diff(time) > gap / JULIAN_YEAR)
+        if new.all() and np.array_equal(order, np.arange(len(order))):
+            return self
+        number, first = np.cumsum(new) - 1, order[new]
+        weight = 1 / self.error[order] ** 2
+        total = np.bincount(number, weight)
+
+        def mean(values):
+            return np.bincount(number, weight * values[order]) / total
+
+        return replace(
+            self,
+            source=self.source[first],
+            time=mean(self.time),
+            design=np.array([mean(each) for each in self.design]),
+            position=mean(self.position),
+            error=1 / np.sqrt(total),
+            view=None if self.view is None else self.view[first],
+        )
 
 
 def read_observations(
-    source: Any, *, epoch: float = DR4.epoch, columns: Mapping[str, str] | None = None
+    source: Any, *, epoch: float = DR4.epoch, columns: Mapping[str, str] | None = None, positions: Any = None
 ) -> Observations:
     """Read every observation of a table of epoch astrometry.
 
     Parameters
     ----------
-    source, epoch, columns
+    source, epoch, columns, positions
         As for `read_epochs`.
 
     Raises
     ------
     TableError
-        If a column is missing or holds no numbers.
+        If a column is missing or holds no numbers, or a source has no position.
     """
     opened = tables.open_table(source)
     names = {name: (columns or {}).get(name, name) for name in (*_COLUMNS, *_OPTIONAL)}
     for name in _COLUMNS:
-        if names[name] not in opened.names:
-            raise TableError(f"{opened.label}: {missing_column(names[name], opened)}")
+        if names[name] not in opened.names and not (name in _PLACES and positions is not None):
+            remedy = (
+                "; positions=, a table of source_id, ra and dec (gaia_source), gives them" if name in _PLACES else ""
+            )
+            raise TableError(f"{opened.label}: {missing_column(names[name], opened)}{remedy}")
+    if positions is not None:
+        for name in _PLACES:
+            names.pop(name)
     wanted = {name: column for name, column in names.items() if column in opened.names}
     factors = {
         name: unit_factor(column, opened.units.get(column), _UNITS[name])
@@ -96,11 +141,22 @@ def read_observations(
         notes = (*notes, "no column obs_time_bary_corr: times are taken as the barycentre's")
     identifiers, first, number = np.unique(flat["source_id"], return_index=True, return_inverse=True)
     order = np.argsort(number, kind="stable")
+    if positions is None:
+        lon, lat = flat["ra0"][first] * DEGREE, flat["dec0"][first] * DEGREE
+    else:
+        lon, lat = _joined(identifiers, positions)
+    view = None
+    if "view" in flat:
+        view = flat["view"][order].astype(int)
+        if not view.all():
+            strange = int(np.sum(view == 0))
+            notes = (*notes, f"transit_id of {strange} observations names no field of view: it is not taken from there")
+            view = None
     time = 2010.0 - epoch + (flat["obs_time_tcb"] + flat.get("obs_time_bary_corr", 0.0)) / _YEAR
     design = design_row(flat["scan_pos_angle"] * DEGREE, flat["parallax_factor_al"], time)
     return Observations(
-        flat["ra0"][first] * DEGREE,
-        flat["dec0"][first] * DEGREE,
+        lon,
+        lat,
         number[order],
         time[order],
         design[:, order],
@@ -108,12 +164,41 @@ def read_observations(
         MAS * flat["centroid_pos_error_al"][order],
         identifiers,
         (*opened.notes, *notes),
+        view,
     )
 
 
-#: No observation is larger: times [ns], positions and errors [mas], angles [deg].
+def _joined(identifiers, positions):
+    """Positions of sources by their source_id, from another table."""
+    opened = tables.open_table(positions)
+    names = ["source_id", *("ra", "dec")]
+    for name in names:
+        if name not in opened.names:
+            raise TableError(f"{opened.label}: {missing_column(name, opened)}")
+    (known, _), (ra, no_ra), (dec, no_dec) = (opened.columns((name,))[name] for name in names)
+    factors = [unit_factor(name, opened.units.get(name), "deg") for name in ("ra", "dec")]
+    there = np.ones(len(known), bool)
+    for mask in (no_ra, no_dec):
+        there &= ~np.asarray(mask, bool) if mask is not None else True
+    known, ra, dec = known[there], ra[there] * factors[0], dec[there] * factors[1]
+    order = np.argsort(known, kind="stable")
+    at = np.minimum(np.searchsorted(known[order], identifiers), len(known) - 1)
+    lost = identifiers[known[order][at] != identifiers] if len(known) else identifiers
+    if len(lost):
+        raise TableError(
+            f"{opened.label}: {len(lost)} of {len(identifiers)} sources of the epochs have no position there, source_id"
+            f" {lost[0]} for one"
+        )
+    place = np.asarray(ra, float)[order][at], np.asarray(dec, float)[order][at]
+    if not (np.isfinite(place).all() and (np.abs(place[1]) <= 90).all()):
+        raise TableError(f"{opened.label}: some positions are no directions: ra and dec in degrees are wanted")
+    return place[0] * DEGREE, place[1] * DEGREE
+
+
+#: No observation is larger, and what is stands for one that was not made: times [ns], positions and errors [mas],
+#: angles [deg].
 _MOST = {
-    "obs_time_tcb": 1e20, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e9,
+    "obs_time_tcb": 1e20, "obs_time_bary_corr": 1e14, "centroid_pos_al": 1e9, "centroid_pos_error_al": 1e7,
     "scan_pos_angle": 1e6, "parallax_factor_al": 10.0, "ra0": 720.0, "dec0": 90.0,
 }  # fmt: skip
 
@@ -136,11 +221,18 @@ def _observations(
         spread = np.broadcast_to(values.reshape(values.shape + (1,) * (len(shape) - values.ndim)), shape)
         if mask is not None:
             bad |= np.broadcast_to(np.reshape(mask, values.shape + (1,) * (len(shape) - values.ndim)), shape)
-        if name != "transit_id":
+        if name == "transit_id":
+            if values.dtype.kind in "iu":
+                flat["view"] = _VIEWS[(spread.ravel().astype(np.int64) >> 15) & 3]
+        else:
             factor = factors.get(name, 1.0)
             flat[name] = spread.ravel() if factor == 1.0 else spread.ravel() * factor
-    bad = bad.ravel()
-    unused = ~flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
+    notes: tuple[str, ...] = ()
+    used = flat.pop("used_by_agis_al", np.ones(bad.size, bool)).astype(bool)
+    if "used_by_agis_al" not in columns and len(shape) == 2 and shape[1] == _SLOTS:
+        used = used & np.tile(np.arange(_SLOTS) > 0, shape[0])
+        notes = (f"no column used_by_agis_al: the first of {_SLOTS} CCDs, the sky mapper's, is left out",)
+    bad, unused = bad.ravel(), ~used
     for name, values in flat.items():
         if values.dtype.kind == "f":
             bad |= ~(np.abs(values) <= _MOST.get(name, np.inf)) | ~np.isfinite(values)
@@ -155,7 +247,8 @@ def _observations(
         error = NothingLeftError(f"{label}: no observation can be used: {note}")
         error.notes = (note,)
         raise error
-    notes = (f"observations: {note}".replace(" rows", " observations"),) if any(counts.values()) else ()
+    if any(counts.values()):
+        notes = (f"observations: {note}".replace(" rows", " observations"), *notes)
     return {name: values[keep] for name, values in flat.items()}, (*notes, *repeated)
 
 
@@ -175,6 +268,7 @@ def read_epochs(
     robust: bool = True,
     on_bad: OnBad = "raise",
     columns: Mapping[str, str] | None = None,
+    positions: Any = None,
 ) -> Field:
     """Solve for five parameters of every source of a table of epoch astrometry.
 
@@ -192,6 +286,8 @@ def read_epochs(
         What to do about sources without a solution.
     columns : dict of str to str, optional
         Other names of these columns.
+    positions : path or table, optional
+        Where the sources are, by source_id, ra and dec, for files without ra0 and dec0.
 
     Returns
     -------
@@ -209,7 +305,7 @@ def read_epochs(
     -----
     The colour of a source is taken as known: DR4's own solutions have a pseudocolour besides.
     """
-    observations = read_observations(source, epoch=epoch, columns=columns)
+    observations = read_observations(source, epoch=epoch, columns=columns, positions=positions)
     solution = solve_epochs(
         observations.source, observations.design, observations.position, observations.error, robust=robust
     )

@@ -1,6 +1,4 @@
-"""What Gaia's archive would hold of simulated sources, in its own columns.
-
-A catalogue like Gaia-CRF3: five- and six-parameter solutions of quasars in the archive's columns, with a known truth.
+"""A catalogue like Gaia-CRF3: five- and six-parameter solutions of quasars, with a known truth.
 
 Counts and medians are those of Gaia Collaboration, Klioner et al. (2022, A&A 667, A148, table 1): 1 215 942 sources
 with five parameters (median G = 19.92, effective wavenumber 1.589 µm⁻¹, RUWE 1.013) and 398 231 with six (20.46,
@@ -13,20 +11,16 @@ from typing import Any
 import numpy as np
 
 from sim.astrometry import solve_astrometry
-from sim.mission import Mission, as_mission
-from sim.population import CRF3_COUNTS, SIX_PARAMETERS, Population, crf3_magnitudes, quasar_redshifts
-from sim.scanning import NominalScanningLaw, sun_position
+from sim.mission import Mission
+from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes, quasar_redshifts
+from sim.scanning import NominalScanningLaw
 from sim.signal import Signal, acceleration, as_signal
 from sim.skies import draw_positions
 from vsh.coefficients import Coefficients
-from vsh.io.epochs import design_row
-from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import centres, pixels_of
-from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
-from vsh.tools.errors import ParameterError
-from vsh.tools.types import BoolArray, FloatArray, Release, Rng, Table
+from vsh.tools.types import BoolArray, FloatArray, Rng, Table
 from vsh.tools.units import MAS
 
 #: Parallaxes of quasars in DR3, on average. [mas] (Lindegren et al. 2021, A&A 649, A4)
@@ -190,113 +184,3 @@ def _table(columns):
     from vsh.io import tables
 
     return tables.table_of(columns, {"REFEPOCH": 2016.0, "RELEASE": "simulated Gaia-CRF3"}, _CRF3_UNITS)
-
-
-#: CCDs of the astrometric field along a row, and the time from one to the next. [ns]
-CCDS, _STEP = 9, 4.85e9
-_YEAR = 365.25 * 86400e9  # [ns]
-#: Light takes so long for an astronomical unit. [ns]
-_AU = 499.004784e9
-#: Epoch of the positions. [Julian year, TCB]
-EPOCH = 2017.5
-_EPOCH_UNITS = {
-    "obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
-    "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg", "agis_source_excess_noise": "mas",
-}  # fmt: skip
-
-
-@arguments.accepts(population=arguments.a(Population), rng=arguments.seed)
-def epochs(
-    population: Population,
-    signal: Signal | Coefficients,
-    rng: Rng,
-    *,
-    mission: Mission | NominalScanningLaw | None = None,
-    release: Release = "DR4",
-    outliers: float = 0.0,
-    threads: int | None = None,
-) -> Table:
-    """Every transit of a population as DR4 will publish it: a row a transit, arrays of its nine CCDs.
-
-    Parameters
-    ----------
-    population : Population
-        In ICRS, with magnitudes.
-    signal : Signal or Coefficients
-        The true motions. [µas/yr]
-    rng : Generator or int
-        The source of all randomness.
-    mission : Mission or NominalScanningLaw, optional
-        66 months of the nominal scanning law unless given.
-    release : {"DR3", "DR4", "DR5", "paper"}
-        Release whose errors are taken where the mission does not say it.
-    outliers : float
-        The share of observations whose noise is ten times as large.
-    threads : int, optional
-        How many; one a core unless given.
-
-    Returns
-    -------
-    astropy Table
-        source_id (from 1), transit_id, obs_time_tcb [ns since J2010.0 at Gaia], obs_time_bary_corr [ns],
-        centroid_pos_al and its error [mas], scan_pos_angle [deg], parallax_factor_al, used_by_agis_al, ra0, dec0,
-        agis_source_excess_noise.
-
-    Raises
-    ------
-    FrameError
-        If the sources are in another frame than the mission.
-    ParameterError
-        If the share of outliers is not between 0 and 1, or there are no magnitudes.
-
-    Notes
-    -----
-    A transit's error is that of `sim.observe`; a CCD's is three times as large. Positions of quasars at EPOCH, without
-    parallax; the attitude is perfect.
-    """
-    noise, gaps = generator(rng).spawn(2)
-    mission = as_mission(NominalScanningLaw(years=5.5, rng=gaps) if mission is None else mission, release)
-    mission.check_frame(population.frame)
-    share = arguments.not_negative("outliers", outliers)
-    if share > 1:
-        raise ParameterError(f"the share of outliers lies between 0 and 1, not at {outliers!r}")
-    error = mission.transit_error(population.magnitude)
-    transits = mission.scanning_law.transits(population.lon, population.lat, threads=threads)
-    motion = as_signal(signal)(population.lon, population.lat, population.redshift)
-    source, since = transits.source, mission.scanning_law.start + transits.time - EPOCH
-    row = design_row(transits.angle, transits.parallax_factor, since)
-    place = motion[0, source] * row[3] + motion[1, source] * row[4]
-    shape = (len(source), CCDS)
-    sigma = np.repeat(3 * error[source][:, None], CCDS, axis=1)
-    wrong = np.where(noise.random(shape) < share, 10.0, 1.0)
-    centroid = place[:, None] + sigma * wrong * noise.standard_normal(shape)
-    roemer = _roemer(mission.scanning_law, transits.time, population.lon[source], population.lat[source])
-    steps = (np.arange(CCDS) - (CCDS - 1) / 2) * _STEP
-    at_sun = np.round((EPOCH - 2010.0 + since)[:, None] * _YEAR + steps)
-    early = np.round(roemer)[:, None]
-
-    from vsh.io import tables
-
-    columns = {
-        "source_id": source.astype(np.int64) + 1,
-        "transit_id": np.arange(len(source), dtype=np.int64),
-        "obs_time_tcb": (at_sun - early).astype(np.int64),
-        "obs_time_bary_corr": early[:, 0].astype(np.int64),
-        "centroid_pos_al": centroid / MAS,
-        "centroid_pos_error_al": sigma / MAS,
-        "scan_pos_angle": np.degrees(transits.angle),
-        "parallax_factor_al": transits.parallax_factor,
-        "used_by_agis_al": np.ones(shape, bool),
-        "ra0": np.degrees(population.lon[source]),
-        "dec0": np.degrees(population.lat[source]),
-        "agis_source_excess_noise": np.zeros(len(source)),
-    }
-    return tables.table_of(columns, {"REFEPOCH": EPOCH, "RELEASE": "simulated DR4 epoch astrometry"}, _EPOCH_UNITS)
-
-
-def _roemer(law, time, lon, lat):
-    """By how much a signal is seen earlier at Gaia than at the Sun. [ns]"""
-    longitude, distance = sun_position(law.start, time)
-    toward_sun = rotation_matrix("ecliptic", "icrs") @ triad(longitude, np.zeros_like(longitude))[2]
-    # Gaia stands 1 % beyond the Earth, away from the Sun.
-    return -1.01 * distance * np.einsum("ik,ik->k", toward_sun, triad(lon, lat)[2]) * _AU

@@ -1,0 +1,251 @@
+"""What is said of fields that change with time, on skies with a known truth.
+
+`python benchmarks/time_axis.py background [SKIES]`: powers of four bands at 0, .25, 1 and 4 times the noise (in P), coefficients
+drawn beside noise of the covariance of real scans: how often 68 and 95 % hold, and CPU seconds a sky.
+
+`python benchmarks/time_axis.py dips`: which share of a wave's degrees 2 and 3 along the scan is left, by frequency.
+
+`python benchmarks/time_axis.py waves [STARS]`: a wave put into sky and attitude, solved together, and found again.
+
+`python benchmarks/time_axis.py resolved [STARS]`: Legendre polynomials 2 to 9 × degree 3 through a solved attitude.
+
+`python benchmarks/time_axis.py limits [SKIES]`: p-values and limits of the search with a response, noise alone drawn anew.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import sys
+import time
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.stats import kstest
+
+import sim
+from fit import in_time
+from fit.in_time._background import _bands, _reduced, _shares
+from fit.waves import search_in_time
+from sim import agis
+from vsh import Modes
+from vsh.basis import harmonics
+from vsh.io.epochs import Observations, design_row
+from vsh.models.waves import wave_motions
+from vsh.sky.pixels import centres
+from vsh.sky.sphere import triad
+
+YEARS = 5.5
+LAW = sim.NominalScanningLaw(years=YEARS)
+SPAN = (-YEARS / 2, YEARS / 2)
+
+
+def observed(n=800, error=1000.0, seed=3):
+    """Transits of quasars without noise."""
+    rng = np.random.default_rng(seed)
+    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
+    transits = LAW.transits(lon, lat)
+    t = transits.time - YEARS / 2
+    design = design_row(transits.angle, transits.parallax_factor, t)
+    view = transits.view.astype(int)
+    k = len(t)
+    return Observations(lon, lat, transits.source, t, design, np.zeros(k), np.full(k, error), np.arange(n), (), view)
+
+
+def background(skies=300):
+    response = agis.Response(LAW, nside=8, steps=200_000)
+    functions = in_time.waves(0.3, 0.5, 1.0, 2.0, span=SPAN)
+    equations = in_time.normal_equations(observed(), 3, functions, attitude=response)
+    n = equations.n_data - 5 * equations.n_sources
+    equations = replace(equations, chi2_null=float(n))
+    matrix, _, shapes, _ = _reduced(equations, _bands(None, functions.names), None)
+    high = np.tile(equations.modes.degrees > 1, len(functions))
+    noise = np.linalg.cholesky(equations.matrix + 1e-12 * np.diag(equations.matrix).max() * np.eye(len(high)))
+    # √P that is seen at one standard error, band by band.
+    unit = np.array([(2 / np.sum((matrix * np.sqrt(np.outer(s, s))) ** 2)) ** 0.25 for s in shapes])
+    print(f"{'√P / noise':>12}{'68 % holds':>12}{'95 % holds':>12}{'KS of ranks':>13}{'CPU s a sky':>13}{'draws':>7}")
+    for size in ("0 to 3", 0.0, 0.5, 1.0, 2.0, 4.0):
+        inside, below, ranks, effective, start = [], [], [], [], time.process_time()
+        for sky in range(skies):
+            rng = np.random.default_rng([0 if size == "0 to 3" else 1 + int(4 * size), sky])
+            root = unit * (rng.uniform(0, 3, len(unit)) if size == "0 to 3" else size)
+            c = np.zeros(len(high))
+            c[high] = np.sqrt(root**2 @ shapes) * rng.standard_normal(high.sum())
+            rhs = equations.matrix @ c + noise @ rng.standard_normal(len(high))
+            result = in_time.background(
+                replace(equations, rhs=rhs, chi2_null=n + rhs @ c), draws=400, least=150, rng=sky
+            )
+            if size == "0 to 3":  # the prior that truths were drawn from
+                weights = result.weights * (result.roots <= 3 * unit).all(1)
+                result = replace(result, weights=weights / weights.sum())
+            low, up = result.interval().T
+            inside.append((low <= root) & (root <= up))
+            below.append(result.limits() >= root)
+            ranks += [result.weights @ (result.roots[:, k] < root[k]) for k in range(len(unit))]
+            effective.append(result.effective_draws)
+        cpu = (time.process_time() - start) / skies
+        ks = f"{kstest(ranks, 'uniform').pvalue:.2f}" if size == "0 to 3" else ""
+        print(
+            f"{size:>12}{np.mean(inside):>12.3f}{np.mean(below):>12.3f}{ks:>13}{cpu:>13.2f}{np.median(effective):>7.0f}",
+            flush=True,
+        )
+
+
+def dips(nside=8):
+    response, modes = agis.Response(LAW, nside=int(nside), steps=200_000), Modes(3)
+    some = observed(400)
+    basis = harmonics(some.lon, some.lat, modes)[:, :, some.source]
+    weight = np.tile(_shares(modes, None), 2)
+    print("f [1/yr], share of a wave's degrees 2 and 3 along the scan that is left (rms)")
+    for f in (
+        0.05,
+        0.1,
+        0.2,
+        0.3,
+        0.5,
+        0.95,
+        1,
+        1.05,
+        2,
+        2.5,
+        3.8,
+        4.2,
+        4.8,
+        5.3,
+        5.8,
+        6.8,
+        7.3,
+        7.8,
+        10,
+        11.6,
+        12.6,
+        15,
+    ):
+        functions = in_time.waves(f, span=SPAN)
+        left = response.left(some.lon[some.source], some.lat[some.source], some.design[:2], some.time, modes, functions, view=some.view)  # fmt: skip
+        phase = 2 * np.pi * f * some.time
+        whole = np.array([np.cos(phase), np.sin(phase)])[:, None] * np.einsum("pck,ck->pk", basis, some.design[:2])
+        left -= _lines(some, left)
+        share = np.mean(left**2, 0) @ weight / (np.mean(whole.reshape(len(weight), -1) ** 2, 1) @ weight)
+        print(f"{f:6.2f}  {np.sqrt(share):.2f}", flush=True)
+
+
+def _lines(some, columns):
+    """What five parameters of each source take of columns."""
+    out = np.zeros_like(columns)
+    bounds = np.searchsorted(some.source, np.arange(len(some.lon) + 1))
+    for first, last in pairwise(bounds):
+        root = np.linalg.qr(some.design[:, first:last].T)[0]
+        out[first:last] = root @ (root.T @ columns[first:last])
+    return out
+
+
+def _system(stars, quasars, seed=5):
+    rng, n = np.random.default_rng(seed), stars + quasars
+    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
+    sigma = np.where(np.arange(n) < stars, 100.0, 1000.0)
+    scans = agis.scans(LAW, lon, lat, sigma, 5 * sigma, knots=900.0 * 20_000 / stars)
+    return scans, agis.System(scans), lon, lat, stars, quasars
+
+
+def _through(made, moved, noise=None):
+    """Epochs of quasars after sources and attitude were solved from displacements (east, north) of every transit."""
+    scans, system, lon, lat, stars, quasars = made
+    sin, cos = scans.sin.astype(float), scans.cos.astype(float)
+    east, north = moved
+    along, across = east * sin + north * cos, north * sin - east * cos
+    if noise is not None:
+        along, across = along + noise[0], across + noise[1]
+    solution = system.solve(along, across, stop=None, iterations=60)
+    taken, _ = system.predict(np.zeros((stars + quasars, 5)), solution.attitude)
+    mine = np.flatnonzero(scans.source >= stars)
+    mine = mine[np.argsort(scans.source[mine], kind="stable")]
+    t = (scans.time() - scans.middle)[mine]
+    design = np.array([sin[mine], cos[mine], scans.along_factor[mine].astype(float), sin[mine] * t, cos[mine] * t])
+    k = len(t)
+    return Observations(
+        lon[stars:], lat[stars:], scans.source[mine] - stars, t, design, (along - taken)[mine], np.full(k, 1000.0),
+        np.arange(quasars),
+    )  # fmt: skip
+
+
+def waves(stars=20_000, nside=12):
+    made = _system(int(stars), 500)
+    scans, _, lon, lat, *_ = made
+    t, response = scans.time() - scans.middle, agis.Response(LAW, nside=int(nside))
+    print(f"{stars} stars, nside {nside}: amplitude found / put in (plus cos, cross sin), largest other amplitude")
+    for period in (0.1, 0.173, 0.25, 0.5, 1.0, 2.0, 4.0):
+        for place in (200, 37):
+            k, phase = triad(*centres(8))[2][:, place], 2 * np.pi * t / period
+            plus, cross = (wave_motions(lon, lat, k, *each)[:, scans.source] for each in ((300.0, 0.0), (0.0, 300.0)))
+            seen = _through(made, plus * np.cos(phase) + cross * np.sin(phase))
+            search = search_in_time(seen, 1 / period, attitude=response, n_skies=2)
+            a = search.amplitudes[:, place] / 300
+            known = search_in_time(seen, 1 / period, attitude="known", n_skies=2).amplitudes[:, place] / 300
+            print(
+                f"{period:6.3f} yr, direction {place:3d}: {a[0]:.3f} {a[3]:.3f}; {np.abs(a[1:3]).max():.3f}; as if known "
+                f"{known[0]:.3f} {known[3]:.3f}; limit {search.limits[place] / 300 / np.sqrt(2):.2f}",
+                flush=True,
+            )
+
+
+def resolved(stars=20_000, nside=12):
+    made = _system(int(stars), 1500)
+    scans, _, lon, lat, *_ = made
+    functions, modes = in_time.legendre(9, span=SPAN), Modes(3)
+    rng = np.random.default_rng(9)
+    true = rng.normal(size=(8, len(modes))) * np.where(modes.degrees == 2, 1000.0, 300.0)
+    fields = np.einsum("kp,pcn->kcn", true, harmonics(lon, lat, modes))
+    at = functions(scans.time() - scans.middle)
+    moved = sum(fields[j][:, scans.source] * at[j] for j in range(8))
+    seen = _through(made, moved, agis.observations(scans, 4))
+    response = agis.Response(LAW, nside=int(nside))
+    response.taken(modes, functions)
+    for attitude in ("known", response):
+        start = time.process_time()
+        equations = in_time.normal_equations(seen, 3, functions, attitude=attitude, threads=1)
+        cpu = (time.process_time() - start) / 1500
+        solution = in_time.solve(equations)
+        two = modes.degrees == 2
+        free = ~equations.unseen
+        away = (solution.values - true).ravel()[free]
+        chi2 = away @ equations.matrix[np.ix_(free, free)] @ away / free.sum()
+        slope = np.sum(solution.values[:, two] * true[:, two]) / np.sum(true[:, two] ** 2)
+        print(
+            f"{attitude}: slope of degree 2 {slope:.3f}, χ²/unknown {chi2:.2f}, {1e3 * cpu:.2f} ms of CPU a source",
+            flush=True,
+        )
+
+
+def limits(skies=300):
+    response, some = agis.Response(LAW, nside=4, steps=100_000), observed(300)
+    rng = np.random.default_rng(1)
+    some = replace(some, error=np.repeat(10 ** rng.uniform(2.3, 3.3, 300), np.bincount(some.source)))
+    modes, functions, place = Modes(5), in_time.waves(2.0), 50
+    left = response.left(some.lon[some.source], some.lat[some.source], some.design[:2], some.time, modes, functions, view=some.view)  # fmt: skip
+    from vsh.models.waves import wave_templates
+
+    wave = left[:, : len(modes)] @ wave_templates(triad(*centres(4))[2][:, [place]], 5)[0, :, 0]
+    first = search_in_time(some, 2.0, attitude=response, nside=4, n_skies=2)
+    sigma = float(np.median(first.limits)) / 2.5
+    print(f"{'wave / error':>12}{'p < .05':>9}{'KS':>7}{'limit holds':>13}{'amplitude':>11}")
+    for size in (0, 2, 6, 20):
+        p, held, amplitude = [], [], []
+        for sky in range(int(skies)):
+            noise = some.error * np.random.default_rng([size, sky]).standard_normal(len(some.time))
+            each = search_in_time(replace(some, position=size * sigma * wave + noise), 2.0, attitude=response, nside=4, n_skies=200, rng=sky)  # fmt: skip
+            p.append(each.p_value)
+            held.append(each.limits[place] >= size * sigma)
+            amplitude.append(each.amplitudes[0, place] / (size * sigma) if size else np.nan)
+        ks = kstest(p, "uniform").pvalue if not size else np.nan
+        print(
+            f"{size:>12}{np.mean(np.array(p) < 0.05):>9.3f}{ks:>7.2f}{np.mean(held):>13.3f}{np.mean(amplitude):>11.3f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    {"background": background, "dips": dips, "waves": waves, "resolved": resolved, "limits": limits}[sys.argv[1]](
+        *map(int, sys.argv[2:])
+    )

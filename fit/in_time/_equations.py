@@ -1,0 +1,312 @@
+"""Normal equations of functions of time × modes, five parameters of every source eliminated.
+
+A position along scan is w = S x + m·Σ c_kl f_k(t) Y_l + noise, S x the five parameters of its source. Where the
+attitude was solved from the same sky, each template f_k Y_l is replaced by what the attitude left of it
+(`sim.agis.Response`); with S eliminated source by source,
+
+    N = B'ᵀ W B',   B' = (1 − P_S)(B − what the attitude took of B),
+
+are the equations of the joint problem, and add over sources.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fit.in_time._functions import Functions
+from fit.in_time._solution import TimeSolution
+from vsh.basis import harmonics
+from vsh.io.epochs import Observations, read_observations
+from vsh.modes import Modes, as_modes
+from vsh.tools import arguments
+from vsh.tools.errors import DegeneracyError, ModesError, NothingLeftError, ParameterError, TableError
+from vsh.tools.notebook import Frozen
+from vsh.tools.notes import merge_notes, printable
+from vsh.tools.parallel import map_blocks
+from vsh.tools.types import BoolArray, FloatArray
+
+#: Sources taken together: some 50 MB of templates for 240 unknowns and 90 transits of each.
+_SOURCES = 250
+#: Combinations with less information than this share of the most are taken by the sources' own parameters.
+_LOST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class TimeEquations(Frozen):
+    """N c = b of functions × modes, summed over sources. They add.
+
+    Attributes
+    ----------
+    modes : Modes
+        Harmonics on the sky.
+    functions : Functions
+        Functions of time.
+    matrix : (F p, F p) array
+        N, functions outermost. [1/µas²]
+    rhs : (F p,) array
+        b. [1/µas]
+    chi2_null : float
+        χ² with five parameters of each source and nothing else.
+    n_data, n_sources : int
+        Observations that were used, and of how many sources.
+    attitude : str
+        "known", or of which response templates are what is left.
+    notes : tuple of str
+    """
+
+    modes: Modes
+    functions: Functions
+    matrix: FloatArray
+    rhs: FloatArray
+    chi2_null: float
+    n_data: int
+    n_sources: int
+    attitude: str
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"<TimeEquations: {self.n_sources} sources, {len(self.functions)} functions × degree {self.modes.lmax}, "
+            f"attitude {self.attitude}>"
+        )
+
+    def __add__(self, other: TimeEquations) -> TimeEquations:
+        if not isinstance(other, TimeEquations):
+            return NotImplemented
+        for name in ("modes", "functions", "attitude"):
+            if getattr(self, name) != getattr(other, name):
+                raise ModesError(f"equations of different {name} do not add: sum all parts with the same")
+        return replace(
+            self,
+            matrix=self.matrix + other.matrix,
+            rhs=self.rhs + other.rhs,
+            chi2_null=self.chi2_null + other.chi2_null,
+            n_data=self.n_data + other.n_data,
+            n_sources=self.n_sources + other.n_sources,
+            notes=merge_notes(self.notes, other.notes),
+        )
+
+    def __radd__(self, other: Any) -> TimeEquations:
+        return self if other == 0 else NotImplemented  # the start of sum()
+
+    @property
+    def unseen(self) -> BoolArray:
+        """Which unknowns nothing is seen of, (F p,): where the attitude was solved, a rotation in time."""
+        size = np.diag(self.matrix)
+        first = np.tile(self.modes.degrees == 1, len(self.functions))
+        return (size <= 0) | (first & (size < 1e-3 * np.median(size)))
+
+
+def normal_equations(
+    observations: Any, lmax: int | Modes, functions: Functions, *, attitude: Any = None, threads: int | None = None
+) -> TimeEquations:
+    """Sum the normal equations of functions of time × harmonics over sources.
+
+    Parameters
+    ----------
+    observations : Observations, path, or an iterable of them
+        Epochs; of a folder every table, one after the other, so that no more than one is in memory. A source must stand
+        in one of them only.
+    lmax : int or Modes
+        The highest degree.
+    functions : Functions
+        `waves`, `legendre`, `splines`, or a sum of them.
+    attitude : sim.agis.Response, or "known"
+        What the attitude takes of a changing sky where it was solved from that sky, as in Gaia's releases; or that it
+        is known from elsewhere. There is no default.
+    threads : int, optional
+        One a core unless given.
+
+    Returns
+    -------
+    TimeEquations
+        For `solve` and `background`.
+
+    Raises
+    ------
+    ParameterError
+        If nothing is said of the attitude, or these are no observations.
+    TableError
+        If a source stands in two parts.
+    NothingLeftError
+        If no source has more observations than parameters of its own.
+
+    Notes
+    -----
+    Some 2 ms of CPU a source of 90 transits at 240 unknowns, most of it a matrix product. Transits of one source should
+    be means of their CCDs (`Observations.by_transit`), which are nine times fewer.
+    """
+    if attitude is None:
+        raise ParameterError(
+            "say what the attitude is: sim.agis.Response(law) where it was solved from the same sky, as in Gaia's "
+            'releases, or attitude="known"'
+        )
+    if isinstance(attitude, str):
+        arguments.choice("attitude", attitude, ("known",))
+    arguments.a(Functions)("functions", functions)
+    modes = as_modes(lmax)
+    total: TimeEquations | None = None
+    names: set[Any] = set()
+    for part in _parts(observations):
+        mine = set(np.asarray(part.name).tolist())
+        if twice := names & mine:
+            raise TableError(
+                f"{len(twice)} sources stand in two parts ({printable(min(twice))}, …): the five parameters of a source"
+                " need all of its observations together"
+            )
+        names |= mine
+        one = _sum(part, modes, functions, attitude, threads)
+        total = one if total is None else total + one
+    if total is None or total.n_sources == 0:
+        raise NothingLeftError("no source has more observations than five parameters of its own: none tells of time")
+    return total
+
+
+def _parts(observations: Any) -> Iterator[Observations]:
+    """Every part, read when its turn comes."""
+    if isinstance(observations, Observations):
+        yield observations
+    elif isinstance(observations, str | Path):
+        place = Path(observations)
+        files = sorted(each for each in place.iterdir() if each.is_file()) if place.is_dir() else [place]
+        for path in files:
+            yield read_observations(path).by_transit()
+    elif isinstance(observations, Iterable):
+        for each in observations:
+            yield from _parts(each)
+    else:
+        raise ParameterError(f"observations must be Observations or files of epochs, not {observations!r}")
+
+
+def _sum(observations, modes, functions, attitude, threads):
+    """The sums of one part."""
+    n, size = len(observations.lon), len(functions) * len(modes)
+    bounds = np.searchsorted(observations.source, np.arange(n + 1))
+    solved = not isinstance(attitude, str)
+    if solved:
+        attitude.taken(modes, functions)  # once, before threads ask for it
+
+    def block(part):
+        return _block(observations, bounds, part.start, part.stop, modes, functions, attitude if solved else None)
+
+    matrix: Any = np.zeros((size + 1, size + 1))
+    used = sources = 0
+    for products, count, number in map_blocks(block, n, _SOURCES, threads):
+        matrix += products
+        used, sources = used + count, sources + number
+    lost = n - sources
+    notes = observations.notes
+    if lost:
+        notes = (*notes, f"{lost} of {n} sources have too few observations, or all in one direction: not used")
+    return TimeEquations(
+        modes,
+        functions,
+        np.array(matrix[:-1, :-1]),
+        np.array(matrix[:-1, -1]),
+        float(matrix[-1, -1]),
+        used,
+        sources,
+        repr(attitude) if solved else "known",
+        notes,
+    )
+
+
+def _block(observations, bounds, start, stop, modes, functions, attitude):
+    """Products of the templates and positions of some sources, their five parameters taken out."""
+    own = slice(bounds[start], bounds[stop])
+    size = len(functions) * len(modes) + 1
+    source, design, time = observations.source[own], observations.design[:, own], observations.time[own]
+    if not len(source):
+        return np.zeros((size, size)), 0, 0
+    lon, lat, scan = observations.lon[source], observations.lat[source], design[:2]
+    columns = np.empty((len(source), size))
+    if attitude is None:
+        fields = harmonics(observations.lon[start:stop], observations.lat[start:stop], modes)[:, :, source - start]
+        along = fields[:, 0] * scan[0] + fields[:, 1] * scan[1]
+        columns[:, :-1] = np.einsum("fk,pk->kfp", functions(time), along).reshape(len(time), -1)
+    else:
+        view = None if observations.view is None else observations.view[own]
+        columns[:, :-1] = attitude.left(lon, lat, scan, time, modes, functions, view=view)
+    columns[:, -1] = observations.position[own]
+    columns /= observations.error[own][:, None]
+    rows = (design / observations.error[own]).T
+    counts = np.bincount(source - start, minlength=stop - start)
+    first = np.concatenate([[0], np.cumsum(counts)])
+    used = sources = 0
+    for k in range(stop - start):
+        mine = slice(first[k], first[k + 1])
+        if counts[k] > 5:
+            five = rows[mine]
+            root, triangle = np.linalg.qr(five / np.maximum(np.linalg.norm(five, axis=0), 1e-300))
+            if np.abs(np.diag(triangle)).min() > 1e-5:
+                columns[mine] -= root @ (root.T @ columns[mine])
+                used, sources = used + int(counts[k]), sources + 1
+                continue
+        columns[mine] = 0.0
+    return columns.T @ columns, used, sources
+
+
+def solve(equations: TimeEquations) -> TimeSolution:
+    """Solve for the coefficients of every function.
+
+    Parameters
+    ----------
+    equations : TimeEquations
+        What `normal_equations` summed.
+
+    Returns
+    -------
+    TimeSolution
+        Errors are those of the observations. A rotation that changes with time is not among the unknowns where the
+        attitude was solved; combinations that parallaxes or motions of the sources take are named, and held at zero.
+
+    Raises
+    ------
+    DegeneracyError
+        If the observations determine less than half of the combinations.
+    """
+    arguments.a(TimeEquations)("equations", equations)
+    modes, functions = equations.modes, equations.functions
+    free = np.flatnonzero(~equations.unseen)
+    matrix = equations.matrix[np.ix_(free, free)]
+    scale = np.sqrt(np.diag(matrix))
+    values, turn = np.linalg.eigh(matrix / np.outer(scale, scale))
+    kept = values > _LOST * values[-1]
+    if kept.sum() < len(free) / 2:
+        raise DegeneracyError(
+            f"{equations.n_sources} sources determine {kept.sum()} of {len(free)} combinations of these functions: "
+            "take fewer functions, a lower degree, or more sources"
+        )
+    half = turn[:, kept] / np.sqrt(values[kept]) / scale[:, None]
+    size = len(functions) * len(modes)
+    solution, covariance = np.zeros(size), np.zeros((size, size))
+    solution[free] = half @ (half.T @ equations.rhs[free])
+    covariance[np.ix_(free, free)] = half @ half.T
+    seen = np.zeros(size)
+    seen[free] = np.sum(turn[:, kept] ** 2, 1)
+    names = [f"{function} {mode}" for function in functions.names for mode in modes]
+    lost = tuple(_named(turn[:, i], [names[j] for j in free]) for i in np.flatnonzero(~kept))
+    return TimeSolution(
+        modes,
+        functions,
+        solution.reshape(len(functions), -1),
+        covariance,
+        float(equations.chi2_null - equations.rhs @ solution),
+        equations.n_data - 5 * equations.n_sources - int(kept.sum()),
+        equations.n_sources,
+        equations.attitude,
+        seen.reshape(len(functions), -1),
+        lost,
+        equations.notes,
+    )
+
+
+def _named(direction, names):
+    """A combination by the three coefficients that are most of it."""
+    most = np.argsort(-np.abs(direction))[:3]
+    return ", ".join(f"{direction[i]:+.2f} {names[i]}" for i in most)

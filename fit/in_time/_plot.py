@@ -1,0 +1,75 @@
+"""Figures of what changes with time (matplotlib)."""
+
+import io
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from PIL import Image
+
+from vsh.figures.plot import COLOURS, STYLE, WIDTH, arrow_grid, draw_vectors, legend_above, panels, sky_axes, styled
+from vsh.tools.files import MARK, atomic_write
+from vsh.tools.types import Axes, PathName
+
+
+@styled
+def plot_in_time(solution: Any, *, ax: Any = None) -> Any:
+    """√power of every function, a line a degree, beside what noise gives; T above, S below."""
+    drawn = panels(ax, 2, 1, size=(WIDTH, 4.6), sharex=True)
+    names = solution.functions.names
+    x = np.arange(len(names))
+    for axes, kind, label in zip(drawn, "TS", ("toroidal", "spheroidal"), strict=True):
+        for l in range(1, solution.modes.lmax + 1):
+            power, noise, p_value = np.array([solution.power(name, kind, l) for name in names]).T
+            seen = np.isfinite(p_value)
+            if not seen.any():
+                continue
+            colour = COLOURS[(l - 1) % len(COLOURS)]
+            axes.plot(x[seen], np.sqrt(power[seen]), "o-", ms=3, color=colour, label=f"degree {l}")
+            axes.plot(x[seen], np.sqrt(noise[seen]), ":", color=colour, linewidth=0.9)
+        axes.set_ylabel(f"{label}, √power  [µas]")
+        axes.set_ylim(bottom=0)
+    legend_above(drawn[0], 5, handles=drawn[1].get_legend_handles_labels()[0])
+    drawn[1].set_xticks(x, names, rotation=60 if len(names) > 6 else 0, ha="right" if len(names) > 6 else "center")
+    drawn[1].set_xlabel("function of time (dotted: what noise gives)")
+    return drawn
+
+
+@styled
+def plot_bands(background: Any, *, ax: Any = None) -> Axes:
+    """√P of each band: 68 % and the 95 % limit."""
+    (axes,) = panels(ax, size=(WIDTH, 2.8))
+    interval, limits = background.interval(), background.limits()
+    x = np.arange(len(background.bands))
+    axes.vlines(x, interval[:, 0], interval[:, 1], color=COLOURS[0], linewidth=3, label="68 %")
+    axes.plot(x, limits, "v", color=COLOURS[1], label="95 % limit")
+    axes.set_xticks(x, background.bands, rotation=0 if len(x) < 6 else 60, ha="center" if len(x) < 6 else "right")
+    axes.set_xlim(-0.5, len(x) - 0.5)
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel("rms displacement  [µas]")
+    legend_above(axes, 2)
+    return axes
+
+
+def write_movie(solution: Any, path: PathName, frames: int = 40) -> None:
+    """The displacements of the sky over the span, as a GIF."""
+    start, end = solution.functions.span
+    times = np.linspace(float(start), float(end), frames)
+    pictures = []
+    with plt.rc_context(STYLE):
+        axes = sky_axes(solution.frame)
+        lon, lat = arrow_grid(axes)
+        plt.close(axes.figure)
+        fields = [solution.at(time)[0].at(lon, lat) for time in times]
+        largest = max(float(np.hypot(*field).max()) for field in fields)
+        for time, field in zip(times, fields, strict=True):
+            axes = sky_axes(solution.frame)
+            draw_vectors(axes, lon, lat, field, scale=largest)
+            axes.set_title(f"{time:+.2f} yr; the longest arrow is {largest:.3g} µas")
+            buffer = io.BytesIO()
+            axes.figure.savefig(buffer, format="png", dpi=110)
+            plt.close(axes.figure)
+            pictures.append(Image.open(buffer).convert("P", palette=Image.Palette.ADAPTIVE, colors=64))
+    with atomic_write(path) as out:
+        how: Any = {"format": "GIF", "save_all": True, "duration": 120, "loop": 0, "comment": MARK.encode()}
+        pictures[0].save(out, append_images=pictures[1:], **how)

@@ -1,0 +1,6 @@
+"""What Gaia's archive would hold of simulated sources, in its own columns."""
+
+from sim.gaia._crf import crf3, crf4
+from sim.gaia._epochs import epochs
+
+__all__: list[str] = []

@@ -1,0 +1,245 @@
+"""Every transit of simulated sources, in the columns of DR4's epoch astrometry."""
+
+from typing import Any
+
+import numpy as np
+
+from sim.mission import Mission, as_mission
+from sim.population import Population, uniform_sky
+from sim.scanning import NominalScanningLaw, Transits, sun_position
+from sim.signal import Signal, as_signal
+from vsh.coefficients import Coefficients
+from vsh.io.epochs import design_row
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.tools import arguments
+from vsh.tools.arguments import generator
+from vsh.tools.errors import ParameterError
+from vsh.tools.types import FloatArray, Release, Rng, Table
+from vsh.tools.units import MAS
+
+#: CCDs of the astrometric field along a row, and the time from one to the next. [ns]
+CCDS, _STEP = 9, 4.85e9
+_YEAR = 365.25 * 86400e9  # [ns]
+#: Light takes so long for an astronomical unit. [ns]
+_AU = 499.004784e9
+#: Epoch of the positions. [Julian year, TCB]
+EPOCH = 2017.5
+_EPOCH_UNITS = {
+    "obs_time_tcb": "ns", "obs_time_bary_corr": "ns", "centroid_pos_al": "mas", "centroid_pos_error_al": "mas",
+    "scan_pos_angle": "deg", "ra0": "deg", "dec0": "deg", "agis_source_excess_noise": "mas", "zeta": "deg",
+    "nu_eff_used_in_astrometry": "1 / um", "nu_eff_error": "1 / um", "g_mag": "mag", "ac_rate": "pix / s",
+    "calculated_pos_ac": "mas", "ipd_error_al": "mas", "ipd_error_ac": "mas", "centroid_pos_ac": "mas",
+    "centroid_pos_error_ac": "mas", "source_dist_to_last_ci": "pix", "sub_pixel_coord": "pix", "mu": "pix",
+}  # fmt: skip
+#: What stands where nothing was measured: the error of a centroid in RC3 of the pre-release. [mas]
+SENTINEL = 2.0628e8
+#: Knots of the attitude that stars and quasars are solved with [s], error of a transit of a star [µas], iterations.
+_KNOTS, _STAR, _ITERATIONS = 900.0, 100.0, 60
+
+
+@arguments.accepts(population=arguments.a(Population), rng=arguments.seed, stars=arguments.whole)
+def epochs(
+    population: Population,
+    signal: Signal | Coefficients,
+    rng: Rng,
+    *,
+    mission: Mission | NominalScanningLaw | None = None,
+    release: Release = "DR4",
+    outliers: float = 0.0,
+    attitude: str = "perfect",
+    stars: int = 20_000,
+    complete: bool = False,
+    threads: int | None = None,
+) -> Table:
+    """Every transit of a population as DR4 will publish it: a row a transit, arrays of its CCDs.
+
+    Parameters
+    ----------
+    population : Population
+        In ICRS, with magnitudes.
+    signal : Signal or Coefficients
+        The true motions [µas/yr], and what changes within the mission (`wave_in_time`, `in_time`).
+    rng : Generator or int
+        The source of all randomness.
+    mission : Mission or NominalScanningLaw, optional
+        66 months of the nominal scanning law unless given.
+    release : {"DR3", "DR4", "DR5", "paper"}
+        Release whose errors are taken where the mission does not say it.
+    outliers : float
+        The share of observations whose noise is ten times as large.
+    attitude : {"perfect", "solved"}
+        Whether the attitude is known, or solved together with the sources from what they all show, as AGIS does: it
+        then takes a part of what changes (`sim.agis.Response`).
+    stars : int
+        How many stars of 100 µas a transit, anywhere on the sky, hold an attitude that is solved, with knots of 900 s.
+    complete : bool
+        All 37 columns of the pre-release of DR4, ten CCDs a transit with the sky mapper's first, which is never used,
+        and sentinels where nothing was measured.
+    threads : int, optional
+        How many; one a core unless given.
+
+    Returns
+    -------
+    astropy Table
+        source_id (from 1), transit_id (bits 15 and 16 the field of view: 1 preceding, 2 following), obs_time_tcb [ns
+        since J2010.0 at Gaia], obs_time_bary_corr [ns], centroid_pos_al and its error [mas], scan_pos_angle [deg],
+        parallax_factor_al, used_by_agis_al, ra0, dec0, agis_source_excess_noise.
+
+    Raises
+    ------
+    FrameError
+        If the sources are in another frame than the mission.
+    ParameterError
+        If the share of outliers is not between 0 and 1, there are no magnitudes, or the attitude is another.
+
+    Notes
+    -----
+    A transit's error is that of `sim.observe`; a CCD's is three times as large. Positions of quasars at EPOCH, without
+    parallax. What the columns of a complete table hold that no reader here uses is of the right type and size only.
+    """
+    noise, gaps, others = generator(rng).spawn(3)
+    mission = as_mission(NominalScanningLaw(years=5.5, rng=gaps) if mission is None else mission, release)
+    mission.check_frame(population.frame)
+    share = arguments.not_negative("outliers", outliers)
+    if share > 1:
+        raise ParameterError(f"the share of outliers lies between 0 and 1, not at {outliers!r}")
+    arguments.choice("attitude", attitude, ("perfect", "solved"))
+    truth, law = as_signal(signal), mission.scanning_law
+    error = mission.transit_error(population.magnitude)
+    transits = law.transits(population.lon, population.lat, threads=threads)
+    steady = truth.steady
+    motion = steady(population.lon, population.lat, population.redshift) if steady.parts else np.zeros((2, len(error)))
+    source, since = transits.source, law.start + transits.time - EPOCH
+    row = design_row(transits.angle, transits.parallax_factor, since)
+    place = motion[0, source] * row[3] + motion[1, source] * row[4]
+    if truth.changes:
+        moved = truth.displacement(population.lon[source], population.lat[source], since)
+        place += np.sum(moved * row[:2], 0)
+    shape = (len(source), CCDS)
+    sigma = np.repeat(3 * error[source][:, None], CCDS, axis=1)
+    wrong = np.where(noise.random(shape) < share, 10.0, 1.0)
+    scatter = sigma * wrong * noise.standard_normal(shape)
+    if attitude == "solved":
+        place -= _taken(law, population, truth, transits, error, scatter.mean(1), stars, others, threads)
+    centroid = place[:, None] + scatter
+    roemer = _roemer(law, transits.time, population.lon[source], population.lat[source])
+    steps = (np.arange(CCDS) - (CCDS - 1) / 2) * _STEP
+    at_sun = np.round((EPOCH - 2010.0 + since)[:, None] * _YEAR + steps)
+    early = np.round(roemer)[:, None]
+
+    from vsh.io import tables
+
+    columns = {
+        "source_id": source.astype(np.int64) + 1,
+        "transit_id": _identifiers(transits, at_sun[:, 0]),
+        "obs_time_tcb": (at_sun - early).astype(np.int64),
+        "obs_time_bary_corr": early[:, 0].astype(np.int64),
+        "centroid_pos_al": centroid / MAS,
+        "centroid_pos_error_al": sigma / MAS,
+        "scan_pos_angle": np.degrees(transits.angle),
+        "parallax_factor_al": transits.parallax_factor,
+        "used_by_agis_al": np.ones(shape, bool),
+        "ra0": np.degrees(population.lon[source]),
+        "dec0": np.degrees(population.lat[source]),
+        "agis_source_excess_noise": np.zeros(len(source)),
+    }
+    if complete:
+        columns = _complete(columns, transits, np.asarray(population.magnitude, float)[source], others)
+    units = {name: unit for name, unit in _EPOCH_UNITS.items() if name in columns}
+    return tables.table_of(columns, {"REFEPOCH": EPOCH, "RELEASE": "simulated DR4 epoch astrometry"}, units)
+
+
+def _identifiers(transits, time):
+    """transit_id as DR4 has it: rising with time, the field of view in bits 15 and 16 (GAIA-C3-TN-UB-JP-011, p. 9)."""
+    view = np.where(transits.view > 0, 1, 2).astype(np.int64)
+    tick = (np.asarray(time) / 51_200).astype(np.int64)  # 2¹⁵ × 1.5625 ns
+    return (tick >> 2 << 17) | (view << 15) | (np.arange(len(time), dtype=np.int64) % 2**15)
+
+
+def _taken(law, population, truth, transits, error, scatter, stars, rng, threads):
+    """What an attitude solved together with all sources takes of each transit. [µas]"""
+    from sim.agis import System, observations, scans  # numba and sparse matrices, for this alone
+
+    places, measured = rng.spawn(2)
+    lon, lat = uniform_sky(stars, places)
+    n = len(error)
+    sigma = np.r_[error, np.full(stars, _STAR)]
+    seen = scans(
+        law, np.r_[population.lon, lon], np.r_[population.lat, lat], sigma, 5 * sigma, knots=_KNOTS, threads=threads
+    )
+    system, time = System(seen, threads=threads), seen.time()
+    own = np.flatnonzero(seen.source < n)
+    own = own[np.lexsort([time[own], seen.source[own]])]  # in the order of the transits
+    if not np.array_equal(seen.source[own], transits.source):
+        raise ParameterError("transits at the edges of the mission differ: take another mission")
+    along, across = observations(seen, measured)
+    along[own] = scatter
+    if truth.changes:
+        sin, cos = seen.sin.astype(float), seen.cos.astype(float)
+        east, north = truth.displacement(seen.lon[seen.source], seen.lat[seen.source], law.start + time - EPOCH)
+        along += east * sin + north * cos
+        across += north * sin - east * cos
+    solution = system.solve(along, across, stop=None, iterations=_ITERATIONS)
+    taken, _ = system.predict(np.zeros((len(sigma), 5)), solution.attitude)
+    return taken[own]
+
+
+def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray, rng: np.random.Generator):
+    """All columns of the pre-release: ten CCDs, of which the first is the sky mapper's."""
+    k = len(magnitude)
+
+    def slots(values, first, kind):
+        values = np.broadcast_to(np.reshape(values, (k, -1)), (k, CCDS))
+        return np.concatenate([np.full((k, 1), first), values], 1).astype(kind)
+
+    error = np.asarray(columns["centroid_pos_error_al"])
+    lost = rng.random((k, CCDS)) < 0.002  # nothing was measured
+    times = np.asarray(columns["obs_time_tcb"])
+    tenth = np.concatenate([times[:, :1] - int(7.26e9), times], 1)
+    centroid, sigma = np.where(lost, np.nan, columns["centroid_pos_al"]), np.where(lost, SENTINEL, error)
+    none, single = np.zeros((k, 1)), {"nan": np.full(k, np.nan, np.float32), "zero": np.zeros(k, np.int16)}
+    return {
+        "solution_id": np.full(k, 2888461026632663040, np.int64),
+        **{name: columns[name] for name in ("source_id", "transit_id", "ra0", "dec0")},
+        "agis_source_excess_noise": np.zeros(k, np.float32),
+        "obs_time_bary_corr": np.asarray(columns["obs_time_bary_corr"], np.float32),
+        "zeta": np.degrees(transits.across).astype(np.float32),
+        "parallax_factor_al": np.asarray(columns["parallax_factor_al"], np.float32),
+        "parallax_factor_ac": np.full(k, np.sqrt(0.5), np.float32),
+        "nu_eff_used_in_astrometry": np.full(k, 1.589, np.float32),
+        "nu_eff_error": np.full(k, 0.01, np.float32),
+        "transit_acq_flags": single["zero"],
+        "transit_proc_flags": single["zero"],
+        "multipeak": np.zeros(k, bool),
+        "blended": np.zeros(k, bool),
+        "g_mag": magnitude.astype(np.float32),
+        "g_class": np.where(magnitude < 13, 0, np.where(magnitude < 16, 1, 2)).astype(np.int16),
+        "ac_rate": rng.normal(0, 0.5, k).astype(np.float32),
+        "obs_time_tcb": tenth,
+        "scan_pos_angle": slots(columns["scan_pos_angle"], np.nan, float),
+        "colour_factor_al": slots(none, 0.0, np.float32),
+        "colour_factor_ac": slots(none, np.nan, np.float32),
+        "centroid_pos_al": slots(centroid, 46_009.93, float),
+        "centroid_pos_ac": np.full((k, 10), np.nan),
+        "calculated_pos_ac": slots(none, np.nan, float),
+        "centroid_pos_error_al": slots(sigma, 0.3024, np.float32),
+        "centroid_pos_error_ac": np.full((k, 10), np.nan, np.float32),
+        "used_by_agis_al": slots(~lost, False, bool),
+        "used_by_agis_ac": np.zeros((k, 10), bool),
+        "ccd_proc_flags": np.zeros((k, 10), np.int16),
+        "ipd_error_al": slots(error, np.nan, np.float32),
+        "ipd_error_ac": np.full((k, 10), np.nan, np.float32),
+        "gates": slots(none, 12, np.int16),
+        "source_dist_to_last_ci": slots(rng.uniform(0, 2000, (k, CCDS)), np.nan, np.float32),
+        "sub_pixel_coord": slots(rng.random((k, CCDS)), 0.0, np.float32),
+        "mu": slots(rng.uniform(13, 1991, (k, CCDS)), 1000.0, np.float32),
+    }
+
+
+def _roemer(law, time, lon, lat):
+    """By how much a signal is seen earlier at Gaia than at the Sun. [ns]"""
+    longitude, distance = sun_position(law.start, time)
+    toward_sun = rotation_matrix("ecliptic", "icrs") @ triad(longitude, np.zeros_like(longitude))[2]
+    # Gaia stands 1 % beyond the Earth, away from the Sun.
+    return -1.01 * distance * np.einsum("ik,ik->k", toward_sun, triad(lon, lat)[2]) * _AU

@@ -1,0 +1,154 @@
+"""`vsh-waves`: waves and backgrounds within the mission from epoch astrometry, on the command line.
+
+It knows both the fits and the scanning law whose attitude took a part of what is looked for.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsh.commands import finishing, outputs, running
+from vsh.commands.options import waves as options_module
+from vsh.io import tables
+from vsh.io.archive import DR4
+from vsh.io.epochs import Observations, read_observations
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import triad
+from vsh.tools.errors import DegeneracyError, TableError
+from vsh.tools.notes import printable
+from vsh.tools.units import DEGREE
+
+#: Bands of the background [1/yr]; the mean axis may be so far from the law's before it is said. [deg]
+_BANDS, _FAR = (0.5, 1.0, 2.0, 4.0), 1.0
+
+
+def _run(options):
+    outputs.check(options)
+    from fit import in_time
+    from fit.waves import search_in_time
+
+    place = Path(options.epochs)
+    files = sorted(each for each in place.iterdir() if each.is_file()) if place.is_dir() else [place]
+    parts = [read_observations(path, positions=options.positions).by_transit() for path in files]
+    span = float(min(each.time.min() for each in parts)), float(max(each.time.max() for each in parts))
+    attitude, notes = ("known", []) if options.attitude == "known" else _response(parts, span, options)
+    search = search_in_time(
+        parts, options.frequencies, attitude=attitude, lmax=options.lmax, nside=options.nside, n_skies=options.skies,
+        rng=options.seed, threads=options.threads,
+    )  # fmt: skip
+    results: dict[str, Any] = {"Waves": search}
+    if options.background:
+        bands = [f for f in _BANDS if f > 1 / (span[1] - span[0])]
+        if not bands:
+            raise DegeneracyError(f"epochs over {span[1] - span[0]:.2g} years tell of no band up to 4 a year")
+        functions = in_time.waves(*bands, span=span)
+        equations = in_time.normal_equations(parts, 3, functions, attitude=attitude, threads=options.threads)
+        results["Background"] = in_time.background(equations, rng=options.seed)
+    if options.in_time:
+        functions = in_time.legendre(options.in_time, span=span)
+        equations = in_time.normal_equations(parts, 3, functions, attitude=attitude, threads=options.threads)
+        results["In time"] = in_time.solve(equations)
+    text = "\n".join([*(each.report() for each in results.values()), *notes])
+    finishing.finish(
+        options,
+        finishing.RunResult(
+            text, lambda: {name: each.to_table() for name, each in results.items()}, (*search.notes, *notes)
+        ),
+        provenance=lambda: running.provenance([*files], options, sources=sum(len(each.lon) for each in parts)),
+        draw=lambda: {_file(name): each.plot() for name, each in results.items()},
+        write=lambda folder, meta: _write(folder, results, meta),
+        title=f"Waves in {place.name}",
+    )
+
+
+def _file(name):
+    return name.lower().replace(" ", "_")
+
+
+def _write(folder, results, meta):
+    for name, each in results.items():
+        each.write(folder / f"{_file(name)}.ecsv", meta)
+    if "In time" in results:
+        results["In time"].movie(folder / "in_time.gif")
+
+
+def _response(parts, span, options):
+    """What the attitude takes, by the law of a table or a nominal one that is laid through the epochs."""
+    from sim import TabulatedLaw, gaps_of
+    from sim.agis import Response
+
+    if any(each.view is None for each in parts):
+        raise TableError(
+            f"{printable(options.epochs)} does not say in which field of view a source was seen (transit_id does): an "
+            "attitude that was solved needs it; --attitude known does without"
+        )
+    if options.law:
+        law: Any = _tabulated(options.law, TabulatedLaw)
+        if law.start > DR4.epoch + span[0] or law.start + law.years < DR4.epoch + span[1]:
+            raise TableError(
+                f"{printable(options.law)} goes from {law.start:.2f} to {law.start + law.years:.2f}, the epochs from "
+                f"{DR4.epoch + span[0]:.2f} to {DR4.epoch + span[1]:.2f}"
+            )
+    else:
+        times = np.sort(np.concatenate([each.time for each in parts]))
+        longest = max(0.003, 30 * float(np.median(np.diff(times))))
+        start = DR4.epoch + span[0]
+        law = _nominal(parts, start, span[1] - span[0], gaps_of(DR4.epoch + times, start, longest=longest))
+    away = np.degrees(np.median([_away(each, law) for each in parts]))
+    note = f"spin axis of the scanning law: {away:.2g}° from that of the transits, median"
+    if away > _FAR:
+        note = f"warning: {note}; --law takes the law as it was commanded"
+    return Response(law, nside=options.law_nside, epoch=DR4.epoch), [note]
+
+
+def _nominal(parts, start, years, gaps):
+    """A nominal law whose axis is, at the first transit, where it was seen: r × m of the scan."""
+    from sim import NominalScanningLaw
+    from sim.scanning import sun_position
+
+    first = min(parts, key=lambda each: each.time.min())
+    axis, time = _axes(first)
+    k = int(np.argmin(time))
+    longitude, _ = sun_position(start, np.zeros(1))
+    east = np.array([-np.sin(longitude[0]), np.cos(longitude[0]), 0.0])
+    seen = rotation_matrix("icrs", "ecliptic") @ axis[:, k]
+    return NominalScanningLaw(
+        start=start, years=years, precession_phase=float(np.arctan2(seen[2], seen @ east)), gaps=tuple(gaps)
+    )
+
+
+def _axes(observations: Observations):
+    """The spin axis at every transit, r × m, (3, k), and the times."""
+    p, q, r = triad(observations.lon[observations.source], observations.lat[observations.source])
+    m = p * observations.design[0] + q * observations.design[1]
+    return np.cross(r, m / np.linalg.norm(m, axis=0), axis=0), observations.time
+
+
+def _away(observations, law):
+    """By how much the axis of the law is off, median. [rad]"""
+    axis, time = _axes(observations)
+    z = law.attitude(np.clip(time + (DR4.epoch - law.start), 0, law.years))[0]
+    return np.median(np.arccos(np.clip(np.sum(axis * z, 0), -1, 1)))
+
+
+def _tabulated(path, kind):
+    """The columns of Gaia's commanded_scan_law, or time [Julian years] in place of its days."""
+    opened = tables.open_table(path)
+    names = ("ra_fov1", "dec_fov1", "ra_fov2", "dec_fov2")
+    time = next((name for name in ("jd_time", "time") if name in opened.names), None)
+    missing = [name for name in names if name not in opened.names] + ([] if time else ["jd_time"])
+    if missing:
+        raise TableError(
+            f"{opened.label}: a scanning law has jd_time, {', '.join(names)}; missing: {', '.join(missing)}"
+        )
+    values = {name: np.asarray(opened.columns((name,))[name][0], float) for name in (*names, str(time))}
+    when = values[str(time)]
+    # Days since J2010.0 in Gaia's table, whole Julian dates elsewhere, years where the column says so.
+    years = when if time == "time" else 2010.0 + (when - (2455197.5 if when[0] > 1e6 else 0.0)) / 365.25
+    order = np.argsort(years, kind="stable")
+    views = [np.array([values[f"{axis}_fov{k}"][order] for axis in ("ra", "dec")]) * DEGREE for k in (1, 2)]
+    return kind(years[order], *views)
+
+
+main, run = running.make_entry(options_module, _run)

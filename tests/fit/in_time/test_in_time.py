@@ -1,0 +1,230 @@
+"""Fields that change with time: sums that add, what is put in comes back, backgrounds and their limits."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+import sim
+from fit.in_time import Functions, background, legendre, normal_equations, solve, splines, waves
+from fit.in_time._background import _bands, _reduced
+from fit.storage import read
+from sim.agis import Response
+from vsh import Coefficients, DegeneracyError, Modes, ModesError, ParameterError
+from vsh.basis import harmonics
+from vsh.io.epochs import Observations, design_row, read_observations
+from vsh.tools.errors import NothingLeftError, TableError
+
+YEARS = 3.0
+LAW = sim.NominalScanningLaw(years=YEARS)
+SPAN = (-1.5, 1.5)
+
+
+def observed(n=120, error=200.0, seed=1, true=None, functions=None, own=300.0):
+    """Transits of the scanning law, with five parameters and displacements in time."""
+    rng = np.random.default_rng(seed)
+    lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
+    transits = LAW.transits(lon, lat)
+    source, t = transits.source, transits.time - YEARS / 2
+    design = design_row(transits.angle, transits.parallax_factor, t)
+    position = np.einsum("ki,ik->k", own * rng.normal(size=(n, 5))[source], design) + error * rng.normal(size=len(t))
+    if true is not None:
+        fields = np.einsum("fp,pcn->fcn", true, harmonics(lon, lat, Modes(2)))[:, :, source]
+        position += np.einsum("fk,fck,ck->k", functions(t), fields, design[:2])
+    view = transits.view.astype(int)
+    return Observations(lon, lat, source, t, design, position, np.full(len(t), error), np.arange(n), (), view)
+
+
+@pytest.mark.parametrize(
+    "functions",
+    [waves(0.5, 1.0), legendre(4), splines((-1.0, 0.5)), waves(2.0) + legendre(2)],
+    ids=lambda f: f.names[0],
+)
+def test_no_function_holds_a_straight_line(functions):
+    start, end = functions.span
+    node, weight = np.polynomial.legendre.leggauss(200)
+    time = (start + end) / 2 + (end - start) / 2 * node
+    values = functions(time)
+    assert len(functions) == len(values) == len(functions.names)
+    np.testing.assert_allclose([values @ weight, values @ (weight * time)], 0, atol=1e-4)
+    assert np.linalg.cond((values * weight) @ values.T) < 1e3
+
+
+def test_messages_of_functions():
+    with pytest.raises(ParameterError, match="twice"):
+        waves(1.0, 1.0)
+    with pytest.raises(ParameterError, match="frequency"):
+        waves()
+    with pytest.raises(ParameterError, match="highest of 2"):
+        legendre(1)
+    with pytest.raises(ParameterError, match="knots rise"):
+        splines((9.0,))
+    with pytest.raises(ParameterError, match="span"):
+        Functions((("cos", 1.0),), (1.0, 0.0))
+    with pytest.raises(ParameterError, match="different spans"):
+        waves(1.0) + waves(2.0, span=SPAN)
+
+
+def test_what_is_put_in_comes_back_and_errors_hold():
+    functions = waves(1.3, span=SPAN) + legendre(3, span=SPAN)
+    rng = np.random.default_rng(4)
+    true = 100 * rng.normal(size=(len(functions), len(Modes(2))))
+    pulls, chi2 = [], []
+    for seed in range(12):
+        solution = solve(
+            normal_equations(observed(seed=seed, true=true, functions=functions), 2, functions, attitude="known")
+        )
+        pulls.append(((solution.values - true) / solution.sigma).ravel())
+        chi2.append(solution.quality.reduced)
+    assert kstest(np.ravel(pulls), "norm").pvalue > 0.01
+    assert np.mean(chi2) == pytest.approx(1, abs=0.01)
+    # A map at a time is the sum of its functions.
+    at, spread = solution.at(0.7)
+    assert isinstance(at, Coefficients)
+    np.testing.assert_allclose(at.values, functions([0.7])[:, 0] @ solution.values)
+    step = np.kron(functions([0.7])[:, 0], np.eye(len(Modes(2))))
+    np.testing.assert_allclose(spread, step @ solution.covariance @ step.T)
+    assert solution.vector("S", 0.7).unit == "µas"
+    assert solution.rest("S")[2] < 1e-6
+    assert solution.scaled.quality.reduced == pytest.approx(1)
+    power, noise, p_value = solution.power("P2", "S", 2)
+    assert power > noise
+    assert p_value < 1e-3
+    with pytest.raises(ModesError, match="no function"):
+        solution.power("P9", "S", 2)
+
+
+def test_sums_add_and_do_not_depend_on_order_or_threads():
+    functions, some = waves(2.0, span=SPAN), observed()
+    whole = normal_equations(some, 2, functions, attitude="known")
+
+    def part(which):
+        chosen = np.flatnonzero(np.isin(some.source, which))
+        number = np.searchsorted(which, some.source[chosen])
+        return Observations(
+            some.lon[which], some.lat[which], number, some.time[chosen], some.design[:, chosen], some.position[chosen],
+            some.error[chosen], some.name[which], (), some.view[chosen],
+        )  # fmt: skip
+
+    parts = [part(np.arange(k, 120, 7)) for k in (3, 1, 0, 2, 6, 5, 4)]
+    together = normal_equations(parts, 2, functions, attitude="known")
+    np.testing.assert_allclose(together.matrix, whole.matrix, rtol=1e-11, atol=1e-12 * whole.matrix.max())
+    np.testing.assert_allclose(together.rhs, whole.rhs, rtol=1e-9)
+    assert together.n_data == whole.n_data
+    again = sum(normal_equations(each, 2, functions, attitude="known") for each in parts)
+    np.testing.assert_array_equal(again.matrix, together.matrix)
+    threads = normal_equations(some, 2, functions, attitude="known", threads=2)
+    np.testing.assert_array_equal(
+        threads.matrix, normal_equations(some, 2, functions, attitude="known", threads=1).matrix
+    )
+    with pytest.raises(TableError, match="two parts"):
+        normal_equations([parts[0], parts[0]], 2, functions, attitude="known")
+    with pytest.raises(ModesError, match="different functions"):
+        whole + normal_equations(some, 2, waves(1.0, span=SPAN), attitude="known")
+
+
+def test_what_a_response_leaves_has_no_rotation():
+    functions, some = waves(2.3, span=SPAN), observed(60)
+    response = Response(LAW, nside=2, steps=20_000)
+    equations = normal_equations(some, 2, functions, attitude=response)
+    assert equations.unseen.sum() == 6
+    solution = solve(equations)
+    assert "rotation in time not seen" in solution.report()
+    assert solution.rest("T")[1] == 0
+    assert (solution.values[:, Modes(2).slice_of("T", 1)] == 0).all()
+    # The view of the transits is the nearer field.
+    blind = normal_equations(replace(some, view=None), 2, functions, attitude=response)
+    np.testing.assert_allclose(blind.matrix, equations.matrix)
+
+
+def test_parallaxes_at_one_a_year_are_named():
+    functions = waves(1.0, span=SPAN)
+    solution = solve(normal_equations(observed(300), 3, functions, attitude="known"))
+    assert solution.lost
+    assert f"{len(solution.lost)} combinations are taken" in solution.report()
+    assert (solution.seen < 0.99).any()
+
+
+def test_messages(tmp_path):
+    some, functions = observed(20), waves(2.0, span=SPAN)
+    with pytest.raises(ParameterError, match="say what the attitude is"):
+        normal_equations(some, 2, functions)
+    with pytest.raises(ParameterError, match="files of epochs"):
+        normal_equations(3, 2, functions, attitude="known")
+    with pytest.raises(DegeneracyError, match="combinations"):
+        solve(normal_equations(observed(2), 8, functions, attitude="known"))
+    few = replace(some, source=some.source[:3], time=some.time[:3], design=some.design[:, :3], position=some.position[:3],
+                  error=some.error[:3], view=None)  # fmt: skip
+    with pytest.raises(NothingLeftError, match="five parameters"):
+        normal_equations(few, 2, functions, attitude="known")
+    equations = normal_equations(some, 2, functions, attitude="known")
+    with pytest.raises(ModesError, match="is no function"):
+        background(equations, [["cos 9"]])
+    with pytest.raises(ModesError, match="from 2 on"):
+        background(normal_equations(some, 1, functions, attitude="known"))
+
+
+def test_the_likelihood_of_a_background_is_that_of_the_coefficients():
+    """Against the density of the fitted coefficients, N(0, C + P D)."""
+    functions = waves(1.5, 2.5, span=SPAN)
+    equations = normal_equations(observed(200), 2, functions, attitude="known")
+    matrix, rhs, shapes, _ = _reduced(equations, _bands(None, functions.names), None)
+    from fit.in_time._background import _Likelihood
+
+    likelihood, covariance = _Likelihood(matrix, rhs, shapes), np.linalg.inv(matrix)
+    values = covariance @ rhs
+
+    def density(root):
+        whole = covariance + np.diag(root**2 @ shapes)
+        return -(values @ np.linalg.solve(whole, values) + np.linalg.slogdet(whole)[1]) / 2
+
+    for root in (np.array([3.0, 40.0]), np.array([20.0, 0.0])):
+        assert likelihood(root) == pytest.approx(density(root) - density(np.zeros(2)), abs=1e-6)
+
+
+def test_powers_of_bands_hold():
+    """√P drawn from 0 to 3 times the noise: ranks are uniform, 68 % hold so many."""
+    functions = waves(1.5, 2.5, span=SPAN)
+    equations = normal_equations(observed(200, own=0.0), 2, functions, attitude="known")
+    n = equations.n_data - 5 * equations.n_sources
+    matrix, _, shapes, _ = _reduced(replace(equations, chi2_null=float(n)), _bands(None, functions.names), None)
+    unit = np.array([(2 / np.sum((matrix * np.sqrt(np.outer(s, s))) ** 2)) ** 0.25 for s in shapes])
+    high, ranks = np.tile(equations.modes.degrees > 1, 4), []
+    noise = np.linalg.cholesky(equations.matrix)
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        root, c = unit * rng.uniform(0, 3, 2), np.zeros(len(high))
+        c[high] = np.sqrt(root**2 @ shapes) * rng.normal(size=high.sum())
+        rhs = equations.matrix @ c + noise @ rng.normal(size=len(high))
+        found = background(replace(equations, rhs=rhs, chi2_null=n + rhs @ c), draws=300, least=100, rng=seed)
+        assert found.effective_draws > 100
+        weights = found.weights * (found.roots <= 3 * unit).all(1)  # the prior that truths were drawn from
+        ranks += [float(weights @ (found.roots[:, k] < root[k])) / weights.sum() for k in range(2)]
+    assert kstest(ranks, "uniform").pvalue > 0.01
+    assert "95 % limit" in found.report()
+    assert (found.strain() > 0).all()
+
+
+def test_files_and_figures(tmp_path):
+    functions = splines((0.0,), span=SPAN)
+    equations = normal_equations(observed(60), 2, functions, attitude="known")
+    for name, result in (("solution", solve(equations)), ("background", background(equations, draws=60))):
+        for ending in ("ecsv", "fits"):
+            result.write(tmp_path / f"{name}.{ending}")
+            assert read(tmp_path / f"{name}.{ending}") == result
+    result = solve(equations)
+    result.movie(tmp_path / "sky.gif", frames=2)
+    assert (tmp_path / "sky.gif").read_bytes().startswith(b"GIF89a")
+
+
+def test_a_folder_is_read_file_by_file(tmp_path):
+    population = sim.quasars(24, 1)
+    table = sim.epochs(population, sim.spin((0, 0, 0)), 1, mission=LAW)
+    for k in range(2):
+        table[np.asarray(table["source_id"]) % 2 == k].write(tmp_path / f"{k}.fits")
+    functions = waves(2.0, span=SPAN)
+    folder = normal_equations(tmp_path, 2, functions, attitude="known")
+    whole = normal_equations(read_observations(table).by_transit(), 2, functions, attitude="known")
+    np.testing.assert_allclose(folder.matrix, whole.matrix, rtol=1e-9, atol=1e-12 * whole.matrix.max())
+    assert folder.n_sources == 24
