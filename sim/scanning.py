@@ -99,6 +99,13 @@ def sun_rate(start: float, time: FloatArray) -> FloatArray:
     return _MEAN_RATE * DEGREE * YEAR + (1.915 * np.cos(g) + 0.040 * np.cos(2 * g)) * DEGREE * turn
 
 
+def sun_direction(start: float, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Direction of the Sun in the ecliptic, (3, n), and its distance [AU], so many years after the start."""
+    longitude, distance = sun_position(start, np.asarray(time, float))
+    sin, cos = sin_cos(longitude)
+    return np.stack([cos, sin, np.zeros_like(sin)]), distance
+
+
 @dataclass(frozen=True, eq=False)
 class Transits(Frozen):
     """Passages of sources over a field of view, ordered by source and, for each, by time."""
@@ -219,9 +226,7 @@ class NominalScanningLaw(Frozen):
         time : (k,) array
             Since the start of the mission. [yr]
         """
-        longitude, distance = sun_position(self.start, np.asarray(time, float))
-        sin, cos = sin_cos(longitude)
-        return np.stack([cos, sin, np.zeros_like(sin)]), distance
+        return sun_direction(self.start, time)
 
     def attitude(self, time: FloatArray) -> Any:
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
@@ -454,9 +459,7 @@ class TabulatedLaw(InNotebook):
 
     def sun(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Direction of the Sun in the ecliptic, (3, n), and its distance [AU], at `time` since the start. [yr]"""
-        longitude, distance = sun_position(self.start, np.asarray(time, float))
-        sin, cos = sin_cos(longitude)
-        return np.stack([cos, sin, np.zeros_like(sin)]), distance
+        return sun_direction(self.start, time)
 
     def attitude(self, time: FloatArray) -> Any:
         """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""

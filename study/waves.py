@@ -12,7 +12,7 @@ from vsh.commands import finishing, outputs, running
 from vsh.commands.options import waves as options_module
 from vsh.io import tables
 from vsh.io.archive import DR4
-from vsh.io.epochs import Observations, read_observations
+from vsh.io.epochs import Observations, epoch_files, read_observations
 from vsh.sky.frames import rotation_matrix
 from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, TableError
@@ -28,8 +28,7 @@ def _run(options):
     from fit import in_time
     from fit.waves import search_in_time
 
-    place = Path(options.epochs)
-    files = sorted(each for each in place.iterdir() if each.is_file()) if place.is_dir() else [place]
+    files = epoch_files(options.epochs)
     parts = [read_observations(path, positions=options.positions).by_transit() for path in files]
     span = float(min(each.time.min() for each in parts)), float(max(each.time.max() for each in parts))
     attitude, notes = ("known", []) if options.attitude == "known" else _response(parts, span, options)
@@ -58,7 +57,7 @@ def _run(options):
         provenance=lambda: running.provenance([*files], options, sources=sum(len(each.lon) for each in parts)),
         draw=lambda: {_file(name): each.plot() for name, each in results.items()},
         write=lambda folder, meta: _write(folder, results, meta),
-        title=f"Waves in {place.name}",
+        title=f"Waves in {Path(options.epochs).name}",
     )
 
 

@@ -27,7 +27,7 @@ from vsh.tools.notes import note_lines
 from vsh.tools.types import FloatArray, Rng, Table
 from vsh.tools.units import UAS
 
-#: Points of a band's own posterior, and how many of its scales it reaches beyond its maximum.
+#: Points of a band's own posterior where its reach is looked for; twice as many where it is drawn from.
 _POINTS = 240
 #: The mean square of a wave's displacement over the sky, both polarisations of unit strain [rad²]: (1/6 each).
 _WAVE = 1 / 3
@@ -218,7 +218,7 @@ def _bands(bands, names):
     if bands is None:
         own: dict[str, list[int]] = {}
         for i, name in enumerate(names):
-            own.setdefault(name.removeprefix("cos ").removeprefix("sin "), []).append(i)
+            own.setdefault(_bare(name), []).append(i)
         return list(own.values())
     flat = [name for band in bands for name in band]
     unknown = [name for name in flat if name not in names]
@@ -228,9 +228,14 @@ def _bands(bands, names):
     return [[names.index(name) for name in band] for band in bands]
 
 
+def _bare(name):
+    """The frequency of a cosine or sine; other functions by their name."""
+    return name.removeprefix("cos ").removeprefix("sin ")
+
+
 def _called(names):
     """What a band is called."""
-    bare = {name.removeprefix("cos ").removeprefix("sin ") for name in names}
+    bare = {_bare(name) for name in names}
     return f"{bare.pop()} a year" if len(bare) == 1 and len(names) == 2 else ", ".join(names)
 
 
@@ -247,7 +252,7 @@ def _reduced(equations, bands, spectrum):
     whole = equations.matrix + ridge
     try:
         best = cho_solve(cho_factor(whole[np.ix_(seen, seen)]), equations.rhs[seen])
-        inner = cho_factor(whole[np.ix_(free, free)])
+        matrix, rhs = _without(whole, equations.rhs, high, free)
     except np.linalg.LinAlgError:
         raise DegeneracyError(
             f"{equations.n_sources} sources do not determine the functions that are fitted freely"
@@ -255,13 +260,16 @@ def _reduced(equations, bands, spectrum):
     dof = equations.n_data - 5 * equations.n_sources - int(seen.sum())
     quality = Quality(equations.chi2_null - float(equations.rhs[seen] @ best), dof)
     tau = quality.reduced if dof > 0 else 1.0
-    across = whole[np.ix_(free, high)]
-    known = cho_solve(inner, np.column_stack([across, equations.rhs[free]]))
-    matrix = (whole[np.ix_(high, high)] - across.T @ known[:, :-1]) / tau
-    rhs = (equations.rhs[high] - across.T @ known[:, -1]) / tau
     owner, all_variances = np.repeat(np.arange(f), len(modes))[high], np.tile(variances, f)[high]
     shapes = np.array([np.where(np.isin(owner, band), all_variances, 0.0) for band in bands])
-    return (matrix + matrix.T) / 2, rhs, shapes, float(np.sqrt(tau))
+    return (matrix + matrix.T) / (2 * tau), rhs / tau, shapes, float(np.sqrt(tau))
+
+
+def _without(matrix, rhs, kept, free):
+    """N and b of what is kept, what is free fitted without a prior."""
+    across = matrix[np.ix_(free, kept)]
+    known = cho_solve(cho_factor(matrix[np.ix_(free, free)]), np.column_stack([across, rhs[free]]))
+    return matrix[np.ix_(kept, kept)] - across.T @ known[:, :-1], rhs[kept] - across.T @ known[:, -1]
 
 
 def _shares(modes, spectrum):
@@ -296,12 +304,7 @@ class _Likelihood:
     def alone(self, b: int) -> tuple[FloatArray, FloatArray]:
         """√P of one band with all others free, and its density there."""
         own = self.shapes[b] > 0
-        inner = cho_factor(self.matrix[np.ix_(~own, ~own)]) if not own.all() else None
-        matrix, rhs = self.matrix[np.ix_(own, own)], self.rhs[own]
-        if inner is not None:
-            across = self.matrix[np.ix_(~own, own)]
-            known = cho_solve(inner, np.column_stack([across, self.rhs[~own]]))
-            matrix, rhs = matrix - across.T @ known[:, :-1], rhs - across.T @ known[:, -1]
+        matrix, rhs = (self.matrix, self.rhs) if own.all() else _without(self.matrix, self.rhs, own, ~own)
         shape = np.sqrt(self.shapes[b][own])
         values, turn = np.linalg.eigh(matrix * np.outer(shape, shape))
         values, squares = np.maximum(values, 0), (turn.T @ (shape * rhs)) ** 2

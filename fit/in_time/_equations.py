@@ -21,14 +21,14 @@ import numpy as np
 from fit.in_time._functions import Functions
 from fit.in_time._solution import TimeSolution
 from vsh.basis import harmonics
-from vsh.io.epochs import Observations, read_observations
+from vsh.io.epochs import Observations, epoch_files, read_observations
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ModesError, NothingLeftError, ParameterError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes, printable
 from vsh.tools.parallel import map_blocks
-from vsh.tools.types import BoolArray, FloatArray
+from vsh.tools.types import BoolArray, FloatArray, IntArray
 
 #: Sources taken together: some 50 MB of templates for 240 unknowns and 90 transits of each.
 _SOURCES = 250
@@ -93,6 +93,30 @@ class TimeEquations(Frozen):
 
     def __radd__(self, other: Any) -> TimeEquations:
         return self if other == 0 else NotImplemented  # the start of sum()
+
+    def combinations(self) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
+        """What the observations determine, of those unknowns that are seen at all.
+
+        Returns
+        -------
+        free : (k,) int array
+            The unknowns that are seen.
+        values, directions : (k,) and (k, k) arrays
+            Eigenvalues of N with a unit diagonal, rising, and eigenvectors in columns.
+        kept : (k,) bool array
+            Which are determined; sources' own positions, parallaxes and motions take the others.
+        """
+        free = np.flatnonzero(~self.unseen)
+        matrix = self.matrix[np.ix_(free, free)]
+        scale = np.sqrt(np.diag(matrix))
+        values, directions = np.linalg.eigh(matrix / np.outer(scale, scale))
+        return free, values, directions, (values > 0) & (values > _LOST * values[-1])
+
+    def named(self, free: IntArray, direction: FloatArray, most: int = 3) -> str:
+        """A combination of the unknowns `free` by the coefficients that are `most` of its `direction`."""
+        names = [f"{function} {mode}" for function in self.functions.names for mode in self.modes]
+        largest = np.argsort(-np.abs(direction))[:most]
+        return ", ".join(f"{direction[i]:+.2f} {names[free[i]]}" for i in largest)
 
     @property
     def unseen(self) -> BoolArray:
@@ -172,9 +196,7 @@ def _parts(observations: Any) -> Iterator[Observations]:
     if isinstance(observations, Observations):
         yield observations
     elif isinstance(observations, str | Path):
-        place = Path(observations)
-        files = sorted(each for each in place.iterdir() if each.is_file()) if place.is_dir() else [place]
-        for path in files:
+        for path in epoch_files(observations):
             yield read_observations(path).by_transit()
     elif isinstance(observations, Iterable):
         for each in observations:
@@ -272,11 +294,8 @@ def solve(equations: TimeEquations) -> TimeSolution:
     """
     arguments.a(TimeEquations)("equations", equations)
     modes, functions = equations.modes, equations.functions
-    free = np.flatnonzero(~equations.unseen)
-    matrix = equations.matrix[np.ix_(free, free)]
-    scale = np.sqrt(np.diag(matrix))
-    values, turn = np.linalg.eigh(matrix / np.outer(scale, scale))
-    kept = values > _LOST * values[-1]
+    free, values, turn, kept = equations.combinations()
+    scale = np.sqrt(np.diag(equations.matrix)[free])
     if kept.sum() < len(free) / 2:
         raise DegeneracyError(
             f"{equations.n_sources} sources determine {kept.sum()} of {len(free)} combinations of these functions: "
@@ -289,8 +308,7 @@ def solve(equations: TimeEquations) -> TimeSolution:
     covariance[np.ix_(free, free)] = half @ half.T
     seen = np.zeros(size)
     seen[free] = np.sum(turn[:, kept] ** 2, 1)
-    names = [f"{function} {mode}" for function in functions.names for mode in modes]
-    lost = tuple(_named(turn[:, i], [names[j] for j in free]) for i in np.flatnonzero(~kept))
+    lost = tuple(equations.named(free, turn[:, i]) for i in np.flatnonzero(~kept))
     return TimeSolution(
         modes,
         functions,
@@ -304,9 +322,3 @@ def solve(equations: TimeEquations) -> TimeSolution:
         lost,
         equations.notes,
     )
-
-
-def _named(direction, names):
-    """A combination by the three coefficients that are most of it."""
-    most = np.argsort(-np.abs(direction))[:3]
-    return ", ".join(f"{direction[i]:+.2f} {names[i]}" for i in most)

@@ -1,7 +1,7 @@
 """The search for waves of frequencies within the mission, in positions along scan."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,10 +9,9 @@ import numpy as np
 from fit.in_time import TimeEquations, normal_equations, waves
 from fit.quality import printed_p_value, vector_limit
 from fit.storage import Result
-from fit.waves._map import Whitened, chances, map_of
+from fit.waves._map import Whitened, chances, map_of, share_beyond
 from fit.waves._search import WaveSearch
 from vsh.io import tables
-from vsh.io.epochs import Observations
 from vsh.modes import as_modes
 from vsh.sky.pixels import centres
 from vsh.tools import arguments
@@ -31,8 +30,6 @@ SOLVED_ATTITUDE = (
     "of each wave is taken what an attitude solved from the same sky took of it; a rotation that changes with "
     "time is not seen"
 )
-#: Combinations with less than this share of the information of the most are taken by parallaxes and motions.
-_LOST = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -186,8 +183,6 @@ def search_in_time(
     modes = as_modes(lmax)
     if modes.lmax < 2:
         raise ParameterError("waves have degrees from 2 on: lmax of 2 or more")
-    if not isinstance(observations, Observations) and hasattr(observations, "motion"):
-        raise ParameterError("observations must be Observations, along scan, not a Field of motions")
     rng = arguments.generator(rng)
     searches, largest, lost = [], [], []
     for each in frequencies:
@@ -204,7 +199,6 @@ def search_in_time(
     best = np.array([np.argmax(each.statistic) for each in searches])
     top = np.array([each.statistic.max() for each in searches])
     lon, lat = centres(nside)
-    together = np.max(largest, axis=0)
     return WaveSpectrum(
         np.array(frequencies),
         top,
@@ -213,7 +207,7 @@ def search_in_time(
         np.array([each.amplitude for each in searches]),
         np.array([np.quantile(each.limits, [0, 0.5, 1]) for each in searches]),
         np.array([each.p_value for each in searches]),
-        float((1 + np.sum(together >= top.max())) / (1 + n_skies)),
+        share_beyond(np.max(largest, axis=0), top.max()),
         np.array(lost),
         n_skies,
         searches[0].n_data,
@@ -225,38 +219,31 @@ def search_in_time(
 def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
     """One frequency: the search, the largest 2F of each sky of noise, and how many combinations are lost."""
     modes, unseen = equations.modes, equations.unseen
-    size = np.diag(equations.matrix)
-    typical = float(np.median(size))
-    matrix = equations.matrix + np.diag(
-        np.where(unseen, typical, 1e-9 * size)
-    )  # a rotation is attitude: any prior does
-    free = np.flatnonzero(~unseen)
-    root = np.sqrt(size[free])
-    values, turn = np.linalg.eigh(equations.matrix[np.ix_(free, free)] / np.outer(root, root))
-    gone = values < _LOST * values[-1]
-    if values[-1] <= 0 or gone.sum() > len(free) / 2:
+    free, values, directions, kept = equations.combinations()
+    if values[-1] <= 0 or kept.sum() < len(free) / 2:
         raise DegeneracyError(
             f"these sources do not determine {len(free)} coefficients: lower lmax, or take more of the sky"
         )
+    size = np.diag(equations.matrix)
+    # A rotation is attitude: any prior does.
+    matrix = equations.matrix + np.diag(np.where(unseen, np.median(size), 1e-9 * size))
     white = Whitened.of(matrix, equations.rhs, np.tile(modes.degrees >= 2, 2))
     statistic, amplitudes, covariance = map_of(white, modes, nside, copies=2)
     maxima = chances(white, modes, nside, n_skies, rng, copies=2)
-    note = SOLVED_ATTITUDE if equations.attitude != "known" else KNOWN_ATTITUDE
-    notes = (*equations.notes, note)
-    if gone.any():
-        names = [f"{function} {mode}" for function in equations.functions.names for mode in modes]
-        shown = [_named(turn[:, i], [names[j] for j in free]) for i in np.flatnonzero(gone)[:3]]
-        more = "; …" if gone.sum() > 3 else ""
+    notes = (*equations.notes, SOLVED_ATTITUDE if equations.attitude != "known" else KNOWN_ATTITUDE)
+    lost = np.flatnonzero(~kept)
+    if len(lost):
+        shown = "; ".join(equations.named(free, directions[:, i], 2) for i in lost[:3])
         notes = (
             *notes,
-            f"at {frequency:.4g} a year {gone.sum()} of {len(free)} combinations are taken by the sources' own "
-            f"parallaxes, positions and motions: {'; '.join(shown)}{more}",
+            f"at {frequency:.4g} a year {len(lost)} of {len(free)} combinations are taken by the sources' own "
+            f"parallaxes, positions and motions: {shown}{'; …' if len(lost) > 3 else ''}",
         )
     search = WaveSearch(
         statistic,
         amplitudes,
         vector_limit(amplitudes.T, covariance, 4),
-        1.0,
+        share_beyond(maxima, statistic.max()),
         n_skies,
         tuple(range(2, modes.lmax + 1)),
         "icrs",
@@ -265,11 +252,4 @@ def _search(equations: TimeEquations, frequency, nside, n_skies, rng):
         "µas",
         notes,
     )
-    p_value = (1 + int(np.sum(maxima >= statistic.max()))) / (1 + n_skies)
-    return replace(search, p_value=p_value), maxima, int(gone.sum())
-
-
-def _named(direction, names):
-    """A combination by the two coefficients that are most of it."""
-    most = np.argsort(-np.abs(direction))[:2]
-    return " ".join(f"{direction[i]:+.2f} {names[i]}" for i in most)
+    return search, maxima, len(lost)

@@ -73,8 +73,13 @@ def _basis(white, modes, nside, copies):
 
 
 def chance(white: Whitened, modes: Modes, nside: int, largest: float, n_skies: int, rng: Rng) -> float:
-    """Probability that noise alone gives as large a 2F anywhere: (1 + how many skies do)/(1 + how many there are)."""
-    return (1 + int(np.sum(chances(white, modes, nside, n_skies, rng) >= largest))) / (1 + n_skies)
+    """Probability that noise alone gives as large a 2F anywhere."""
+    return share_beyond(chances(white, modes, nside, n_skies, rng), largest)
+
+
+def share_beyond(maxima: FloatArray, largest: float) -> float:
+    """(1 + how many of the skies reach the largest)/(1 + how many there are)."""
+    return (1 + int(np.sum(maxima >= largest))) / (1 + len(maxima))
 
 
 def chances(white: Whitened, modes: Modes, nside: int, n_skies: int, rng: Rng, copies: int = 1) -> FloatArray:

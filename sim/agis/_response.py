@@ -133,8 +133,9 @@ class Response(InNotebook):
         shape = (len(time), 5 * len(self.weights))
         self._design = csr_matrix((np.concatenate(values, 1).ravel(), np.concatenate(columns, 1).ravel(), rows), shape)
         self.calibration = None if calibration is None else _checked(*calibration)
+        if self.calibration is not None:
+            self._design = hstack([self._design, self._angle(self._time)], format="csr")
         self._factor: Any = None
-        self._joint: Any = None
         self._taken: dict[Any, FloatArray] = {}
 
     def __repr__(self) -> str:
@@ -234,26 +235,17 @@ class Response(InNotebook):
                 some = slice(start, None, step)
                 fields = [_along(r[:, some], m[:, some], modes) for r, m in self._seen]
                 difference = _outer(functions(self._time[some]), fields[0] - fields[1])
-                right = right + self._whole()[some].T @ (self._difference[some, None] * difference)
+                right = right + self._design[some].T @ (self._difference[some, None] * difference)
             self._taken = {(modes, probe): cho_solve(self._factored(), right, check_finite=False)}
         return self._taken[modes, probe]
 
     def _factored(self):
         if self._factor is None:
-            design = self._whole()
-            normal = (design.T @ design.multiply(self._difference[:, None]).tocsr()).toarray()
+            normal = (self._design.T @ self._design.multiply(self._difference[:, None]).tocsr()).toarray()
             scale = np.diag(normal).copy()
             normal[np.diag_indices_from(normal)] += 1e-7 * scale + 1e-9 * scale.max()  # six rotations are free
             self._factor = cho_factor(normal, overwrite_a=True, check_finite=False)
         return self._factor
-
-    def _whole(self):
-        """The differences by five parameters a pixel, and by the calibration."""
-        if self.calibration is None:
-            return self._design
-        if self._joint is None:
-            self._joint = hstack([self._design, self._angle(self._time)], format="csr")
-        return self._joint
 
     def _angle(self, time):
         """The basic angle by every coefficient of its calibration: harmonics of the spin phase within spans of days."""

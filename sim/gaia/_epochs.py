@@ -198,7 +198,7 @@ def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray
     times = np.asarray(columns["obs_time_tcb"])
     tenth = np.concatenate([times[:, :1] - int(7.26e9), times], 1)
     centroid, sigma = np.where(lost, np.nan, columns["centroid_pos_al"]), np.where(lost, SENTINEL, error)
-    none, single = np.zeros((k, 1)), {"nan": np.full(k, np.nan, np.float32), "zero": np.zeros(k, np.int16)}
+    none, unset = np.zeros((k, 1)), np.zeros(k, np.int16)
     return {
         "solution_id": np.full(k, 2888461026632663040, np.int64),
         **{name: columns[name] for name in ("source_id", "transit_id", "ra0", "dec0")},
@@ -209,8 +209,8 @@ def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray
         "parallax_factor_ac": np.full(k, np.sqrt(0.5), np.float32),
         "nu_eff_used_in_astrometry": np.full(k, 1.589, np.float32),
         "nu_eff_error": np.full(k, 0.01, np.float32),
-        "transit_acq_flags": single["zero"],
-        "transit_proc_flags": single["zero"],
+        "transit_acq_flags": unset,
+        "transit_proc_flags": unset,
         "multipeak": np.zeros(k, bool),
         "blended": np.zeros(k, bool),
         "g_mag": magnitude.astype(np.float32),

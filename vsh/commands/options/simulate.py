@@ -148,6 +148,12 @@ def _redshift_error(text):
     return text if text in values.REDSHIFT_ERRORS else values.not_negative(text)
 
 
+def _foreign(parser, options, names):
+    """Options among `names` that were given, as they are typed."""
+    given = [name for name in names if getattr(options, name) != parser.get_default(name)]
+    return [f"--{name.replace('_', '-')}" for name in given]
+
+
 def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself; a number that nobody gave is set."""
     if options.selection and options.sky:
@@ -159,11 +165,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.wave is not None and (options.kind != "epochs" or len(options.wave) != 5 or options.wave[0] <= 0):
         parser.error("--wave is for epochs: a frequency above zero, plus, cross, and a direction, as 2,100,0,30,-20")
     if options.kind == "epochs":
-        foreign = [
-            f"--{name.replace('_', '-')}"
-            for name in NOT_OF_EPOCHS
-            if getattr(options, name) != parser.get_default(name)
-        ]
+        foreign = _foreign(parser, options, NOT_OF_EPOCHS)
         if foreign:
             parser.error(f"epochs are positions of quasars along scan: {', '.join(foreign)} cannot be chosen")
         options.years = 5.5 if options.years is None else options.years
@@ -171,9 +173,7 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     if options.table != "gaia_source" and options.kind != "crf4":
         parser.error("--table is for crf4")
     if options.kind in ("crf3", "crf4"):
-        foreign = [
-            f"--{name.replace('_', '-')}" for name in NOT_OF_CRF3 if getattr(options, name) != parser.get_default(name)
-        ]
+        foreign = _foreign(parser, options, NOT_OF_CRF3)
         if foreign:
             parser.error(f"{options.kind} is as it is: {', '.join(foreign)} cannot be chosen")
     elif options.number is None:

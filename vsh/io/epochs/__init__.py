@@ -6,11 +6,11 @@ from vsh.io.epochs._solve import FiveParameters, design_row, downweight, solve_e
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
-    from vsh.io.epochs._observations import Observations, read_epochs, read_observations
+    from vsh.io.epochs._observations import Observations, epoch_files, read_epochs, read_observations
 
-__all__ = ["FiveParameters", "Observations", "read_epochs", "read_observations", "solve_epochs"]
+__all__ = ["FiveParameters", "Observations", "epoch_files", "read_epochs", "read_observations", "solve_epochs"]
 
 # Imported when first asked for: astropy comes with it.
 __getattr__, __dir__ = lazily(
-    __name__, __all__, {"_observations": ["Observations", "read_epochs", "read_observations"]}
+    __name__, __all__, {"_observations": ["Observations", "epoch_files", "read_epochs", "read_observations"]}
 )

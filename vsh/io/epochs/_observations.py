@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from vsh.tools.bad_rows import select_usable
 from vsh.tools.errors import NothingLeftError, TableError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import DroppedRows
-from vsh.tools.types import FloatArray, IntArray, OnBad
+from vsh.tools.types import FloatArray, IntArray, OnBad, PathName
 from vsh.tools.units import DEGREE, JULIAN_YEAR, MAS
 
 #: What is needed of each observation; arrays of the CCDs of a transit, or a row each.
@@ -102,6 +103,18 @@ class Observations(Frozen):
         )
 
 
+def epoch_files(path: PathName) -> list[Path]:
+    """The files of epochs at a path: itself, or every file of a folder in the order of their names.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file or a folder.
+    """
+    place = Path(path)
+    return sorted(each for each in place.iterdir() if each.is_file()) if place.is_dir() else [place]
+
+
 def read_observations(
     source: Any, *, epoch: float = DR4.epoch, columns: Mapping[str, str] | None = None, positions: Any = None
 ) -> Observations:
@@ -171,7 +184,7 @@ def read_observations(
 def _joined(identifiers, positions):
     """Positions of sources by their source_id, from another table."""
     opened = tables.open_table(positions)
-    names = ["source_id", *("ra", "dec")]
+    names = ("source_id", "ra", "dec")
     for name in names:
         if name not in opened.names:
             raise TableError(f"{opened.label}: {missing_column(name, opened)}")
