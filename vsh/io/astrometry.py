@@ -1,0 +1,213 @@
+"""Tables of astrometry by several catalogues, read and written: stars with parallaxes, single epochs, quasars."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsh.io import tables
+from vsh.io.catalogue import missing_column, unit_factor
+from vsh.sky.astrometry import Astrometry
+from vsh.tools.bad_rows import as_floats
+from vsh.tools.errors import TableError
+from vsh.tools.types import PathName
+from vsh.tools.units import DEGREE, MAS
+
+__all__ = ["read_astrometry", "write_astrometry"]
+
+#: The five parameters by the archive's names, and what else they are called; case does not count.
+_FIVE = ("ra", "dec", "parallax", "pmra", "pmdec")
+_CALLED = {
+    "name": ("source_name", "name", "star", "source", "object", "designation", "source_id"),
+    "catalogue": ("catalogue", "catalog"),
+    "epoch": ("epoch", "ref_epoch"),
+    "ra": ("ra", "raj2000", "ra_icrs"),
+    "dec": ("dec", "de", "dej2000", "de_icrs"),
+    "parallax": ("parallax", "plx", "pi"),
+    "pmra": ("pmra",),
+    "pmdec": ("pmdec", "pmde"),
+    "radial_velocity": ("radial_velocity", "rv"),
+    "magnitude": ("phot_g_mean_mag", "magnitude", "gmag", "g"),
+    "colour": ("bp_rp", "colour", "color"),
+    "still": ("still", "quasar"),
+    "jet": ("jet", "jet_pa"),
+}
+_UNITS = {"ra": "deg", "dec": "deg", "parallax": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
+          "radial_velocity": "km / s", "jet": "deg"}  # fmt: skip
+#: Errors and correlations, by the names of their parameters.
+_CORRELATIONS = {f"{_FIVE[i]}_{_FIVE[j]}_corr": (i, j) for i in range(5) for j in range(i + 1, 5)}
+_SPREADS: dict[str, tuple[str, ...]] = {
+    f"{name}_error": tuple(form for each in _CALLED[name] for form in (f"{each}_error", f"{each}_err", f"e_{each}"))
+    for name in _FIVE
+}
+_SPREADS |= {
+    role: tuple(f"{one}_{two}_corr" for one in _CALLED[_FIVE[i]] for two in _CALLED[_FIVE[j]])
+    for role, (i, j) in _CORRELATIONS.items()
+}
+#: What belongs to a source, whoever measured it.
+_SOURCE = ("name", "radial_velocity", "magnitude", "colour", "still", "jet")
+#: Of the bare columns of a table that has those of two catalogues side by side.
+_BARE = "gaia"
+
+
+def read_astrometry(
+    source: Any, catalogue: str | None = None, *, columns: Mapping[str, str] | None = None, format: str | None = None
+) -> Astrometry:
+    """Read the astrometry of stars or quasars from a table, a row for each time that a catalogue gives a source.
+
+    Parameters
+    ----------
+    source : path, or table
+        Names, `epoch` and what was measured of `ra`, `dec`, `parallax`, `pmra`, `pmdec`, with `ra_error` … and
+        correlations `ra_dec_corr` … (zero where there are none), `radial_velocity`, `phot_g_mean_mag`, `bp_rp`,
+        `still` (a quasar), `jet`. In degrees, mas and mas/yr where the table does not say. Errors of ra times cos(dec).
+        A table may have two catalogues side by side, one with a suffix (`ra_VLBI` …), and a column `catalogue`.
+    catalogue : str, optional
+        Whose rows they are, where no column says; the name of the file unless given.
+    columns : dict, optional
+        From these names to those of the table.
+    format : str, optional
+        Of the file, where its name does not say.
+
+    Raises
+    ------
+    TableError
+        If a table lacks names, epochs or everything that could be measured, or a column holds no numbers.
+    FieldError
+        As `Astrometry` does.
+    """
+    opened = tables.open_table(source, format)
+    known = {**_CALLED, **{name: (name, *more) for name, more in _SPREADS.items()}}
+    unknown = sorted(set(columns or {}) - set(known))
+    if unknown:
+        raise TableError(f"columns: nothing is called {', '.join(unknown)}; there are {', '.join(known)}")
+    label = catalogue or (Path(source).name.split(".")[0] if isinstance(source, str | Path) else "catalogue")
+    beside = _suffix([name.lower() for name in opened.names])
+    if beside and not columns:
+        bare = _Rows(opened, known, {}, "").astrometry(_BARE, once=True)
+        return bare + _Rows(opened, known, {}, beside).astrometry(beside.strip("_"))
+    return _Rows(opened, known, dict(columns or {}), "").astrometry(label)
+
+
+def _suffix(names):
+    """The suffix of a second catalogue in a table; empty where there is none."""
+    rest = [name[2:] for name in names if name.startswith("ra_") and {f"dec{name[2:]}", f"epoch{name[2:]}"} <= {*names}]
+    return next(iter(rest), "") if "ra" in names else ""
+
+
+class _Rows:
+    """The columns of a table that belong to one catalogue."""
+
+    def __init__(self, opened, known, chosen, suffix):
+        self.opened, self.suffix, self.names = opened, suffix, {}
+        by_lower = {name.lower(): name for name in opened.names}
+        for role, called in known.items():
+            if role in chosen:
+                if chosen[role] not in opened.names:
+                    raise TableError(f"{opened.label}: {missing_column(chosen[role], opened)}")
+                self.names[role] = chosen[role]
+                continue
+            # What a source is called, its magnitude and its colour are not those of one catalogue.
+            endings = (suffix, "") if role in _SOURCE else (suffix,)
+            tried = (by_lower.get(each + ending) for ending in endings for each in called)
+            place = next((name for name in tried if name), None)
+            if place is not None:
+                self.names[role] = place
+        for role in ("name", "epoch"):
+            if role not in self.names:
+                raise TableError(f"{opened.label}: {missing_column(role + suffix, opened)}")
+        self.data = opened.columns(tuple(dict.fromkeys(self.names.values())))
+
+    def numbers(self, role, n):
+        """A column in our units, nan where nothing is; None where there is no such column."""
+        if role not in self.names:
+            return np.full(n, np.nan)
+        name = self.names[role]
+        values, mask = self.data[name]
+        floats, missing = as_floats(name, values)
+        unit = _UNITS.get(role.removesuffix("_error"))
+        if role in ("ra_error", "dec_error"):
+            unit = "mas"
+        factor = 1.0 if unit is None else unit_factor(name, self.opened.units.get(name), unit)
+        lost = missing | (np.asarray(mask, bool) if mask is not None else False)
+        return np.where(lost, np.nan, floats * factor)
+
+    def words(self, role):
+        """A column of text."""
+        values, _ = self.data[self.names[role]]
+        return np.array([each.decode() if isinstance(each, bytes) else str(each) for each in np.asarray(values)])
+
+    def covariance(self, n):
+        """Of the five parameters, (n, 5, 5), from their errors and correlations. [µas, µas/yr]"""
+        sigma = MAS * np.stack([self.numbers(f"{each}_error", n) for each in _FIVE])
+        matrix = np.tile(np.eye(5), (n, 1, 1))
+        for role, (i, j) in _CORRELATIONS.items():
+            if role in self.names:
+                matrix[:, i, j] = matrix[:, j, i] = np.nan_to_num(self.numbers(role, n))
+        return matrix * sigma.T[:, :, None] * sigma.T[:, None, :]
+
+    def astrometry(self, label, once=False):
+        """The rows; each once where the table repeats them beside those of another catalogue."""
+        names = np.char.strip(self.words("name"))
+        n = len(names)
+        if not n:
+            raise TableError(f"{self.opened.label}: the table has no rows")
+        lon, lat = self.numbers("ra", n) * DEGREE, self.numbers("dec", n) * DEGREE
+        parallax, *motion = (MAS * self.numbers(each, n) for each in _FIVE[2:])
+        still = np.nan_to_num(self.numbers("still", n)) != 0
+        columns = {
+            "name": names,
+            "catalogue": self.words("catalogue") if "catalogue" in self.names else np.full(n, label),
+            "epoch": self.numbers("epoch", n), "lon": lon, "lat": lat, "parallax": parallax,
+            "motion": np.stack(motion), "covariance": self.covariance(n), "still": still,
+            "jet": self.numbers("jet", n) * DEGREE,
+            **{role: self.numbers(role, n) for role in ("radial_velocity", "magnitude", "colour")},
+        }  # fmt: skip
+        keep = np.ones(n, bool)
+        if once:
+            seen = np.nan_to_num(np.column_stack([columns["epoch"], lon, lat, parallax, *motion]), nan=-1e300)
+            numbers = np.unique(names, return_inverse=True)[1].ravel()
+            keep[:] = False
+            keep[np.unique(np.column_stack([numbers, seen]), axis=0, return_index=True)[1]] = True
+        notes = tuple(self.opened.notes)
+        empty = keep & ~(np.diagonal(columns["covariance"], axis1=1, axis2=2) > 0).any(1)
+        if empty.any() and not empty[keep].all():
+            notes += (f"{self.opened.label}: {int(empty.sum())} rows measure nothing with an error, and are left out",)
+            keep &= ~empty
+        picked: dict[str, Any] = {
+            role: value[:, keep] if role == "motion" else value[keep] for role, value in columns.items()
+        }
+        return Astrometry(**picked, notes=notes)
+
+
+def write_astrometry(astrometry: Astrometry, path: PathName, meta: Mapping[str, Any] | None = None) -> None:
+    """Write rows of astrometry so that `read_astrometry` reads them.
+
+    Parameters
+    ----------
+    astrometry : Astrometry
+        The rows.
+    path : str or Path
+        An ECSV, FITS or CSV file.
+    meta : dict, optional
+        Provenance, plain values.
+    """
+    measured = astrometry.measured
+    sigma = np.sqrt(np.where(measured, np.diagonal(astrometry.covariance, axis1=1, axis2=2), np.nan))
+    columns: dict[str, Any] = {
+        "source_name": astrometry.name, "catalogue": astrometry.catalogue, "epoch": astrometry.epoch,
+        "ra": astrometry.lon / DEGREE, "dec": astrometry.lat / DEGREE, "parallax": astrometry.parallax / MAS,
+        "pmra": astrometry.motion[0] / MAS, "pmdec": astrometry.motion[1] / MAS,
+    }  # fmt: skip
+    columns |= {f"{each}_error": sigma[:, k] / MAS for k, each in enumerate(_FIVE)}
+    with np.errstate(invalid="ignore"):
+        for role, (i, j) in _CORRELATIONS.items():
+            columns[role] = astrometry.covariance[:, i, j] / (sigma[:, i] * sigma[:, j])
+    columns |= {
+        "radial_velocity": astrometry.radial_velocity, "phot_g_mean_mag": astrometry.magnitude,
+        "bp_rp": astrometry.colour, "still": astrometry.still.astype(np.int16), "jet": astrometry.jet / DEGREE,
+    }  # fmt: skip
+    units = {name: _UNITS.get(name.removesuffix("_error"), "") for name in columns}
+    units |= {"ra_error": "mas", "dec_error": "mas", "epoch": "yr", "phot_g_mean_mag": "mag"}
+    tables.write(path, columns, dict(meta or {}), {name: unit for name, unit in units.items() if unit})

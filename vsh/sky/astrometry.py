@@ -1,0 +1,194 @@
+"""Astrometry of stars and quasars by several catalogues: a row for each time that one of them gives a source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from vsh.tools.bad_rows import as_floats, check_shapes
+from vsh.tools.errors import FieldError, NothingLeftError
+from vsh.tools.notebook import Frozen
+from vsh.tools.notes import merge_notes
+from vsh.tools.types import BoolArray, FloatArray, IntArray
+
+__all__ = ["Astrometry"]
+
+#: Eigenvalues of a correlation matrix below this are no rounding.
+_SINGULAR = 1e-9
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Astrometry(Frozen):
+    """Up to five parameters of a source, in each of n rows, by one of several catalogues (ICRS).
+
+    What was not measured is nan: a row may hold a position alone, or motions without a position.
+
+    Attributes
+    ----------
+    name, catalogue : (n,) arrays of str
+        Whose row it is, and by whom. A source has one name in all catalogues.
+    epoch : (n,) array
+        [Julian year]
+    lon, lat : (n,) arrays
+        [rad]
+    parallax : (n,) array
+        [µas]
+    motion : (2, n) array
+        µ_α*, µ_δ. [µas/yr]
+    covariance : (n, 5, 5) array
+        Of α*, δ, ϖ, µ_α*, µ_δ; nan in the rows and columns of what was not measured. [µas, µas/yr]
+    radial_velocity : (n,) array
+        [km/s]; nan, as where it is not given, counts as zero.
+    magnitude, colour : (n,) arrays
+        nan where not known; a source has those of the first row that says.
+    still : (n,) bool array
+        Sources without parallax and motion of their own: quasars. No row unless given.
+    displaced : (n,) bool array
+        Positions as seen from the Earth, displaced by the parallax: single epochs. Unless given, positions of sources
+        that move in rows without a parallax.
+    jet : (n,) array
+        Position angle along which the radio source may be off, from north through east; nan where not known. [rad]
+    notes : tuple of str
+
+    Raises
+    ------
+    FieldError
+        If shapes disagree, a row has no epoch or measures nothing, a covariance is not positive definite, or a row
+        is there twice.
+    """
+
+    name: Any
+    catalogue: Any
+    epoch: FloatArray
+    lon: FloatArray
+    lat: FloatArray
+    parallax: FloatArray
+    motion: FloatArray
+    covariance: FloatArray
+    radial_velocity: FloatArray = None  # type: ignore[assignment]
+    magnitude: FloatArray = None  # type: ignore[assignment]
+    colour: FloatArray = None  # type: ignore[assignment]
+    still: BoolArray = None  # type: ignore[assignment]
+    displaced: BoolArray = None  # type: ignore[assignment]
+    jet: FloatArray = None  # type: ignore[assignment]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check shapes and values, and fill in what was not given."""
+        name = np.asarray(self.name).astype(str)
+        n = name.size
+        if n == 0:
+            raise NothingLeftError("there is no row of astrometry")
+        given: dict[str, Any] = {"name": name, "catalogue": np.asarray(self.catalogue).astype(str)}
+        for column in ("epoch", "lon", "lat", "parallax", "motion", "covariance"):
+            given[column] = _floats(column, getattr(self, column))
+        for column in ("radial_velocity", "magnitude", "colour", "jet"):
+            value = getattr(self, column)
+            given[column] = np.full(n, np.nan) if value is None else _floats(column, value)
+        still = np.zeros(n, bool) if self.still is None else np.asarray(self.still, bool)
+        if self.displaced is None:
+            displaced = ~still & ~np.isfinite(given["parallax"]) if given["parallax"].shape == (n,) else still
+        else:
+            displaced = np.asarray(self.displaced, bool)
+        given |= {"still": still, "displaced": displaced}
+        shapes: dict[str, tuple[int, ...]] = {"motion": (2, n), "covariance": (n, 5, 5)}
+        check_shapes(given, lambda column: shapes.get(column, (n,)))
+        for column, value in given.items():
+            object.__setattr__(self, column, value)
+        self._check()
+        super().__post_init__()
+
+    def _check(self):
+        """Raise FieldError for rows that cannot be used, of each reason the number and the first."""
+        measured = self.measured
+        bad = {
+            "no epoch": ~np.isfinite(self.epoch) | (np.abs(self.epoch - 2000) > 1000),
+            "nothing measured, with an error": ~measured.any(1),
+            "|dec| > 90°": np.abs(self.lat) > np.pi / 2 * (1 + 1e-14),
+            "a position in one coordinate alone": measured[:, 0] != measured[:, 1],
+            "a covariance that is not positive definite": ~self._positive(measured),
+        }
+        _, place, count = np.unique(self._keys(), axis=0, return_inverse=True, return_counts=True)
+        bad["the same row twice"] = count[place.ravel()] > 1
+        said = [
+            f"{reason}: {int(mask.sum())} ({self.name[mask][0]} in {self.catalogue[mask][0]}, row {int(mask.argmax())})"
+            for reason, mask in bad.items()
+            if mask.any()
+        ]
+        if said:
+            raise FieldError(
+                f"rows of {len(self)} cannot be used: {'; '.join(said)}; rows are counted from 0. Mend them or leave "
+                "them out"
+            )
+
+    def _keys(self):
+        """Rows that are the same in all of this are one row twice."""
+        by = np.unique(self.catalogue, return_inverse=True)[1].ravel()
+        return np.nan_to_num(np.column_stack([self.source, by, self.epoch, self.values.T]), nan=-1e300)
+
+    def _positive(self, measured):
+        both = measured[:, :, None] & measured[:, None, :]
+        diagonal = np.eye(5, dtype=bool)
+        sigma = np.sqrt(np.where(measured, np.diagonal(self.covariance, axis1=1, axis2=2), 1.0))
+        matrix = np.where(both, self.covariance, diagonal) / (sigma[:, :, None] * sigma[:, None, :])
+        usable = np.isfinite(matrix).all((1, 2))
+        matrix = np.where(usable[:, None, None], matrix, np.eye(5))
+        symmetric = np.abs(matrix - matrix.transpose(0, 2, 1)).max((1, 2)) < _SINGULAR
+        return usable & symmetric & (np.linalg.eigvalsh(matrix)[:, 0] > _SINGULAR)
+
+    def __len__(self) -> int:
+        return self.name.size
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{int(np.sum(self.catalogue == each))} of {each}" for each in self.catalogues)
+        return f"<Astrometry: {self.source.max() + 1} sources, rows: {counts}>"
+
+    def __getitem__(self, keep: Any) -> Astrometry:
+        """The rows picked by a mask, a slice or indices."""
+        picked: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        for column, value in picked.items():
+            if column != "notes":
+                picked[column] = value[:, keep] if column == "motion" else value[keep]
+        return Astrometry(**picked)
+
+    def __add__(self, other: Astrometry) -> Astrometry:
+        """The rows of both."""
+        if not isinstance(other, Astrometry):
+            return NotImplemented
+        joined: dict[str, Any] = {
+            entry.name: np.concatenate([getattr(self, entry.name), getattr(other, entry.name)], axis=-1)
+            for entry in fields(self)
+            if entry.name not in ("covariance", "notes")
+        }
+        covariance = np.concatenate([self.covariance, other.covariance])
+        return Astrometry(**joined, covariance=covariance, notes=merge_notes(self.notes, other.notes))
+
+    @property
+    def catalogues(self) -> tuple[str, ...]:
+        """Names of the catalogues, in the order of their first rows."""
+        return tuple(dict.fromkeys(self.catalogue.tolist()))
+
+    @property
+    def source(self) -> IntArray:
+        """The number of each row's source, from 0 in the order of first rows; case and blanks in names do not count."""
+        keys = ["".join(each.split()).casefold() for each in self.name.tolist()]
+        numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+        return np.array([numbers[key] for key in keys])
+
+    @property
+    def values(self) -> FloatArray:
+        """The five parameters, (5, n): positions in rad, the others in µas and µas/yr."""
+        return np.vstack([self.lon, self.lat, self.parallax, self.motion])
+
+    @property
+    def measured(self) -> BoolArray:
+        """Which of the five parameters a row has with an error, (n, 5)."""
+        with np.errstate(invalid="ignore"):
+            return np.isfinite(self.values.T) & (np.diagonal(self.covariance, axis1=1, axis2=2) > 0)
+
+
+def _floats(column, value):
+    values, missing = as_floats(column, value)
+    return np.where(missing, np.nan, values) if missing.any() else values
