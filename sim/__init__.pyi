@@ -2,7 +2,7 @@
 
 from . import agis, astrometry, effects, gaia, plot, population, scanning, signal, skies, variability
 from .expected import expected_covariances, scan_maps
-from .gaia import crf3, crf4, epochs
+from .gaia import crf3, crf4, epochs, link
 from .mission import Mission
 from .noise import gaia_errors
 from .observing import observe, observe_offsets
@@ -58,6 +58,7 @@ __all__ = [
     "galaxies",
     "gaps_of",
     "in_time",
+    "link",
     "observe",
     "observe_offsets",
     "off_centre_void",

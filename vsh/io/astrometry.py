@@ -8,7 +8,7 @@ import numpy as np
 
 from vsh.io import tables
 from vsh.io.catalogue import missing_column, unit_factor
-from vsh.sky.astrometry import Astrometry
+from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import TableError
 from vsh.tools.types import PathName
@@ -53,7 +53,7 @@ _BARE = "gaia"
 
 def read_astrometry(
     source: Any, catalogue: str | None = None, *, columns: Mapping[str, str] | None = None, format: str | None = None
-) -> Astrometry:
+) -> AstrometryRows:
     """Read the astrometry of stars or quasars from a table, a row for each time that a catalogue gives a source.
 
     Parameters
@@ -75,10 +75,10 @@ def read_astrometry(
     TableError
         If a table lacks names, epochs or everything that could be measured, or a column holds no numbers.
     FieldError
-        As `Astrometry` does.
+        As `AstrometryRows` does.
     """
     opened = tables.open_table(source, format)
-    known = {**_CALLED, **{name: (name, *more) for name, more in _SPREADS.items()}}
+    known = _CALLED | _SPREADS
     unknown = sorted(set(columns or {}) - set(known))
     if unknown:
         raise TableError(f"columns: nothing is called {', '.join(unknown)}; there are {', '.join(known)}")
@@ -178,15 +178,15 @@ class _Rows:
         picked: dict[str, Any] = {
             role: value[:, keep] if role == "motion" else value[keep] for role, value in columns.items()
         }
-        return Astrometry(**picked, notes=notes)
+        return AstrometryRows(**picked, notes=notes)
 
 
-def write_astrometry(astrometry: Astrometry, path: PathName, meta: Mapping[str, Any] | None = None) -> None:
+def write_astrometry(astrometry: AstrometryRows, path: PathName, meta: Mapping[str, Any] | None = None) -> None:
     """Write rows of astrometry so that `read_astrometry` reads them.
 
     Parameters
     ----------
-    astrometry : Astrometry
+    astrometry : AstrometryRows
         The rows.
     path : str or Path
         An ECSV, FITS or CSV file.

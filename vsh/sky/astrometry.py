@@ -1,4 +1,4 @@
-"""Astrometry of stars and quasars by several catalogues: a row for each time that one of them gives a source."""
+"""AstrometryRows of stars and quasars by several catalogues: a row for each time that one of them gives a source."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
 from vsh.tools.types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Astrometry"]
+__all__ = ["AstrometryRows"]
 
 #: Eigenvalues of a correlation matrix below this are no rounding.
 _SINGULAR = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Astrometry(Frozen):
+class AstrometryRows(Frozen):
     """Up to five parameters of a source, in each of n rows, by one of several catalogues (ICRS).
 
     What was not measured is nan: a row may hold a position alone, or motions without a position.
@@ -143,19 +143,19 @@ class Astrometry(Frozen):
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{int(np.sum(self.catalogue == each))} of {each}" for each in self.catalogues)
-        return f"<Astrometry: {self.source.max() + 1} sources, rows: {counts}>"
+        return f"<AstrometryRows: {self.source.max() + 1} sources, rows: {counts}>"
 
-    def __getitem__(self, keep: Any) -> Astrometry:
+    def __getitem__(self, keep: Any) -> AstrometryRows:
         """The rows picked by a mask, a slice or indices."""
         picked: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         for column, value in picked.items():
             if column != "notes":
                 picked[column] = value[:, keep] if column == "motion" else value[keep]
-        return Astrometry(**picked)
+        return AstrometryRows(**picked)
 
-    def __add__(self, other: Astrometry) -> Astrometry:
+    def __add__(self, other: AstrometryRows) -> AstrometryRows:
         """The rows of both."""
-        if not isinstance(other, Astrometry):
+        if not isinstance(other, AstrometryRows):
             return NotImplemented
         joined: dict[str, Any] = {
             entry.name: np.concatenate([getattr(self, entry.name), getattr(other, entry.name)], axis=-1)
@@ -163,7 +163,7 @@ class Astrometry(Frozen):
             if entry.name not in ("covariance", "notes")
         }
         covariance = np.concatenate([self.covariance, other.covariance])
-        return Astrometry(**joined, covariance=covariance, notes=merge_notes(self.notes, other.notes))
+        return AstrometryRows(**joined, covariance=covariance, notes=merge_notes(self.notes, other.notes))
 
     @property
     def catalogues(self) -> tuple[str, ...]:

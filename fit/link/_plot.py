@@ -1,0 +1,59 @@
+"""Figures of links between frames."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled
+
+
+@styled
+def plot_link(solution: Any, *, ax: Any = None) -> Any:
+    """Orientation and spin against magnitude with 68 %, and influence and distance of each source."""
+    vectors = [each for each in ("orientation", "spin") if each in solution.unknowns.vectors]
+    drawn = panels(ax, len(vectors) + 1, 1, size=(WIDTH, 2.2 * (len(vectors) + 1)))
+    known = solution.magnitude[np.isfinite(solution.magnitude)]
+    low, high = (known.min() - 0.3, known.max() + 0.3) if known.size else (10.0, 20.0)
+    edges = [low, *(s for s in sorted(solution.unknowns.steps) if low < s < high), high]
+    for axes, vector in zip(drawn, vectors, strict=False):
+        for k, axis in enumerate("xyz"):
+            for start, end in pairwise(edges):
+                # A step belongs to what is fainter.
+                grid = np.linspace(start, np.nextafter(end, -np.inf), 30)
+                colour = 1.0 if solution.unknowns.colour_order else None
+                each = [solution.vector(vector, float(g), colour) for g in grid]
+                value = np.array([v.value[k] for v in each])
+                sigma = np.array([v.sigma[k] for v in each])
+                axes.fill_between(grid, value - sigma, value + sigma, color=COLOURS[k], alpha=0.2, linewidth=0)
+                axes.plot(grid, value, color=COLOURS[k], label=axis if start == edges[0] else None)
+        axes.axhline(0, color="0.6", lw=0.6)
+        axes.plot(known, np.full(known.size, 0.02), "|", color="0.4", ms=6, transform=axes.get_xaxis_transform())
+        axes.set_ylabel(f"{vector}  [{'µas' if vector == 'orientation' else 'µas/yr'}]")
+        axes.set_xlabel("magnitude")
+    legend_above(drawn[0], 3)
+    axes = drawn[len(vectors)]
+    influence = np.abs(solution.influence).max(1)
+    axes.scatter(solution.distances, influence, c=solution.outlier, cmap="viridis", vmin=0, vmax=1, s=14)
+    for i in np.argsort(-influence)[:3]:
+        axes.annotate(
+            solution.sources[i], (solution.distances[i], influence[i]), textcoords="offset points", xytext=(4, 3),
+            fontsize="x-small",
+        )  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_xlabel("distance of a source from the fit, in errors as quoted  (bright: likely an outlier)")
+    axes.set_ylabel("influence, in errors")
+    return drawn
+
+
+@styled
+def plot_plan(plan: Any, *, ax: Any = None) -> Any:
+    """Errors of the parameters after each candidate, in those of today."""
+    (axes,) = panels(ax, size=(WIDTH, 3.0))
+    number = np.arange(len(plan.candidates) + 1)
+    for k, name in enumerate(plan.names):
+        axes.plot(number, np.r_[1, plan.sigma[:, k] / plan.before[k]], color=COLOURS[k % len(COLOURS)], label=name)
+    axes.set_xlabel("candidates observed, the best first")
+    axes.set_ylabel("error, in that of today")
+    legend_above(axes, min(6, len(plan.names)))
+    return axes

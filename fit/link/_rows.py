@@ -1,0 +1,231 @@
+"""What rows of several catalogues tell of frames whatever the sources' true parameters are."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fit.link._unknowns import Unknowns
+from vsh.sky.astrometry import AstrometryRows
+from vsh.sky.propagation import earth, propagate
+from vsh.sky.sphere import triad
+from vsh.tools.errors import DegeneracyError, FieldError
+from vsh.tools.notes import printable
+from vsh.tools.types import FloatArray, IntArray
+from vsh.tools.units import UAS
+from vsh.vector import Vector
+
+#: Singular values of a source's whitened equations below so much of the largest are none.
+_RANK = 1e-9
+#: Positions farther from what was expected than so much are of another source. [rad]
+_FAR = np.radians(1 / 60)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Differences that hold no true parameter, of unit variance and independent of each other.
+
+    Attributes
+    ----------
+    design, rhs : (m, p) and (m,) arrays
+        rhs = design · x + noise.
+    source : (m,) int array
+        Of which source each is.
+    names : tuple of str
+        Of the sources that tell anything.
+    magnitude : (n,) array
+    rows : (n,) int array
+        How many rows of the catalogues each source has.
+    log_determinant : float
+        Half of that of the covariances of the differences: what unit variance leaves out of a likelihood.
+    """
+
+    design: FloatArray
+    rhs: FloatArray
+    source: IntArray
+    names: tuple[str, ...]
+    magnitude: FloatArray
+    rows: IntArray
+    log_determinant: float
+
+    @property
+    def dims(self) -> IntArray:
+        """How many differences each source has."""
+        return np.bincount(self.source, minlength=len(self.names))
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Equations of every row, before true parameters are eliminated.
+
+    Attributes
+    ----------
+    rows : tuple of (j, ) int arrays
+        The rows of the astrometry that each source has.
+    residual : (n, 5), design : (n, 5, p), truth : (n, 5, 5) arrays
+        Of each row: measured less expected, and derivatives by the frame and by the source's true parameters.
+    data : AstrometryRows
+    """
+
+    rows: tuple[IntArray, ...]
+    residual: FloatArray
+    design: FloatArray
+    truth: FloatArray
+    data: AstrometryRows
+
+    def eliminated(self, excess: float = 0.0, across: float = 1.0, reference: str = "") -> Rows:
+        """The differences that are left, with an offset of `excess` between the reference and the others added.
+
+        Along the jet where there is one and `across` times as much across it, the same in all rows of the reference.
+        """
+        designs, rhs, sources, names, magnitudes, counts = [], [], [], [], [], []
+        log_determinant = 0.0
+        measured = self.data.measured
+        for rows in self.rows:
+            keep = measured[rows]
+            sigma = np.zeros((keep.sum(),) * 2)
+            at = 0
+            for row, mask in zip(rows, keep, strict=True):
+                size = int(mask.sum())
+                sigma[at : at + size, at : at + size] = self.data.covariance[row][np.ix_(mask, mask)]
+                at += size
+            if excess:
+                offset = np.zeros((len(rows), 5, 2))
+                jet = self.data.jet[rows][np.isfinite(self.data.jet[rows])]
+                angle, ratio = (jet[0], across) if jet.size else (0.0, 1.0)
+                theirs = self.data.catalogue[rows] == reference
+                sin, cos = np.sin(angle), np.cos(angle)
+                offset[theirs, :2] = excess * np.array([[sin, ratio * cos], [cos, -ratio * sin]])
+                flat = offset[keep]
+                sigma += flat @ flat.T
+            factor = np.linalg.cholesky(sigma)
+            a, y = (np.linalg.solve(factor, each[rows][keep]) for each in (self.design, self.residual))
+            size = np.log(np.diag(factor)).sum()
+            m = self.truth[rows][keep]
+            length = np.linalg.norm(m, axis=0)
+            m = np.linalg.solve(factor, m[:, length > 0] / length[length > 0])
+            if m.shape[1]:
+                u, s, _ = np.linalg.svd(m)
+                s = s[s > _RANK * s[0]]
+                left = u[:, len(s) :].T
+                a, y = left @ a, left @ y
+                size += np.log(s).sum()
+            tells = np.abs(a).max() > 0 if a.size else False
+            if tells:
+                designs.append(a)
+                rhs.append(y)
+                sources.append(np.full(len(y), len(names)))
+                names.append(str(self.data.name[rows[0]]))
+                known = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
+                magnitudes.append(known[0] if known.size else np.nan)
+                counts.append(len(rows))
+                log_determinant += size
+        if not names:
+            raise DegeneracyError(
+                "no source tells anything of the frame: none is in two catalogues, and none is a quasar with a motion"
+            )
+        return Rows(
+            np.concatenate(designs), np.concatenate(rhs), np.concatenate(sources), tuple(names), np.array(magnitudes),
+            np.array(counts), float(log_determinant),
+        )  # fmt: skip
+
+
+def equations(
+    data: AstrometryRows,
+    unknowns: Unknowns,
+    *,
+    fixed: Mapping[str, float],
+    aberration: Vector | None,
+    parallax: bool = True,
+    light_time: bool = True,
+) -> tuple[Equations, tuple[str, ...]]:
+    """Expected parameters of each row from the best-known ones of its source, and what is left; with notes."""
+    number, n = data.source, len(data)
+    order = np.argsort(number, kind="stable")
+    groups = tuple(np.split(order, np.flatnonzero(np.diff(number[order])) + 1))
+    # The colour and the magnitude of a source are those of any of its rows.
+    values = {role: np.full(n, np.nan) for role in ("magnitude", "colour", "radial_velocity")}
+    start = np.zeros((5, n))
+    epoch = np.zeros(n)
+    still = np.zeros(n, bool)
+    measured = data.measured
+    for rows in groups:
+        for role, column in values.items():
+            known = getattr(data, role)[rows]
+            known = known[np.isfinite(known)]
+            column[rows] = known[0] if known.size else np.nan
+        still[rows] = data.still[rows].any()
+        first = rows[np.argmax(measured[rows].sum(1) + 0.5 * np.isfinite(data.lon[rows]))]
+        if not np.isfinite(data.lon[first]):
+            raise FieldError(f"no row of {printable(data.name[first])} has a position, if without an error")
+        start[0, rows], start[1, rows], epoch[rows] = data.lon[first], data.lat[first], data.epoch[first]
+        if not still[rows[0]]:
+            for k in (2, 3, 4):
+                with_it = rows[np.isfinite(data.values[k, rows])]
+                place = first if np.isfinite(data.values[k, first]) else with_it[0] if with_it.size else -1
+                start[k, rows] = data.values[k, place] if place >= 0 else 0.0
+    notes = _moving_without_velocity(data, values["radial_velocity"], still)
+    later, jacobian = propagate(
+        start, np.nan_to_num(values["radial_velocity"]), epoch, data.epoch, light_time=light_time
+    )
+    p, q, r = triad(later[0], later[1])
+    _, _, there = triad(np.where(measured[:, 0], data.lon, later[0]), np.where(measured[:, 0], data.lat, later[1]))
+    if (np.sum(there * r, 0) < np.cos(_FAR)).any():
+        bad = np.flatnonzero(np.sum(there * r, 0) < np.cos(_FAR))
+        raise FieldError(
+            f"positions more than 1' from where the source should be: {len(bad)} ({data.name[bad[0]]} in "
+            f"{data.catalogue[bad[0]]}, row {bad[0]}): names that are given twice, or a wrong epoch or motion"
+        )
+    residual = np.stack(
+        [np.sum(p * there, 0) / UAS, np.sum(q * there, 0) / UAS, data.parallax - later[2], *(data.motion - later[3:])]
+    ).T
+    truth = jacobian.copy()
+    truth[still, :, 2:] = 0.0
+    if parallax and (data.displaced & measured[:, 0]).any():
+        b = earth(data.epoch)
+        factors = -np.stack([np.sum(p * b, 0), np.sum(q * b, 0)])
+        factors[:, ~data.displaced] = 0.0
+        residual[:, :2] -= (factors * later[2]).T
+        truth[:, :2, 2] += factors.T * np.where(still, 0.0, 1.0)[:, None]
+    functions = unknowns.functions(values["magnitude"], values["colour"])
+    design = np.zeros((n, 5, len(unknowns.names)))
+    for catalogue in data.catalogues:
+        mine = data.catalogue == catalogue
+        design[mine] = unknowns.design(later[0, mine], later[1, mine], data.epoch[mine], functions[:, mine], catalogue)
+    if np.isnan(design).any():
+        lost = data.name[np.isnan(design).any((1, 2))]
+        raise FieldError(
+            f"{len(np.unique(lost))} sources have no magnitude or colour, which the frame is to depend on: {lost[0]} "
+            "for one"
+        )
+    # Apparent motions follow the acceleration of the Solar System. A catalogue that is fixed to calibrators at an
+    # epoch does not: there stars move against it.
+    shift = np.zeros((n, 5, 3))
+    axes = np.stack([p.T, q.T], 1)
+    quasars = still & measured[:, 3]
+    shift[quasars, 3:] += axes[quasars]
+    shift[still, :2] += (data.epoch - epoch)[still, None, None] * axes[still]
+    for catalogue, when in fixed.items():
+        mine = data.catalogue == catalogue
+        shift[mine & ~still, :2] -= (data.epoch - when)[mine & ~still, None, None] * axes[mine & ~still]
+        shift[mine & ~still, 3:] -= axes[mine & ~still]
+    if "acceleration" in unknowns.vectors:
+        design[:, :, -3:] = shift
+    elif aberration is not None:
+        residual -= shift @ aberration.to_frame("icrs").value
+    residual[~measured] = 0.0
+    return Equations(groups, residual, design, truth, data), notes
+
+
+def _moving_without_velocity(data, velocity, still):
+    """A note on fast stars near us whose radial velocity is not known."""
+    with np.errstate(invalid="ignore"):
+        # Perspective acceleration of 50 km/s over twenty years, 2 µ v ϖ t / A. [µas/yr]
+        change = np.hypot(*data.motion) * 50 * data.parallax * UAS * 2 * 20 / 4.74047
+        doubtful = np.unique(data.name[~still & np.isnan(velocity) & (change > 20)])
+    if not doubtful.size:
+        return ()
+    return (
+        f"warning: {doubtful.size} near, fast stars without a radial velocity, {doubtful[0]} for one: 50 km/s change "
+        "their motion by more than 20 µas/yr in twenty years",
+    )

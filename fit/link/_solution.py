@@ -1,0 +1,262 @@
+"""A link of frames: orientation and spin at any magnitude, and what each source has to do with it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fit.link._likelihood import Node, mixed
+from fit.link._rows import Rows
+from fit.link._unknowns import VECTORS, Unknowns
+from fit.named import NamedSolution
+from fit.quality import f_p_value, printed_p_value
+from vsh.io import tables
+from vsh.tools.errors import ParameterError
+from vsh.tools.notes import note_lines
+from vsh.tools.types import FloatArray, IntArray, Table
+from vsh.vector import Vector
+
+#: Sources that the report lists, of the most doubtful and of the most influential.
+_LISTED = 8
+
+
+@dataclass(frozen=True, eq=False)
+class LinkSolution(NamedSolution):
+    """Orientation and spin of catalogues against a reference.
+
+    Attributes
+    ----------
+    names, values, covariance, chi2, n_data, frame, notes
+        As a `NamedSolution`'s: `epsilon_x` … [µas] and `omega_x` … [µas/yr], with a jump or a power in brackets and
+        the catalogue before a colon where there are several. χ² is that of errors as quoted.
+    unknowns : Unknowns
+    reference : str
+    sources : tuple of str
+        The sources that tell anything of the frame.
+    magnitude : (n,) array
+        Their magnitudes.
+    rows : (n,) int array
+        How many rows of the catalogues each has.
+    distances : (n,) array
+        √χ² of each per difference, by errors as quoted.
+    outlier : (n,) array
+        Probability that its errors are more than three times those of the others.
+    influence : (n, p) array
+        By how many errors each parameter would change without it.
+    tails : float
+        Degrees of freedom ν of Student's t where the posterior is highest; 1e6 is a normal distribution.
+    scale : float
+        By which errors were multiplied there, with outliers counted apart.
+    excess : float
+        Offset between the reference's and other positions. [µas]
+    information : (p, p) array
+        What one source tells of the parameters, in the mean.
+    """
+
+    unknowns: Any = None
+    reference: str = ""
+    sources: tuple[str, ...] = ()
+    magnitude: FloatArray = None  # type: ignore[assignment]
+    rows: IntArray = None  # type: ignore[assignment]
+    distances: FloatArray = None  # type: ignore[assignment]
+    outlier: FloatArray = None  # type: ignore[assignment]
+    influence: FloatArray = None  # type: ignore[assignment]
+    tails: float = 1e6
+    scale: float = 1.0
+    excess: float = 0.0
+    information: FloatArray = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return (
+            f"<LinkSolution: {', '.join(self.unknowns.turned)} against {self.reference}, {len(self.sources)} sources>"
+        )
+
+    def vector(
+        self, name: str, magnitude: float | None = None, colour: float | None = None, catalogue: str | None = None
+    ) -> Vector:
+        """Orientation, spin or acceleration, at a magnitude and a colour.
+
+        Parameters
+        ----------
+        name : str
+            "orientation", "spin" or "acceleration".
+        magnitude, colour : float, optional
+            The constant terms alone unless given.
+        catalogue : str, optional
+            Whose; the one that is turned, or the first of several, unless given.
+
+        Raises
+        ------
+        ParameterError
+            If the vector was not sought, or the catalogue is not turned.
+        """
+        whose = catalogue or (self.unknowns.turned[0] if self.unknowns.turned else "")
+        if name not in self.unknowns.vectors or (name != "acceleration" and whose not in self.unknowns.turned):
+            raise ParameterError(f"the {name} of {whose} was not sought: {', '.join(self.unknowns.vectors)} were")
+        a = self.unknowns.combination(name, whose, magnitude, colour)
+        return Vector(a @ self.values, a @ self.covariance @ a.T, self.frame, VECTORS[name][1])
+
+    def jump(self, step: float, vector: str = "spin", catalogue: str | None = None) -> tuple[Vector, float]:
+        """The jump at a magnitude, and the probability of as large a one by chance.
+
+        Parameters
+        ----------
+        step : float
+            One of the steps that were sought.
+        vector : str
+            "orientation" or "spin".
+        catalogue : str, optional
+            As for `vector`.
+
+        Raises
+        ------
+        ParameterError
+            If no such step was sought.
+        """
+        if step not in self.unknowns.steps:
+            raise ParameterError(
+                f"no step at {step:g} was sought: {', '.join(map(str, self.unknowns.steps)) or 'none'}"
+            )
+        above = self.unknowns.combination(vector, catalogue or self.unknowns.turned[0], step)
+        below = self.unknowns.combination(vector, catalogue or self.unknowns.turned[0], np.nextafter(step, -np.inf))
+        a = above - below
+        value, covariance = a @ self.values, a @ self.covariance @ a.T
+        size = value @ np.linalg.solve(covariance, value)
+        return Vector(value, covariance, self.frame, VECTORS[vector][1]), f_p_value(float(size), 3, self.dof)
+
+    @property
+    def quiet_epoch(self) -> float:
+        """The epoch at which orientation and spin are correlated least, of the first catalogue. [Julian year]"""
+        if not {"orientation", "spin"} <= set(self.unknowns.vectors):
+            return self.unknowns.epoch
+        one, two = (self.unknowns.combination(each, self.unknowns.turned[0]) for each in ("orientation", "spin"))
+        return self.unknowns.epoch - float(
+            np.trace(one @ self.covariance @ two.T) / np.trace(two @ self.covariance @ two.T)
+        )
+
+    def at_epoch(self, epoch: float, magnitude: float | None = None, catalogue: str | None = None) -> Vector:
+        """The orientation at an epoch.
+
+        Parameters
+        ----------
+        epoch : float
+            [Julian year]
+        magnitude, catalogue
+            As for `vector`.
+        """
+        whose = catalogue or self.unknowns.turned[0]
+        a = self.unknowns.combination("orientation", whose, magnitude)
+        if "spin" in self.unknowns.vectors:
+            a = a + (epoch - self.unknowns.epoch) * self.unknowns.combination("spin", whose, magnitude)
+        return Vector(a @ self.values, a @ self.covariance @ a.T, self.frame, "µas")
+
+    def with_more(self, count: int) -> FloatArray:
+        """Errors that the parameters would have with so many more sources like these, (p,).
+
+        Parameters
+        ----------
+        count : int
+            How many more.
+        """
+        return np.sqrt(np.diag(np.linalg.inv(np.linalg.inv(self.covariance) + count * self.information)))
+
+    def report(self) -> str:
+        """The link as text."""
+        unknowns = self.unknowns
+        n, several = len(self.sources), int(np.sum(self.outlier > 0.5))
+        lines = [
+            f"{', '.join(unknowns.turned) or self.reference} against {self.reference}: {n} sources, {self.n_data} "
+            f"differences free of their own positions, parallaxes and motions ({self.frame} axes)",
+            "turned by ε + ω (t − "
+            f"{unknowns.epoch:g}): Δα* = q·ε, Δδ = −p·ε, turned less reference; ICRF3's R1, R2, R3 are −ε",
+            f"{'':24}{'value':>12}{'±':>10}",
+        ]
+        for name, value, sigma in zip(self.names, self.values, self.sigma, strict=True):
+            unit = "µas" if "epsilon" in name else "µas/yr"
+            lines.append(f"{name:24}{value:+12.2f}{sigma:10.2f} {unit}")
+        for catalogue in unknowns.turned:
+            for step in unknowns.steps:
+                for vector in ("orientation", "spin"):
+                    if vector in unknowns.vectors:
+                        _, p = self.jump(step, vector, catalogue)
+                        lines.append(
+                            f"jump of the {vector} of {catalogue} at {step:g} mag: p = {printed_p_value(p)} of as much "
+                            "by chance"
+                        )
+        if {"orientation", "spin"} <= set(unknowns.vectors):
+            quiet = self.quiet_epoch
+            if abs(quiet - unknowns.epoch) > 0.05:
+                there = self.at_epoch(quiet)
+                each = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(there.value, there.sigma, strict=True))
+                lines.append(f"orientation at {quiet:.1f}, where it is independent of the spin: {each} µas")
+        lines.append(f"χ²/dof by errors as quoted {self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g}")
+        tails = "normal" if self.tails > 1e5 else f"Student's t, ν = {self.tails:g}"
+        lines.append(f"errors: {tails}, times {self.scale:.3g}, both found from the data and in the errors above")
+        if self.excess:
+            lines.append(f"offset of positions of {self.reference}: {self.excess:.3g} µas a coordinate")
+        lines.append(
+            f"with 10 more such sources errors would be {np.mean(self.with_more(10) / self.sigma):.2f} of these"
+        )
+        lines.append(
+            f"probable outliers: {several} of {n}" + (" (errors more than three times as large)" * (several > 0))
+        )
+        order = np.argsort(-self.outlier, kind="stable")[: max(several, 3)][:_LISTED]
+        lines += [
+            f"  {self.sources[i]:24} P = {self.outlier[i]:.2f}, {self.distances[i]:.1f} errors as quoted" for i in order
+        ]
+        largest = np.abs(self.influence).max(1)
+        lines.append("most influence on a parameter, in its errors, were it left out:")
+        for i in np.argsort(-largest, kind="stable")[:3]:
+            worst = int(np.abs(self.influence[i]).argmax())
+            lines.append(f"  {self.sources[i]:24} {self.influence[i, worst]:+.2f} of {self.names[worst]}")
+        return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    def sources_table(self) -> Table:
+        """A row for each source: magnitude, rows, distance, probability of an outlier, influence; an astropy Table."""
+        columns: dict[str, Any] = {
+            "source": np.array(self.sources, dtype=str), "magnitude": self.magnitude, "rows": self.rows,
+            "distance": self.distances, "outlier": self.outlier, "influence": np.abs(self.influence).max(1),
+        }  # fmt: skip
+        columns["on"] = np.array(self.names, dtype=str)[np.abs(self.influence).argmax(1)]
+        return tables.table_of(columns, {"frame": self.frame, "reference": self.reference})
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """Orientation and spin against magnitude, and influence and distance of the sources."""
+        from fit.link._plot import plot_link
+
+        return plot_link(self, ax=ax)
+
+
+def made(
+    listed: Sequence[Node],
+    rows: Rows,
+    prior: tuple[FloatArray, FloatArray],
+    unknowns: Unknowns,
+    reference: str,
+    notes: tuple[str, ...],
+) -> LinkSolution:
+    """The solution of nodes of the likelihood, with what each source has to do with it."""
+    values, covariance, share = mixed(listed)
+    best = listed[int(np.argmax(share))]
+    outlier = np.sum([w * each.outlier for w, each in zip(share, listed, strict=True)], axis=0)
+    d, p = rows.dims, len(values)
+    left = rows.rhs - rows.design @ values
+    size = np.bincount(rows.source, left**2, minlength=len(d))
+    # Without a source, to first order in its weight: exact for least squares.
+    matrix = np.linalg.inv(covariance)
+    influence = np.zeros((len(d), p))
+    sigma = np.sqrt(np.diag(covariance))
+    for i in range(len(d)):
+        mine = rows.source == i
+        a = rows.design[mine]
+        without = matrix - best.weight[i] * a.T @ a
+        pull = best.weight[i] * a.T @ left[mine]
+        influence[i] = -np.linalg.lstsq(without, pull, rcond=1e-12)[0] / sigma
+    information = (matrix - prior[0]) / len(d)
+    return LinkSolution(
+        unknowns.names, values, covariance, float(size.sum()), len(rows.rhs), "icrs", notes,
+        unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude, rows=rows.rows,
+        distances=np.sqrt(size / d), outlier=outlier, influence=influence, tails=best.tails, scale=best.scale,
+        excess=best.excess, information=information,
+    )  # fmt: skip

@@ -1,0 +1,163 @@
+"""Radio stars and quasars as Gaia and VLBI see them, in frames that are turned by a known amount."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from sim.noise import parallax_error
+from vsh.sky.astrometry import AstrometryRows
+from vsh.sky.propagation import earth, propagate
+from vsh.sky.sphere import triad
+from vsh.tools import arguments
+from vsh.tools.arguments import generator
+from vsh.tools.types import FloatArray, Rng
+from vsh.tools.units import AU_PER_YEAR, UAS
+from vsh.vector import Vector
+
+#: Gaia's errors in units of that of the parallax: α*, δ, ϖ, µ_α*, µ_δ (Lindegren et al. 2021, A&A 649, A2).
+_GAIA = np.array([0.8, 0.75, 1.0, 1.03, 0.9])
+#: Errors of VLBI: median position [µas], parallax [µas], motion times the span [µas], and their spread in dex.
+_VLBI, _DEX = np.array([120.0, 120.0, 60.0, 180.0, 180.0]), 0.3
+#: Epochs that VLBI was made at, and spans of it. [yr]
+_EPOCHS, _SPANS = (1992.0, 2018.0), (1.0, 8.0)
+#: Orbits of binaries: offsets of position [µas] and of motion [µas/yr], each coordinate.
+_ORBIT = 1500.0, 700.0
+_GAIA_EPOCH, _FIXED = 2016.0, 2015.0
+
+
+@arguments.accepts(rng=arguments.seed, n=arguments.whole, epochs=arguments.whole)
+def link(
+    rng: Rng,
+    n: int = 40,
+    *,
+    orientation: Any = (0.0, 0.0, 0.0),
+    spin: Any = (0.0, 0.0, 0.0),
+    jump: Any = (0.0, 0.0, 0.0),
+    step: float = 13.0,
+    frame: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = None,
+    binaries: float = 0.1,
+    single: float = 0.0,
+    epochs: int = 4,
+    quasars: int = 0,
+    offset: float = 0.0,
+    wrong: float = 1.0,
+    tails: float = np.inf,
+    aberration: Vector | None = None,
+) -> AstrometryRows:
+    """Simulate stars with radio emission, and quasars, in the catalogues "gaia" and "vlbi".
+
+    Parameters
+    ----------
+    rng : Generator or int
+        The source of all randomness.
+    n : int
+        Stars, of G = 4 to 17 mag.
+    orientation, spin : (3,) arrays
+        Of Gaia's frame against VLBI's at 2016.0, for stars and quasars brighter than `step`. [µas, µas/yr]
+    jump : (3,) array
+        What the spin of those that are fainter is more. [µas/yr]
+    step : float
+        [mag]
+    frame : callable, optional
+        From magnitudes (k,) to orientation and spin, (3, k) each, in place of these four.
+    binaries : float
+        Share of stars whose VLBI position and motion are off by an orbit.
+    single : float
+        Share of stars that VLBI saw at single epochs, their positions displaced by the parallax.
+    epochs : int
+        How many of these each has.
+    quasars : int
+        Quasars that have positions in both, of G = 15 to 20.5.
+    offset : float
+        Standard deviation of what radio and optical positions of quasars are apart, a coordinate. [µas]
+    wrong : float
+        By how much all errors are larger than quoted.
+    tails : float
+        Degrees of freedom of Student's t that errors of a source are drawn from.
+    aberration : Vector, optional
+        Acceleration of the Solar System, which VLBI of stars does not see: its calibrators stand still from 2015.0 on.
+
+    Returns
+    -------
+    AstrometryRows
+    """
+    rng = generator(rng)
+    total = n + quasars
+    still = np.arange(total) >= n
+    lon, lat = rng.uniform(0, 2 * np.pi, total), np.arcsin(rng.uniform(-1, 1, total))
+    magnitude = np.where(still, rng.uniform(15, 20.5, total), rng.uniform(4, 17, total))
+    parallax = np.where(still, 0.0, 1e6 / 10 ** rng.uniform(1.2, 3.2, total))
+    motion = np.where(still, 0.0, 20 / AU_PER_YEAR * parallax * rng.standard_normal((2, total)))
+    velocity = np.where(still, 0.0, 20 * rng.standard_normal(total))
+    drift = np.zeros(3) if aberration is None else aberration.to_frame("icrs").value
+    p, q, _ = triad(lon, lat)
+    motion += np.where(still, np.stack([drift @ p, drift @ q]), 0.0)
+    if frame is None:
+        turned = np.tile(np.asarray(orientation, float)[:, None], total)
+        turning = np.asarray(spin, float)[:, None] + np.asarray(jump, float)[:, None] * (magnitude >= step)
+    else:
+        turned, turning = frame(magnitude)
+    truth = np.vstack([lon, lat, parallax, motion])
+    size = wrong * np.ones(total)
+    if np.isfinite(tails):
+        size /= np.sqrt(rng.chisquare(tails, total) / tails)
+    orbit = np.zeros((5, total))
+    double = ~still & (rng.uniform(size=total) < binaries)
+    orbit[:2] = _ORBIT[0] * rng.standard_normal((2, total)) * double + offset * rng.standard_normal((2, total)) * still
+    orbit[3:] = _ORBIT[1] * rng.standard_normal((2, total)) * double
+
+    sigma = _GAIA[:, None] * parallax_error(np.maximum(magnitude, 9.0))
+    root = np.linalg.cholesky(np.eye(5) + 0.3 * (np.ones((5, 5)) - np.eye(5)))
+    gaia = sigma * (root @ rng.standard_normal((5, total))) * size
+    gaia[:2] += np.stack([np.sum(q * turned, 0), -np.sum(p * turned, 0)])
+    gaia[3:] += np.stack([np.sum(q * turning, 0), -np.sum(p * turning, 0)])
+    covariance = (root @ root.T)[None] * sigma.T[:, :, None] * sigma.T[:, None, :]
+    rows = [(np.arange(total), np.full(total, _GAIA_EPOCH), "gaia", truth, gaia, covariance)]
+
+    spread = 10 ** (_DEX * rng.standard_normal(total))
+    once = ~still & (rng.uniform(size=total) < single)
+    when = np.where(still, _FIXED, rng.uniform(*_EPOCHS, total))
+    sigma = _VLBI[:, None] * spread
+    sigma[3:] /= rng.uniform(*_SPANS, total)
+    for k in range(epochs if once.any() else 1):
+        chosen = np.flatnonzero(once if k else np.ones(total, bool))
+        t = (when + np.where(once, k * 0.37, 0.0))[chosen]
+        later, _ = propagate(truth[:, chosen], velocity[chosen], _GAIA_EPOCH, t)
+        east, north, _ = triad(later[0], later[1])
+        error = sigma[:, chosen] * rng.standard_normal((5, len(chosen))) * size[chosen] + orbit[:, chosen]
+        error[:2] += orbit[3:, chosen] * (t - _GAIA_EPOCH)
+        alone = once[chosen]
+        b = earth(t)
+        error[:2] -= alone * later[2] * np.stack([np.sum(east * b, 0), np.sum(north * b, 0)])
+        fixed = ~still[chosen]
+        error[:2] -= fixed * (t - _FIXED) * np.stack([drift @ east, drift @ north])
+        error[3:] -= fixed * np.stack([drift @ east, drift @ north])
+        variance = sigma[:, chosen] ** 2
+        variance[2:, alone | still[chosen]] = np.nan
+        later[2:, alone | still[chosen]] = np.nan
+        rows.append((chosen, t, "vlbi", later, error, variance.T[:, :, None] * np.eye(5)))
+    return _rows(rows, magnitude, velocity, still)
+
+
+def _rows(rows, magnitude, velocity, still):
+    """Rows of both catalogues, errors added to what is true."""
+    parts: dict[str, list[Any]] = {}
+    for chosen, t, label, values, error, covariance in rows:
+        p, q, r = triad(values[0], values[1])
+        x, y, z = r + UAS * (p * error[0] + q * error[1])
+        names = np.where(still[chosen], "quasar ", "star ").astype(object) + chosen.astype(str)
+        measured = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
+        columns = {
+            "name": names.astype(str), "catalogue": np.full(len(chosen), label), "epoch": t,
+            "lon": np.arctan2(y, x) % (2 * np.pi), "lat": np.arctan2(z, np.hypot(x, y)),
+            "parallax": values[2] + error[2], "motion": values[3:] + error[3:],
+            "covariance": np.where(measured[:, :, None] & measured[:, None, :], covariance, np.nan),
+            "radial_velocity": velocity[chosen], "magnitude": magnitude[chosen], "still": still[chosen],
+        }  # fmt: skip
+        for name, column in columns.items():
+            parts.setdefault(name, []).append(column)
+    joined: dict[str, Any] = {
+        name: np.concatenate(each, axis=1 if name == "motion" else 0) for name, each in parts.items()
+    }
+    return AstrometryRows(**joined)
