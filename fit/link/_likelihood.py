@@ -1,11 +1,12 @@
-"""Student's t over sources: the frame with the heaviness of the tails and the size of the errors found from the data.
+"""Heavy tails over sources: the frame with the share of outliers and the size of the errors found from the data.
 
-The differences of a source, d of them, are independent and of unit variance but for a factor s²/u: s common to all
-sources, u of the source, drawn from a Gamma distribution with mean 1 and ν degrees of freedom. That is Student's t in d
-dimensions (Lange, Little & Taylor 1989, JASA 84, 881); a source that is a binary has a small u, in all its rows.
+The differences of a source, d of them, are independent and of unit variance but for a factor that is the source's own:
+s²/u, with s common to all and u drawn from a Gamma distribution of mean 1 and ν degrees of freedom, which is Student's
+t in d dimensions (Lange, Little & Taylor 1989, JASA 84, 881); and, for a share f of sources, κ² times that. Binaries
+are off in all their rows at once. The answer is the mean over ν, s, f and κ by their evidence (Laplace's method).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,19 +16,71 @@ from scipy.special import gammainc, gammaln, logsumexp
 from fit.link._rows import Rows
 from vsh.tools.types import FloatArray
 
-#: Degrees of freedom that are tried; the last is as good as a normal distribution.
+#: Degrees of freedom that are tried without outliers apart, and with; the largest is as good as a normal distribution.
 TAILS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0, 1e6)
+_TAILS_BESIDE = (3.0, 8.0, 1e6)
+#: Shares of outliers, and how many times larger their errors are.
+_SHARES, _TIMES = (0.05, 0.12, 0.25), (4.0, 12.0, 40.0)
 #: Sizes of errors around the best, in errors of its logarithm.
 _AROUND = np.arange(-3.0, 3.01)
-#: An outlier's errors are so many times the others'.
+#: An outlier's errors are more than so many times the others'.
 OUTLIER = 3.0
+
+
+@dataclass(frozen=True)
+class Tails:
+    """ν, the share f of outliers, and κ, how many times larger their errors are."""
+
+    nu: float
+    share: float = 0.0
+    times: float = 1.0
+
+    def logs(self, size: FloatArray, d: FloatArray, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """ln of the density of each source by its χ², −2 × the first and −4 × the second derivative by χ²."""
+        nu = self.nu
+        parts, firsts, seconds = [], [], []
+        for share, scale in self._parts(s):
+            inner = nu * scale**2 + size
+            parts.append(
+                np.log(share) + gammaln((nu + d) / 2) - gammaln(nu / 2)
+                - d / 2 * np.log(np.pi * nu * scale**2) - (nu + d) / 2 * np.log1p(size / (nu * scale**2))
+            )  # fmt: skip
+            firsts.append(-(nu + d) / 2 / inner)
+            seconds.append((nu + d) / 2 / inner**2)
+        total = logsumexp(parts, axis=0)
+        each = np.exp(np.array(parts) - total)
+        first = np.sum(each * firsts, 0)
+        second = np.sum(each * (np.array(seconds) + np.square(firsts)), 0) - first**2
+        return total, -2 * first, -4 * second
+
+    def outlier(self, size: FloatArray, d: FloatArray, s: float) -> FloatArray:
+        """Probability that a source's errors are more than OUTLIER times s."""
+        nu, parts, beyond = self.nu, [], []
+        for share, scale in self._parts(s):
+            parts.append(np.log(share) - d * np.log(scale) - (nu + d) / 2 * np.log1p(size / (nu * scale**2)))
+            limit = (scale / s / OUTLIER) ** 2
+            beyond.append(gammainc((nu + d) / 2, (nu + size / scale**2) / 2 * limit))
+        each = np.exp(np.array(parts) - logsumexp(parts, axis=0))
+        return np.sum(each * np.array(beyond), 0)
+
+    def _parts(self, s):
+        """Share and size of errors of the good and of the outliers."""
+        return [(1 - self.share, s), (self.share, s * self.times)] if self.share else [(1.0, s)]
+
+
+NORMAL = Tails(TAILS[-1])
+#: All that are tried, from normal errors to the heaviest tails.
+FAMILIES = (
+    *(Tails(nu) for nu in reversed(TAILS)),
+    *(Tails(nu, share, times) for times in _TIMES for share in _SHARES for nu in reversed(_TAILS_BESIDE)),
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """The frame at one ν and s: where its posterior is highest, its covariance there, and ln of the evidence."""
+    """The frame at one kind of tails and size of errors: where its posterior is highest, with ln of the evidence."""
 
-    tails: float
+    tails: Tails
     scale: float
     values: FloatArray
     covariance: FloatArray
@@ -39,50 +92,45 @@ class Node:
 
 
 def nodes(
-    rows: Rows, prior: tuple[FloatArray, FloatArray], tails: Sequence[float] = TAILS, scale: float | None = None
-) -> list[Node]:
-    """The frame at a grid of ν and of s around the best of each; `scale` is given where it is not sought."""
+    rows: Rows, prior: tuple[FloatArray, FloatArray], families: Sequence[Tails] = FAMILIES, scale: float | None = None
+) -> Iterator[Node]:
+    """The frame for each kind of tails, and sizes of errors around the best; `scale` where that is not sought."""
     d = rows.dims
     values = np.zeros(rows.design.shape[1])
-    listed = []
-    for nu in reversed(sorted(tails)):
-        values, best = _best(rows, prior, nu, values, scale)
-        spread = np.sqrt((nu + d.mean() + 2) / nu / (2 * d.sum())) if scale is None else 0.0
+    for tails in families:
+        values, best = _best(rows, prior, tails, values, scale)
+        spread = np.sqrt((tails.nu + d.mean() + 2) / tails.nu / (2 * d.sum())) if scale is None else 0.0
         for step in _AROUND if scale is None else (0.0,):
-            s = best * np.exp(step * spread)
-            values, weight, size = _climb(rows, prior, nu, s, values)
-            evidence, covariance = _laplace(rows, prior, nu, s, values, weight, size)
+            s = float(best * np.exp(step * spread))
+            values, size = _climb(rows, prior, tails, s, values)
+            log_density, weight, curvature = tails.logs(size, d, s)
+            evidence, covariance = _laplace(rows, prior, tails, s, values, weight, curvature)
             # Flat in ln s; steps of one error.
-            evidence += np.log(spread) if spread else 0.0
-            beyond = gammainc((nu + d) / 2, (nu + size / s**2) / 2 / OUTLIER**2)
-            listed.append(Node(nu, float(s), values, covariance, evidence, weight, beyond))
-    return listed
+            evidence += float(np.sum(log_density)) + (np.log(spread) if spread else 0.0)
+            yield Node(tails, s, values, covariance, evidence, weight, tails.outlier(size, d, s))
 
 
 def mixed(listed: Sequence[Node]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean and covariance of all nodes together, and the probability of each."""
     evidence = np.array([each.evidence for each in listed])
     share = np.exp(evidence - logsumexp(evidence))
-    mean = np.sum([w * each.values for w, each in zip(share, listed, strict=True)], axis=0)
-    covariance = np.sum(
-        [
-            w * (each.covariance + np.outer(each.values - mean, each.values - mean))
-            for w, each in zip(share, listed, strict=True)
-        ],
-        axis=0,
-    )
+    values = np.array([each.values for each in listed])
+    mean = share @ values
+    off = values - mean
+    covariance = np.einsum("k,kij->ij", share, [each.covariance for each in listed]) + (share * off.T) @ off
     return mean, covariance, share
 
 
-def _best(rows, prior, nu, values, scale):
-    """Frame and size of errors together, for one ν."""
+def _best(rows, prior, tails, values, scale):
+    """Frame and size of errors together, for one kind of tails."""
     d = rows.dims
     s = 1.0 if scale is None else scale
-    for _ in range(100):
-        values, weight, size = _climb(rows, prior, nu, s, values, most=1)
+    for _ in range(100 if scale is None else 1):
+        values, size = _climb(rows, prior, tails, s, values, most=1)
         if scale is not None:
             break
-        new = np.sqrt(max(np.sum(weight * s**2 * size) / d.sum(), 1e-300))
+        _, weight, _ = tails.logs(size, d, s)
+        new = s * np.sqrt(max(np.sum(weight * size) / d.sum(), 1e-300))
         done = abs(np.log(new / s)) < 1e-3
         s = new
         if done:
@@ -90,42 +138,35 @@ def _best(rows, prior, nu, values, scale):
     return values, s
 
 
-def _climb(rows, prior, nu, s, values, most=200):
-    """The frame of highest posterior by reweighted least squares; weights of sources 1/s² and less, and χ² of each."""
+def _climb(rows, prior, tails, s, values, most=200):
+    """The frame of highest posterior by reweighted least squares, and χ² of each source there."""
     d, n = rows.dims, len(rows.names)
     matrix0, rhs0 = prior
     for _ in range(most):
         size = np.bincount(rows.source, (rows.rhs - rows.design @ values) ** 2, minlength=n)
-        weight = (nu + d) / (nu * s**2 + size)
+        weight = tails.logs(size, d, s)[1]
         weighted = rows.design * weight[rows.source, None]
         matrix = weighted.T @ rows.design + matrix0
         new = cho_solve(cho_factor(matrix), weighted.T @ rows.rhs + rhs0)
         moved = (new - values) @ matrix @ (new - values)
         values = new
-        if moved < 1e-10:
+        if moved < 1e-8:
             break
-    size = np.bincount(rows.source, (rows.rhs - rows.design @ values) ** 2, minlength=n)
-    return values, (nu + d) / (nu * s**2 + size), size
+    return values, np.bincount(rows.source, (rows.rhs - rows.design @ values) ** 2, minlength=n)
 
 
-def _laplace(rows, prior, nu, s, values, weight, size):
-    """ln of the evidence for ν and s, and the covariance, by the curvature where the posterior is highest."""
-    d = rows.dims
+def _laplace(rows, prior, tails, s, values, weight, curvature):
+    """ln of the prior and of the volume at the highest posterior, and the covariance by the curvature there."""
     matrix0, rhs0 = prior
     residual = rows.rhs - rows.design @ values
-    weighted = rows.design * weight[rows.source, None]
-    expected = weighted.T @ rows.design + matrix0
+    expected = (rows.design * weight[rows.source, None]).T @ rows.design + matrix0
     pull = np.zeros((len(rows.names), len(values)))
     np.add.at(pull, rows.source, rows.design * residual[:, None])
-    matrix = expected - (pull * (2 * weight**2 / (nu + d))[:, None]).T @ pull
+    matrix = expected + (pull * curvature[:, None]).T @ pull
     if np.linalg.eigvalsh(matrix)[0] <= 0.2 * np.linalg.eigvalsh(expected)[0]:  # between two modes
-        ratio = (nu + d) / (nu + d + 2) / s**2
+        d = rows.dims
+        ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / s**2
         matrix = (rows.design * ratio[rows.source, None]).T @ rows.design + matrix0
     factor = cho_factor(matrix)
-    log_likelihood = np.sum(
-        gammaln((nu + d) / 2) - gammaln(nu / 2) - d / 2 * np.log(np.pi * nu * s**2)
-        - (nu + d) / 2 * np.log1p(size / (nu * s**2))
-    )  # fmt: skip
-    log_prior = rhs0 @ values - values @ matrix0 @ values / 2
-    evidence = log_likelihood + log_prior - np.sum(np.log(np.diag(factor[0])))
-    return float(evidence), cho_solve(factor, np.eye(len(values)))
+    volume = rhs0 @ values - values @ matrix0 @ values / 2 - np.sum(np.log(np.diag(factor[0])))
+    return float(volume), cho_solve(factor, np.eye(len(values)))

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fit.link._likelihood import TAILS, Node, nodes
+from fit.link._likelihood import FAMILIES, NORMAL, Node, nodes
 from fit.link._prior import LinkPrior
 from fit.link._rows import equations
 from fit.link._solution import LinkSolution, made
@@ -67,7 +67,7 @@ def link(
     priors : sequence of LinkPrior
         What is known of orientation or spin from elsewhere.
     robust : bool
-        Student's t, its tails found from the data; otherwise normal errors.
+        Heavy tails and outliers, both found from the data; otherwise normal errors.
     scale : float, optional
         By which all errors are multiplied; found from the data unless given.
     excess : bool
@@ -116,11 +116,11 @@ def link(
     known = _prior(priors, sought)
     rows = raw.eliminated()
     _check(rows, known, sought.names)
-    tails = TAILS if robust else TAILS[-1:]
+    families = FAMILIES if robust else (NORMAL,)
     listed: list[Node] = []
     for size, ratio in _offsets(astrometry, given) if excess else [(0.0, 1.0)]:
         more = raw.eliminated(size, ratio, given) if size else rows
-        for node in nodes(more, known, tails, scale):
+        for node in nodes(more, known, families, scale):
             evidence = node.evidence - more.log_determinant
             listed.append(replace(node, evidence=evidence, excess=size, across=ratio))
     best = max(listed, key=lambda node: node.evidence)

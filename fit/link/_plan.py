@@ -93,8 +93,8 @@ def forecast(solution: LinkSolution, candidates: AstrometryRows) -> LinkPlan:
     fixed = {solution.reference: 2015.0} if solution.reference in candidates.catalogues else {}
     raw, _ = equations(candidates, solution.unknowns, fixed=fixed, aberration=None)
     rows = raw.eliminated(solution.excess, 1.0, solution.reference)
-    nu, s = solution.tails, solution.scale
-    ratio = (nu + rows.dims) / (nu + rows.dims + 2) / s**2
+    tails, d = solution.tails, rows.dims
+    ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / solution.scale**2
     blocks = [ratio[i] * rows.design[rows.source == i].T @ rows.design[rows.source == i] for i in range(len(ratio))]
     matrix = np.linalg.inv(solution.covariance)
     left = list(range(len(blocks)))

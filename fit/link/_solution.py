@@ -1,12 +1,12 @@
 """A link of frames: orientation and spin at any magnitude, and what each source has to do with it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fit.link._likelihood import Node, mixed
+from fit.link._likelihood import NORMAL, Node, Tails, mixed
 from fit.link._rows import Rows
 from fit.link._unknowns import VECTORS, Unknowns
 from fit.named import NamedSolution
@@ -44,8 +44,9 @@ class LinkSolution(NamedSolution):
         Probability that its errors are more than three times those of the others.
     influence : (n, p) array
         By how many errors each parameter would change without it.
-    tails : float
-        Degrees of freedom ν of Student's t where the posterior is highest; 1e6 is a normal distribution.
+    tails : Tails
+        What the errors are like where the posterior is highest: degrees of freedom ν of Student's t (1e6 is a normal
+        distribution), the share of outliers and how many times larger their errors are.
     scale : float
         By which errors were multiplied there, with outliers counted apart.
     excess : float
@@ -62,7 +63,7 @@ class LinkSolution(NamedSolution):
     distances: FloatArray = None  # type: ignore[assignment]
     outlier: FloatArray = None  # type: ignore[assignment]
     influence: FloatArray = None  # type: ignore[assignment]
-    tails: float = 1e6
+    tails: Tails = NORMAL
     scale: float = 1.0
     excess: float = 0.0
     information: FloatArray = None  # type: ignore[assignment]
@@ -191,8 +192,7 @@ class LinkSolution(NamedSolution):
                 each = ", ".join(f"{v:+.1f} ± {s:.1f}" for v, s in zip(there.value, there.sigma, strict=True))
                 lines.append(f"orientation at {quiet:.1f}, where it is independent of the spin: {each} µas")
         lines.append(f"χ²/dof by errors as quoted {self.chi2:.5g} / {self.dof} = {self.reduced_chi2:.3g}")
-        tails = "normal" if self.tails > 1e5 else f"Student's t, ν = {self.tails:g}"
-        lines.append(f"errors: {tails}, times {self.scale:.3g}, both found from the data and in the errors above")
+        lines.append(f"errors: {self._tails()}, times {self.scale:.3g}: found from the data, and in the errors above")
         if self.excess:
             lines.append(f"offset of positions of {self.reference}: {self.excess:.3g} µas a coordinate")
         lines.append(
@@ -211,6 +211,11 @@ class LinkSolution(NamedSolution):
             worst = int(np.abs(self.influence[i]).argmax())
             lines.append(f"  {self.sources[i]:24} {self.influence[i, worst]:+.2f} of {self.names[worst]}")
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    def _tails(self):
+        nu, share = self.tails.nu, self.tails.share
+        words = "normal" if nu > 1e5 else f"Student's t, ν = {nu:g}"
+        return words + (f", and {self.tails.times:g} times as large for {100 * share:.0f} %" if share else "")
 
     def sources_table(self) -> Table:
         """A row for each source: magnitude, rows, distance, probability of an outlier, influence; an astropy Table."""
