@@ -27,7 +27,7 @@ CASES = {
     "half single epochs": ({"tails": 3, "single": 0.5}, {}),
     "jump at 13": ({"tails": 3, "jump": JUMP, "n": 80}, {"steps": [13.0]}),
     "quasars with offsets": ({"tails": 3, "n": 20, "quasars": 80, "offset": 300.0}, {}),
-    "  excess": ({"tails": 3, "n": 20, "quasars": 80, "offset": 300.0}, {"excess": True}),
+    "  not sought": ({"tails": 3, "n": 20, "quasars": 80, "offset": 300.0}, {"excess": False}),
     "prior of the spin": ({"tails": 3}, {"prior": 5.0}),
 }
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fit.link._likelihood import FAMILIES, NORMAL, Node, nodes
+from fit.link._likelihood import FAMILIES, FEWER, NORMAL, Node, nodes
 from fit.link._prior import LinkPrior
 from fit.link._rows import equations
 from fit.link._solution import LinkSolution, made
@@ -21,7 +21,7 @@ GAIA_EDR3 = Vector.from_spherical(5.05, 269.1, -31.6, (0.35, 5.4, 4.1))
 #: The epoch that ICRF3's positions are given for (Charlot et al. 2020, A&A 644, A159).
 ICRF3_EPOCH = 2015.0
 #: Sizes of an excess noise that are tried, in units of the median error of the positions of the reference.
-_EXCESS = (0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.2, 3.3, 5.0, 8.0, 13.0)
+_EXCESS = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
 #: Across a jet in units of along it.
 _ACROSS = (1.0, 0.3, 0.1)
 #: Correlations beyond this cannot be told apart.
@@ -42,7 +42,7 @@ def link(
     priors: Sequence[LinkPrior] = (),
     robust: bool = True,
     scale: float | None = None,
-    excess: bool = False,
+    excess: bool | None = None,
     fixed: Mapping[str, float] | None = None,
     aberration: Vector | None = GAIA_EDR3,
     parallax: bool = True,
@@ -72,7 +72,8 @@ def link(
         By which all errors are multiplied; found from the data unless given.
     excess : bool
         Whether an offset between radio and optical positions is sought too: one a source, of a size common to all,
-        along the jet where its direction is given.
+        along the jet where its direction is given; structure, and errors of calibrators, are such offsets too. Where
+        the reference has positions, unless given.
     fixed : dict, optional
         Catalogues whose stars are measured against calibrators with fixed positions, and the epoch of these; the
         reference, at 2015.0, unless given.
@@ -116,7 +117,9 @@ def link(
     known = _prior(priors, sought)
     rows = raw.eliminated()
     _check(rows, known, sought.names)
-    families = FAMILIES if robust else (NORMAL,)
+    if excess is None:
+        excess = robust and bool(((astrometry.catalogue == given) & astrometry.measured[:, 0]).any())
+    families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
     listed: list[Node] = []
     for size, ratio in _offsets(astrometry, given) if excess else [(0.0, 1.0)]:
         more = raw.eliminated(size, ratio, given) if size else rows

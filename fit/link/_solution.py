@@ -19,6 +19,8 @@ from vsh.vector import Vector
 
 #: Sources that the report lists, of the most doubtful and of the most influential.
 _LISTED = 8
+#: A source that moves a parameter by more than so many errors is said to.
+_HEAVY = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,6 +212,12 @@ class LinkSolution(NamedSolution):
         for i in np.argsort(-largest, kind="stable")[:3]:
             worst = int(np.abs(self.influence[i]).argmax())
             lines.append(f"  {self.sources[i]:24} {self.influence[i, worst]:+.2f} of {self.names[worst]}")
+        heavy = [self.sources[i] for i in np.argsort(-largest, kind="stable") if largest[i] > _HEAVY]
+        if heavy:
+            lines.append(
+                f"warning: {', '.join(heavy[:3])} alone move{'s' * (len(heavy) == 1)} a parameter by more than "
+                f"{_HEAVY:g} of its errors: with errors that are too small the whole answer is theirs"
+            )
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
     def _tails(self):

@@ -24,6 +24,7 @@ COMMANDS = {
     "correlate": Command("correlate", "fit.commands.correlate", (*_FIT, "bachchan2016")),
     "pairs": Command("pairs", "fit.commands.pairs", (*_FIT, *_PIXELS, "book2011")),
     "compare": Command("compare", "fit.commands.compare", (*_FIT, "charlot2020")),
+    "link": Command("link", "fit.commands.link", (*_FIT, "lindegren2020")),
     "sim": Command("simulate", "sim.commands.simulate", ("bachchan2016",)),
     "agis": Command("agis", "sim.commands.agis", ("lindegren2012", "bachchan2016", "lam2015", *_PIXELS, *_FIT)),
     "study": Command("study", "study.command", (*_FIT, "bachchan2016")),

@@ -33,7 +33,9 @@ _LOG = logging.getLogger(__name__)
 #: What every file of ours holds: in the metadata of tables and pictures, as the name of an array, in a page's head.
 MARK = "vsh-astrometry"
 #: The mark, or one of our commands, next to the begin or the end of a file.
-_MARKS = re.compile(rb"vsh-(astrometry|fit|sim|agis|redshift|correlate|study|archive|pairs|compare|forecast|waves)\b")
+_MARKS = re.compile(
+    rb"vsh-(astrometry|fit|sim|agis|redshift|correlate|study|archive|pairs|compare|forecast|waves|link)\b"
+)
 _LOOKED_AT = 2**17
 _HASH = re.compile(rb"\b[0-9a-f]{64}\b")
 #: What the run reads.

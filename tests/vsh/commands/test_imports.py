@@ -9,6 +9,7 @@ from conftest import ROOT
 
 import sim
 from vsh.commands import COMMANDS
+from vsh.io.astrometry import write_astrometry
 
 #: Libraries, and parts of them, that take long to import.
 HEAVY = {
@@ -33,6 +34,7 @@ JOBS = {
     "correlate": ("q.fits", FITS),
     "pairs": ("q.fits", FITS | {"ducc0", "scipy.optimize"}),
     "compare": ("a.fits b.fits", FITS | {"scipy.optimize"}),
+    "link": ("stars.csv", TABLE),
     "sim": ("quasars --number 60 --output s.fits", FITS | TABLE | TRANSITS),
     "agis": (
         "--quasars 100 --years 0.5 --knots 2000 --iterations 2 --output agis --no-figures",
@@ -72,6 +74,7 @@ def folder(tmp_path_factory):
         ("b", sim.quasars(60, 1)),
     ):
         sim.observe(population, sim.spin((1, 2, 3)), rng=2, sigma=50.0).write(folder / f"{name}.fits")
+    write_astrometry(sim.link(1, 12), folder / "stars.csv")
     sim.epochs(sim.quasars(60, 1), sim.spin((1, 2, 3)), 2).write(folder / "e.fits")
     return folder
 

@@ -1,0 +1,63 @@
+"""`vsh-link`: frames of Gaia and VLBI over all magnitudes, on the command line."""
+
+from typing import Any
+
+from vsh.commands import finishing, outputs, running
+from vsh.commands.options import link as options_module
+from vsh.io.astrometry import read_astrometry
+from vsh.tools.errors import ParameterError
+
+
+def _run(options):
+    outputs.check(options)
+    from fit.link import forecast, link, read_priors
+
+    first, *others = (read_astrometry(path) for path in options.catalogues)
+    for each in others:
+        first = first + each
+    fixed = None if options.fixed is None else {name: _epoch(text) for name, text in options.fixed.items()}
+    more: dict[str, Any] = {"aberration": None} if options.no_aberration else {}
+    solution = link(
+        first, options.reference, options.unknowns, steps=options.steps, order=options.order,
+        colour_order=options.colour_order, epoch=options.epoch, robust=not options.no_robust, scale=options.scale,
+        priors=read_priors(options.priors) if options.priors else (), fixed=fixed, parallax=not options.no_parallax,
+        light_time=not options.no_light_time, **more,
+    )  # fmt: skip
+    results: dict[str, Any] = {"link": solution}
+    if options.candidates:
+        results["plan"] = forecast(solution, read_astrometry(options.candidates))
+    paths = [*options.catalogues, *(each for each in (options.priors, options.candidates) if each)]
+    finishing.finish(
+        options,
+        finishing.RunResult(
+            "\n".join(each.report() for each in results.values()),
+            lambda: {
+                "Link": solution.to_table(),
+                "Sources": solution.sources_table(),
+                **({"Observe next": results["plan"].to_table()} if "plan" in results else {}),
+            },
+            solution.notes,
+        ),
+        provenance=lambda: running.provenance(paths, options, sources=len(solution.sources)),
+        draw=lambda: {name: each.plot() for name, each in results.items()},
+        write=lambda folder, meta: _write(folder, results, meta),
+        title=f"{', '.join(solution.unknowns.turned)} against {solution.reference}",
+    )
+
+
+def _epoch(text):
+    try:
+        return float(text)
+    except ValueError:
+        raise ParameterError(f"--fixed wants NAME=EPOCH, as vlbi=2015, not {text!r}") from None
+
+
+def _write(folder, results, meta):
+    from vsh.io import tables
+
+    for name, each in results.items():
+        each.write(folder / f"{name}.ecsv", meta)
+    tables.write_table(results["link"].sources_table(), folder / "sources.ecsv", meta)
+
+
+main, run = running.make_entry(options_module, _run)
