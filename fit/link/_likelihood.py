@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import gammainc, gammaln, logsumexp
 
 from fit.link._rows import Rows
-from vsh.tools.types import FloatArray
+from vsh.tools.types import FloatArray, IntArray
 
 #: Degrees of freedom that are tried without outliers apart, and with; the largest is as good as a normal distribution.
 TAILS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0, 1e6)
@@ -36,7 +36,7 @@ class Tails:
     share: float = 0.0
     times: float = 1.0
 
-    def logs(self, size: FloatArray, d: FloatArray, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def logs(self, size: FloatArray, d: IntArray, s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """ln of the density of each source by its χ², −2 × the first and −4 × the second derivative by χ²."""
         nu = self.nu
         parts, firsts, seconds = [], [], []
@@ -54,7 +54,7 @@ class Tails:
         second = np.sum(each * (np.array(seconds) + np.square(firsts)), 0) - first**2
         return total, -2 * first, -4 * second
 
-    def outlier(self, size: FloatArray, d: FloatArray, s: float) -> FloatArray:
+    def outlier(self, size: FloatArray, d: IntArray, s: float) -> FloatArray:
         """Probability that a source's errors are more than OUTLIER times s."""
         nu, parts, beyond = self.nu, [], []
         for share, scale in self._parts(s):

@@ -57,13 +57,13 @@ def link(
     reference : str, optional
         The catalogue that is not turned; the one called vlbi or icrf… unless given.
     unknowns : sequence of str
-        Of "orientation", "spin" and "acceleration".
+        Some of "orientation", "spin" and "acceleration".
     steps : sequence of float
         Magnitudes at which the frame jumps.
     order, colour_order : int
         Powers of (G − 13) and (colour − 1) that orientation and spin have.
     epoch : float
-        Of the orientation. [Julian year]
+        The epoch of the orientation. [Julian year]
     priors : sequence of LinkPrior
         What is known of orientation or spin from elsewhere.
     robust : bool

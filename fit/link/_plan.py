@@ -21,7 +21,7 @@ class LinkPlan(Result):
     Attributes
     ----------
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     candidates : tuple of str
         Names of the sources, the best first.
     gain : (n,) array
@@ -77,6 +77,7 @@ def forecast(solution: LinkSolution, candidates: AstrometryRows) -> LinkPlan:
     Returns
     -------
     LinkPlan
+        The candidates that tell anything, the best first.
 
     Raises
     ------

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, legend_above, log_ticks, panels, styled
 
 
 @styled
@@ -41,7 +41,8 @@ def plot_link(solution: Any, *, ax: Any = None) -> Any:
             fontsize="x-small",
         )  # fmt: skip
     axes.set_xscale("log")
-    axes.set_xlabel("distance of a source from the fit, in errors as quoted  (bright: likely an outlier)")
+    log_ticks(axes.xaxis, *axes.get_xlim())
+    axes.set_xlabel("distance of each source, in errors as quoted; light: an outlier")
     axes.set_ylabel("influence, in errors")
     return drawn
 
@@ -55,5 +56,5 @@ def plot_plan(plan: Any, *, ax: Any = None) -> Any:
         axes.plot(number, np.r_[1, plan.sigma[:, k] / plan.before[k]], color=COLOURS[k % len(COLOURS)], label=name)
     axes.set_xlabel("candidates observed, the best first")
     axes.set_ylabel("error, in that of today")
-    legend_above(axes, min(6, len(plan.names)))
+    legend_above(axes, 3)
     return axes

@@ -9,6 +9,7 @@ from fit.link._unknowns import VECTORS
 from vsh.io import tables
 from vsh.io.catalogue import missing_column, unit_factor
 from vsh.tools.arguments import choice, covariance, float_array
+from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import TableError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import FloatArray
@@ -26,7 +27,7 @@ class LinkPrior(InNotebook):
         [µas or µas/yr]
     covariance : (3, 3) array
     magnitude, colour : float, optional
-        Of the sources it is from; that of the brightest, without steps and powers, unless given.
+        Those of the sources it is from; of the brightest, without steps and powers, unless given.
     catalogue : str, optional
         Whose; of the one that is turned unless given.
     """
@@ -65,7 +66,7 @@ def read_priors(source: Any) -> list[LinkPrior]:
     for name in (*"xyz", *(f"{axis}_error" for axis in "xyz")):
         if name not in opened.names:
             raise TableError(f"{opened.label}: {missing_column(name, opened)}")
-    data = {name: np.ma.filled(np.ma.array(*_pair(opened, name)), np.nan) for name in opened.names if name in _NUMBERS}
+    data = {name: _numbers(opened, name) for name in opened.names if name in _NUMBERS}
     words = {name: np.asarray(opened.columns((name,))[name][0]).astype(str) for name in _WORDS if name in opened.names}
     priors = []
     for row in range(len(data["x"])):
@@ -99,6 +100,8 @@ _NUMBERS = (*"xyz", *(f"{axis}_error" for axis in "xyz"), "x_y_corr", "x_z_corr"
 _WORDS = ("vector", "catalogue")
 
 
-def _pair(opened, name):
+def _numbers(opened, name):
+    """A column, nan where nothing is."""
     values, mask = opened.columns((name,))[name]
-    return np.asarray(values, float), np.zeros(len(values), bool) if mask is None else np.asarray(mask, bool)
+    floats, missing = as_floats(name, values)
+    return np.where(missing if mask is None else missing | np.asarray(mask, bool), np.nan, floats)

@@ -30,9 +30,9 @@ class Rows:
     design, rhs : (m, p) and (m,) arrays
         rhs = design · x + noise.
     source : (m,) int array
-        Of which source each is.
+        The source of each.
     names : tuple of str
-        Of the sources that tell anything.
+        The sources that tell anything.
     magnitude : (n,) array
     rows : (n,) int array
         How many rows of the catalogues each source has.
@@ -63,7 +63,7 @@ class Equations:
     rows : tuple of (j, ) int arrays
         The rows of the astrometry that each source has.
     residual : (n, 5), design : (n, 5, p), truth : (n, 5, 5) arrays
-        Of each row: measured less expected, and derivatives by the frame and by the source's true parameters.
+        For each row: measured less expected, and derivatives by the frame and by the source's true parameters.
     data : AstrometryRows
     """
 

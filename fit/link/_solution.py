@@ -11,8 +11,9 @@ from fit.link._rows import Rows
 from fit.link._unknowns import VECTORS, Unknowns
 from fit.named import NamedSolution
 from fit.quality import f_p_value, printed_p_value
+from vsh.field import Field
 from vsh.io import tables
-from vsh.tools.errors import ParameterError
+from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notes import note_lines
 from vsh.tools.types import FloatArray, IntArray, Table
 from vsh.vector import Vector
@@ -127,6 +128,27 @@ class LinkSolution(NamedSolution):
         value, covariance = a @ self.values, a @ self.covariance @ a.T
         size = value @ np.linalg.solve(covariance, value)
         return Vector(value, covariance, self.frame, VECTORS[vector][1]), f_p_value(float(size), 3, self.dof)
+
+    def model(self, field: Field) -> FloatArray:
+        """The motions by which the first catalogue turns at the sources of a field, (2, n). [µas/yr]
+
+        Parameters
+        ----------
+        field : Field
+            The sources, with magnitudes where the frame depends on them.
+
+        Raises
+        ------
+        FieldError
+            If it depends on what the sources do not have.
+        """
+        magnitude = np.full(len(field), np.nan) if field.magnitude is None else field.magnitude
+        functions = self.unknowns.functions(magnitude)
+        if np.isnan(functions).any():
+            raise FieldError("the frame depends on magnitude or colour, which the sources do not have")
+        epoch = np.full(len(field), self.unknowns.epoch)
+        design = self.unknowns.design(field.lon, field.lat, epoch, functions, self.unknowns.turned[0])
+        return (design[:, 3:] @ self.values).T
 
     @property
     def quiet_epoch(self) -> float:

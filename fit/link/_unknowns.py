@@ -23,7 +23,7 @@ class Unknowns(InNotebook):
     Attributes
     ----------
     vectors : tuple of str
-        Of "orientation", "spin" and "acceleration". The acceleration is that of the Solar System: one for all.
+        Some of "orientation", "spin" and "acceleration". The acceleration is that of the Solar System: one for all.
     turned : tuple of str
         The catalogues that are turned against the reference.
     steps : tuple of float
@@ -33,7 +33,7 @@ class Unknowns(InNotebook):
     colour_order : int
         Powers of (colour − 1 mag), each.
     epoch : float
-        Of the orientation. [Julian year]
+        The epoch of the orientation. [Julian year]
     """
 
     vectors: tuple[str, ...]
@@ -73,7 +73,7 @@ class Unknowns(InNotebook):
         return (*names, *(f"a_{axis}" for axis in _AXES if "acceleration" in self.vectors))
 
     def functions(self, magnitude: ArrayLike, colour: ArrayLike | None = None) -> FloatArray:
-        """The functions of `terms` at magnitudes and colours, (k, n); nan where one is wanted that is not known."""
+        """The functions of `terms` at each `magnitude` and `colour`, (k, n); nan where that is not known."""
         magnitude = np.atleast_1d(np.asarray(magnitude, float))
         colour = np.full(magnitude.shape, np.nan) if colour is None else np.atleast_1d(np.asarray(colour, float))
         unknown = np.where(np.isnan(magnitude), np.nan, 0.0)
@@ -85,7 +85,22 @@ class Unknowns(InNotebook):
     def combination(
         self, vector: str, catalogue: str, magnitude: float | None = None, colour: float | None = None
     ) -> FloatArray:
-        """What of the parameters makes a vector of one catalogue at a magnitude, (3, p); the constants unless given."""
+        """What of the parameters makes a vector of one catalogue at a magnitude, (3, p); the constants unless given.
+
+        Parameters
+        ----------
+        vector : str
+            "orientation", "spin" or "acceleration".
+        catalogue : str
+            The one that is turned.
+        magnitude, colour : float, optional
+            Where.
+
+        Raises
+        ------
+        ParameterError
+            If the frame depends on colour and none is given.
+        """
         values = self.functions(np.nan if magnitude is None else magnitude, None if colour is None else [colour])[:, 0]
         if magnitude is None:
             values = np.where(np.isnan(values), 0.0, values)
@@ -101,10 +116,21 @@ class Unknowns(InNotebook):
                 matrix[k, names.index(name)] = value
         return matrix
 
-    def design(self, lon, lat, epoch, functions, catalogue) -> FloatArray:
+    def design(
+        self, lon: FloatArray, lat: FloatArray, epoch: FloatArray, functions: FloatArray, catalogue: str
+    ) -> FloatArray:
         """Derivatives of Δα*, Δδ, ϖ, µ_α*, µ_δ by the parameters, for rows of one catalogue, (n, 5, p).
 
         The frame turns what it gives by ε + ω (t − epoch) (`fit.frame`): Δα* = q·ε, Δδ = −p·ε.
+
+        Parameters
+        ----------
+        lon, lat, epoch : (n,) arrays
+            Places [rad] and epochs of the rows. [Julian year]
+        functions : (k, n) array
+            The functions of `terms` there.
+        catalogue : str
+            The one that they are of.
         """
         n, names = len(lon), self.names
         design = np.zeros((n, 5, len(names)))

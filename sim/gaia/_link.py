@@ -54,7 +54,7 @@ def link(
     n : int
         Stars, of G = 4 to 17 mag.
     orientation, spin : (3,) arrays
-        Of Gaia's frame against VLBI's at 2016.0, for stars and quasars brighter than `step`. [µas, µas/yr]
+        Those of Gaia's frame against VLBI's at 2016.0, for stars and quasars brighter than `step`. [µas, µas/yr]
     jump : (3,) array
         What the spin of those that are fainter is more. [µas/yr]
     step : float
@@ -81,6 +81,7 @@ def link(
     Returns
     -------
     AstrometryRows
+        Rows of "gaia" at 2016.0, then of "vlbi".
     """
     rng = generator(rng)
     total = n + quasars

@@ -67,6 +67,8 @@ def results():
         "frames": fit.compare.compare_catalogues(*two_catalogues(field), 1, labels=("one", "two"))[0],
         "in time": in_time.solve(in_time_equations()),
         "bands in time": in_time.background(in_time_equations(), draws=40),
+        "link": fit.link.link(sim.link(1, 12), excess=False),
+        "plan": fit.link.forecast(fit.link.link(sim.link(1, 12), robust=False), sim.link(2, 3)),
         "waves by frequency": fit.waves.search_in_time(
             epochs(), [1.5, 2.0], attitude="known", lmax=2, nside=2, n_skies=5
         ),
@@ -146,6 +148,8 @@ NAMES = (
         "one wave",
         "in time",
         "bands in time",
+        "link",
+        "plan",
         "waves by frequency",
         "frames",
         "kinematics",

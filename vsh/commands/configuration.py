@@ -68,7 +68,7 @@ def given(parser: argparse.ArgumentParser, words: Sequence[str]) -> dict[str, An
         action.type = action.choices = None
         action.default, action.required = argparse.SUPPRESS, False
         if not action.option_strings:
-            action.nargs = "*" if action.nargs == "*" else "?"
+            action.nargs = "*" if action.nargs in ("*", "+") else "?"
         elif action.nargs == "?":
             action.const = True
     for exclusive in parser._mutually_exclusive_groups:

@@ -47,7 +47,7 @@ _SPREADS |= {
 }
 #: What belongs to a source, whoever measured it.
 _SOURCE = ("name", "radial_velocity", "magnitude", "colour", "still", "jet")
-#: Of the bare columns of a table that has those of two catalogues side by side.
+#: The catalogue of bare columns, in a table that has those of two side by side.
 _BARE = "gaia"
 
 
@@ -64,11 +64,11 @@ def read_astrometry(
         `still` (a quasar), `jet`. In degrees, mas and mas/yr where the table does not say. Errors of ra times cos(dec).
         A table may have two catalogues side by side, one with a suffix (`ra_VLBI` …), and a column `catalogue`.
     catalogue : str, optional
-        Whose rows they are, where no column says; the name of the file unless given.
+        The catalogue that the rows are of, where no column says; the name of the file unless given.
     columns : dict, optional
         From these names to those of the table.
     format : str, optional
-        Of the file, where its name does not say.
+        Format of the file, where its name does not say.
 
     Raises
     ------
@@ -139,7 +139,7 @@ class _Rows:
         return np.array([each.decode() if isinstance(each, bytes) else str(each) for each in np.asarray(values)])
 
     def covariance(self, n):
-        """Of the five parameters, (n, 5, 5), from their errors and correlations. [µas, µas/yr]"""
+        """Covariance of the five parameters, (n, 5, 5), from their errors and correlations. [µas, µas/yr]"""
         sigma = MAS * np.stack([self.numbers(f"{each}_error", n) for each in _FIVE])
         matrix = np.tile(np.eye(5), (n, 1, 1))
         for role, (i, j) in _CORRELATIONS.items():

@@ -28,7 +28,7 @@ class AstrometryRows(Frozen):
     Attributes
     ----------
     name, catalogue : (n,) arrays of str
-        Whose row it is, and by whom. A source has one name in all catalogues.
+        The source of a row, and who measured it. A source has one name in all catalogues.
     epoch : (n,) array
         [Julian year]
     lon, lat : (n,) arrays
@@ -38,7 +38,7 @@ class AstrometryRows(Frozen):
     motion : (2, n) array
         µ_α*, µ_δ. [µas/yr]
     covariance : (n, 5, 5) array
-        Of α*, δ, ϖ, µ_α*, µ_δ; nan in the rows and columns of what was not measured. [µas, µas/yr]
+        That of α*, δ, ϖ, µ_α*, µ_δ; nan in the rows and columns of what was not measured. [µas, µas/yr]
     radial_velocity : (n,) array
         [km/s]; nan, as where it is not given, counts as zero.
     magnitude, colour : (n,) arrays

@@ -1,0 +1,59 @@
+"""vsh-link as its users run it."""
+
+import json
+
+import numpy as np
+import pytest
+
+import fit
+import sim
+from fit.commands.link import main
+from vsh.io.astrometry import write_astrometry
+
+
+@pytest.fixture(scope="module")
+def stars(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stars")
+    data = sim.link(1, 30, spin=(20, -30, 50))
+    for each in data.catalogues:
+        write_astrometry(data[data.catalogue == each], folder / f"{each}.csv")
+    write_astrometry(sim.link(2, 4), folder / "planned.ecsv")
+    return folder
+
+
+def test_two_files(stars, tmp_path, capsys):
+    words = [str(stars / "gaia.csv"), str(stars / "vlbi.csv"), "--output", str(tmp_path / "out"), "--format", "png"]
+    assert main([*words, "--candidates", str(stars / "planned.ecsv")]) == 0
+    text = capsys.readouterr().out
+    assert "gaia against vlbi: 30 sources" in text
+    assert "observe next" in text
+    solution = fit.storage.read(tmp_path / "out" / "link.ecsv")
+    assert np.abs((solution.spin.value - [20, -30, 50]) / solution.spin.sigma).max() < 4
+    for name in ("sources.ecsv", "plan.ecsv", "link.png", "plan.png", "report.txt"):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+def test_json_and_options(stars, capsys):
+    words = [str(stars / "gaia.csv"), str(stars / "vlbi.csv"), "--json", "--no-robust", "--steps", "13", "--order", "1"]
+    assert main([*words, "--no-aberration", "--fixed", "vlbi=2010", "--unknowns", "spin"]) == 0
+    tables = json.loads(capsys.readouterr().out)["tables"]
+    assert len(tables["Link"]["columns"]["parameter"]["values"]) == 9
+    assert len(tables["Sources"]["columns"]["source"]["values"]) == 30
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--reference", "hip"], "no catalogue is called hip"),
+        (["--fixed", "vlbi=now"], "--fixed wants NAME=EPOCH"),
+        (["--steps", "1"], "cannot tell apart"),
+    ],
+)
+def test_what_is_wrong_is_said(stars, capsys, words, message):
+    assert main([str(stars / "gaia.csv"), str(stars / "vlbi.csv"), *words]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_one_catalogue_alone(stars, capsys):
+    assert main([str(stars / "gaia.csv")]) == 1
+    assert "there are gaia" in capsys.readouterr().err

@@ -1,0 +1,285 @@
+"""Links of frames: what is turned is found, whatever the sources' true parameters are."""
+
+import numpy as np
+import pytest
+
+import fit
+import sim
+from fit.link import LinkPrior, forecast, link, read_priors
+from vsh.io.astrometry import read_astrometry, write_astrometry
+from vsh.sky.astrometry import AstrometryRows
+from vsh.tools.errors import DegeneracyError, FieldError, ParameterError, TableError
+from vsh.vector import Vector
+
+EPSILON, OMEGA = np.array([100.0, 200.0, -100.0]), np.array([20.0, -30.0, 50.0])
+FRAME = {"orientation": EPSILON, "spin": OMEGA}
+EXACT = {"binaries": 0.0, "wrong": 1e-6}
+AT = Vector.from_spherical(5.05, 269.1, -31.6)
+
+
+def pulls(solution, truth):
+    return (solution.values - truth) / solution.sigma
+
+
+@pytest.mark.parametrize("sky", [{}, {"single": 1.0}, {"single": 0.5, "quasars": 20}])
+def test_without_noise_the_frame_comes_back(sky):
+    """Linear but for terms of second order: 1e-3 of the rotation, whatever was measured."""
+    data = sim.link(1, 30, **FRAME, **EXACT, **sky, aberration=AT)
+    solution = link(data, robust=False, scale=1.0, aberration=AT, light_time=True)
+    assert np.abs(solution.values - np.r_[EPSILON, OMEGA]).max() < 0.05
+
+
+def test_a_jump_is_found_with_its_error():
+    data = sim.link(2, 120, **FRAME, jump=(50, 0, 0))
+    solution = link(data, steps=[13.0])
+    jump, p = solution.jump(13.0)
+    assert p < 1e-3
+    assert np.abs((jump.value - [50, 0, 0]) / jump.sigma).max() < 3.5
+    assert np.allclose(solution.vector("spin", 14.0).value - solution.vector("spin", 12.0).value, jump.value)
+    assert "jump of the spin of gaia at 13 mag" in solution.report()
+
+
+def test_powers_of_magnitude():
+    def frame(magnitude):
+        zero = np.zeros((3, len(magnitude)))
+        return zero + EPSILON[:, None], zero + OMEGA[:, None] * (1 + 0.1 * (magnitude - 13))
+
+    data = sim.link(3, 60, frame=frame, **EXACT)
+    solution = link(data, order=1, robust=False, scale=1.0, aberration=None)
+    assert np.allclose(solution.vector("spin", 10.0).value, 0.7 * OMEGA, atol=0.05)
+
+
+@pytest.mark.parametrize("binaries", [pytest.param(0.0, marks=pytest.mark.slow), 0.2])
+def test_half_hold_half(binaries):
+    """20 skies of heavy tails: rms of pulls near 1, and no bias."""
+    each = np.array(
+        [
+            pulls(link(sim.link(seed, 40, **FRAME, binaries=binaries, tails=3), excess=False, aberration=None),
+                  np.r_[EPSILON, OMEGA])
+            for seed in range(20)
+        ]
+    )  # fmt: skip
+    assert 0.8 < np.sqrt(np.mean(each**2)) < 1.25
+    assert 0.55 < np.mean(np.abs(each) < 1) < 0.80
+
+
+def test_binaries_are_told_from_others():
+    data = sim.link(4, 40, binaries=0.15)
+    solution = link(data, excess=False)
+    assert 1 <= np.sum(solution.outlier > 0.9) <= 14
+    assert solution.distances[solution.outlier > 0.9].min() > np.median(solution.distances)
+    assert "probable outliers" in solution.report()
+
+
+def test_influence_is_what_leaving_one_out_does():
+    data = sim.link(5, 25, **FRAME, binaries=0.0)
+    whole = link(data, robust=False, scale=1.0)
+    name = whole.sources[7]
+    without = link(data[data.name != name], robust=False, scale=1.0)
+    assert np.allclose((without.values - whole.values) / whole.sigma, whole.influence[7], atol=1e-8)
+
+
+def test_more_stars():
+    data = sim.link(6, 40, binaries=0.0)
+    solution = link(data, robust=False, scale=1.0)
+    assert np.allclose(solution.with_more(40) / solution.sigma, np.sqrt(0.5))
+    plan = forecast(solution, sim.link(7, 5, binaries=0.0))
+    assert (np.diff(plan.gain) <= 1e-12).all()
+    assert (plan.sigma[-1] < solution.sigma).all()
+    assert plan.report().count("star") == 5
+
+
+def test_three_catalogues_close():
+    """Differences of frames found together close: A − C is A − B plus B − C."""
+    one, two = sim.link(8, 40, **FRAME), sim.link(8, 40, spin=(5, 5, 5))
+    other = two[two.catalogue == "gaia"]
+    other = AstrometryRows(
+        **{name: getattr(other, name) for name in ("name", "epoch", "lon", "lat", "parallax", "motion", "covariance",
+           "magnitude", "radial_velocity")}, catalogue=np.full(len(other), "hip"),
+    )  # fmt: skip
+    data = one + other
+    against_vlbi = link(data, "vlbi", robust=False, scale=1.0, aberration=None)
+    against_hip = link(data, "hip", robust=False, scale=1.0, aberration=None)
+    difference = (
+        against_vlbi.vector("spin", catalogue="gaia").value - against_vlbi.vector("spin", catalogue="hip").value
+    )
+    assert np.allclose(difference, against_hip.vector("spin", catalogue="gaia").value, atol=1e-3)
+
+
+def test_priors(tmp_path):
+    data = sim.link(9, 12)
+    free = link(data, robust=False, scale=1.0)
+    known = LinkPrior("spin", OMEGA, np.eye(3) * 0.01)
+    tied = link(data, priors=[known], robust=False, scale=1.0)
+    assert np.allclose(tied.spin.value, OMEGA, atol=1)
+    assert (tied.sigma[3:] < 0.2).all()
+    assert (tied.sigma[:3] <= free.sigma[:3]).all()
+    table = tmp_path / "priors.csv"
+    table.write_text("magnitude,x,y,z,x_error,y_error,z_error\n12,20,-30,50,.1,.1,.1\n")
+    (read,) = read_priors(table)
+    assert np.allclose(read.value, OMEGA)
+    assert read.magnitude == 12.0
+    assert np.allclose(read.covariance, 0.01 * np.eye(3))
+    table.write_text("x,y,z,x_error\n1,2,3,4\n")
+    with pytest.raises(TableError, match="y_error"):
+        read_priors(table)
+
+
+def test_what_each_effect_does():
+    """Switched off, parallax and aberration change the answer; light-time hardly."""
+    data = sim.link(10, 40, **FRAME, **EXACT, single=0.5, aberration=AT)
+    options = {"robust": False, "scale": 1.0}
+    truth = np.r_[EPSILON, OMEGA]
+
+    def off(**more):
+        return np.abs(link(data, **options, **more).values - truth)
+
+    assert off().max() < 0.05
+    assert off(aberration=None)[3:].max() > 0.5
+    assert off(parallax=False)[:3].max() > 50
+    assert off(light_time=False).max() < 5
+
+
+def test_an_offset_of_positions_is_found():
+    data = sim.link(11, 10, quasars=80, offset=300.0, binaries=0.0)
+    solution = link(data)
+    assert 150 < solution.excess < 600
+    assert solution.sigma[:3].min() > link(data, excess=False).sigma[:3].min()
+
+
+def test_the_quiet_epoch():
+    solution = link(sim.link(12, 40), excess=False)
+    errors = [np.sum(solution.at_epoch(solution.quiet_epoch + years).sigma ** 2) for years in (-1, 0, 1)]
+    assert errors[1] < min(errors[0], errors[2])
+    assert np.allclose(solution.at_epoch(2016.0).value, solution.vector("orientation").value)
+
+
+class TestBadInput:
+    def test_too_few(self):
+        with pytest.raises(DegeneracyError, match="cannot tell apart"):
+            link(sim.link(1, 1))
+
+    def test_names_that_cannot_be_told_apart(self):
+        data = sim.link(1, 30)
+        data = data[data.magnitude < 13]
+        with pytest.raises(DegeneracyError, match=r"omega_x\[G>=13\]"):
+            link(data, steps=[13.0])
+
+    def test_nothing_in_common(self):
+        data = sim.link(1, 10)
+        with pytest.raises(DegeneracyError, match="no source tells"):
+            link(data[np.r_[0:5, 15:20]])
+
+    def test_a_row_twice_an_epoch_missing_a_covariance_that_is_none(self):
+        data = sim.link(1, 5)
+        with pytest.raises(FieldError, match="the same row twice: 2"):
+            data + data[:1]
+        rows = {
+            name: getattr(data, name) for name in ("name", "catalogue", "epoch", "lon", "lat", "parallax", "motion")
+        }
+        with pytest.raises(FieldError, match="no epoch: 10"):
+            AstrometryRows(**rows | {"epoch": np.full(10, np.nan)}, covariance=data.covariance)
+        bad = data.covariance.copy()
+        bad[3, 0, 1] = bad[3, 1, 0] = 2 * np.sqrt(bad[3, 0, 0] * bad[3, 1, 1])
+        with pytest.raises(FieldError, match="not positive definite: 1 .*row 3"):
+            AstrometryRows(**rows, covariance=bad)
+
+    def test_a_name_given_to_another(self):
+        data = sim.link(1, 5)
+        lon = data.lon.copy()
+        lon[7] += 0.1
+        with pytest.raises(FieldError, match="more than 1' from"):
+            link(AstrometryRows(**_rows(data) | {"lon": lon}))
+
+    def test_no_magnitude(self):
+        data = sim.link(1, 20)
+        with pytest.raises(FieldError, match="no magnitude or colour"):
+            link(AstrometryRows(**_rows(data) | {"magnitude": np.full(40, np.nan)}), steps=[13])
+
+    @pytest.mark.parametrize(
+        ("options", "words"),
+        [
+            ({"reference": "hip"}, "no catalogue is called hip"),
+            ({"unknowns": ("glide",)}, "unknowns are of"),
+            ({"fixed": {"hip": 2015.0}}, "no row is of hip"),
+            ({"steps": (13, 13)}, "different magnitudes"),
+        ],
+    )
+    def test_options(self, options, words):
+        with pytest.raises(ParameterError, match=words):
+            link(sim.link(1, 10), **options)
+
+
+def _rows(data):
+    return {
+        name: getattr(data, name)
+        for name in ("name", "catalogue", "epoch", "lon", "lat", "parallax", "motion", "covariance", "magnitude")
+    }
+
+
+def test_model_is_the_rotation():
+    data = sim.link(3, 20, **FRAME)
+    solution = link(data, robust=False)
+    field = sim.observe(sim.quasars(5, 1), sim.spin(solution.spin.value), rng=2, sigma=1e-6)
+    assert np.allclose(solution.model(field), field.motion, atol=1e-4)
+
+
+def test_stored(tmp_path):
+    solution = link(sim.link(13, 20), steps=[12.0], excess=False)
+    solution.write(tmp_path / "link.ecsv")
+    assert fit.storage.read(tmp_path / "link.ecsv") == solution
+
+
+@pytest.mark.parametrize("ending", ["ecsv", "fits", "csv"])
+def test_rows_through_a_file(tmp_path, ending):
+    data = sim.link(14, 8, single=0.5, quasars=4)
+    write_astrometry(data, tmp_path / f"stars.{ending}")
+    again = read_astrometry(tmp_path / f"stars.{ending}")
+    assert (again.name == data.name).all()
+    assert (again.catalogue == data.catalogue).all()
+    assert np.allclose(again.values, data.values, rtol=1e-13, equal_nan=True)
+    assert np.allclose(again.covariance, data.covariance, rtol=1e-9, equal_nan=True)
+    assert (again.still == data.still).all()
+    assert (again.displaced == data.displaced).all()
+
+
+def test_two_catalogues_side_by_side(tmp_path):
+    """As the released tables of radio stars have them: one with a suffix, the other repeated beside each of its rows."""
+    table = tmp_path / "wide.csv"
+    head = [
+        f"{name}{s}"
+        for s in ("_VLBI", "")
+        for name in [
+            "EPOCH",
+            "RA",
+            "RA_ERR",
+            "DEC",
+            "DEC_ERR",
+            "PI",
+            "PI_ERR",
+            "PMRA",
+            "PMRA_ERR",
+            "PMDEC",
+            "PMDEC_ERR",
+        ]
+    ]
+    lines = [
+        "A,2005,10.1,.2,5,.2,3,.1,1,.1,2,.1,2016,10.1,.02,5,.02,3,.03,1,.02,2,.02",
+        "A,1992,10.1,.2,5,.2,3,.1,1,.1,2,.1,2016,10.1,.02,5,.02,3,.03,1,.02,2,.02",
+        "B,2000,50.1,NaN,-5,NaN,3,.1,1,.1,2,.1,2016,50.1,.02,-5,.02,3,.03,1,.02,2,.02",
+    ]
+    table.write_text("\n".join(["SOURCE_NAME," + ",".join(head), *lines]))
+    data = read_astrometry(table)
+    assert data.catalogues == ("gaia", "vlbi")
+    assert len(data) == 5
+    assert data.measured[-1].tolist() == [False, False, True, True, True]
+    assert np.allclose(np.sqrt(data.covariance[0, 0, 0]), 20)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"), [("ra,dec\n1,2\n", "no column 'name'"), ("name,epoch,ra,dec\na,2016,1,2\n", "nothing measured")]
+)
+def test_tables_that_cannot_be_read(tmp_path, text, words):
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises((TableError, FieldError), match=words):
+        read_astrometry(tmp_path / "t.csv")
