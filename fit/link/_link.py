@@ -121,10 +121,13 @@ def link(
         excess = robust and bool(((astrometry.catalogue == given) & astrometry.measured[:, 0]).any())
     families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
     listed: list[Node] = []
-    for size, ratio in _offsets(astrometry, given) if excess else [(0.0, 1.0)]:
+    offsets = _offsets(astrometry, given) if excess else [(0.0, 1.0)]
+    for size, ratio in offsets:
+        # As likely as not there is none; all sizes are alike then.
+        chance = -np.log(len(offsets) - 1) if size else 0.0
         more = raw.eliminated(size, ratio, given) if size else rows
         for node in nodes(more, known, families, scale):
-            evidence = node.evidence - more.log_determinant
+            evidence = node.evidence - more.log_determinant + chance
             listed.append(replace(node, evidence=evidence, excess=size, across=ratio))
     best = max(listed, key=lambda node: node.evidence)
     final = raw.eliminated(best.excess, best.across, given) if best.excess else rows
