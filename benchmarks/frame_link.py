@@ -24,6 +24,7 @@ CASES = {
     "30 % binaries, heavy tails": ({"tails": 3, "binaries": 0.3}, {}),
     "15 stars": ({"n": 15, "tails": 3}, {}),
     "single epochs": ({"tails": 3, "single": 1.0}, {}),
+    "  no offset sought": ({"tails": 3, "single": 1.0}, {"excess": False}),
     "half single epochs": ({"tails": 3, "single": 0.5}, {}),
     "jump at 13": ({"tails": 3, "jump": JUMP, "n": 80}, {"steps": [13.0]}),
     "quasars with offsets": ({"tails": 3, "n": 20, "quasars": 80, "offset": 300.0}, {}),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.normal import normal_equations
 from fit.output import report
 from fit.quality import f_p_value, printed_p_value
-from fit.robust import clip, student_t
+from fit.resample import bootstrap, jackknife
+from fit.robust import clip, excess_noise, student_t
 from fit.solution import AboutSolution, Solution
 from vsh.conventions import ICRF3, to_icrf3
 from vsh.field import Field
@@ -25,7 +26,7 @@ from vsh.tools import arguments
 from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
-from vsh.tools.types import FloatArray, Rng, Table
+from vsh.tools.types import FloatArray, IntArray, Rng, Table
 
 __all__ = ["FrameComparison", "compare_catalogues"]
 #: Outliers that the report lists.
@@ -38,6 +39,21 @@ _MANY, _SEEN = 100_000, 200
 _DEGREE = 5
 #: Classes of quoted error, and the fewest sources in one.
 _CLASSES, _FEWEST = 5, 30
+#: The nside of the blocks that are left out one by one.
+_BLOCKS = 2
+
+
+#: What may be fitted alone, by its coefficients: rotation, the glide, or both.
+PARAMETERS = {"orientation": "T", "spin": "T", "glide": "S", "degree": "TS"}
+
+
+class _Sums(NamedTuple):
+    """Normal equations of some of the coefficients."""
+
+    matrix: FloatArray
+    rhs: FloatArray
+    chi2_null: float
+    n_data: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,18 +76,25 @@ class ByErrorClass(Frozen):
     p_value: float
 
 
-def by_error_class(differences: Field, modes: Modes) -> ByErrorClass | None:
+def by_error_class(differences: Field, modes: Modes, chosen: IntArray | None = None) -> ByErrorClass | None:
     """Fit differences with a factor on the errors of each of five classes of quoted error; None where residuals vanish.
+
+    Of the coefficients only those `chosen`, the others held at zero.
 
     The factors are χ² of each class over the degrees of freedom that the fit leaves it, the coefficients common to all.
     One factor for all sources is wrong where the faint share noise and the bright do not.
     """
-    n, p = len(differences), len(modes)
+    n = len(differences)
+    chosen = np.arange(len(modes)) if chosen is None else chosen
+    p = len(chosen)
     count = max(1, min(_CLASSES, n // max(_FEWEST, 2 * p)))
     if 2 * n <= p:
         return None
     order = np.argsort(np.sum(differences.sigma**2, axis=0), kind="stable")
-    normals = [normal_equations(differences[np.sort(part)], modes) for part in np.array_split(order, count)]
+    normals = [
+        _Sums(each.matrix[np.ix_(chosen, chosen)], each.rhs[chosen], each.chi2_null, each.n_data)
+        for each in (normal_equations(differences[np.sort(part)], modes) for part in np.array_split(order, count))
+    ]
     tau = np.ones(count)
     for _ in range(6):
         matrix = sum((each.matrix / t for each, t in zip(normals, tau, strict=True)), np.zeros((p, p)))
@@ -84,7 +107,7 @@ def by_error_class(differences: Field, modes: Modes) -> ByErrorClass | None:
         if not (new > 1e-12).all():
             return None
         tau = new
-    beyond = modes.degrees > 1
+    beyond = modes.degrees[chosen] > 1
     p_value = float("nan")
     if beyond.any():
         size = values[beyond] @ np.linalg.solve(covariance[np.ix_(beyond, beyond)], values[beyond])
@@ -121,6 +144,12 @@ class FrameComparison(AboutSolution):
         Rotation and glide with the errors that sources share over the sky, where that was asked for.
     floor : Floor or None
         The size of what sources share, where it is in no error above.
+    alone : ByErrorClass or None
+        Rotation or glide alone, the rest held at zero, where that was asked for.
+    alone_names : tuple of str
+        Its coefficients, by names of the ICRF3 papers.
+    method : str
+        Of the errors of `solution`: "" as quoted, or what was asked for in place of them.
     """
 
     labels: tuple[str, str]
@@ -133,6 +162,9 @@ class FrameComparison(AboutSolution):
     by_class: "ByErrorClass | None" = None
     shared: SharedErrors | None = None
     floor: Floor | None = None
+    alone: "ByErrorClass | None" = None
+    alone_names: tuple[str, ...] = ()
+    method: str = ""
 
     def __repr__(self) -> str:
         return (
@@ -161,6 +193,17 @@ class FrameComparison(AboutSolution):
         return {
             name: (value, float(sigma[modes.index(ICRF3[name][0])] / abs(ICRF3[name][1])))
             for name, value in values.items()
+        }
+
+    @property
+    def parameters_alone(self) -> dict[str, tuple[float, float]]:
+        """Rotation or glide with the rest held at zero, by names and signs of the ICRF3 papers; empty unless asked."""
+        if self.alone is None:
+            return {}
+        sigma = np.sqrt(np.diag(self.alone.covariance))
+        return {
+            name: (float(value / ICRF3[name][1]), float(error / abs(ICRF3[name][1])))
+            for name, value, error in zip(self.alone_names, self.alone.values, sigma, strict=True)
         }
 
     @property
@@ -212,6 +255,16 @@ class FrameComparison(AboutSolution):
         quoted = self.parameters
         for name, (value, error) in (self.parameters_by_class or quoted).items():
             lines.append(f"{name:12}{value:+12.2f}{error:10.2f}{value / error:+12.1f}{quoted[name][1]:12.2f}")
+        lines.append(
+            "R1, R2, R3 are the rotation in the fit below with the other sign: they turn the axes, not the sources"
+        )
+        if self.alone is not None:
+            listed = ", ".join(
+                f"{name} {value:+.2f} ± {error:.2f}" for name, (value, error) in self.parameters_alone.items()
+            )
+            lines.append(f"these alone, all others held at zero: {listed} {solution.unit} (errors scaled in classes)")
+        if self.method:
+            lines.append(f"values and errors by {self.method}; ± quoted is the same")
         if self.by_class is not None:
             factors = ", ".join(f"{each:.2f}" for each in self.by_class.factors)
             count = len(self.by_class.factors)
@@ -249,8 +302,6 @@ class FrameComparison(AboutSolution):
                 for n, (east, north), x in list(rows)[:_LISTED]
             ]
         shared_errors = [] if self.shared is None else [self.shared.report(what="")]
-        if shared_errors and solution.unit == "µas":
-            shared_errors.append("R1, R2, R3 of the ICRF3 papers are the rotation with the other sign.")
         return "\n\n".join(["\n".join(lines), *shared_errors, report(solution)])
 
     def parameters_table(self) -> Table:
@@ -292,6 +343,9 @@ def compare_catalogues(
     threshold: float = 5.0,
     labels: Sequence[str] = ("A", "B"),
     floor: bool | None = None,
+    parameters: Literal["orientation", "spin", "glide", "degree"] = "degree",
+    method: Literal["quoted", "robust", "excess noise", "bootstrap", "jackknife"] = "quoted",
+    replicates: int = 1000,
     rng: Rng = 1,
 ) -> tuple[FrameComparison, Field]:
     """Match two catalogues and fit a − b, with the sum of their covariances.
@@ -311,8 +365,16 @@ def compare_catalogues(
     floor : bool, optional
         Whether rotation and glide are also given with the errors that sources share over the sky, from the power of
         degrees 2 to 5 of the differences; from 100 000 sources on unless given. Otherwise its size is given.
+    parameters : {"degree", "orientation", "spin", "glide"}
+        What is also fitted alone, the rest held at zero: the rotation (of positions an orientation, of motions a spin),
+        or the glide. Few sources with large errors invent the rest.
+    method : {"quoted", "robust", "excess noise", "bootstrap", "jackknife"}
+        What values and errors come from: the errors quoted and scaled in classes, or `fit.robust.student_t`,
+        `fit.robust.excess_noise`, `fit.resample.bootstrap`, `fit.resample.jackknife` of what is not left out.
+    replicates : int
+        Of the bootstrap.
     rng : Generator or int
-        The source of all randomness: of that alone.
+        The source of all randomness: of that and the bootstrap.
 
     Returns
     -------
@@ -346,13 +408,21 @@ def compare_catalogues(
     if differences.motion.any():  # a catalogue beside itself has no scatter
         near = _distances(student_t(differences, modes).solution, differences) <= _FAR * threshold
     clipped = clip(differences[near] if near.any() else differences, modes, threshold=threshold)
-    solution = replace(clipped.solution, unit=unit)
+    arguments.choice("parameters", parameters, tuple(PARAMETERS))
     kept = near.copy()
     kept[near] = clipped.kept
     far = _distances(clipped.solution, differences)
     order = np.flatnonzero(~kept)[np.argsort(-far[~kept], kind="stable")]
     called = differences.name if differences.name is not None else np.arange(len(differences))
     fitted = differences[kept]
+    given = _by_method(fitted, modes, method, replicates, rng) or clipped.solution
+    solution = replace(given, unit=unit)
+    names = (
+        tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])
+        if parameters != "degree"
+        else ()
+    )
+    chosen = np.array([modes.index(ICRF3[each][0]) for each in names], int)
     sources = [_with_own_errors(each, chosen[kept], fitted) for each, chosen in ((a, pairs.a), (b, pairs.b))]
     comparison = FrameComparison(
         (labels[0], labels[1]),
@@ -362,9 +432,24 @@ def compare_catalogues(
         far[order],
         solution.quality.factor,
         correlation_matrices(sources, modes.lmax, labels=list(labels)),
-        by_error_class(fitted, modes),
+        by_error_class(fitted, modes) if method == "quoted" else None,
+        alone=by_error_class(fitted, modes, chosen) if names else None,
+        alone_names=names,
+        method="" if method == "quoted" else method,
     )
     return _with_floor(comparison, fitted, floor, rng), fitted
+
+
+def _by_method(fitted, modes, method, replicates, rng):
+    """The solution by another way to errors; None where they are as quoted."""
+    arguments.choice("method", method, ("quoted", "robust", "excess noise", "bootstrap", "jackknife"))
+    if method == "robust":
+        return student_t(fitted, modes).solution
+    if method == "excess noise":
+        return excess_noise(fitted, modes).solution
+    if method == "bootstrap":
+        return bootstrap(fitted, modes, replicates, rng, progress=False).resampled_solution
+    return jackknife(fitted, modes, _BLOCKS, progress=False).resampled_solution if method == "jackknife" else None
 
 
 def _with_floor(comparison, fitted, wanted, rng):

@@ -28,6 +28,9 @@ def _run(options):
             threshold=options.threshold,
             labels=(labels[0], label),
             floor=floor,
+            parameters=options.parameters,
+            method=_method(options),
+            replicates=options.bootstrap or 1000,
             rng=options.seed,
         )
     comparisons = [comparison for comparison, _ in compared.values()]
@@ -63,6 +66,15 @@ def _run(options):
         page=(lambda drawn, meta: _page(*compared[labels[1]], options, meta, drawn)) if len(compared) == 1 else None,
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
+
+
+def _method(options):
+    """What values and errors come from."""
+    if options.robust:
+        return "robust"
+    if options.excess_noise:
+        return "excess noise"
+    return "bootstrap" if options.bootstrap else "jackknife" if options.jackknife else "quoted"
 
 
 def _of(label, compared):

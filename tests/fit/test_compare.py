@@ -299,6 +299,43 @@ def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, mo
     assert "no such file" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("method", ["robust", "excess noise", "bootstrap", "jackknife"])
+def test_other_ways_to_errors(method):
+    """Each agrees with plain least squares where errors are right; the report says which it was."""
+    a, b = two(truth={"R1": 12.0})
+    plain, _ = compare_catalogues(a, b, 1)
+    other, _ = compare_catalogues(a, b, 1, method=method, replicates=200)
+    assert np.abs((other.solution.values - plain.solution.values) / plain.solution.sigma).max() < 1
+    assert np.allclose(other.solution.sigma, plain.solution.sigma, rtol=0.5)
+    assert f"values and errors by {method}" in other.report()
+    assert "scaled by residuals" not in other.report()
+
+
+def test_rotation_or_glide_alone():
+    """On few sources the rest, held at zero, takes nothing of it: errors are smaller, and hold."""
+    a, b = two(60, truth={"R1": 12.0})
+    comparison, _ = compare_catalogues(a, b, 2, parameters="orientation")
+    alone = comparison.parameters_alone
+    assert list(alone) == ["R1", "R2", "R3"]
+    quoted = comparison.parameters_by_class
+    assert all(alone[name][1] < quoted[name][1] for name in alone)
+    assert "these alone, all others held at zero: R1" in comparison.report()
+    assert list(compare_catalogues(a, b, 2, parameters="glide")[0].parameters_alone) == ["D1", "D2", "D3"]
+    with pytest.raises(ParameterError, match="parameters"):
+        compare_catalogues(a, b, 2, parameters="tilt")
+
+
+def test_commands_of_these(tmp_path, capsys):
+    a, b = (next(sharing(seed)) for seed in (1, 2))
+    for name, field in (("a", a), ("b", b)):
+        field.write(tmp_path / f"{name}.fits")
+    paths = [str(tmp_path / f"{name}.fits") for name in "ab"]
+    assert main([*paths, "--parameters", "spin", "--bootstrap", "50"]) == 0
+    out = capsys.readouterr().out
+    assert "these alone" in out
+    assert "values and errors by bootstrap" in out
+
+
 @pytest.mark.parametrize("n_skies", [10, pytest.param(200, marks=pytest.mark.slow)])
 def test_rotation_and_glide_with_what_sources_share_hold(n_skies):
     pulls, plain = [], []

@@ -42,6 +42,19 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--position-error", type=values.positive, metavar="UAS", help="one error for all positions, µas"
     )
+    parser.add_argument(
+        "--parameters",
+        choices=["degree", "orientation", "spin", "glide"],
+        default="degree",
+        help="also fit the rotation (orientation of positions, spin of motions) or the glide alone (default: degree)",
+    )
+    methods = parser.add_mutually_exclusive_group()
+    methods.add_argument("--robust", action="store_true", help="values and errors by Student's t")
+    methods.add_argument("--excess-noise", action="store_true", help="noise added to the errors until residuals agree")
+    methods.add_argument(
+        "--bootstrap", type=values.count(10), metavar="N", help="values and errors by N resamplings of the sources"
+    )
+    methods.add_argument("--jackknife", action="store_true", help="errors from fits without each block of the sky")
     floors = parser.add_mutually_exclusive_group()
     floors.add_argument(
         "--floor",
