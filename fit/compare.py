@@ -79,7 +79,7 @@ class ByErrorClass(Frozen):
 def by_error_class(differences: Field, modes: Modes, chosen: IntArray | None = None) -> ByErrorClass | None:
     """Fit differences with a factor on the errors of each of five classes of quoted error; None where residuals vanish.
 
-    Of the coefficients only those `chosen`, the others held at zero.
+    Only the coefficients `chosen` are fitted, the others held at zero.
 
     The factors are χ² of each class over the degrees of freedom that the fit leaves it, the coefficients common to all.
     One factor for all sources is wrong where the faint share noise and the bright do not.
@@ -149,7 +149,7 @@ class FrameComparison(AboutSolution):
     alone_names : tuple of str
         Its coefficients, by names of the ICRF3 papers.
     method : str
-        Of the errors of `solution`: "" as quoted, or what was asked for in place of them.
+        How errors of `solution` were made: "" as quoted, or what was asked for in place of them.
     """
 
     labels: tuple[str, str]
@@ -372,7 +372,7 @@ def compare_catalogues(
         What values and errors come from: the errors quoted and scaled in classes, or `fit.robust.student_t`,
         `fit.robust.excess_noise`, `fit.resample.bootstrap`, `fit.resample.jackknife` of what is not left out.
     replicates : int
-        Of the bootstrap.
+        How many resamplings the bootstrap makes.
     rng : Generator or int
         The source of all randomness: of that and the bootstrap.
 

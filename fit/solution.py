@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +20,7 @@ from vsh.modes import Modes
 from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import covariance, float_array
-from vsh.tools.errors import DegeneracyError
+from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.types import FloatArray, Kind, Table
 from vsh.vector import Vector, correlation_of
 
@@ -38,6 +39,20 @@ class LinearSolution(Result):
     @abstractmethod
     def model(self, field: Field) -> FloatArray:
         """The motions that the solution predicts at the sources of a field, (2, n). [µas/yr]"""
+
+    def __getitem__(self, name: str) -> Any:
+        """A vector ("spin", "acceleration", "orientation") as a Vector, or a parameter as (value, sigma)."""
+        vectors = [each for each in ("spin", "acceleration", "orientation") if hasattr(self, each)]
+        if name in vectors:
+            return getattr(self, name)
+        names = [str(each) for each in self.names]
+        if name in names:
+            place = names.index(name)
+            return float(self.values[place]), float(self.sigma[place])
+        near = get_close_matches(str(name), [*vectors, *names], n=3)
+        raise ParameterError(
+            f"nothing of this solution is called {name!r}" + (f": is it {' or '.join(near)}?" if near else "")
+        )
 
     @property
     def n_sources(self) -> int:

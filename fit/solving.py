@@ -108,8 +108,9 @@ def solve(
 
 def fit_field(
     field: Field | ScalarField | Iterable[Field],
-    modes: Modes | int,
+    modes: Modes | int | None = None,
     *,
+    lmax: int | None = None,
     covariance: Covariance | FloatArray | None = None,
     floor: bool = True,
 ) -> Solution:
@@ -121,6 +122,8 @@ def fit_field(
         The sources.
     modes : Modes, or the degree lmax
         What to fit; ScalarModes of a ScalarField.
+    lmax : int, optional
+        The degree, in place of `modes`.
     covariance : Covariance or (2n, 2n) array, optional
         As for `normal_equations`.
     floor : bool
@@ -131,7 +134,13 @@ def fit_field(
     ------
     DegeneracyError
         If the sources cannot tell the modes apart.
+    ParameterError
+        If neither modes nor a degree are given, or both.
     """
+    if (modes is None) == (lmax is None):
+        raise ParameterError("what is to be fitted: modes, or the degree lmax, one of the two")
+    modes = lmax if modes is None else modes
+    assert modes is not None
     if isinstance(field, Weighed):
         modes = modes_for(field, modes)
         if modes.components * len(field) < len(modes):

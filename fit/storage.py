@@ -14,6 +14,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+import textwrap
 import zlib
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -192,6 +193,11 @@ class Result(Frozen):
         columns, _, units = self._pack()
         return tables.table_of(columns, self._plain_facts(), units)
 
+    def __repr__(self) -> str:
+        """Name and attributes in one line, arrays by their shapes."""
+        parts = [f"{entry.name} {_short(getattr(self, entry.name))}" for entry in fields(cast(Any, self))]
+        return f"<{type(self).__name__}: {textwrap.shorten(', '.join(parts), 200, placeholder=' …')}>"
+
     def _repr_html_(self) -> str:
         """The report, for a notebook."""
         return f"<pre>{escape(self.report())}</pre>"
@@ -217,6 +223,8 @@ class Result(Frozen):
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
+        if "__repr__" not in cls.__dict__:  # or a dataclass writes its own, with every number of every array
+            cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
         _KINDS[cls.__name__] = cls
 
     def write(self, path: PathName, meta: dict[str, Any] | None = None) -> None:
@@ -271,7 +279,16 @@ class Result(Frozen):
         return all(same(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self)))
 
     def __hash__(self) -> int:
-        return hash((type(self).__name__, repr(self)))
+        return hash((type(self).__name__, *(entry.name for entry in fields(cast(Any, self)))))
+
+
+def _short(value):
+    """A value in a few letters: arrays and sequences by their sizes."""
+    if isinstance(value, np.ndarray):
+        return f"({' × '.join(map(str, value.shape))})"
+    if isinstance(value, (list, tuple, dict)) and len(value) > 3:
+        return f"({len(value)})"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def read(path: PathName) -> Any:

@@ -43,6 +43,12 @@ class Population(Frozen):
         for name in ("lon", "lat", "magnitude", "redshift"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, np.array(as_floats(name, getattr(self, name))[0]))
+        for name, most in (("lat", np.pi / 2), ("lon", 4 * np.pi)):
+            column = getattr(self, name)
+            if column is not None and np.size(column) and np.nanmax(np.abs(column)) > most * (1 + 1e-12):
+                raise FieldError(
+                    f"{name} is in radians: {np.nanmax(np.abs(column)):.6g} is too much (np.radians turns degrees)"
+                )
         super().__post_init__()
 
     def __len__(self) -> int:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -123,6 +123,51 @@ class Signal(InNotebook):
 
     def __add__(self, other: Any) -> Signal:
         return Signal(self.parts + as_signal(other).parts)
+
+    def __mul__(self, factor: Any) -> Signal:
+        """The same field, so many times as large."""
+        if not isinstance(factor, (int, float, np.number)):
+            return NotImplemented
+        return Signal(tuple(_scaled(part, number("the factor of a signal", factor)) for part in self.parts))
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> Signal:
+        return self * -1.0
+
+
+def _scaled(part, factor):
+    """A part of a signal, so many times as large; our own velocity stays one, for redshifts."""
+    if isinstance(part, Observer):
+        return replace(cast(Any, part), velocity=factor * np.asarray(part.velocity, float))
+    if isinstance(part, Scaled):
+        return replace(part, factor=factor * part.factor)
+    if hasattr(part, "radial"):
+        raise ParameterError(f"a {type(part).__name__} has redshifts beside its motions, which cannot be multiplied")
+    return (ScaledInTime if isinstance(part, TimeDependent) else Scaled)(part, factor)
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A field, so many times as large."""
+
+    part: Any
+    factor: float
+
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, redshift: ArrayLike | None) -> FloatArray:
+        return self.factor * self.part(lon, lat, redshift)
+
+
+@dataclass(frozen=True)
+class ScaledInTime(TimeDependent):
+    """A field that changes with time, so many times as large."""
+
+    part: Any
+    factor: float
+
+    def displacement(self, lon: FloatArray, lat: FloatArray, time: FloatArray) -> FloatArray:
+        """Displacements of sources at `lon`, `lat` [rad], a `time` each [yr since the epoch], (2, k). [µas]"""
+        return self.factor * self.part.displacement(lon, lat, time)
 
 
 def as_signal(truth: Any) -> Signal:

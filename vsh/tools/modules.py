@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec, module_from_spec
@@ -142,7 +143,13 @@ def old_names(
             warn(f"{module}.{name}", instead or (new if home else f"{module}.{new}"))
             return getattr(import_module(home or module), attribute)
         if otherwise is not None:
-            return otherwise(name)
+            try:
+                return otherwise(name)
+            except AttributeError as error:
+                near = [] if name.startswith("_") else get_close_matches(name, dir(sys.modules[module]), n=3)
+                if not near:
+                    raise
+                raise AttributeError(f"{error}: is it {' or '.join(near)}?", name=name) from None
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
 
     return getattribute

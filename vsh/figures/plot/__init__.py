@@ -1,7 +1,7 @@
 """Figures of the sky and of everything else, in one style (matplotlib)."""
 
 from vsh.figures.plot._arrows import LONGEST, arrow_grid, draw_vectors, even_grid
-from vsh.figures.plot._field import SURE, plot_field, plot_scalar_field
+from vsh.figures.plot._field import SURE, plot_field, plot_scalar_field, plot_sources
 from vsh.figures.plot._maps import draw_empty, draw_map, plot_map
 from vsh.figures.plot._marks import draw_direction, draw_line, draw_matrix, draw_points, draw_sources, symbol
 from vsh.figures.plot._sky_axes import PROJECTIONS, SkyAxes, sky_axes
@@ -37,6 +37,7 @@ __all__ = [
     "plot_field",
     "plot_map",
     "plot_scalar_field",
+    "plot_sources",
     "save_figures",
     "sky_axes",
     "styled",

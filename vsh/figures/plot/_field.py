@@ -113,6 +113,31 @@ def plot_field(
     return axes
 
 
+@styled
+def plot_sources(field: Field, *, n_arrows: int = 300, ax: Any = None) -> SkyAxes:
+    """The sources of a field as dots, and the motions that are surest in their errors as arrows.
+
+    Parameters
+    ----------
+    field : Field
+        The sources; at most 20 000 are drawn.
+    n_arrows : int
+        How many motions are.
+    ax : matplotlib Axes, optional
+        Axes whose place the map takes; a new figure unless given.
+    """
+    axes = sky_axes(field.frame, ax)
+    draw_sources(axes, field.lon, field.lat)
+    sure = np.argsort(-np.sum((field.motion / field.sigma) ** 2, 0), kind="stable")[:n_arrows]
+    size = np.hypot(*field.motion[:, sure])
+    longest = float(np.quantile(size, 0.9)) if len(sure) else 0.0
+    if longest > 0:
+        shown = field.motion[:, sure] * np.minimum(1, longest / np.maximum(size, 1e-300))
+        draw_vectors(axes, field.lon[sure], field.lat[sure], shown, scale=longest, linewidth=0.5)
+        axes.set_title(f"{len(field)} sources; longest arrow {longest:.3g} µas/yr", fontsize="small")
+    return axes
+
+
 def _colours():
     steps = np.linspace(0, 1, 256)
     colours = mpl.colormaps[SIGNIFICANCE](steps)

@@ -1,0 +1,64 @@
+"""Names that a user guesses do what they say, and others say what is near."""
+
+import numpy as np
+import pytest
+
+import fit
+import sim
+from vsh import FieldError, ParameterError
+from vsh.figures.plot import plot_sources
+
+
+@pytest.fixture(scope="module")
+def field():
+    return sim.observe(sim.quasars(300, 1), sim.spin((1, 2, 3)), rng=1)
+
+
+def test_a_degree_by_its_name(field):
+    assert fit.fit_field(field, lmax=1) == fit.fit_field(field, 1)
+    for wrong in ({}, {"modes": 1, "lmax": 1}):
+        with pytest.raises(ParameterError, match="one of the two"):
+            fit.fit_field(field, **wrong)
+
+
+def test_parts_of_a_solution(field):
+    solution = fit.fit_field(field, 1)
+    assert (solution["acceleration"].value == solution.acceleration.value).all()
+    assert solution["t(1,0)"] == (solution.values[0], solution.sigma[0])
+    assert fit.solve_frame(field)["omega_x"][0] == fit.solve_frame(field).spin.value[0]
+    with pytest.raises(ParameterError, match="is it acceleration"):
+        solution["aceleration"]
+
+
+def test_signals_are_multiplied():
+    one, lon, lat = sim.spin((1, 2, 3)), np.array([0.1, 2.0]), np.array([0.3, -1.0])
+    for twice in (2 * one, one * 2.0, -2 * -one):
+        assert np.allclose(twice(lon, lat), 2 * one(lon, lat))
+    wave = sim.in_time(lambda lon, lat, t: np.stack([t, t]))
+    assert np.allclose((3 * wave).displacement(lon, lat, [1.0, 2.0]), [[3, 6], [3, 6]])
+    ours = sim.secular_parallax((370.0, 0, 0))
+    seen = [(k * ours).observed_redshift(lon, lat, [0.01, 0.01]) for k in (1, 2)]
+    assert np.allclose((1.01 / (1 + seen[1]) - 1), 2 * (1.01 / (1 + seen[0]) - 1))
+    with pytest.raises(TypeError):
+        one * "two"
+
+
+def test_degrees_are_refused_at_once():
+    with pytest.raises(FieldError, match="in radians"):
+        sim.Population(np.array([10.0]), np.array([45.0]), np.array([18.0]))
+
+
+def test_a_word_that_is_near():
+    with pytest.raises(AttributeError, match="is it solve"):
+        getattr(fit, "sovle")  # noqa: B009
+
+
+def test_results_print_in_one_line(field):
+    for result in (fit.robust.student_t(field, 2), fit.robust.clip(field, 1), fit.cross_check(field)):
+        assert len(repr(result)) < 300
+        assert "\n" not in str(result)
+
+
+def test_a_field_is_drawn(field):
+    axes = plot_sources(field)
+    assert axes.get_title().startswith("300 sources")
