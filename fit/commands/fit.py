@@ -46,7 +46,8 @@ def _run(options):
     backgrounds = replace(backgrounds, results=results, texts=tuple(texts))
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
-    text = "\n".join([solution.report(check=check, truth=truth, source=name), *backgrounds.texts])
+    said = fit.output.verdict(solution, shared=options.floor)
+    text = "\n".join([solution.report(check=check, truth=truth, source=name), *backgrounds.texts, *[said] * bool(said)])
     lines = [f"{label or 'warning'}: {words}" for label, words in fit.output.warnings_of(solution)]
 
     def sheets():

@@ -17,6 +17,8 @@ def _run(options):
         first = first + each
     fixed = None if options.fixed is None else {name: _epoch(text) for name, text in options.fixed.items()}
     more: dict[str, Any] = {"aberration": None} if options.no_aberration else {}
+    if options.no_offset:
+        more["excess"] = False
     solution = link(
         first, options.reference, options.unknowns, steps=options.steps, order=options.order,
         colour_order=options.colour_order, epoch=options.epoch, robust=not options.no_robust, scale=options.scale,

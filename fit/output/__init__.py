@@ -16,6 +16,7 @@ from fit.output._rows import (
     vectors_of,
     vectors_table,
 )
+from fit.output._verdict import verdict
 from fit.quality import printed_p_value as p_value
 from vsh.tools.modules import lazily
 from vsh.tools.notes import note_lines
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from fit.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum
     from fit.output._html import html_report
 
-__all__ = ["html_report", "plot_correlation", "plot_power", "plot_residuals", "plot_spectrum", "write_html"]
+__all__ = ["html_report", "plot_correlation", "plot_power", "plot_residuals", "plot_spectrum", "verdict", "write_html"]
 
 # matplotlib is imported when a figure is first asked for.
 _FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum"]

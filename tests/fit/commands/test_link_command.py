@@ -34,7 +34,17 @@ def test_two_files(stars, tmp_path, capsys):
 
 
 def test_json_and_options(stars, capsys):
-    words = [str(stars / "gaia.csv"), str(stars / "vlbi.csv"), "--json", "--no-robust", "--steps", "13", "--order", "1"]
+    words = [
+        str(stars / "gaia.csv"),
+        str(stars / "vlbi.csv"),
+        "--json",
+        "--no-robust",
+        "--no-offset",
+        "--steps",
+        "13",
+        "--order",
+        "1",
+    ]
     assert main([*words, "--no-aberration", "--fixed", "vlbi=2010", "--unknowns", "spin"]) == 0
     tables = json.loads(capsys.readouterr().out)["tables"]
     assert len(tables["Link"]["columns"]["parameter"]["values"]) == 9

@@ -54,6 +54,11 @@ def make_parser() -> argparse.ArgumentParser:
             " is long enough"
         ),
     )
+    parser.add_argument(
+        "--recommended",
+        action="store_true",
+        help="errors by a robust likelihood, then what sources share, to degree 4 or higher: --robust student --floor",
+    )
     _add_backgrounds(parser)
     parser.add_argument(
         "--classes",
@@ -87,6 +92,12 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself."""
     if bool(options.catalogue) == options.demo:
         parser.error("name one catalogue, or --demo")
+    if options.recommended:
+        given = ("robust", "excess_noise", "bootstrap", "jackknife", "clip", "clip_threshold")
+        named = [f"--{name.replace('_', '-')}" for name in given if getattr(options, name) is not None]
+        if named:
+            parser.error(f"--recommended chooses the errors itself: leave out {', '.join(named)}")
+        options.robust, options.floor, options.lmax = "student", True, max(4, options.lmax)
     if options.classes and options.lmax < 3:
         parser.error("--classes needs --lmax 3 or more: degrees 1 and 2 say nothing of what classes share")
     if options.templates and options.lmax < 3:

@@ -42,6 +42,7 @@ def make_parser() -> argparse.ArgumentParser:
     add("--no-aberration", action="store_true", help="leave out what the Solar System's acceleration does")
     add("--no-parallax", action="store_true", help="positions of single epochs are free of parallax")
     add("--no-light-time", action="store_true", help="stars move as if light needed no time")
+    add("--no-offset", action="store_true", help="no offset between the reference's positions and the others is sought")
     add("--candidates", metavar="FILE", help="planned astrometry: which of its sources would tell most")
     parsing.add_threads(parser)
     add("--output", metavar="DIR", help="write report, tables and figures to this folder")

@@ -1,0 +1,50 @@
+"""One line on whether an acceleration is seen: its errors hold, and it says which they are."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import fit
+import sim
+from fit.commands.fit import main
+from fit.output import verdict
+
+
+def observed(seed, acceleration=(0, 0, 0), power=0.0, wrong=1.0, n=1000):
+    rng = np.random.default_rng(seed)
+    truth = sim.acceleration(acceleration) + sim.random_field(power * (2 * np.arange(1, 6) + 1.0), rng)
+    field = sim.observe(sim.quasars(n, 1), truth, rng=rng, sigma=200.0 * wrong)
+    return field.with_errors(field.sigma / wrong, field.rho)
+
+
+@pytest.mark.parametrize(("power", "wrong"), [(0.0, 1.5), (200.0, 1.0)])
+def test_it_sees_nothing_where_nothing_is(power, wrong):
+    said = [verdict(fit.fit_field(observed(seed, power=power, wrong=wrong), 3)) for seed in range(20)]
+    assert sum("no acceleration is seen" in each for each in said) >= 19
+    assert sum("times those quoted" in each for each in said) >= (19 if wrong > 1 else 0)
+
+
+def test_it_sees_what_is_there():
+    solution = fit.fit_field(observed(1, (0, 0, 60.0), n=2000), 3)
+    said = verdict(solution)
+    assert said.startswith("verdict: an acceleration of ")
+    assert "with what sources share (±" in said
+    assert verdict(fit.fit_field(observed(1, (0, 0, 60.0), n=2000), 1)).startswith("verdict: perhaps an acceleration")
+    # More shared, less sure.
+    assert "no acceleration" in verdict(replace(solution, floor=SimpleNamespace(acceleration_error=100.0)))
+
+
+def test_recommended(tmp_path, capsys):
+    observed(1, (0, 0, 60.0), n=2000).write(tmp_path / "q.fits")
+    assert main([str(tmp_path / "q.fits"), "--recommended", "--no-figures"]) == 0
+    last = capsys.readouterr().out.strip().splitlines()[-1]
+    assert last.startswith("verdict: an acceleration")
+    assert "robust fit" in last
+    assert "with what sources share" in last
+    assert main([str(tmp_path / "q.fits"), "--lmax", "1", "--no-figures"]) == 0
+    assert "verdict: perhaps" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main([str(tmp_path / "q.fits"), "--recommended", "--clip", "3"])
+    assert "leave out --clip" in capsys.readouterr().err
