@@ -12,7 +12,7 @@ from vsh.io.catalogue import read_field
 
 field: Field = read_field("catalogue.fits")
 modes = Modes("three")  # a degree is a number
-solution = fit.fit_field(field, lmx=3)  # it is called modes
+solution = fit.fit_field(field, lmx=3)  # misspelt
 print(field.longitude)  # it is called lon
 print(fit.fit_field(field, 3).acceleration.amplitud)  # amplitude
 spin: float = fit.fit_field(field, 1).spin  # a Vector
