@@ -1,5 +1,6 @@
 """`vsh-link`: frames of Gaia and VLBI over all magnitudes, on the command line."""
 
+from pathlib import Path
 from typing import Any
 
 from vsh.commands import finishing, outputs, running
@@ -12,10 +13,18 @@ def _run(options):
     outputs.check(options)
     from fit.link import forecast, link, read_priors
 
-    first, *others = (read_astrometry(path) for path in options.catalogues)
+    epochs = {name: _epoch(text, "--epochs") for name, text in (options.epochs or {}).items()}
+    labels = [Path(path).name.split(".")[0] for path in options.catalogues]
+    strange = sorted({*epochs, *options.quasars} - {*labels})
+    if strange:
+        raise ParameterError(f"no table is called {', '.join(strange)}: there are {', '.join(labels)}")
+    first, *others = (
+        read_astrometry(path, epoch=epochs.get(label), still=label in options.quasars)
+        for path, label in zip(options.catalogues, labels, strict=True)
+    )
     for each in others:
         first = first + each
-    fixed = None if options.fixed is None else {name: _epoch(text) for name, text in options.fixed.items()}
+    fixed = None if options.fixed is None else {name: _epoch(text, "--fixed") for name, text in options.fixed.items()}
     more: dict[str, Any] = {"aberration": None} if options.no_aberration else {}
     if options.no_offset:
         more["excess"] = False
@@ -47,11 +56,11 @@ def _run(options):
     )
 
 
-def _epoch(text):
+def _epoch(text, option):
     try:
         return float(text)
     except ValueError:
-        raise ParameterError(f"--fixed wants NAME=EPOCH, as vlbi=2015, not {text!r}") from None
+        raise ParameterError(f"{option} wants NAME=EPOCH, as vlbi=2015, not {text!r}") from None
 
 
 def _write(folder, results, meta):

@@ -19,7 +19,7 @@ __all__ = ["read_astrometry", "write_astrometry"]
 #: The five parameters by the archive's names, and what else they are called; case does not count.
 _FIVE = ("ra", "dec", "parallax", "pmra", "pmdec")
 _CALLED = {
-    "name": ("source_name", "name", "star", "source", "object", "designation", "source_id"),
+    "name": ("source_name", "icrf", "name", "star", "source", "object", "designation", "source_id"),
     "catalogue": ("catalogue", "catalog"),
     "epoch": ("epoch", "ref_epoch"),
     "ra": ("ra", "raj2000", "ra_icrs"),
@@ -52,7 +52,13 @@ _BARE = "gaia"
 
 
 def read_astrometry(
-    source: Any, catalogue: str | None = None, *, columns: Mapping[str, str] | None = None, format: str | None = None
+    source: Any,
+    catalogue: str | None = None,
+    *,
+    epoch: float | None = None,
+    still: bool = False,
+    columns: Mapping[str, str] | None = None,
+    format: str | None = None,
 ) -> AstrometryRows:
     """Read the astrometry of stars or quasars from a table, a row for each time that a catalogue gives a source.
 
@@ -65,6 +71,10 @@ def read_astrometry(
         A table may have two catalogues side by side, one with a suffix (`ra_VLBI` …), and a column `catalogue`.
     catalogue : str, optional
         The catalogue that the rows are of, where no column says; the name of the file unless given.
+    epoch : float, optional
+        Epoch of all rows, where no column says (2015.0 of ICRF3). [Julian year]
+    still : bool
+        Whether all sources are quasars, where no column says.
     columns : dict, optional
         From these names to those of the table.
     format : str, optional
@@ -87,7 +97,7 @@ def read_astrometry(
     if beside and not columns:
         bare = _Rows(opened, known, {}, "").astrometry(_BARE, once=True)
         return bare + _Rows(opened, known, {}, beside).astrometry(beside.strip("_"))
-    return _Rows(opened, known, dict(columns or {}), "").astrometry(label)
+    return _Rows(opened, known, dict(columns or {}), "", epoch).astrometry(label, still=still)
 
 
 def _suffix(names):
@@ -99,8 +109,8 @@ def _suffix(names):
 class _Rows:
     """The columns of a table that belong to one catalogue."""
 
-    def __init__(self, opened, known, chosen, suffix):
-        self.opened, self.suffix, self.names = opened, suffix, {}
+    def __init__(self, opened, known, chosen, suffix, epoch=None):
+        self.opened, self.epoch, self.names = opened, epoch, {}
         by_lower = {name.lower(): name for name in opened.names}
         for role, called in known.items():
             if role in chosen:
@@ -115,8 +125,9 @@ class _Rows:
             if place is not None:
                 self.names[role] = place
         for role in ("name", "epoch"):
-            if role not in self.names:
-                raise TableError(f"{opened.label}: {missing_column(role + suffix, opened)}")
+            if role not in self.names and not (role == "epoch" and epoch is not None):
+                remedy = "; epoch= says that of all rows (--epochs NAME=EPOCH)" if role == "epoch" else ""
+                raise TableError(f"{opened.label}: {missing_column(role + suffix, opened)}{remedy}")
         self.data = opened.columns(tuple(dict.fromkeys(self.names.values())))
 
     def numbers(self, role, n):
@@ -147,7 +158,7 @@ class _Rows:
                 matrix[:, i, j] = matrix[:, j, i] = np.nan_to_num(self.numbers(role, n))
         return matrix * sigma.T[:, :, None] * sigma.T[:, None, :]
 
-    def astrometry(self, label, once=False):
+    def astrometry(self, label, once=False, still=False):
         """The rows; each once where the table repeats them beside those of another catalogue."""
         names = np.char.strip(self.words("name"))
         n = len(names)
@@ -155,12 +166,13 @@ class _Rows:
             raise TableError(f"{self.opened.label}: the table has no rows")
         lon, lat = self.numbers("ra", n) * DEGREE, self.numbers("dec", n) * DEGREE
         parallax, *motion = (MAS * self.numbers(each, n) for each in _FIVE[2:])
-        still = np.nan_to_num(self.numbers("still", n)) != 0
+        at_rest = np.nan_to_num(self.numbers("still", n)) != 0 if "still" in self.names else np.full(n, still)
+        epoch = self.numbers("epoch", n) if "epoch" in self.names else np.full(n, float(self.epoch))
         columns = {
             "name": names,
             "catalogue": self.words("catalogue") if "catalogue" in self.names else np.full(n, label),
-            "epoch": self.numbers("epoch", n), "lon": lon, "lat": lat, "parallax": parallax,
-            "motion": np.stack(motion), "covariance": self.covariance(n), "still": still,
+            "epoch": epoch, "lon": lon, "lat": lat, "parallax": parallax,
+            "motion": np.stack(motion), "covariance": self.covariance(n), "still": at_rest,
             "jet": self.numbers("jet", n) * DEGREE,
             **{role: self.numbers(role, n) for role in ("radial_velocity", "magnitude", "colour")},
         }  # fmt: skip

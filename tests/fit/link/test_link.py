@@ -276,6 +276,17 @@ def test_two_catalogues_side_by_side(tmp_path):
     assert np.allclose(np.sqrt(data.covariance[0, 0, 0]), 20)
 
 
+def test_a_list_of_quasars_without_epochs(tmp_path):
+    table = tmp_path / "icrf3.csv"
+    table.write_text("icrf,ra,dec,ra_error,dec_error\nJ000020.3-322101,.1,-32,.1,.2\n")
+    data = read_astrometry(table, epoch=2015.0, still=True)
+    assert data.epoch == 2015.0
+    assert data.still.all()
+    assert not data.displaced.any()
+    with pytest.raises(TableError, match="--epochs NAME=EPOCH"):
+        read_astrometry(table)
+
+
 @pytest.mark.parametrize(
     ("text", "words"), [("ra,dec\n1,2\n", "no column 'name'"), ("name,epoch,ra,dec\na,2016,1,2\n", "nothing measured")]
 )

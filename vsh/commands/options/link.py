@@ -38,6 +38,8 @@ def make_parser() -> argparse.ArgumentParser:
     add("--priors", metavar="FILE", help="spins or orientations from elsewhere: x, y, z, x_error …, magnitude")
     add("--no-robust", action="store_true", help="normal errors in place of tails found from the data")
     add("--scale", type=values.positive, metavar="X", help="by which all errors are multiplied, in place of finding it")
+    add("--epochs", type=values.pairs, metavar="NAME=EPOCH", help="of tables without such a column (icrf3sx=2015)")
+    add("--quasars", type=values.names, default=(), metavar="NAME,…", help="tables of quasars alone, where none says")
     add("--fixed", type=values.pairs, metavar="NAME=EPOCH", help="catalogues tied to calibrators with fixed places")
     add("--no-aberration", action="store_true", help="leave out what the Solar System's acceleration does")
     add("--no-parallax", action="store_true", help="positions of single epochs are free of parallax")
