@@ -6,6 +6,7 @@ import pytest
 import fit
 import sim
 from fit.link import LinkPrior, forecast, link, read_priors
+from fit.link._likelihood import Tails
 from vsh.io.astrometry import read_astrometry, write_astrometry
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError, TableError
@@ -61,6 +62,15 @@ def test_half_hold_half(binaries):
     )  # fmt: skip
     assert 0.8 < np.sqrt(np.mean(each**2)) < 1.25
     assert 0.55 < np.mean(np.abs(each) < 1) < 0.80
+
+
+@pytest.mark.parametrize("tails", [Tails(3.0), Tails(8.0, 0.12, 12.0)])
+def test_slopes_of_the_likelihood(tails):
+    """Weight and curvature of a source are derivatives of ln of its density by χ²."""
+    d, size, step = np.array([2, 5, 5, 8]), np.array([1.0, 4.0, 60.0, 900.0]), 1e-3
+    low, middle, high = (tails.logs(size + k * step, d, 0.8) for k in (-1, 0, 1))
+    assert np.allclose(middle[1], -2 * (high[0] - low[0]) / (2 * step), rtol=1e-6)
+    assert np.allclose(middle[2], 2 * (high[1] - low[1]) / (2 * step), rtol=1e-6)
 
 
 def test_binaries_are_told_from_others():

@@ -10,6 +10,8 @@ import fit
 import sim
 from fit.commands.fit import main
 from fit.output import verdict
+from fit.quality import printed_p_value
+from vsh.vector import Vector
 
 
 def observed(seed, acceleration=(0, 0, 0), power=0.0, wrong=1.0, n=1000):
@@ -34,6 +36,13 @@ def test_it_sees_what_is_there():
     assert verdict(fit.fit_field(observed(1, (0, 0, 60.0), n=2000), 1)).startswith("verdict: perhaps an acceleration")
     # More shared, less sure.
     assert "no acceleration" in verdict(replace(solution, floor=SimpleNamespace(acceleration_error=100.0)))
+
+
+def test_errors_that_are_wrong_are_multiplied():
+    solution = fit.fit_field(observed(2, (0, 0, 30.0), wrong=1.5), 1)
+    a = solution.acceleration
+    p = Vector(a.value, a.covariance * solution.quality.factor**2).p_value
+    assert f"p = {printed_p_value(p)};" in verdict(solution)
 
 
 def test_recommended(tmp_path, capsys):
