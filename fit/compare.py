@@ -43,8 +43,10 @@ _CLASSES, _FEWEST = 5, 30
 _BLOCKS = 2
 
 
-#: What may be fitted alone, by its coefficients: rotation, the glide, or both.
-PARAMETERS = {"orientation": "T", "spin": "T", "glide": "S", "degree": "TS"}
+#: What may be fitted alone, by its kind of coefficients: rotation, the glide, or nothing beside all degrees.
+PARAMETERS = {"orientation": "T", "spin": "T", "glide": "S", "degree": ""}
+#: Where values and errors may come from.
+METHODS = ("quoted", "robust", "excess noise", "bootstrap", "jackknife")
 
 
 class _Sums(NamedTuple):
@@ -399,6 +401,8 @@ def compare_catalogues(
     """
     if len(labels) != 2 or not all(isinstance(label, str) for label in labels):
         raise ParameterError(f"labels are two names, not {labels!r}")
+    arguments.choice("parameters", parameters, tuple(PARAMETERS))
+    arguments.choice("method", method, METHODS)
     modes = as_modes(modes)
     pairs = counterparts(a, b, by=by, radius=radius)
     differences = match(a, b, by=by, pairs=pairs)
@@ -408,7 +412,6 @@ def compare_catalogues(
     if differences.motion.any():  # a catalogue beside itself has no scatter
         near = _distances(student_t(differences, modes).solution, differences) <= _FAR * threshold
     clipped = clip(differences[near] if near.any() else differences, modes, threshold=threshold)
-    arguments.choice("parameters", parameters, tuple(PARAMETERS))
     kept = near.copy()
     kept[near] = clipped.kept
     far = _distances(clipped.solution, differences)
@@ -417,11 +420,7 @@ def compare_catalogues(
     fitted = differences[kept]
     given = _by_method(fitted, modes, method, replicates, rng) or clipped.solution
     solution = replace(given, unit=unit)
-    names = (
-        tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])
-        if parameters != "degree"
-        else ()
-    )
+    names = tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])
     chosen = np.array([modes.index(ICRF3[each][0]) for each in names], int)
     sources = [_with_own_errors(each, chosen[kept], fitted) for each, chosen in ((a, pairs.a), (b, pairs.b))]
     comparison = FrameComparison(
@@ -442,7 +441,6 @@ def compare_catalogues(
 
 def _by_method(fitted, modes, method, replicates, rng):
     """The solution by another way to errors; None where they are as quoted."""
-    arguments.choice("method", method, ("quoted", "robust", "excess noise", "bootstrap", "jackknife"))
     if method == "robust":
         return student_t(fitted, modes).solution
     if method == "excess noise":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
@@ -42,14 +43,15 @@ class LinearSolution(Result):
 
     def __getitem__(self, name: str) -> Any:
         """A vector ("spin", "acceleration", "orientation") as a Vector, or a parameter as (value, sigma)."""
-        vectors = [each for each in ("spin", "acceleration", "orientation") if hasattr(self, each)]
+        vectors, names = ["spin", "acceleration", "orientation"], [str(each) for each in self.names]
         if name in vectors:
-            return getattr(self, name)
-        names = [str(each) for each in self.names]
+            with suppress(AttributeError, ValueError):  # what is not among the parameters of a solution
+                if (vector := getattr(self, name)) is not None:
+                    return vector
         if name in names:
             place = names.index(name)
             return float(self.values[place]), float(self.sigma[place])
-        near = get_close_matches(str(name), [*vectors, *names], n=3)
+        near = [each for each in get_close_matches(str(name), [*vectors, *names], n=3) if each != name]
         raise ParameterError(
             f"nothing of this solution is called {name!r}" + (f": is it {' or '.join(near)}?" if near else "")
         )

@@ -137,15 +137,14 @@ def fit_field(
     ParameterError
         If neither modes nor a degree are given, or both.
     """
-    if (modes is None) == (lmax is None):
+    sought = lmax if modes is None else modes
+    if sought is None or (modes is not None and lmax is not None):
         raise ParameterError("what is to be fitted: modes, or the degree lmax, one of the two")
-    modes = lmax if modes is None else modes
-    assert modes is not None
     if isinstance(field, Weighed):
-        modes = modes_for(field, modes)
-        if modes.components * len(field) < len(modes):
-            raise DegeneracyError(_too_few(len(field), modes))
-    solution = solve(normal_equations(field, modes, covariance=covariance))
+        sought = modes_for(field, sought)
+        if sought.components * len(field) < len(sought):
+            raise DegeneracyError(_too_few(len(field), sought))
+    solution = solve(normal_equations(field, sought, covariance=covariance))
     if not floor:
         return solution
     from fit.background import add_floor  # scipy's integrals and searches

@@ -279,7 +279,7 @@ class Result(Frozen):
         return all(same(getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(cast(Any, self)))
 
     def __hash__(self) -> int:
-        return hash((type(self).__name__, *(entry.name for entry in fields(cast(Any, self)))))
+        return hash((type(self).__name__, repr(self)))
 
 
 def _short(value):

@@ -179,8 +179,7 @@ def _pull(rows, values):
     """Bᵀr of each source, (n, p)."""
     residual = rows.rhs - rows.design @ values
     weighted = rows.design * residual[:, None]
-    order = np.flatnonzero(np.r_[True, np.diff(rows.source) > 0])
-    return np.add.reduceat(weighted, order, axis=0)
+    return np.add.reduceat(weighted, np.cumsum(rows.dims) - rows.dims, axis=0)
 
 
 def _laplace(rows, prior, tails, s, values, weight, curvature):

@@ -121,17 +121,16 @@ def link(
         excess = robust and bool(((astrometry.catalogue == given) & astrometry.measured[:, 0]).any())
     families = (FAMILIES if not excess else FEWER) if robust else (NORMAL,)
     listed: list[Node] = []
-    offsets = _offsets(astrometry, given) if excess else [(0.0, 1.0)]
-    for size, ratio in offsets:
+    offsets: list[tuple[float, float]] = _offsets(astrometry, given) if excess else [(0.0, 1.0)]
+    tried = {offset: rows if not offset[0] else raw.eliminated(*offset, given) for offset in offsets}
+    for (size, ratio), more in tried.items():
         # As likely as not there is none; all sizes are alike then.
         chance = -np.log(len(offsets) - 1) if size else 0.0
-        more = raw.eliminated(size, ratio, given) if size else rows
         for node in nodes(more, known, families, scale):
             evidence = node.evidence - more.log_determinant + chance
             listed.append(replace(node, evidence=evidence, excess=size, across=ratio))
     best = max(listed, key=lambda node: node.evidence)
-    final = raw.eliminated(best.excess, best.across, given) if best.excess else rows
-    return made(listed, final, known, sought, given, (*astrometry.notes, *notes))
+    return made(listed, tried[best.excess, best.across], known, sought, given, (*astrometry.notes, *notes))
 
 
 def _offsets(astrometry, reference):

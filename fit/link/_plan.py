@@ -96,7 +96,7 @@ def forecast(solution: LinkSolution, candidates: AstrometryRows) -> LinkPlan:
     rows = raw.eliminated(solution.excess, 1.0, solution.reference)
     tails, d = solution.tails, rows.dims
     ratio = (1 - tails.share) * (tails.nu + d) / (tails.nu + d + 2) / solution.scale**2
-    blocks = [ratio[i] * rows.design[rows.source == i].T @ rows.design[rows.source == i] for i in range(len(ratio))]
+    blocks = [weight * rows.design[mine].T @ rows.design[mine] for weight, mine in zip(ratio, rows.parts, strict=True)]
     matrix = np.linalg.inv(solution.covariance)
     left = list(range(len(blocks)))
     order, gains, sigmas = [], [], []

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, FieldError
 from vsh.tools.notes import printable
 from vsh.tools.types import FloatArray, IntArray
-from vsh.tools.units import UAS
+from vsh.tools.units import AU_PER_YEAR, UAS
 from vsh.vector import Vector
 
 #: Singular values of a source's whitened equations below so much of the largest are none.
@@ -48,10 +49,16 @@ class Rows:
     rows: IntArray
     log_determinant: float
 
-    @property
+    @cached_property
     def dims(self) -> IntArray:
         """How many differences each source has."""
         return np.bincount(self.source, minlength=len(self.names))
+
+    @property
+    def parts(self) -> list[slice]:
+        """Where the differences of each source are: they stand together."""
+        ends = np.cumsum(self.dims)
+        return [slice(end - size, end) for end, size in zip(ends.tolist(), self.dims.tolist(), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +228,7 @@ def _moving_without_velocity(data, velocity, still):
     """A note on fast stars near us whose radial velocity is not known."""
     with np.errstate(invalid="ignore"):
         # Perspective acceleration of 50 km/s over twenty years, 2 µ v ϖ t / A. [µas/yr]
-        change = np.hypot(*data.motion) * 50 * data.parallax * UAS * 2 * 20 / 4.74047
+        change = np.hypot(*data.motion) * 50 * data.parallax * UAS * 2 * 20 / AU_PER_YEAR
         doubtful = np.unique(data.name[~still & np.isnan(velocity) & (change > 20)])
     if not doubtful.size:
         return ()

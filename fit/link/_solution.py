@@ -282,8 +282,7 @@ def made(
     matrix = np.linalg.inv(covariance)
     influence = np.zeros((len(d), p))
     sigma = np.sqrt(np.diag(covariance))
-    for i in range(len(d)):
-        mine = rows.source == i
+    for i, mine in enumerate(rows.parts):
         a = rows.design[mine]
         without = matrix - best.weight[i] * a.T @ a
         pull = best.weight[i] * a.T @ left[mine]

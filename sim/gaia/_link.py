@@ -8,7 +8,7 @@ import numpy as np
 from sim.noise import parallax_error
 from vsh.sky.astrometry import AstrometryRows
 from vsh.sky.propagation import earth, propagate
-from vsh.sky.sphere import triad
+from vsh.sky.sphere import angles, triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.types import FloatArray, Rng
@@ -146,12 +146,12 @@ def _rows(rows, magnitude, velocity, still):
     parts: dict[str, list[Any]] = {}
     for chosen, t, label, values, error, covariance in rows:
         p, q, r = triad(values[0], values[1])
-        x, y, z = r + UAS * (p * error[0] + q * error[1])
+        lon, lat = angles(r + UAS * (p * error[0] + q * error[1]))
         names = np.where(still[chosen], "quasar ", "star ").astype(object) + chosen.astype(str)
         measured = np.isfinite(np.diagonal(covariance, axis1=1, axis2=2))
         columns = {
             "name": names.astype(str), "catalogue": np.full(len(chosen), label), "epoch": t,
-            "lon": np.arctan2(y, x) % (2 * np.pi), "lat": np.arctan2(z, np.hypot(x, y)),
+            "lon": lon, "lat": lat,
             "parallax": values[2] + error[2], "motion": values[3:] + error[3:],
             "covariance": np.where(measured[:, :, None] & measured[:, None, :], covariance, np.nan),
             "radial_velocity": velocity[chosen], "magnitude": magnitude[chosen], "still": still[chosen],

@@ -157,6 +157,15 @@ def test_an_offset_of_positions_is_found():
     assert solution.sigma[:3].min() > link(data, excess=False).sigma[:3].min()
 
 
+def test_parts_by_name():
+    """A link without an acceleration has a spin by its name, and says what it has not."""
+    solution = link(sim.link(12, 20), robust=False)
+    assert (solution["spin"].value == solution.spin.value).all()
+    assert solution["omega_x"][0] == solution.spin.value[0]
+    with pytest.raises(ParameterError, match="nothing of this solution is called 'acceleration'"):
+        solution["acceleration"]
+
+
 def test_the_quiet_epoch():
     solution = link(sim.link(12, 40), excess=False)
     errors = [np.sum(solution.at_epoch(solution.quiet_epoch + years).sigma ** 2) for years in (-1, 0, 1)]
