@@ -6,7 +6,7 @@ from typing import Any
 
 import fit
 from vsh.commands import reading
-from vsh.tools.errors import ParameterError, TableError
+from vsh.tools.errors import ParameterError
 
 #: The sources' own density; everything else is a file or a column.
 _DENSITY = "density"
@@ -45,14 +45,10 @@ def _column(name, source, options):
     from vsh.io import catalogue
 
     given = reading.arguments(options)
-    named = given["columns"]
-    columns = {"names": named} if isinstance(named, str) else dict(named or {})
-    # The role of the magnitude carries it, in whatever unit it is.
-    given |= {"columns": columns | {"magnitude": name}, "units": dict(options.units or {}) | {name: "mag"}}
-    field = catalogue.read_field(source, **given, roles=("magnitude",))
-    if field.magnitude is None:
-        raise TableError(f"the column {name} of {source.label} holds no numbers")
-    return fit.background.Template.of_sources(name, field.lon, field.lat, field.magnitude, field.frame)
+    field = catalogue.read_field(source, **given, roles=())
+    return fit.background.Template.of_sources(
+        name, field.lon, field.lat, catalogue.read_columns(source, [name], **given)[name], field.frame
+    )
 
 
 def cross_powers_of(solution: Any, templates: list[Any]) -> Any:

@@ -28,6 +28,8 @@ COMMANDS = {
     "sim": Command("simulate", "sim.commands.simulate", ("bachchan2016",)),
     "agis": Command("agis", "sim.commands.agis", ("lindegren2012", "bachchan2016", "lam2015", *_PIXELS, *_FIT)),
     "study": Command("study", "study.command", (*_FIT, "bachchan2016")),
+    "referee": Command("referee", "study.referee.command",
+                       (*_FIT, *_PIXELS, "gaia2021acceleration", "book2011", "nguyen2026")),
     "forecast": Command("forecast", "study.forecast.command",
                         (*_FIT, "bachchan2016", "book2011", "planck2020overview", "planck2020parameters")),
     "waves": Command("waves", "study.waves", (*_FIT, *_PIXELS, "book2011", "lindegren2012")),

@@ -34,7 +34,7 @@ _LOG = logging.getLogger(__name__)
 MARK = "vsh-astrometry"
 #: The mark, or one of our commands, next to the begin or the end of a file.
 _MARKS = re.compile(
-    rb"vsh-(astrometry|fit|sim|agis|redshift|correlate|study|archive|pairs|compare|forecast|waves|link)\b"
+    rb"vsh-(astrometry|fit|sim|agis|redshift|correlate|study|archive|pairs|compare|forecast|waves|link|referee)\b"
 )
 _LOOKED_AT = 2**17
 _HASH = re.compile(rb"\b[0-9a-f]{64}\b")

@@ -41,6 +41,7 @@ JOBS = {
         FITS | TABLE | ECSV | TRANSITS | {"numba"},
     ),
     "study": ("s.toml --output study", FITS | TABLE | TRANSITS | FIGURES | {"ducc0"}),
+    "referee": ("q.fits --no-figures", FITS | TABLE | {"ducc0", "scipy.optimize"}),
     "forecast": ("", {"astropy.units", "scipy.linalg", "scipy.special"} | SPLINES),
     "waves": (
         "e.fits --attitude known --frequencies 2 --lmax 2 --nside 2 --skies 5",

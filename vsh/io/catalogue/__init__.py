@@ -4,10 +4,20 @@ from vsh.io.catalogue._columns import as_columns, missing_column, unit_factor
 from vsh.io.catalogue._match import Counterparts, counterparts, match, read_icrf, read_positions
 from vsh.io.catalogue._names import GAIA, NAMED, REQUIRED, Columns, with_distances
 from vsh.io.catalogue._parts import parts
-from vsh.io.catalogue._read import read_field, read_scalars, read_sources, truth_of
+from vsh.io.catalogue._read import read_columns, read_field, read_scalars, read_sources, truth_of
 from vsh.tools.modules import old_names
 
-__all__ = ["GAIA", "Columns", "Counterparts", "match", "parts", "read_field", "read_icrf", "read_scalars"]
+__all__ = [
+    "GAIA",
+    "Columns",
+    "Counterparts",
+    "match",
+    "parts",
+    "read_columns",
+    "read_field",
+    "read_icrf",
+    "read_scalars",
+]
 
 __getattr__ = old_names(
     __name__,

@@ -37,14 +37,16 @@ from vsh.io.parts import OPTIONAL
 from vsh.scalars import ScalarField
 from vsh.tools import arguments
 from vsh.tools.arguments import positive, whole
-from vsh.tools.bad_rows import PLACEHOLDER, placeholders
+from vsh.tools.bad_rows import PLACEHOLDER, as_floats, placeholders
 from vsh.tools.errors import NothingLeftError, NothingSelectedError, TableError, VshWarning
 from vsh.tools.logs import log_result
 from vsh.tools.notes import DroppedRows, dropped, merge_notes, printable
-from vsh.tools.types import OnBad, PathName
+from vsh.tools.types import FloatArray, OnBad, PathName
 from vsh.vector import Vector
 
 _LOG = getLogger(__name__)
+#: The place of a row in its table, beside its columns.
+_ROW = "row of the table"
 
 
 def read_field(
@@ -109,6 +111,51 @@ def read_field(
     field = make(make.source.columns(make.names))
     log_result(_LOG, f"read {make.source.label}", field, begin)
     return field
+
+
+def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str, FloatArray]:
+    """Numbers of any columns, at the rows that `read_field` reads.
+
+    Parameters
+    ----------
+    source : path, table or TableSource
+        As for `read_field`.
+    names : iterable of str
+        Names of the columns.
+    **reading
+        The arguments of `read_field` that chose the rows: columns, units, on_bad, frame, where, format.
+
+    Returns
+    -------
+    dict of (n,) arrays
+        In the units of the table; missing values are nan.
+
+    Raises
+    ------
+    TableError
+        If there is no such column.
+    FieldError
+        If one holds no numbers, or `read_field` would raise it.
+    """
+    opened, names = tables.open_table(source, reading.pop("format", None)), list(names)
+    for name in names:
+        if name not in opened.names:
+            raise TableError(f"{opened.label}: {missing_column(name, opened)}")
+    given = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None} | reading
+    make = _maker(opened, **given, roles=())
+    block = dict(make.source.columns(tuple(dict.fromkeys((*make.names, *names)))))
+    values = {name: as_floats(name, np.ma.MaskedArray(*_masked(block[name]))) for name in names}
+    # Names are carried along by whatever leaves rows out.
+    make.where["name"], rows = _ROW, len(next(iter(block.values()))[0])
+    block[_ROW] = np.arange(rows), None
+    kept = np.asarray(make(block).name, int)
+    return {name: np.where(missing, np.nan, array)[kept] for name, (array, missing) in values.items()}
+
+
+def _masked(column):
+    """Values of a column and their mask."""
+    values, mask = column
+    return values, (False if mask is None else mask)
 
 
 def stream_fields(

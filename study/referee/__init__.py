@@ -1,0 +1,7 @@
+"""Every published analysis of quasar motions from one catalogue, and what a referee would ask of it."""
+
+from study.referee._quasars import Quasars, read_quasars
+from study.referee._referee import Referee, referee
+from study.referee._rows import Check, Row, Section, Value
+
+__all__ = ["Check", "Quasars", "Referee", "Row", "Section", "Value", "read_quasars", "referee"]

@@ -1,0 +1,102 @@
+"""Classes of sources, compared by the errors quoted and with those that they share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import chdtrc
+
+from fit.background import SharedErrors, shared
+from fit.quality import gls
+from fit.solution import Solution
+from fit.solving import solve
+from study.referee._quasars import Quasars, degree_for
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.sphere import angles, triad
+from vsh.tools.errors import DegeneracyError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import BoolArray, FloatArray, Rng
+
+#: What classes share is looked for to this degree, in no class of fewer sources.
+_DEGREE, FEWEST = 5, 100
+Split = dict[str, BoolArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Compared(InNotebook):
+    """Classes: each fitted alone by the errors quoted, and all with what they share."""
+
+    plain: list[Solution]
+    shared: SharedErrors
+
+    def at_face_value(self, kind: str | None = None) -> float:
+        """p-value of spins ("T"), accelerations ("S") or both that are alike, by errors quoted and nothing shared."""
+        part = {None: slice(0, 6), "T": slice(0, 3), "S": slice(3, 6)}[kind]
+        values = np.array([_first(each)[0][part] for each in self.plain])
+        covariance = np.zeros(2 * values.shape)
+        for i, each in enumerate(self.plain):
+            covariance[i, :, i, :] = _first(each)[1][part, part]
+        misfit = gls(values, covariance.reshape(values.size, values.size), np.ones((len(values), 1)))[1]
+        return float(chdtrc(values.size - values.shape[1], misfit))
+
+
+def _first(solution):
+    """Degree 1 of a solution, and its covariance."""
+    at = np.flatnonzero(solution.modes.degrees == 1)
+    return solution.values[at], solution.covariance[np.ix_(at, at)]
+
+
+def compare(quasars: Quasars, split: Split, rng: Rng = 1, lmax: int | None = None) -> Compared:
+    """Compare classes of sources.
+
+    Parameters
+    ----------
+    quasars : Quasars
+        The sources.
+    split : dict of (n,) masks
+        The classes, by name.
+    rng : Generator or int
+        The source of all randomness.
+    lmax : int, optional
+        Of the plain fits; that of the others is what the smallest class bears, 5 at most.
+
+    Raises
+    ------
+    DegeneracyError
+        If a class has too few sources.
+    """
+    kept = {name: mask for name, mask in split.items() if mask.sum() >= FEWEST}
+    if len(kept) < 2:
+        counts = ", ".join(f"{name}: {mask.sum()}" for name, mask in split.items())
+        raise DegeneracyError(f"fewer than two classes of {FEWEST} sources ({counts})")
+    degree = degree_for(min(mask.sum() for mask in kept.values()), _DEGREE, least=3)
+    normals = [quasars.equations(mask, degree) for mask in kept.values()]
+    plain = [solve(quasars.equations(mask, lmax) if lmax else each) for mask, each in zip(kept.values(), normals)]
+    return Compared(plain, shared(normals, labels=list(kept), rng=rng))
+
+
+def by_edges(values: FloatArray, edges: Sequence[float], name: str) -> Split:
+    """Classes between edges."""
+    inner = {f"{low:g} ≤ {name} < {high:g}": (values >= low) & (values < high) for low, high in pairwise(edges)}
+    return {f"{name} < {edges[0]:g}": values < edges[0]} | inner | {f"{name} ≥ {edges[-1]:g}": values >= edges[-1]}
+
+
+def by_parts(values: FloatArray, k: int, name: str) -> Split:
+    """Classes of about as many sources each; sources without a value are in none."""
+    edges = np.unique(np.nanquantile(values, np.arange(1, k) / k))
+    if not len(edges) or np.nanmin(values) == np.nanmax(values):
+        raise DegeneracyError(f"{name} is the same for all sources")
+    return by_edges(values, [float(f"{edge:.4g}") for edge in edges], name)
+
+
+def halves(quasars: Quasars, frame: str) -> Split:
+    """The two halves of the sky beside the equator of a frame."""
+    lat = latitude(quasars, frame)
+    return {f"northern {frame} half": lat >= 0, f"southern {frame} half": lat < 0}
+
+
+def latitude(quasars: Quasars, frame: str) -> FloatArray:
+    """Latitude of each source. [rad]"""
+    field = quasars.field
+    return angles(rotation_matrix(field.frame, frame) @ triad(field.lon, field.lat)[2])[1]

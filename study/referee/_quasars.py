@@ -1,0 +1,140 @@
+"""The sources that a referee looks at, with whatever columns may tell the instrument from the sky."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fit.normal import NormalEquations, normal_equations
+from fit.robust import clip
+from vsh.field import Field
+from vsh.io import catalogue, tables
+from vsh.tools.errors import DegeneracyError, TableError
+from vsh.tools.notebook import InNotebook
+from vsh.tools.types import FloatArray
+
+#: Columns that checks split the sources by, of Gaia's archive and of tables of VLBI: the first that is there.
+_COLUMNS = {
+    "colour": ("nu_eff_used_in_astrometry", "bp_rp", "pseudocolour", "bp_g"),
+    "visibility periods": ("visibility_periods_used", "n_epoch"),
+    "transits": ("matched_transits", "astrometric_matched_transits", "astrometric_n_good_obs_al"),
+    "scan strength": ("scan_direction_strength_k2",),
+    "scan direction": ("scan_direction_mean_k2",),
+    "RUWE": ("ruwe",),
+    "last epoch": ("mjd_last",),
+    "parameters solved": ("astrometric_params", "astrometric_params_solved"),
+}
+#: A fit to degree L needs so many sources for each of its unknowns.
+_PER_MODE = 4
+#: The highest degree of the headline: higher ones tell less of degree 1.
+_HIGHEST = 7
+_KAPPA = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Quasars(InNotebook):
+    """Sources, clipped, and what is known of each.
+
+    Attributes
+    ----------
+    field : Field
+        Those that stay after clipping.
+    columns : dict of str to (n,) array
+        Numbers of each, by what they mean; nan where nothing is known.
+    names : dict of str to str
+        The column of the table that each is.
+    label : str
+        Where they are from.
+    n_clipped : int
+        How many were left out.
+    whole : Field
+        All of them.
+    """
+
+    field: Field
+    columns: Mapping[str, FloatArray]
+    names: Mapping[str, str]
+    label: str
+    n_clipped: int
+    whole: Field
+
+    @classmethod
+    def of(cls, field: Field, columns: Mapping[str, Any], names: Mapping[str, str], label: str) -> "Quasars":
+        """Clip the sources to the degree they bear."""
+        lmax = degree_for(len(field), 3)
+        clipped = clip(field, lmax, _KAPPA)
+        kept = clipped.kept
+        values = {name: np.asarray(each, float)[kept] for name, each in columns.items()}
+        return cls(field[kept], values, names, label, clipped.n_clipped, field)
+
+    def column(self, name: str) -> FloatArray:
+        """Numbers of a column; TableError says which names it might have."""
+        if name not in self.columns or not np.isfinite(self.columns[name]).any():
+            wanted = {"redshift": ("redshift", "z", "redshift_qsoc"), "G": ("phot_g_mean_mag",)} | _COLUMNS
+            raise TableError(f"no column of it ({', '.join(wanted[name])})")
+        return self.columns[name]
+
+    @property
+    def degree(self) -> int:
+        """The degree that what sources share is looked for to."""
+        return degree_for(len(self.field), _HIGHEST)
+
+    @cached_property
+    def normal(self) -> NormalEquations:
+        """Normal equations of all that stay, to `degree`."""
+        return normal_equations(self.field, self.degree)
+
+    def equations(self, chosen: Any, lmax: int) -> NormalEquations:
+        """Normal equations of some of them."""
+        return normal_equations(self.field[chosen], lmax)
+
+
+def degree_for(n: int, most: int, least: int = 1) -> int:
+    """The highest degree up to `most` that n sources bear."""
+    lmax = next((l for l in range(most, 0, -1) if n >= _PER_MODE * 2 * l * (l + 2) / 2), 0)
+    if lmax < least:
+        raise DegeneracyError(f"{n} sources do not bear degree {least}")
+    return lmax
+
+
+def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
+    """Read what a referee looks at.
+
+    Parameters
+    ----------
+    source : path or table
+        As for `vsh.io.catalogue.read_field`.
+    axes : str
+        Of all results: "icrs", "galactic" or "ecliptic".
+    **reading
+        Its arguments: columns, units, on_bad, frame, where, format.
+
+    Returns
+    -------
+    Quasars
+        Clipped at κ = 3; columns that are not there are left out.
+
+    Raises
+    ------
+    TableError
+        If a column that is needed is missing.
+    FieldError
+        If no source, or not every one, can be used.
+    DegeneracyError
+        If there are fewer than a dozen.
+    """
+    opened = tables.open_table(source, reading.pop("format", None))
+    field = catalogue.read_field(opened, **reading, roles=("name", "redshift", "magnitude")).to_frame(axes)
+    names = {
+        meaning: next(each for each in candidates if each in opened.names)
+        for meaning, candidates in _COLUMNS.items()
+        if any(each in opened.names for each in candidates)
+    }
+    read = catalogue.read_columns(opened, names.values(), **reading)
+    columns = {meaning: read[name] for meaning, name in names.items()}
+    for meaning, values in (("redshift", field.redshift), ("G", field.magnitude)):
+        if values is not None:
+            columns[meaning] = np.asarray(values, float)
+    return Quasars.of(field, columns, names, opened.label)

@@ -1,0 +1,114 @@
+"""What a referee reads: values, rows of a section, checks."""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fit.quality import printed_p_value
+from study.papers import Paper
+from vsh.tools.notebook import InNotebook
+
+#: What is less likely by chance is called seen; what is less likely than that, a hint.
+SEEN, HINT = 0.0027, 0.05
+
+
+class Value(NamedTuple):
+    """A number with its error, a limit of 95 %, or a p-value."""
+
+    value: float
+    error: float = float("nan")
+    kind: str = "value"
+
+    def __str__(self) -> str:
+        if not np.isfinite(self.value):
+            return "–"
+        if self.kind == "p":
+            return f"p {printed_p_value(self.value)}"
+        if self.kind == "limit":
+            return f"< {self.value:.3g}"
+        if not np.isfinite(self.error):
+            return f"{self.value:,.0f}".replace(",", " ") if abs(self.value) > 1e4 else f"{self.value:.4g}"
+        digits = max(0, 1 - int(np.floor(np.log10(self.error)))) if self.error > 0 else 3
+        return f"{self.value:+.{digits}f} ± {self.error:.{digits}f}"
+
+
+#: Nothing to say.
+NONE = Value(float("nan"))
+
+
+@dataclass(frozen=True)
+class Row(InNotebook):
+    """A number of a section: published, ours done their way, and with the errors that sources share."""
+
+    quantity: str
+    published: Value = NONE
+    theirs: Value = NONE
+    shared: Value = NONE
+
+
+@dataclass(frozen=True, eq=False)
+class Section(InNotebook):
+    """A published analysis, repeated.
+
+    Attributes
+    ----------
+    title : str
+    paper : Paper
+    rows : tuple of Row
+    verdict : str
+        In words.
+    p_value : float
+        What the verdict rests on; nan where it is no test.
+    lacking : str
+        Why there is no result; empty where there is one.
+    results : dict of str to Result
+        What was fitted for it, by name; each can be plotted and written.
+    """
+
+    title: str
+    paper: Paper
+    rows: tuple[Row, ...] = ()
+    verdict: str = ""
+    p_value: float = float("nan")
+    lacking: str = ""
+    results: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Check(InNotebook):
+    """One question of a referee.
+
+    Attributes
+    ----------
+    key : str
+        In a word.
+    question : str
+    answer : str
+        The number behind the p-value, in words.
+    p_value : float
+        Probability of as much by chance, with what sources share; nan where it could not be asked.
+    at_face_value : float
+        The same by the errors quoted; nan where there is none.
+    lacking : str
+        Why it could not be asked.
+    results : dict of str to Result
+    """
+
+    key: str
+    question: str
+    answer: str = ""
+    p_value: float = float("nan")
+    at_face_value: float = float("nan")
+    lacking: str = ""
+    results: dict[str, Any] = field(default_factory=dict)
+
+
+def judged(p: float, nothing: str, something: str) -> str:
+    """A verdict in words by its p-value."""
+    shown = f"p = {printed_p_value(p)}"
+    if p >= HINT:
+        return f"{nothing} ({shown})"
+    if p >= SEEN:
+        return f"a hint, no more: {something} ({shown}; one look in {1 / p:.0f} gives as much)"
+    return f"{something} ({shown})"

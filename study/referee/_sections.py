@@ -1,0 +1,268 @@
+"""Published analyses of quasar motions, each repeated its own way and with the errors that sources share."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fit import pairs
+from fit.background import SHAPES, floor, wave_limit
+from fit.normal import normal_equations
+from fit.robust import clip
+from fit.secular_parallax import observer_velocity
+from fit.solving import fit_field, solve
+from fit.spectrum import spectrum
+from study.papers import papers
+from study.referee._classes import by_edges, by_parts, compare
+from study.referee._headline import Headline
+from study.referee._quasars import Quasars, degree_for
+from study.referee._rows import NONE, SEEN, Row, Section, Value, judged
+from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
+from vsh.tools.errors import DegeneracyError, VshError
+from vsh.tools.types import Rng
+
+#: Bins of learnt redshift (Makarov 2025), and of magnitude (Gaia-CRF3).
+_Z_EDGES, _G_EDGES = (2.0, 3.0), (18.0, 19.0, 20.0)
+#: A galaxy is nearer than this, and there must be so many.
+_NEAR, _GALAXIES = 0.1, 1000
+#: Pairs are sorted into so many bins of angle.
+_BINS = 14
+
+
+class Asked(NamedTuple):
+    """What a section works with."""
+
+    quasars: Quasars
+    headline: Headline
+    rng: Rng
+
+
+def _published(paper, name):
+    number = papers()[paper].numbers.get(name)
+    return NONE if number is None else Value(number.value, number.error, "limit" if number.limit else "value")
+
+
+def _vectors(paper, letter, theirs, shared):
+    """Rows of a vector: its components and its size."""
+    rows = [
+        Row(
+            f"{letter}_{axis} [µas/yr]", _published(paper, f"{letter}_{axis}"),
+            Value(theirs.value[k], theirs.sigma[k]), Value(shared.value[k], shared.sigma[k]),
+        )
+        for k, axis in enumerate("xyz")
+    ]  # fmt: skip
+    return [*rows, Row(f"|{letter}| [µas/yr]", _published(paper, f"|{letter}|"), _size(theirs), _size(shared))]
+
+
+def _size(vector):
+    """The size of a vector, or its limit where it is not seen."""
+    if vector.p_value < SEEN:
+        return Value(vector.amplitude, vector.amplitude_error)
+    return Value(vector.amplitude_limit(), kind="limit")
+
+
+def _p_row(quantity, theirs, shared):
+    return Row(f"p, {quantity}", theirs=Value(theirs, kind="p"), shared=Value(shared, kind="p"))
+
+
+def _acceleration(asked: Asked) -> dict[str, Any]:
+    """Clipped, degree 3, errors by the scatter: Klioner et al. 2021."""
+    quasars = asked.quasars
+    clipped = clip(quasars.whole, degree_for(len(quasars.whole), 3))
+    theirs = clipped.solution.scaled.acceleration
+    ours = asked.headline.acceleration
+    rows = _vectors("klioner2021", "g", theirs, ours)
+    for k, name in enumerate(("ra", "dec")):
+        if ours.frame == "icrs":
+            values = (Value(each.direction[k], each.direction_error[k]) for each in (theirs, ours))
+            rows.append(Row(f"{name} [deg]", _published("klioner2021", name), *values))
+    counted = Value(float(len(quasars.whole)))
+    rows.append(Row("sources", _published("klioner2021", "sources"), counted, Value(float(len(quasars.field)))))
+    return {"rows": rows, "verdict": asked.headline.verdict, "p_value": ours.p_value}
+
+
+def _frame(asked: Asked) -> dict[str, Any]:
+    """Spin, what is systematic, bright and faint: Gaia-CRF3."""
+    quasars, headline = asked.quasars, asked.headline
+    theirs = fit_field(quasars.field, degree_for(len(quasars.field), 3), floor=False).scaled
+    rows = _vectors("crf3", "ω", theirs.spin, headline.solution.spin)
+    results, more = {}, ""
+    if (shared := headline.floor) is not None:
+        plain = solve(quasars.normal)
+        power = sum(row.debiased for row in spectrum(plain) if row.l > 1)
+        spread = Value(float(np.sqrt(max(power, 0) / (4 * np.pi))))
+        by_floor = float(np.sqrt(sum(shared.spectrum.variances(plain.modes)[plain.modes.degrees > 1]) / (4 * np.pi)))
+        rows.append(
+            Row(
+                f"motions of degrees 2–{plain.modes.lmax}, rms [µas/yr]", _published("crf3", "systematic motions"),
+                spread, Value(by_floor),
+            )
+        )  # fmt: skip
+    try:
+        compared = compare(quasars, by_edges(quasars.column("G"), _G_EDGES, "G"), asked.rng)
+        rows.append(_p_row("one spin, bright and faint", compared.at_face_value("T"), compared.shared.equality("T")))
+        results["magnitudes"] = compared.shared
+    except VshError as error:
+        more = f"; bright and faint not compared: {error}"
+    p = headline.solution.spin.p_value
+    verdict = judged(p, "the frame of these sources does not turn", "the frame of these sources turns")
+    return {"rows": rows, "verdict": verdict + more, "p_value": p, "results": results}
+
+
+def _learnt_redshifts(asked: Asked) -> dict[str, Any]:
+    """Three bins of redshift, degree 3: Makarov 2025."""
+    z = asked.quasars.column("redshift")
+    split = {name: mask & (z >= 1) for name, mask in by_edges(z, _Z_EDGES, "z").items()}
+    compared = compare(asked.quasars, split, asked.rng, lmax=3)
+    return _by_redshift(compared, papers()["makarov2025"].words)
+
+
+def _by_redshift(compared, words):
+    verdict = compared.shared.verdict()
+    rows = [
+        _p_row(f"one {name} at all redshifts", compared.at_face_value(kind), compared.shared.equality(kind))
+        for kind, name in (("T", "spin"), ("S", "acceleration"))
+    ]
+    said = judged(verdict.p_value, "no change with redshift", f"spin or acceleration changes: {verdict.comparison}")
+    return {
+        "rows": rows, "verdict": f"{said}; published: {words}", "p_value": verdict.p_value,
+        "results": {"classes": compared.shared},
+    }  # fmt: skip
+
+
+def _position_drift(asked: Asked) -> dict[str, Any]:
+    """Dipole and quadrupole by redshift: Tsigkas Kouvelis et al. 2025."""
+    quasars = asked.quasars
+    compared = compare(quasars, by_parts(quasars.column("redshift"), 4, "z"), asked.rng, lmax=2)
+    made = _by_redshift(compared, papers()["tsigkas2025"].words)
+    row, p = _quadrupole(quasars, asked.headline)
+    made["rows"].append(row)
+    if np.isfinite(p):
+        said = judged(p, "the quadrupole is what sources share", "a quadrupole beyond what sources share")
+        made["verdict"] = f"{said}; {made['verdict']}"
+    return made
+
+
+def _quadrupole(quasars, headline):
+    """p-values of no quadrupole: by the errors quoted, and as one of the degrees that sources share."""
+    plain = solve(quasars.normal)
+    at = np.flatnonzero(plain.modes.degrees == 2)
+    values = plain.values[at]
+    covariance = plain.covariance[np.ix_(at, at)]
+    theirs = _chi2_p(values, covariance)
+    if plain.modes.lmax < 4:
+        return _p_row("no quadrupole", theirs, float("nan")), float("nan")
+    # Degrees from 3 on tell what sources share; the quadrupole must not judge itself.
+    others = floor(plain, range(3, plain.modes.lmax + 1))
+    scaled = covariance * others.noise_scale**2 + np.diag(others.spectrum.variances(plain.modes)[at])
+    p = _chi2_p(values, scaled)
+    return _p_row("no quadrupole", theirs, p), p
+
+
+def _chi2_p(values, covariance):
+    from scipy.special import chdtrc
+
+    return float(chdtrc(len(values), values @ np.linalg.solve(covariance, values)))
+
+
+def _waves(asked: Asked) -> dict[str, Any]:
+    """Waves longer than the observations, by harmonics and by pairs: Jaraba et al. 2023, Darling 2024."""
+    theirs = wave_limit(normal_equations(asked.quasars.whole, 2)).limit(prior="coefficients")
+    shared = _wave_limit(asked.quasars.normal)
+    rows = [
+        Row("h70² Ω, Gaia DR3 (Jaraba)", _published("jaraba2023", "h70² Ω, Gaia"), Value(theirs, kind="limit")),
+        Row("h70² Ω, VLBA (Jaraba)", _published("jaraba2023", "h70² Ω, VLBA"), Value(theirs, kind="limit")),
+        Row(
+            "h70² Ω, degree 2", _published("darling2024", "h70² Ω, degree 2"), Value(theirs, kind="limit"),
+            Value(shared.limit(), kind="limit"),
+        ),
+    ]  # fmt: skip
+    verdict = f"h70² Ω < {shared.limit():.3g} (95 %), what sources share taken away"
+    return {"rows": rows, "verdict": verdict, "results": {"waves": shared}}
+
+
+def _wave_limit(normal):
+    """With degrees from 2 on, beside both spectra of what sources share."""
+    if normal.modes.lmax < 3:
+        raise DegeneracyError("degree 2 alone does not tell waves from what sources share")
+    return wave_limit(normal, range(2, normal.modes.lmax + 1), systematics=list(SHAPES.values()))
+
+
+def _pairs(asked: Asked) -> dict[str, Any]:
+    """Waves by pairs beside harmonics: Akhmetov et al. 2026, Darling 2024."""
+    quasars = asked.quasars
+    correlation = pairs.correlation_function(quasars.field, np.linspace(0, np.pi, _BINS + 2))
+    fitted = correlation.fit()
+    k = fitted.names.index("waves")
+    (low, high), value = fitted.interval()[k], Value(*fitted["waves"])
+    harmonics = _wave_limit(quasars.normal)
+    rows = [
+        Row("h70² Ω by pairs", theirs=value),
+        Row("h70² Ω by pairs, 95 %", _published("darling2024", "h70² Ω, pairs"), Value(high, kind="limit")),
+        Row("h70² Ω by harmonics", shared=Value(harmonics.limit(), kind="limit")),
+    ]
+    verdict = (
+        f"pairs see {'something' if low > 0 else 'nothing'} between {low:.2g} and {high:.2g} (95 %), which holds waves "
+        f"and what sources share alike; harmonics, beside it, nothing above {harmonics.limit():.2g}"
+    )
+    return {"rows": rows, "verdict": verdict, "results": {"pairs": correlation}}
+
+
+def _spectrum(asked: Asked) -> dict[str, Any]:
+    """The acceleration with all higher degrees free, and how far its errors grow: Nguyen & Murray 2026."""
+    quasars, ours = asked.quasars, asked.headline.acceleration
+    theirs = solve(quasars.normal).acceleration
+    rows = _vectors("nguyen2026", "g", theirs, ours)
+    low = clip(quasars.whole, degree_for(len(quasars.whole), 3)).solution.acceleration.sigma
+    wider = float(np.mean(ours.sigma / low))
+    rows.append(Row("errors, in those of degree 3", shared=Value(wider)))
+    verdict = f"errors with what sources share are {wider:.2f} times those quoted; published: 1.5 to 2.5 times"
+    results = {} if asked.headline.floor is None else {"floor": asked.headline.floor}
+    return {"rows": rows, "verdict": verdict, "results": results}
+
+
+def _galaxies(asked: Asked) -> dict[str, Any]:
+    """Our motion past galaxies: Maloney et al. 2026."""
+    z = asked.quasars.column("redshift")
+    near = (z > 0.002) & (z < _NEAR)
+    if near.sum() < _GALAXIES:
+        raise DegeneracyError(f"{near.sum()} sources nearer than z = {_NEAR:g}, and {_GALAXIES} are needed")
+    galaxies = with_redshift(asked.quasars.field[near], redshift_frame="heliocentric")
+    quoted, flowing = (observer_velocity(galaxies, 67.4, flows=flows).velocity for flows in (None, "linear"))
+    rows = [
+        Row(f"v_{axis} [km/s]", Value(CMB_VELOCITY_PLANCK18.value[k]), Value(quoted.value[k], quoted.sigma[k]),
+            Value(flowing.value[k], flowing.sigma[k])) for k, axis in enumerate("xyz")
+    ]  # fmt: skip
+    p = flowing.p_value
+    return {"rows": rows, "verdict": judged(p, "no motion is seen", "our motion is seen"), "p_value": p}
+
+
+class _Analysis(NamedTuple):
+    key: str
+    title: str
+    act: Callable[[Asked], dict[str, Any]]
+
+
+_ANALYSES = (
+    _Analysis("klioner2021", "The acceleration of the Solar System", _acceleration),
+    _Analysis("crf3", "The frame: spin, what is systematic, bright and faint", _frame),
+    _Analysis("makarov2025", "Three bins of redshift", _learnt_redshifts),
+    _Analysis("tsigkas2025", "Dipole and quadrupole by redshift", _position_drift),
+    _Analysis("darling2024", "Gravitational waves by harmonics", _waves),
+    _Analysis("akhmetov2026", "Gravitational waves by pairs", _pairs),
+    _Analysis("nguyen2026", "The spectrum, and wider errors", _spectrum),
+    _Analysis("maloney2026", "Motions of galaxies", _galaxies),
+)
+
+
+def sections(quasars: Quasars, headline: Headline, rng: Rng) -> list[Section]:
+    """All of them; one that cannot be done says why."""
+    done = []
+    for key, title, act in _ANALYSES:
+        try:
+            made = act(Asked(quasars, headline, rng))
+        except VshError as error:
+            done.append(Section(title, papers()[key], lacking=str(error)))
+        else:
+            done.append(Section(title, papers()[key], **made | {"rows": tuple(made["rows"])}))
+    return done

@@ -1,0 +1,148 @@
+"""How the acceleration moves with what should not matter: the degree, the way outliers are met, a single source."""
+
+import numpy as np
+from scipy.special import chdtrc, fdtrc
+
+from fit.background import Floor
+from fit.normal import NormalEquations
+from fit.robust import student_t
+from fit.solving import fit_field, solve
+from study.referee._quasars import degree_for
+from vsh.basis import harmonics
+from vsh.coefficients import FIRST_DEGREE
+from vsh.field import Field
+from vsh.tools.arguments import generator
+from vsh.tools.errors import DegeneracyError
+from vsh.tools.types import FloatArray, Rng
+
+#: Random parts of the sources, and the least number in each.
+_GROUPS, _IN_GROUP = 20, 60
+#: Angles that the probability of a quadratic form of two normal numbers is averaged over.
+_ANGLES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
+
+
+def by_degree(normal: NormalEquations, low: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
+    """How the acceleration moves from a fit of degree `low` to that of the normal equations.
+
+    Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
+    M (N + N S N) Mᵀ, S the spectrum of what sources share.
+
+    Parameters
+    ----------
+    normal : NormalEquations
+        All degrees.
+    low : int
+        The lower degree.
+    floor : Floor, optional
+        What sources share.
+
+    Returns
+    -------
+    (3,) array, (3,) array, float
+        The move and its errors [µas/yr], and its p-value.
+    """
+    modes = normal.modes
+    where = np.flatnonzero(modes.degrees <= low)
+    first = np.arange(len(modes))[modes.slice_of("S", 1)]
+    high = np.linalg.inv(normal.matrix)[first]
+    few = np.zeros((3, len(modes)))
+    few[:, where] = np.linalg.inv(normal.matrix[np.ix_(where, where)])[np.searchsorted(where, first)]
+    m = high - few
+    solution = solve(normal)
+    noise = normal.matrix * (solution.quality.factor**2 if floor is None else floor.noise_scale**2)
+    if floor is not None:
+        noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
+    to_vector = np.linalg.inv(FIRST_DEGREE)
+    move, covariance = to_vector @ m @ normal.rhs, to_vector @ m @ noise @ m.T @ to_vector.T
+    chi2 = move @ np.linalg.pinv(covariance, hermitian=True) @ move
+    return move, np.sqrt(np.diag(covariance)), float(chdtrc(3, chi2))
+
+
+def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
+    """How the acceleration moves from plain least squares to Student's t, on random parts of the sources.
+
+    Each part gives the difference of the two; Hotelling's T² of their mean asks nothing of the errors.
+
+    Parameters
+    ----------
+    field : Field
+        All sources, none clipped.
+    rng : Generator or int
+        The source of all randomness.
+
+    Returns
+    -------
+    (3,) array, (3,) array, float
+        The mean move of a part and its errors [µas/yr], and its p-value.
+
+    Raises
+    ------
+    DegeneracyError
+        If there are too few sources.
+    """
+    if len(field) < _GROUPS * _IN_GROUP:
+        raise DegeneracyError(f"{len(field)} sources, and {_GROUPS * _IN_GROUP} are needed")
+    lmax = degree_for(len(field) // _GROUPS, 3)
+    part = generator(rng).permutation(len(field)) % _GROUPS
+    moves = np.array(
+        [
+            student_t(group, lmax).solution.acceleration.value - fit_field(group, lmax, floor=False).acceleration.value
+            for group in (field[part == k] for k in range(_GROUPS))
+        ]
+    )
+    mean, covariance = moves.mean(0), np.cov(moves.T) / _GROUPS
+    t2 = mean @ np.linalg.solve(covariance, mean)
+    p = fdtrc(3, _GROUPS - 3, t2 * (_GROUPS - 3) / (3 * (_GROUPS - 1)))
+    return mean, np.sqrt(np.diag(covariance)), float(p)
+
+
+def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
+    """The source that moves the acceleration most, by how many of its errors, and how probable that is.
+
+    A source moves g by VᵀW r times the covariance, which in errors of g is a quadratic form of its residual r; the
+    probability that none of them moves it further, the errors being right up to one factor, is the product over all.
+
+    Parameters
+    ----------
+    field : Field
+        The sources; where they are clipped, the p-value is a little too large.
+    lmax : int
+        The degree of the fit.
+
+    Returns
+    -------
+    int, float, float
+        Its row, the move in errors, and the p-value.
+    """
+    solution = fit_field(field, lmax, floor=False)
+    modes = solution.modes
+    # Of the acceleration alone, whitened: the move in errors is the length of three numbers.
+    rows = np.arange(len(modes))[modes.slice_of("S", 1)]
+    whiten = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
+    residual, factor = solution.residuals(field), max(solution.quality.reduced, 1e-300)
+    moves, first, second = (np.empty(len(field)) for _ in range(3))
+    for start in range(0, len(field), 20_000):
+        chosen = slice(start, start + 20_000)
+        part = residual[np.arange(len(field))[chosen]]
+        g = np.tensordot(whiten, harmonics(part.lon, part.lat, modes), 1)  # (3, 2, n)
+        root = _root(part)  # of the inverse covariance: W = Rᵀ R
+        seen = np.einsum("aip,jip->ajp", g, root)
+        moves[chosen] = np.sum(np.einsum("ajp,jp->ap", seen, part.whitened) ** 2, 0)
+        a, b = np.einsum("ap,ap->p", seen[:, 0], seen[:, 0]), np.einsum("ap,ap->p", seen[:, 1], seen[:, 1])
+        c = np.einsum("ap,ap->p", seen[:, 0], seen[:, 1])
+        middle, away = (a + b) / 2, np.hypot((a - b) / 2, c)
+        first[chosen], second[chosen] = middle + away, np.maximum(middle - away, 0)
+    largest = int(np.argmax(moves))
+    size = moves[largest] / factor
+    # Of squares with weights λ1 and λ2 the sum exceeds x with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
+    with np.errstate(over="ignore", divide="ignore"):
+        tail = np.mean([np.exp(-size / (2 * (first * u + second * (1 - u)))) for u in _ANGLES], axis=0)
+    p = -np.expm1(np.sum(np.log1p(-np.minimum(tail, 1 - 1e-16))))
+    return largest, float(np.sqrt(moves[largest])), float(p)
+
+
+def _root(field):
+    """R with Rᵀ R the inverse covariance of each source, (2, 2, n)."""
+    (s1, s2), rho = field.sigma, field.rho
+    k = np.sqrt(1 - rho**2)
+    return np.array([[1 / s1, np.zeros_like(s1)], [-rho / (k * s1), 1 / (k * s2)]])

@@ -1,0 +1,23 @@
+"""The options of `vsh-referee`."""
+
+import argparse
+
+from vsh.commands import parsing, reading, values
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of its options."""
+    parser = argparse.ArgumentParser(
+        prog="vsh-referee",
+        description=(
+            "Repeat every published analysis of the motions of quasars on one catalogue, with the errors that sources "
+            "share, and ask what a referee would: is it the sky, or the instrument?"
+        ),
+        epilog="Example: vsh-referee crf3.fits --on-bad drop --output referee --html referee.html",
+    )
+    parser.add_argument("catalogue", help=values.A_TABLE)
+    parser.add_argument("--seed", type=int, default=1, help="of all that is drawn (default: 1)")
+    parsing.add_threads(parser)
+    reading.add_reading(parser)
+    parsing.add_common(parser)
+    return parser
