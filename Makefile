@@ -8,7 +8,7 @@ MUTANTS ?= 8000
 PIP := -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help demo paper gaia page package docs test test-slow test-oracles test-oldest test-newest coverage mutate fuzz style bench lock clean
+.PHONY: help demo paper gaia dr4 page package docs test test-slow test-oracles test-oldest test-newest coverage mutate fuzz style bench lock clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -70,6 +70,9 @@ page: $(VENV)/installed-test  ## the script of the interactive page, from npm's 
 	$(BIN)/python $(PIP) --editable '.[browser]' setuptools
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python setup.py --quiet build_page --required
 
+dr4: $(VENV)/installed-test  ## the day of DR4, docs/dr4.md line by line, offline: dr4/ (NUMBER=20000 for a quick look)
+	$(BIN)/python tests/dr4.py --output dr4 $(if $(NUMBER),--number $(NUMBER))
+
 docs: $(VENV)/installed-docs  ## the documentation, with a gallery of examples run now: docs/_build/html
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
 	$(BIN)/python docs/check_links.py docs/_build/html
@@ -91,7 +94,7 @@ lock: $(VENV)/bin/python  ## resolve anew what is installed: requirements/newest
 	  --custom-compile-command 'make lock' --output-file requirements/oldest.txt setup.cfg
 
 clean:  ## take away what was made here
-	rm -rf $(VENV) .venv-oldest .venv-newest .venv-oracles demo paper gaia docs/_build docs/learn docs/gallery build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-oldest .venv-newest .venv-oracles demo paper gaia dr4 docs/_build docs/learn docs/gallery build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 %/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -75,9 +75,9 @@ def _frame(options):
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     counts = {} if options.number is None else {"n_five": options.number}
     if options.kind == "crf3":
-        table = sim.crf3(options.seed, signal, **counts)
+        table = sim.crf3(options.seed, signal, traps=options.traps, **counts)
     else:
-        table = sim.crf4(options.seed, signal, table=options.table, **counts)
+        table = sim.crf4(options.seed, signal, table=options.table, traps=options.traps, **counts)
     truth = _truth({"SPIN": options.spin, "ACC": options.acceleration}, options)
     tables.write_table(table, options.output, truth)
     params = table["astrometric_params_solved" if options.kind == "crf3" else "astrometric_params"]

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from sim.astrometry import solve_astrometry
+from sim.gaia._traps import colour_of, deception, learnt_redshifts, scan_columns, too_small
 from sim.mission import Mission
-from sim.population import CRF3_COUNTS, SIX_PARAMETERS, crf3_magnitudes, quasar_redshifts
+from sim.population import CRF3_COUNTS, SIX_PARAMETERS, by_magnitude, crf3_magnitudes, quasar_redshifts
 from sim.scanning import NominalScanningLaw
 from sim.signal import Signal, acceleration, as_signal
 from sim.skies import draw_positions
@@ -34,13 +35,18 @@ _NSIDE = 32
 _CRF3_UNITS = {
     "ra": "deg", "dec": "deg", "parallax": "mas", "parallax_error": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
     "pmra_error": "mas / yr", "pmdec_error": "mas / yr", "nu_eff_used_in_astrometry": "1 / um",
-    "pseudocolour": "1 / um", "phot_g_mean_mag": "mag", "bp_rp": "mag",
+    "pseudocolour": "1 / um", "phot_g_mean_mag": "mag", "bp_rp": "mag", "scan_direction_mean_k2": "deg",
 }  # fmt: skip
 
 
 @arguments.accepts(n_five=arguments.whole, rng=arguments.seed)
 def crf3(
-    rng: Rng, signal: Signal | Coefficients | None = None, *, n_five: int = CRF3_COUNTS[31], n_six: int | None = None
+    rng: Rng,
+    signal: Signal | Coefficients | None = None,
+    *,
+    n_five: int = CRF3_COUNTS[31],
+    n_six: int | None = None,
+    traps: bool = False,
 ) -> Table:
     """A catalogue like Gaia-CRF3.
 
@@ -54,6 +60,9 @@ def crf3(
         Sources with five-parameter solutions.
     n_six : int, optional
         With six; in CRF3's proportion unless given.
+    traps : bool
+        With what could deceive: errors that sources share, partly by magnitude and by colour (`sim.gaia._traps`); stars
+        among the quasars; quoted errors that are too small for faint sources.
 
     Returns
     -------
@@ -63,9 +72,11 @@ def crf3(
     Notes
     -----
     Errors and correlations are those of the scanning law over 34 months at the middle of each of 12 288 pixels, for the
-    magnitude of each source; the noise of parallax and motion is drawn with their correlations.
+    magnitude of each source; the noise of parallax and motion is drawn with their correlations. Bright quasars are
+    nearer, as in SDSS (`sim.population.REDSHIFT_BY_MAGNITUDE`), redshifts are learnt from spectra and one in twenty is
+    wrong altogether, and colours follow them.
     """
-    return _frame_table(rng, signal, n_five, n_six, "DR3")
+    return _frame_table(rng, signal, n_five, n_six, "DR3", traps)
 
 
 @arguments.accepts(n_five=arguments.whole, rng=arguments.seed)
@@ -76,12 +87,13 @@ def crf4(
     n_five: int = CRF3_COUNTS[31],
     n_six: int | None = None,
     table: str = "gaia_source",
+    traps: bool = False,
 ) -> Table:
     """A catalogue like the quasars of Gaia DR4, for a rehearsal.
 
     Parameters
     ----------
-    rng, signal, n_five, n_six
+    rng, signal, n_five, n_six, traps
         As for `crf3`.
     table : {"gaia_source", "all_source_astrometry"}
         DR4's best model of each source, those of stars that are not single among them, by which one quasar in 250 is
@@ -98,7 +110,7 @@ def crf4(
     """
     arguments.choice("table", table, ("gaia_source", "all_source_astrometry"))
     rng = generator(rng)
-    made = _frame_table(rng, signal, n_five, n_six, "DR4")
+    made = _frame_table(rng, signal, n_five, n_six, "DR4", traps)
     params = np.asarray(made["astrometric_params_solved"]).copy()
     if table == "gaia_source":
         draw = rng.spawn(1)[0].random(len(made))
@@ -112,20 +124,22 @@ def crf4(
     return made
 
 
-def _frame_table(rng, signal, n_five, n_six, release):
+def _frame_table(rng, signal, n_five, n_six, release, traps=False):
     """The table of `crf3`, or of another release."""
     years = {"DR3": _YEARS, "DR4": 66 / 12}[release]
     wanted = n_five * CRF3_COUNTS[95] / CRF3_COUNTS[31] if n_six is None else arguments.not_negative("n_six", n_six)
     n = n_five + round(wanted)
     truth = acceleration((-0.235965, -3.755779, -2.080491)) if signal is None else as_signal(signal)
     # A stream of its own for each step, so that one number does not shift what another draws.
-    sky, light, errors, noise, rest, gaps = generator(rng).spawn(6)
+    sky, light, errors, noise, rest, gaps, deceit = generator(rng).spawn(7)
     lon, lat = draw_positions(n, sky, "gums")
     six = np.arange(n) >= n_five
     magnitude = crf3_magnitudes(n_five, n - n_five, light)
+    seen = _light(rest, six, magnitude)
     mission = Mission(NominalScanningLaw(years=years, rng=gaps), release)
     pixel = pixels_of(lon, lat, _NSIDE)
-    there = solve_astrometry(mission.scanning_law.transits(*centres(_NSIDE)), np.ones(12 * _NSIDE**2), 0, years=years)
+    transits = mission.scanning_law.transits(*centres(_NSIDE))
+    there = solve_astrometry(transits, np.ones(12 * _NSIDE**2), 0, years=years)
     unit = there.covariance[:, 2:, 2:]  # parallax, µ_α*, µ_δ for a transit's error of one
     unit = np.where(np.isfinite(unit), unit, np.nanmedian(unit, axis=0))
     # A little of its own for each source: transits are lost.
@@ -133,9 +147,13 @@ def _frame_table(rng, signal, n_five, n_six, release):
     deviation = np.sqrt(np.einsum("nii->ni", unit))
     correlation = unit / (deviation[:, :, None] * deviation[:, None])
     wrong = np.where(errors.random(n) < _OUTLIERS, _TIMES, 1.0)
+    if traps:
+        wrong *= too_small(magnitude)
     drawn = np.einsum("nij,nj->in", np.linalg.cholesky(unit)[pixel], noise.standard_normal((n, 3))) * size * wrong
     sigma = deviation[pixel].T * size
     motion = (truth(lon, lat) + drawn[1:]) / MAS
+    if traps:
+        motion += deception(lon, lat, sigma[1:], magnitude, seen["nu"], release, deceit) / MAS
     columns = {
         "source_id": _identifiers(lon, lat),
         "ra": np.degrees(lon),
@@ -151,22 +169,29 @@ def _frame_table(rng, signal, n_five, n_six, release):
         "pmra_pmdec_corr": correlation[pixel, 1, 2],
         "astrometric_params_solved": np.where(six, 95, 31).astype(np.int16),
     }
-    return _table(columns | _light(rest, six, magnitude))
+    counted = {name: values[pixel] for name, values in scan_columns(transits, 12 * _NSIDE**2).items()}
+    del seen["nu"]
+    return _table(columns | counted | seen)
 
 
 def _light(rng: np.random.Generator, six: BoolArray, magnitude: FloatArray) -> dict[str, Any]:
-    """Colours, redshifts and quality."""
+    """Colours, redshifts and quality; `nu` is the wavenumber of all."""
     n = len(six)
     wavenumber = rng.normal(1.589, 0.06, n)
-    z = np.where(rng.random(n) < 0.6, quasar_redshifts(n, rng), np.nan)
+    known = rng.random(n) < 0.6
+    z, ruwe, red = quasar_redshifts(n, rng), rng.lognormal(0.0, 0.04, n), rng.normal(0, 0.1, n)
+    spin, order, learnt = rng.random(n), *rng.spawn(2)
+    z = by_magnitude(z, magnitude, order)
+    wavenumber += colour_of(z) - colour_of(z).mean()
     return {
+        "nu": wavenumber,
         "nu_eff_used_in_astrometry": np.where(six, np.nan, wavenumber).astype(np.float32),
         "pseudocolour": np.where(six, wavenumber, np.nan).astype(np.float32),
-        "ruwe": np.where(six, 1.044, 1.013) * rng.lognormal(0.0, 0.04, n).astype(np.float32),
+        "ruwe": np.where(six, 1.044, 1.013) * ruwe.astype(np.float32),
         "phot_g_mean_mag": magnitude.astype(np.float32),
-        "bp_rp": ((1.73 - wavenumber) / 0.2 + rng.normal(0, 0.1, n)).astype(np.float32),
-        "redshift_qsoc": z.astype(np.float32),
-        "used_for_reference_frame_spin": ~six & (rng.random(n) < 0.353),
+        "bp_rp": ((1.73 - wavenumber) / 0.2 + red).astype(np.float32),
+        "redshift_qsoc": np.where(known, learnt_redshifts(z, learnt), np.nan).astype(np.float32),
+        "used_for_reference_frame_spin": ~six & (spin < 0.353),
     }
 
 

@@ -94,7 +94,7 @@ def html(
 
 _CAPTIONS = {
     "accelerations": "Accelerations: published, and of these sources.",
-    "checks": "p-values of the checks, with what sources share (dots) and by the errors quoted (crosses); lines: .05 and .0027.",
+    "checks": "p-values of the checks, with what sources share (dots) and as quoted (crosses); lines: .05 and .0027.",
 }
 _CHECKS = (
     "Each row: the acceleration and the spin do not depend on it. p-values with the errors that sources share; beside "

@@ -121,6 +121,11 @@ def make_parser() -> argparse.ArgumentParser:
         help="crf4: which table of DR4: the best model of each source, or the core solution of all",
     )
     parser.add_argument(
+        "--traps",
+        action="store_true",
+        help="crf3, crf4: with errors that sources share, stars among the quasars, and faint errors that are too small",
+    )
+    parser.add_argument(
         "--wave",
         type=values.numbers,
         metavar="F,PLUS,CROSS,L,B",
@@ -172,6 +177,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         options.number = 500 if options.number is None else options.number
     if options.table != "gaia_source" and options.kind != "crf4":
         parser.error("--table is for crf4")
+    if options.traps and options.kind not in ("crf3", "crf4"):
+        parser.error("--traps is for crf3 and crf4")
     if options.kind in ("crf3", "crf4"):
         foreign = _foreign(parser, options, NOT_OF_CRF3)
         if foreign:

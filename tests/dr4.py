@@ -1,0 +1,70 @@
+"""The day of DR4 as docs/dr4.md prints it, from the archive to the page, offline: `make dr4`.
+
+A catalogue is simulated with everything that could deceive, a server on 127.0.0.1 answers like the archive, and every
+line of the page is run as a command of its own; the time of each is printed at the end.
+"""
+
+import argparse
+import re
+import resource
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from tap_server import serving
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def lines(page: str) -> list[str]:
+    """The commands of the page."""
+    return [line.strip() for line in page.splitlines() if re.match(r" {7,}vsh-", line)]
+
+
+def run(line: str, more: list[str], folder: Path) -> tuple[float, float]:
+    """Run one command; returns its real and its CPU time."""
+    program, *words = shlex.split(line)
+    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    command = [sys.executable, "-m", "vsh", program.removeprefix("vsh-"), *words, *more]
+    subprocess.run(command, cwd=folder, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return time.perf_counter() - begin, cpu
+
+
+def day(folder: Path, number: int | None) -> list[tuple[str, float, float]]:
+    """All of it in a folder; returns the command, the real and the CPU time of each."""
+    page = (ROOT / "docs" / "dr4.md").read_text(encoding="utf-8")
+    done = []
+    for line in lines(page):
+        more = ["--overwrite"]
+        if line.startswith("vsh-sim"):
+            more += [] if number is None else ["--number", str(number)]
+        if line.startswith("vsh-archive"):
+            published = folder / "published.fits"
+            (folder / "qso4.fits").replace(published)
+            with serving(published.read_bytes()) as (url, _):
+                done.append((line, *run(line, [*more, "--url", url], folder)))
+        else:
+            done.append((line, *run(line, more, folder)))
+    return done
+
+
+def main() -> None:
+    """Run the day and print its times."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--output", type=Path, default=Path("dr4"))
+    parser.add_argument("--number", type=int, help="sources with five parameters; as many as Gaia-CRF3 unless given")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    done = day(options.output, options.number)
+    print(f"\n{'real s':>8}{'CPU s':>8}  command")
+    for line, real, cpu in done:
+        print(f"{real:8.1f}{cpu:8.1f}  {line}")
+    print(f"{sum(real for _, real, _ in done):8.1f}{sum(cpu for *_, cpu in done):8.1f}  all of it")
+
+
+if __name__ == "__main__":
+    main()

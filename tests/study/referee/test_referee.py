@@ -1,0 +1,167 @@
+"""The referee: published analyses repeated, checks that find what is there and are silent where nothing is."""
+
+import numpy as np
+import pytest
+from astropy.table import Table
+from conftest import DATA
+
+import sim
+from study.papers import papers
+from study.referee import Quasars, read_quasars, referee
+from study.referee._rows import Value, judged
+from vsh.commands.running import run_safely  # noqa: F401  the command's own way to fail
+from vsh.figures.page import bundle
+from vsh.tools.errors import DegeneracyError, TableError
+
+TRUTH = sim.acceleration((0, -40, -20))
+
+
+@pytest.fixture(scope="module")
+def table():
+    return sim.crf4(1, TRUTH, n_five=6000, traps=True, table="all_source_astrometry")
+
+
+@pytest.fixture(scope="module")
+def answer(table):
+    return referee(read_quasars(table), 1)
+
+
+def test_the_first_line_is_the_acceleration_with_what_sources_share(answer):
+    g = answer.headline.acceleration
+    away = g.value - (0, -40, -20)
+    assert away @ np.linalg.solve(g.covariance, away) < 16
+    assert "with what sources share" in answer.report().splitlines()[0]
+    assert answer.report().splitlines()[-1] == f"verdict: {answer.first_line}"
+    assert answer.headline.floor is not None
+
+
+def test_every_paper_has_a_section(answer):
+    keys = {section.paper.key for section in answer.sections}
+    assert keys == set(papers()) - {"jaraba2023"}  # beside Darling's
+    for section in answer.sections:
+        assert bool(section.lacking) != bool(section.rows)
+    assert {section.paper.key for section in answer.sections if section.lacking} == {"maloney2026"}
+
+
+def test_published_numbers_say_where_they_are():
+    for paper in papers().values():
+        assert paper.reference
+        assert paper.arxiv.replace(".", "").isdigit()
+        for number in paper.numbers.values():
+            assert number.where
+    klioner = papers()["klioner2021"]
+    # The amplitude and the direction follow from the components.
+    g = np.array([klioner[f"g_{axis}"].value for axis in "xyz"])
+    assert np.linalg.norm(g) == pytest.approx(klioner["|g|"].value, abs=0.01)
+    assert np.degrees(np.arctan2(g[1], g[0])) % 360 == pytest.approx(klioner["ra"].value, abs=0.1)
+    assert np.degrees(np.arcsin(g[2] / np.linalg.norm(g))) == pytest.approx(klioner["dec"].value, abs=0.1)
+    assert klioner.short == "Klioner et al. 2021"
+    nguyen = papers()["nguyen2026"]
+    size = np.linalg.norm([nguyen[f"g_{axis}"].value for axis in "xyz"])
+    assert size == pytest.approx(nguyen["|g|"].value, abs=0.12)  # the median of a size is not that of its components
+
+
+def test_checks_are_silent_where_nothing_is_wrong(answer):
+    assert sum(np.isfinite(each.p_value) for each in answer.checks) >= 14
+    worst, p = answer.smallest
+    assert p > 0.0027
+    assert worst.p_value * sum(np.isfinite(each.p_value) for each in answer.checks) == pytest.approx(p) or p == 1
+    assert f"None of {sum(np.isfinite(each.p_value) for each in answer.checks)} checks" in answer.conclusion
+
+
+def test_an_instrument_is_seen(table):
+    """Faint sources turn against bright ones."""
+    bent = table.copy()
+    faint = bent["phot_g_mean_mag"] > 19.5
+    bent["pmra"] = bent["pmra"] + np.where(faint, 0.3 * np.cos(np.radians(bent["dec"])), 0.0)
+    answer = referee(read_quasars(bent), 1)
+    by_g = next(each for each in answer.checks if each.key == "G")
+    assert by_g.p_value < 0.0027
+    assert answer.conclusion.startswith("The instrument is seen")
+    assert "G" in answer.conclusion
+
+
+def test_sections_without_their_columns_say_which(table):
+    bare = table["ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error"]
+    answer = referee(read_quasars(bare), 1)
+    lacking = {section.paper.key: section.lacking for section in answer.sections if section.lacking}
+    assert set(lacking) == {"makarov2025", "tsigkas2025", "maloney2026"}
+    assert all("redshift" in words for words in lacking.values())
+    frame = next(section for section in answer.sections if section.paper.key == "crf3")
+    assert "phot_g_mean_mag" in frame.verdict
+    assert "visibility_periods_used" in next(each for each in answer.checks if each.key == "visibility periods").lacking
+    assert "not asked" in answer.report()
+
+
+@pytest.mark.parametrize("n", [12, 60, 150])
+def test_few_sources_say_what_can_be_said(table, n):
+    answer = referee(read_quasars(table[:n]), 1)
+    assert "µas/yr" in answer.report().splitlines()[0]
+    assert any("sources" in each.lacking for each in answer.checks)
+
+
+def test_too_few_sources(table):
+    with pytest.raises(DegeneracyError, match="5 sources do not bear"):
+        read_quasars(table[:5])
+
+
+def test_no_file_of_quasars():
+    with pytest.raises(TableError, match="ra"):
+        read_quasars(Table({"time": [1.0], "flux": [2.0]}))
+
+
+def test_columns_follow_their_sources(table):
+    """Rows that are left out take their columns along."""
+    chosen = table.copy()
+    chosen["pmra_error"][::7] = np.nan
+    quasars = read_quasars(chosen, on_bad="drop", where="phot_g_mean_mag > 19")
+    assert isinstance(quasars, Quasars)
+    whole = {int(name): float(value) for name, value in zip(table["source_id"], table["ruwe"], strict=True)}
+    assert [whole[int(name)] for name in quasars.field.name] == pytest.approx(quasars.column("RUWE"))
+    with pytest.raises(TableError, match="mjd_last"):
+        quasars.column("last epoch")
+
+
+def test_values_in_words():
+    assert str(Value(1.234, 0.05)) == "+1.234 ± 0.050"
+    assert str(Value(0.0231, kind="limit")) == "< 0.0231"
+    assert str(Value(1215942.0)) == "1 215 942"
+    assert str(Value(float("nan"))) == "–"
+    assert judged(0.4, "nothing", "something") == "nothing (p = 0.4000)"
+    assert judged(0.02, "nothing", "something").startswith("a hint, no more: something")
+    assert judged(0.001, "nothing", "something").startswith("something (p = ")
+
+
+def test_the_command(table, tmp_path, capsys):
+    from study.referee.command import main
+
+    table[:1500].write(tmp_path / "q.fits")
+    page = tmp_path / "r.html"
+    assert main([str(tmp_path / "q.fits"), "--output", str(tmp_path / "out"), "--html", str(page)]) == 0
+    out = capsys.readouterr().out
+    names = {each.name for each in (tmp_path / "out").iterdir()}
+    assert {"report.txt", "numbers.ecsv", "verdicts.ecsv", "checks.ecsv", "solution.ecsv", "checks.png"} <= names
+    html = page.read_text(encoding="utf-8")
+    first = out.splitlines()[0]
+    assert first[:40] in html
+    assert html.index("The acceleration of the Solar System") < html.index("Is it the instrument?")
+    assert ("class=\"sky\"" in html) == bool(bundle())
+    checks = Table.read(tmp_path / "out" / "checks.ecsv")
+    assert len(checks) == len(set(checks["check"]))
+    (tmp_path / "broken.fits").write_bytes((tmp_path / "q.fits").read_bytes()[:20_000])
+    assert main([str(tmp_path / "broken.fits")]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="the VLBA's table is not here")
+def test_the_vlba_sees_no_acceleration():
+    """What looks like ten standard errors, and like changes with redshift, is what sources share."""
+    answer = referee(read_quasars(DATA / "td2017_vlba_proper_motions.ecsv"), 1)
+    assert answer.first_line.startswith("no acceleration is seen, it is below 2.")
+    by_redshift = next(section for section in answer.sections if section.paper.key == "tsigkas2025")
+    row = next(row for row in by_redshift.rows if "one acceleration" in row.quantity)
+    assert row.theirs.value < 0.001
+    assert row.shared.value > 0.05
+    waves = next(section for section in answer.sections if section.paper.key == "darling2024").rows[1]
+    assert waves.theirs.value == pytest.approx(waves.published.value, abs=0.0012)  # 0.0230 here, 0.024 there
+    assert next(each for each in answer.checks if each.key == "last epoch").p_value > 0.05

@@ -1,0 +1,91 @@
+"""How an acceleration moves: the p-values are uniform where nothing is wrong."""
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from fit import normal_equations
+from fit.background import floor
+from study.referee._stability import by_degree, by_method, by_source
+from vsh import Field
+from vsh.models.covariance import Spectrum
+
+RNG = np.random.default_rng(5)
+N = 1500
+LON, LAT = RNG.uniform(0, 2 * np.pi, N), np.arcsin(RNG.uniform(-0.9, 1, N))
+SIGMA, RHO = RNG.uniform(20, 200, (2, N)), RNG.uniform(-0.6, 0.6, N)
+
+
+def sky(rng, n=N, factor=1.0):
+    x, y = rng.standard_normal((2, n))
+    motion = factor * SIGMA[:, :n] * [x, RHO[:n] * x + np.sqrt(1 - RHO[:n] ** 2) * y]
+    return Field(LON[:n], LAT[:n], motion, SIGMA[:, :n], RHO[:n])
+
+
+def test_by_degree_is_exact():
+    """The move is that of the two fits, its covariance what skies scatter by."""
+    from fit import fit_field
+
+    field = sky(np.random.default_rng(1))
+    move, error, _ = by_degree(normal_equations(field, 5), 2, None)
+    fits = [fit_field(field, lmax, floor=False).acceleration.value for lmax in (5, 2)]
+    np.testing.assert_allclose(move, fits[0] - fits[1], atol=1e-9)
+    seen = [by_degree(normal_equations(sky(np.random.default_rng(k)), 5), 2, None) for k in range(300)]
+    moves, p = np.array([each[0] for each in seen]), [each[2] for each in seen]
+    np.testing.assert_allclose(moves.std(0), error, rtol=0.13)
+    assert kstest(p, "uniform").pvalue > 0.01
+
+
+def test_by_degree_knows_what_sources_share():
+    import sim
+
+    p, plain = [], []
+    for seed in range(60):
+        shared = sim.systematics(40 * Spectrum.flat(), seed)(LON, LAT)
+        field = sky(np.random.default_rng(seed))
+        normal = normal_equations(Field(LON, LAT, field.motion + shared, SIGMA, RHO), 6)
+        p.append(by_degree(normal, 2, floor(normal))[2])
+        plain.append(by_degree(normal, 2, None)[2])
+    assert np.mean(np.array(p) < 0.05) < 0.14
+    assert np.mean(np.array(plain) < 0.05) > 0.3
+
+
+def test_by_source():
+    """Uniform where errors are right, and found where one source is not."""
+    p = [by_source(sky(np.random.default_rng(k)), 2)[2] for k in range(200)]
+    assert kstest(p, "uniform").pvalue > 0.01
+    p = [by_source(sky(np.random.default_rng(k), factor=1.7), 2)[2] for k in range(100)]
+    assert kstest(p, "uniform").pvalue > 0.01
+    field = sky(np.random.default_rng(3))
+    motion = field.motion.copy()
+    best = int(np.argmin(SIGMA.sum(0)))
+    motion[:, best] += 8 * SIGMA[:, best]
+    row, size, p_value = by_source(Field(LON, LAT, motion, SIGMA, RHO), 2)
+    assert row == best
+    assert size > 0.5
+    assert p_value < 1e-3
+
+
+def test_by_source_is_the_move_when_it_is_left_out():
+    from fit import fit_field
+
+    field = sky(np.random.default_rng(8))
+    row, size, _ = by_source(field, 2)
+    kept = np.delete(np.arange(N), row)
+    whole, rest = (fit_field(each, 2, floor=False).acceleration for each in (field, field[kept]))
+    away = whole.value - rest.value
+    assert np.sqrt(away @ np.linalg.solve(whole.covariance, away)) == pytest.approx(size, rel=0.1)
+
+
+@pytest.mark.slow
+def test_by_method_asks_nothing_of_the_errors():
+    """Errors wrong by a factor, tails: uniform; motions of one kind of source that only robust fits see: found."""
+    for tails in (False, True):
+        p = []
+        for seed in range(60):
+            rng = np.random.default_rng(seed)
+            field = sky(rng, factor=2.0)
+            if tails:
+                field = Field(LON, LAT, rng.standard_t(3, (2, N)) * SIGMA, SIGMA, RHO)
+            p.append(by_method(field, seed)[2])
+        assert kstest(p, "uniform").pvalue > 0.01
