@@ -65,7 +65,7 @@ def _by_half(quasars, frame, rng):
 
 def _split(quasars, split, rng) -> dict[str, Any]:
     compared = compare(quasars, split, rng)
-    verdict = compared.shared.verdict()
+    verdict = compared.verdict
     labels = compared.shared.labels
     away = compared.shared.difference(0, len(labels) - 1).acceleration
     words = f"{len(labels)} classes, last less first {away.amplitude:.2g} µas/yr in the acceleration"

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background import SharedErrors, shared
+from fit.background import SharedErrors, Verdict, shared
 from fit.quality import gls
 from fit.solution import Solution
 from fit.solving import solve
@@ -22,6 +23,8 @@ from vsh.tools.types import BoolArray, FloatArray, Rng
 _DEGREE, FEWEST = 5, 100
 #: Draws of what is shared, again where few of them count: p-values of 200 and of 800 differ by a tenth of themselves.
 _DRAWS = 200
+#: Skies behind a p-value, which is multiplied by the number of checks: 1/40 000 is the smallest.
+_SKIES = 40_000
 Split = dict[str, BoolArray]
 
 
@@ -31,6 +34,11 @@ class Compared(InNotebook):
 
     plain: list[Solution]
     shared: SharedErrors
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The largest difference after allowing for all, by skies enough for one p-value among many."""
+        return self.shared.verdict(_SKIES)
 
     def at_face_value(self, kind: str | None = None) -> float:
         """p-value of spins ("T"), accelerations ("S") or both that are alike, by errors quoted and nothing shared."""

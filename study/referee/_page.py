@@ -20,7 +20,10 @@ def draw(referee: Referee) -> dict[str, Any]:
         "checks": plot_checks(referee.checks),
         "sky": plot_field(field, solution.coefficients, covariance=solution.covariance),
     }
-    return drawn | {name: result.plot() for name, result in referee.results().items()}
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context({"figure.max_open_warning": 0}):  # they are closed when all are written
+        return drawn | {name: result.plot() for name, result in referee.results().items()}
 
 
 @styled

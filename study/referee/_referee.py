@@ -9,7 +9,7 @@ from fit.quality import printed_p_value
 from study.referee._checks import checks
 from study.referee._headline import Headline, headline
 from study.referee._quasars import Quasars
-from study.referee._rows import SEEN, Check, Section
+from study.referee._rows import HINT, SEEN, Check, Section
 from study.referee._sections import sections
 from vsh.io import tables
 from vsh.tools.arguments import generator
@@ -65,12 +65,11 @@ class Referee(InNotebook):
         n = sum(bool(np.isfinite(each.p_value)) for each in self.checks)
         if worst is None:
             return "No check could be asked"
-        if p >= SEEN:
+        if p >= HINT:
             return f"None of {n} checks speaks against it (the smallest p-value, times {n}: {printed_p_value(p)})"
-        return (
-            f"The instrument is seen: a check of {n} fails, {worst.question} ({worst.answer}; p = "
-            f"{printed_p_value(p)} after allowing for {n})"
-        )
+        seen = "The instrument is seen" if p < SEEN else "A hint of the instrument, no more"
+        rest = f"{worst.answer}; p = {printed_p_value(p)} after allowing for {n} checks"
+        return f"{seen}, where it should be {worst.question} ({rest})"
 
     def report(self) -> str:
         """All of it as text."""

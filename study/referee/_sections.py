@@ -118,7 +118,7 @@ def _learnt_redshifts(asked: Asked) -> dict[str, Any]:
 
 
 def _by_redshift(compared, words):
-    verdict = compared.shared.verdict()
+    verdict = compared.verdict
     rows = [
         _p_row(f"one {name} at all redshifts", compared.at_face_value(kind), compared.shared.equality(kind))
         for kind, name in (("T", "spin"), ("S", "acceleration"))

@@ -7,7 +7,6 @@ from fit.background import Floor
 from fit.normal import NormalEquations
 from fit.robust import student_t
 from fit.solving import fit_field, solve
-from study.referee._quasars import degree_for
 from vsh.basis import harmonics
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field
@@ -59,7 +58,7 @@ def by_degree(normal: NormalEquations, low: int, floor: Floor | None) -> tuple[F
 
 
 def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
-    """How the acceleration moves from plain least squares to Student's t, on random parts of the sources.
+    """How the acceleration of degree 1 moves from least squares to Student's t, on random parts of the sources.
 
     Each part gives the difference of the two; Hotelling's T² of their mean asks nothing of the errors.
 
@@ -82,11 +81,10 @@ def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float
     """
     if len(field) < _GROUPS * _IN_GROUP:
         raise DegeneracyError(f"{len(field)} sources, and {_GROUPS * _IN_GROUP} are needed")
-    lmax = degree_for(len(field) // _GROUPS, 3)
     part = generator(rng).permutation(len(field)) % _GROUPS
     moves = np.array(
         [
-            student_t(group, lmax).solution.acceleration.value - fit_field(group, lmax, floor=False).acceleration.value
+            student_t(group, 1).solution.acceleration.value - fit_field(group, 1, floor=False).acceleration.value
             for group in (field[part == k] for k in range(_GROUPS))
         ]
     )
@@ -128,9 +126,13 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
         root = _root(part)  # of the inverse covariance: W = Rᵀ R
         seen = np.einsum("aip,jip->ajp", g, root)
         moves[chosen] = np.sum(np.einsum("ajp,jp->ap", seen, part.whitened) ** 2, 0)
-        a, b = np.einsum("ap,ap->p", seen[:, 0], seen[:, 0]), np.einsum("ap,ap->p", seen[:, 1], seen[:, 1])
-        c = np.einsum("ap,ap->p", seen[:, 0], seen[:, 1])
-        middle, away = (a + b) / 2, np.hypot((a - b) / 2, c)
+        # What least squares leave of a residual: (1 − R Vᵀ C V Rᵀ), with which the weights of the form follow.
+        white = np.einsum("pin,jin->pjn", harmonics(part.lon, part.lat, modes), root)
+        left = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
+        product = np.einsum("ajn,akn,kln->jln", seen, seen, left)
+        middle = (product[0, 0] + product[1, 1]) / 2
+        determinant = product[0, 0] * product[1, 1] - product[0, 1] * product[1, 0]
+        away = np.sqrt(np.maximum(middle**2 - determinant, 0))
         first[chosen], second[chosen] = middle + away, np.maximum(middle - away, 0)
     largest = int(np.argmax(moves))
     size = moves[largest] / factor
