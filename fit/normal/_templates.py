@@ -157,6 +157,8 @@ class Template(Frozen):
             size = np.sqrt(values**2 @ modes.norm2 / (4 * np.pi))
             if not size > 0:
                 raise ParameterError(f"the template {self.name} is constant: it moves nothing")
+            if modes.lmax > 1 and np.all(np.abs(values[modes.degrees > 1]) < _CONSTANT * np.abs(values).max()):
+                raise ParameterError(f"the template {self.name} has degree 1 alone, which is what is fitted")
             made.append(TemplateField(name, values / size))
         return made
 

@@ -30,6 +30,8 @@ from vsh.tools.errors import VshError
 from vsh.tools.types import Table
 from vsh.vector import Vector, correlation_of
 
+#: What sources share is taken from this degree or lower ones: higher ones tell less of degree 1.
+_HIGHEST = 7
 CAPTIONS = {
     "acceleration_by_degree": (
         "The acceleration by the highest degree of the fit: thick bars from the bootstrap, thin ones the "
@@ -278,7 +280,7 @@ def _report(study, made, truth):
         "# The acceleration of the Solar System from Gaia's quasars",
         "",
         (
-            f"{_with_floor(main.solution, g)} By the bootstrap alone g = "
+            f"{_with_floor(study.degrees, g)} By the bootstrap alone g = "
             f"({', '.join(f'{v:+.2f} ± {s:.2f}' for v, s in zip(g.value, g.sigma, strict=True))}) µas/yr: "
             f"{g.amplitude:.2f} ± {g.amplitude_error:.2f} µas/yr toward α = {g.direction[0]:.1f}° ± "
             f"{g.direction_error[0]:.1f}°, δ = {g.direction[1]:+.1f}° ± {g.direction_error[1]:.1f}°. "
@@ -320,10 +322,11 @@ def _report(study, made, truth):
     return "\n".join(lines) + "\n"
 
 
-def _with_floor(solution, g):
-    """The first line: the acceleration with errors that sources share."""
+def _with_floor(degrees, g):
+    """The first line: the acceleration with errors that sources share, from the highest of the degrees up to 7."""
+    solution: Any = next(row.solution for row in reversed(degrees[:_HIGHEST]) if row.solution is not None)
     try:
-        shared = floor(solution, range(2, solution.modes.lmax + 1))
+        shared = floor(solution)
     except VshError:
         return "**Errors that sources share are in no number here: there are too few sources to estimate them.**"
     whole = Vector(g.value, g.covariance + shared.acceleration_error**2 * np.eye(3), g.frame, g.unit)

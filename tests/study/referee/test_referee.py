@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from astropy.table import Table
-from conftest import DATA
+from conftest import real_catalogue
 
 import sim
 from study.papers import papers
@@ -152,10 +152,9 @@ def test_the_command(table, tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the VLBA's table is not here")
 def test_the_vlba_sees_no_acceleration():
     """What looks like ten standard errors, and like changes with redshift, is what sources share."""
-    answer = referee(read_quasars(DATA / "td2017_vlba_proper_motions.ecsv"), 1)
+    answer = referee(read_quasars(real_catalogue("td2017_vlba_proper_motions.ecsv")), 1)
     assert answer.first_line.startswith("no acceleration is seen, it is below 2.")
     by_redshift = next(section for section in answer.sections if section.paper.key == "tsigkas2025")
     row = next(row for row in by_redshift.rows if "one acceleration" in row.quantity)
