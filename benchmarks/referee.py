@@ -17,8 +17,8 @@ from vsh import Field
 from vsh.io.catalogue import read_field
 from vsh.models.covariance import LINDEGREN_2021, Spectrum
 
-#: Sources with five parameters; the factor that makes the published systematics as large as the noise of so many.
-SOURCES, SIZE = 3000, 3.0
+#: Sources with five parameters; the published systematics so many times as large: three times the noise.
+SOURCES, SIZE = 3000, 8.0
 
 
 def sky(case: str, seed: int, table: Table, base: Field) -> Table:
@@ -31,7 +31,7 @@ def sky(case: str, seed: int, table: Table, base: Field) -> Table:
     noise = np.stack([draw[0], base.rho * draw[0] + np.sqrt(1 - base.rho**2) * draw[1]]) * base.sigma
     if case == "faint":  # errors half as large again for the fainter half
         noise = noise * np.where(base.magnitude > np.median(base.magnitude), 1.5, 1.0)
-    shape = {"flat": 300 * Spectrum.flat()}.get(case, SIZE**2 * Spectrum.from_covariance(LINDEGREN_2021))
+    shape = {"flat": 500 * Spectrum.flat()}.get(case, SIZE**2 * Spectrum.from_covariance(LINDEGREN_2021))
     if case in ("flat", "gaia", "classes", "tails"):
         motion = sim.systematics(shape, rng)(base.lon, base.lat)
     if case == "classes":  # by magnitude and by colour, beside what all share

@@ -12,7 +12,7 @@ from fit.background import floor as background_floor
 from fit.correlation import CorrelationMatrices, correlation_matrices
 from fit.normal import normal_equations
 from fit.output import report
-from fit.quality import f_p_value, printed_p_value
+from fit.quality import FEW, MANY, SEEN, f_p_value, printed_p_value
 from fit.resample import bootstrap, jackknife
 from fit.robust import clip, excess_noise, student_t
 from fit.solution import AboutSolution, Solution
@@ -27,14 +27,13 @@ from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, IntArray, Rng, Table
+from vsh.vector import Vector
 
 __all__ = ["FrameComparison", "compare_catalogues"]
 #: Outliers that the report lists.
 _LISTED = 10
 #: What is so many times farther than the limit from a robust fit is left out before the first plain one.
 _FAR = 3.0
-#: From so many sources on what they share is in the errors unasked; below so few its size is not known.
-_MANY, _SEEN = 100_000, 200
 #: The degree that it is looked for to.
 _DEGREE = 5
 #: Classes of quoted error, and the fewest sources in one.
@@ -207,6 +206,33 @@ class FrameComparison(AboutSolution):
             name: (float(value / ICRF3[name][1]), float(error / abs(ICRF3[name][1])))
             for name, value, error in zip(self.alone_names, self.alone.values, sigma, strict=True)
         }
+
+    @property
+    def verdict(self) -> str:
+        """Whether one frame is turned against the other, in a sentence that names its errors."""
+        solution, errors = self.solution, "scaled by residuals"
+        if self.shared is not None:
+            solution, errors = self.shared.solutions[0], "with what sources share"
+        elif self.by_class is not None and not self.method:
+            values = replace(solution.coefficients, values=self.by_class.values)
+            solution = replace(solution, coefficients=values, covariance=self.by_class.covariance)
+        said = []
+        for name, vector in (("rotation", solution.spin), ("glide", solution.acceleration)):
+            covariance = vector.covariance
+            if self.floor is not None:
+                share = self.floor.spin_error if name == "rotation" else self.floor.acceleration_error
+                covariance, errors = covariance + share**2 * np.eye(3), "with the size of what sources share"
+            whole = Vector(vector.value, covariance, vector.frame, vector.unit)
+            seen = whole.p_value < SEEN
+            size = f"of {whole.amplitude:.3g} ± {whole.amplitude_error:.2g}" if seen else (
+                f"is seen, below {whole.amplitude_limit():.3g}"
+            )  # fmt: skip
+            said.append(f"{'a' if seen else 'no'} {name} {size} {self.solution.unit}")
+        p = self.deformation_p_value_by_class
+        bent = ""
+        if np.isfinite(p):
+            bent = f"; deformed (p = {printed_p_value(p)})" if p < SEEN else "; not deformed"
+        return f"{', '.join(said)}{bent}; errors {errors}"
 
     @property
     def deformation_p_value_by_class(self) -> float:
@@ -453,8 +479,8 @@ def _by_method(fitted, modes, method, replicates, rng):
 def _with_floor(comparison, fitted, wanted, rng):
     """The comparison with what sources share in its errors, or its size beside them."""
     if wanted is None:
-        wanted = len(fitted) >= _MANY
-    if not wanted and len(fitted) < _SEEN:
+        wanted = len(fitted) >= MANY
+    if not wanted and len(fitted) < FEW:
         return comparison
     normal = normal_equations(fitted, max(_DEGREE, comparison.solution.modes.lmax))
     if wanted:

@@ -55,6 +55,10 @@ def _run(options):
             sheets,
             merge_notes(*(comparison.solution.notes for comparison in comparisons)),
             lambda: "\n\n".join(comparison.solution.latex() for comparison in comparisons),
+            "; ".join(
+                (f"{label}: " if len(compared) > 1 else "") + comparison.verdict
+                for label, (comparison, _) in compared.items()
+            ),
         ),
         provenance=lambda: running.provenance(paths, options, **_counts(list(compared.values()))),
         draw=lambda: {
@@ -123,6 +127,7 @@ def _page(comparison, kept, options, meta, drawn):
         command=options.command,
         source=" − ".join(comparison.labels),
         provenance=meta,
+        verdict=comparison.verdict,
         figures=drawn.drawn,
         captions=captions,
         sections={"Under the names of the ICRF3 papers": comparison.parameters_table()} | left_out,

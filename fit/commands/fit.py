@@ -46,8 +46,8 @@ def _run(options):
     backgrounds = replace(backgrounds, results=results, texts=tuple(texts))
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
-    said = fit.output.verdict(solution, shared=options.floor)
-    text = "\n".join([solution.report(check=check, truth=truth, source=name), *backgrounds.texts, *[said] * bool(said)])
+    said = fit.output.verdict(solution, shared=options.floor).removeprefix("verdict: ")
+    text = "\n".join([solution.report(check=check, truth=truth, source=name), *backgrounds.texts])
     lines = [f"{label or 'warning'}: {words}" for label, words in fit.output.warnings_of(solution)]
 
     def sheets():
@@ -75,7 +75,7 @@ def _run(options):
         backgrounds.write(folder, meta)
 
     def page(drawn, meta):
-        about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta}
+        about = {"check": check, "truth": truth, "source": Path(name).name, "provenance": meta, "verdict": said}
         plain = (fit.fit_field(field, options.lmax, floor=False), field) if options.beside else None
         fit.output.write_html(
             solution,
@@ -90,7 +90,7 @@ def _run(options):
 
     finishing.finish(
         options,
-        finishing.RunResult(text, sheets, [*lines, *solution.notes], solution.latex),
+        finishing.RunResult(text, sheets, [*lines, *solution.notes], solution.latex, said),
         provenance=provenance,
         write=write,
         page=page,

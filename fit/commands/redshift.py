@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 import vsh
+from fit.quality import FEW, MANY, SEEN, printed_p_value
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import redshift as options_module
 from vsh.io.parts import Parts
@@ -16,8 +17,6 @@ from vsh.vector import Vector
 
 #: Upper limits of a dispersion that is free in the posterior, beside a flow and without. [km/s]
 _WIDEST = {True: 400.0, False: 1000.0}
-#: From so many sources on what they share is looked for unasked; below so few its size is not known.
-_MANY, _FEW = 100_000, 200
 #: The degree that it is looked for to where bins are fitted to degree 1.
 _DEGREE = 5
 _HEADINGS = {
@@ -77,7 +76,7 @@ def _run(options):
     results, texts, truth = {}, ["\n".join(lines) + "\n"], catalogue.truth_of(source)
     if options.bins:
         results["bins"] = _binned(whole, options, options.lmax)
-        asked = options.floor or (results["bins"].counts.sum() >= _MANY and not options.no_floor)
+        asked = options.floor or (results["bins"].counts.sum() >= MANY and not options.no_floor)
         # Permutations know nothing of what sources share: they have no word where that is asked for.
         p_values = None if asked else _p_values(whole, results["bins"], options)
         texts.append(results["bins"].report(p_values=p_values))
@@ -122,6 +121,7 @@ def _run(options):
             text,
             lambda: {_HEADINGS[name]: result.to_table() for name, result in results.items()},
             () if isinstance(whole, Parts) else whole.notes,
+            verdict=_verdict(results),
         ),
         printed=not (options.json or options.latex),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
@@ -132,6 +132,34 @@ def _run(options):
     )
     if unfinished is not None:
         raise unfinished
+
+
+def _verdict(results):
+    """What it comes to: whether dipoles change, whether our motion is seen, what H0 is or can be."""
+    said = []
+    if "shared" in results:
+        p = results["shared"].verdict().p_value
+        said.append(f"the dipole {'changes' if p < SEEN else 'does not change'} with redshift ({_p(p)})")
+    elif "bins" in results:
+        said.append("whether the dipole changes with redshift is not told without what sources share: --floor tells it")
+    if "velocity" in results:
+        v = results["velocity"].velocity
+        seen = f"our velocity is {v.amplitude:.3g} ± {v.amplitude_error:.2g} km/s"
+        below = f"our motion is not seen, it is below {v.amplitude_limit():.3g} km/s (95 %)"
+        said.append(f"{seen if v.p_value < SEEN else below} ({_p(v.p_value)})")
+    if "hubble" in results:
+        value, error = results["hubble"].hubble, results["hubble"].hubble_error
+        seen = f"H0 = {value:.3g} ± {error:.2g} km/s/Mpc"
+        below = f"H0 is not told, it is below {results['hubble'].hubble_limits[1]:.3g} km/s/Mpc (95 %)"
+        said.append(seen if value > 3 * error else below)
+    left = [results[name] for name in ("velocity", "hubble") if name in results]
+    if any(each.flow_covariance is not None for each in left):
+        said.append("flows that galaxies share are not in these errors")
+    return "; ".join(said)
+
+
+def _p(p):
+    return f"p = {printed_p_value(p)}"
 
 
 def _by_distances(source, options):
@@ -234,7 +262,7 @@ def _left_out(whole, bins):
     import fit
     from fit.redshift import FLOW_MATTERS
 
-    if bins.counts.sum() < _FEW or bins.flow_share > FLOW_MATTERS:
+    if bins.counts.sum() < FEW or bins.flow_share > FLOW_MATTERS:
         return ""
     floor = fit.fit_field(whole, _DEGREE).floor
     if floor is None:

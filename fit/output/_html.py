@@ -41,6 +41,7 @@ def html_report(
     sections: Mapping[str, Table] | None = None,
     captions: Mapping[str, str] | None = None,
     skies: Sequence[page.Shown] = (),
+    verdict: str = "",
 ) -> str:
     """A self-contained page about a solution.
 
@@ -68,6 +69,8 @@ def html_report(
         Captions of further figures, by name.
     skies : sequence of vsh.figures.page.Shown
         One or two solutions on a sky that can be turned, in place of the figure "sky".
+    verdict : str
+        What it comes to, in a sentence.
 
     Returns
     -------
@@ -80,6 +83,7 @@ def html_report(
     static = page.words(f"The sky of this page {page.STATIC}." if skies and not turned.html else "", "faint")
     vectors = vectors_of(solution)
     panels = [
+        page.words(f"Verdict: {verdict}." if verdict else ""),
         _cards(solution),
         page.words(_warnings(solution), "warning"),
         page.heading("The sky", turned),

@@ -4,11 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from fit.quality import printed_p_value
+from fit.quality import SEEN, printed_p_value
 from vsh.vector import Vector
-
-#: Three standard errors: what is less likely by chance is called seen.
-_SEEN = 0.0027
 
 
 def verdict(solution: Any, *, shared: bool = False) -> str:
@@ -47,7 +44,7 @@ def verdict(solution: Any, *, shared: bool = False) -> str:
     whole = Vector(a.value, covariance, a.frame, a.unit)
     p = whole.p_value
     rest = f"p = {printed_p_value(p)}; errors {', '.join(errors)}"
-    if not p < _SEEN:
+    if not p < SEEN:
         return f"verdict: no acceleration is seen, it is below {whole.amplitude_limit():.3g} µas/yr (95 %); {rest}"
     lon, lat = whole.direction
     size = f"{whole.amplitude:.3g} ± {whole.amplitude_error:.2g} µas/yr"

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc, ndtri
+from scipy.special import chdtrc
 
 from fit.output import WIDTH, amplitude, components, direction, note_lines, p_value, pulls
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
@@ -164,16 +164,14 @@ def _hubble(solution, quality):
     v = solution.assumed_velocity.to_frame("galactic")
     pull = solution.hubble / solution.hubble_error
     if pull < 3:  # the error is no longer a ±
-        low, high = ndtri(0.05), ndtri(0.95)
         product = (
             solution.assumed_velocity.amplitude * solution.hubble,
             solution.assumed_velocity.amplitude * solution.hubble_error,
         )
-        limits = [max(solution.hubble + each * solution.hubble_error, 0.0) for each in (low, high)]
         return [
             f"for a velocity of {v.amplitude:.2f} km/s {direction(v)}",
             f"{'v · H0':14}{product[0]:.0f}, standard error {product[1]:.0f} (km/s)²/Mpc: {pull:.1f} of them from zero",
-            f"{'H0':14}{_limits(*limits)}; least squares {solution.hubble:.1f}",
+            f"{'H0':14}{_limits(*solution.hubble_limits)}; least squares {solution.hubble:.1f}",
         ]
     scaled = f"; {pull / quality.factor:.1f} with scaled errors" if quality.factor > 1 else ""
     return [

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtri
 
 from fit.named import NamedSolution
 from fit.secular_parallax._dispersion import Preferred
@@ -135,6 +135,12 @@ class HubbleSolution(ParallaxSolution):
     def hubble_error(self) -> float:
         """Its standard error; that of the velocity included. [km/s/Mpc]"""
         return float(self.sigma[0])
+
+    @property
+    def hubble_limits(self) -> tuple[float, float]:
+        """Limits from below and from above, 95 % each, zero where they are negative. [km/s/Mpc]"""
+        low, high = (max(self.hubble + float(ndtri(p)) * self.hubble_error, 0.0) for p in (0.05, 0.95))
+        return low, high
 
 
 def _difference(a, b):

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from fit.quality import printed_p_value
+from fit.quality import SEEN, printed_p_value
 from study.referee._referee import Referee
-from study.referee._rows import HINT, SEEN, Check, Section
+from study.referee._rows import HINT, Check, Section
 from vsh.figures import page
 from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, plot_field, styled
 

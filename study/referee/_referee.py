@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from fit.quality import printed_p_value
+from fit.quality import SEEN, printed_p_value
 from study.referee._checks import checks
 from study.referee._headline import Headline, headline
 from study.referee._quasars import Quasars
-from study.referee._rows import HINT, SEEN, Check, Section
+from study.referee._rows import HINT, Check, Section
 from study.referee._sections import sections
 from vsh.io import tables
 from vsh.tools.arguments import generator
@@ -75,13 +75,11 @@ class Referee(InNotebook):
         """All of it as text."""
         quasars = self.quasars
         lines = [
-            self.first_line,
-            "",
             (
                 f"{quasars.label}: {len(quasars.whole)} sources, {quasars.n_clipped} of them clipped where least "
                 f"squares are used; {self.headline.solution.frame} axes; errors that sources share to degree "
                 f"{self.headline.solution.modes.lmax}"
-            ),
+            )
         ]
         for section in self.sections:
             lines += ["", f"{section.title} — {section.paper.reference}"]
@@ -102,7 +100,7 @@ class Referee(InNotebook):
             face = f"({printed_p_value(check.at_face_value)})" if np.isfinite(check.at_face_value) else ""
             p = printed_p_value(check.p_value)
             lines.append(f"  {check.question:{_WIDTH + 6}}{p:>10} {face:>10}  {check.answer}")
-        return "\n".join([*lines, "", f"verdict: {self.first_line}"]) + "\n"
+        return "\n".join([f"verdict: {self.first_line}", "", *lines]) + "\n"
 
     def tables(self) -> dict[str, Table]:
         """Sections and checks as astropy Tables, by name."""

@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fit.quality import printed_p_value
+from fit.quality import SEEN, printed_p_value
 from study.papers import Paper
 from vsh.tools.notebook import InNotebook
 
-#: What is less likely by chance is called seen; what is less likely than that, a hint.
-SEEN, HINT = 0.0027, 0.05
+#: What is less likely by chance is called a hint.
+HINT = 0.05
 
 
 class Value(NamedTuple):

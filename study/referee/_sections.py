@@ -8,6 +8,7 @@ import numpy as np
 from fit import pairs
 from fit.background import SHAPES, floor, wave_limit
 from fit.normal import normal_equations
+from fit.quality import SEEN
 from fit.robust import clip
 from fit.secular_parallax import observer_velocity
 from fit.solving import fit_field, solve
@@ -16,7 +17,7 @@ from study.papers import papers
 from study.referee._classes import by_edges, by_parts, compare
 from study.referee._headline import Headline
 from study.referee._quasars import Quasars, degree_for
-from study.referee._rows import NONE, SEEN, Row, Section, Value, judged
+from study.referee._rows import NONE, Row, Section, Value, judged
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
 from vsh.tools.errors import DegeneracyError, VshError
 from vsh.tools.types import Rng

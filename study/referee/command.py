@@ -12,6 +12,7 @@ def _run(options):
 
     quasars = read_quasars(source, axes=options.frame, **reading.arguments(options) | {"format": None})
     answer = referee(quasars, options.seed)
+    _, _, text = answer.report().partition("\n\n")  # the first line is the verdict
     counts = {"rows_used": len(quasars.whole), "rows_refused": dropped(quasars.field.notes)}
 
     def draw():
@@ -36,7 +37,7 @@ def _run(options):
 
     finishing.finish(
         options,
-        finishing.RunResult(answer.report(), answer.tables, quasars.field.notes),
+        finishing.RunResult(text, answer.tables, quasars.field.notes, verdict=answer.first_line),
         provenance=lambda: running.provenance(options.catalogue, options, **counts),
         draw=draw,
         write=write,

@@ -105,12 +105,18 @@ _ESCAPED = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
 
 @dataclass(frozen=True)
 class RunResult:
-    """The result of a run, in whatever form it is printed."""
+    """The result of a run, in whatever form it is printed; `verdict` is what it comes to, in a sentence."""
 
     text: str
     make_tables: Callable[[], Mapping[str, Table]] = dict
     notes: Iterable[str] = ()
     latex: Callable[[], str] | None = None
+    verdict: str = ""
+
+    @property
+    def report(self) -> str:
+        """The text, below the verdict."""
+        return f"verdict: {self.verdict}\n\n{self.text}" if self.verdict else self.text
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
@@ -125,7 +131,7 @@ def print_result(options: argparse.Namespace, result: RunResult) -> None:
     elif options.latex:
         running.print_text((result.latex or (lambda: "\n\n".join(map(as_latex, result.tables.values()))))())
     elif not options.quiet:
-        running.print_text(result.text)
+        running.print_text(result.report)
 
 
 def print_line(options: argparse.Namespace, text: str) -> None:
@@ -149,13 +155,15 @@ def finish(
     """Tell what was found, and write what was asked for: a folder, a page."""
     if not printed:
         print_result(options, result)
+    elif result.verdict:  # what is printed as it is found ends with it
+        print_line(options, f"verdict: {result.verdict}")
     if not (options.output or options.html):
         return
     meta = provenance()
     drawn = Figures(draw)
     if options.output:
         with results_folder(options, meta) as folder:
-            (folder / "report.txt").write_text(result.text, encoding="utf-8")
+            (folder / "report.txt").write_text(result.report, encoding="utf-8")
             write(folder, meta)
             drawn.write(folder, options)
         print_line(options, running.written(options.output, (x.name for x in Path(options.output).iterdir())))
@@ -175,6 +183,7 @@ def finish(
                 captions=shown,
                 provenance=meta,
                 command=options.command,
+                lead=result.verdict,
             )
             print_line(options, f"written to {options.html}")
 
@@ -185,6 +194,7 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
         "command": options.program,
         "version": vsh.__version__,
         "options": {name: _typed(value) for name, value in options.given.items() if name not in NOT_KEPT},
+        "verdict": result.verdict or None,
         "notes": [str(note) for note in result.notes],
         "tables": {name: _columns(table) for name, table in result.tables.items()},
         "written": [str(path) for path in (options.output, getattr(options, "html", None)) if path],
