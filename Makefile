@@ -48,10 +48,12 @@ coverage: $(VENV)/installed-test  ## line and branch coverage; at least COVERAGE
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report --skip-covered --fail-under $(COVERAGE)
 
-package: page  ## wheel and sdist in dist/, and the sdist's own tests in an empty environment
+package: page  ## wheel and sdist in dist/, the same bytes for the same commit, and the sdist's own tests
 	rm -rf dist build/package
-	$(BIN)/python $(PIP) build
-	$(BIN)/python -m build --outdir dist
+	$(BIN)/python $(PIP) build twine
+	SOURCE_DATE_EPOCH=$${SOURCE_DATE_EPOCH:-$$(git log -1 --pretty=%ct)} $(BIN)/python -m build --outdir dist
+	$(BIN)/twine check --strict dist/*
+	cd dist && sha256sum * || shasum -a 256 *
 	mkdir -p build/package && tar xf dist/*.tar.gz -C build/package --strip-components 1
 	$(MAKE) -C build/package test
 

@@ -1,9 +1,12 @@
 """The steps that setup.cfg cannot say: the script of the interactive page, completion for shells, manual pages."""
 
+import gzip
 import json
+import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import tempfile
 from pathlib import Path
 
@@ -140,9 +143,53 @@ class SourceWithPage(sdist):
         self.run_command("build_page")
         super().run()
 
+    def make_archive(self, *arguments, **options):
+        """The same bytes for the same files, where SOURCE_DATE_EPOCH says when they are from."""
+        path = super().make_archive(*arguments, **options)
+        if "SOURCE_DATE_EPOCH" in os.environ and path.endswith(".tar.gz"):
+            pack_again(Path(path), int(os.environ["SOURCE_DATE_EPOCH"]))
+        return path
+
+
+def pack_again(path, when):
+    """A tar without owners and with one time for all, its members in order."""
+    with tempfile.TemporaryDirectory() as folder:
+        with tarfile.open(path) as archive:
+            archive.extractall(folder, filter="data")
+            names = sorted(archive.getnames())
+        with (
+            open(path, "wb") as raw,
+            gzip.GzipFile("", "wb", 9, raw, mtime=when) as packed,
+            tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as archive,
+        ):
+            for name in names:
+                entry = archive.gettarinfo(Path(folder) / name, name)
+                entry.uid = entry.gid = 0
+                entry.uname = entry.gname = ""
+                entry.mtime, entry.mode = when, 0o755 if entry.isdir() or entry.mode & 0o100 else 0o644
+                if entry.isreg():
+                    with open(Path(folder) / name, "rb") as file:
+                        archive.addfile(entry, file)
+                else:
+                    archive.addfile(entry)
+
+
+def addresses():
+    """Where the project lives: one variable, which the workflows set; nothing is made up where nobody says it."""
+    repository = os.environ.get("GITHUB_REPOSITORY")
+    if not repository:
+        return {}
+    source = f"https://github.com/{repository}"
+    owner, name = repository.split("/")
+    return {
+        "Source": source, "Issues": f"{source}/issues", "Changelog": f"{source}/blob/main/CHANGELOG.md",
+        "Documentation": f"https://{owner}.github.io/{name}/",
+    }  # fmt: skip
+
 
 setup(
     cmdclass={"build_page": BuildPage, "build_shell": BuildShell, "build_py": WithPage, "sdist": SourceWithPage},
     # Made by the build; without one here, there would be nothing of which it asks.
     data_files=[],
+    project_urls=addresses(),
 )

@@ -1,5 +1,6 @@
 """The documentation is complete and true to the code; `make docs` builds it."""
 
+import configparser
 import importlib
 import inspect
 import re
@@ -142,7 +143,8 @@ def test_the_readme_is_one_screen():
 
 
 def test_the_version_is_said_once():
-    assert "version" not in yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert cited["version"] == vsh.__version__
     said = re.compile(rf"version\s*[:=]+\s*[\"']?{re.escape(vsh.__version__)}")
     for path in [
         ROOT / "README.md",
@@ -152,3 +154,27 @@ def test_the_version_is_said_once():
         ROOT / "setup.py",
     ]:
         assert not said.search(path.read_text(encoding="utf-8")), path.name
+
+
+def test_the_recipe_for_conda_needs_what_setup_cfg_says():
+    """Names differ in three cases, bounds in none; the version is the package's."""
+    recipe = (ROOT / "requirements" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^    - (\S+ >=[\d.]+)$", recipe.partition("  run:")[2], re.MULTILINE))
+    config = configparser.ConfigParser(interpolation=None)
+    config.read(ROOT / "setup.cfg")
+    theirs = {"astropy": "astropy-base", "matplotlib": "matplotlib-base", "lazy-loader": "lazy_loader"}
+    wanted = set()
+    for line in config["options"]["install_requires"].split():
+        name, bound = line.split(">=")
+        wanted.add(f"{theirs.get(name, name)} >={bound}")
+    assert listed == wanted
+    assert f'version: "{vsh.__version__}"' in recipe
+
+
+def test_actions_are_pinned():
+    """Every action by its commit, and every workflow says what it may."""
+    for path in (ROOT / ".github" / "workflows").glob("*.yml"):
+        text = path.read_text(encoding="utf-8")
+        assert "permissions:" in text, path
+        for line in re.findall(r"uses: (.*)", text):
+            assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}  # v[\d.]+", line), (path, line)

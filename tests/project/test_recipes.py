@@ -138,3 +138,18 @@ def test_the_day(tmp_path, monkeypatch, capsys):
     assert {"answer", "magnitude", "colour", "halves", "bins", "templates", "against3", "gaia", "pairs", "referee"} <= {
         each.name for each in tmp_path.iterdir()
     }
+
+
+def test_the_cheatsheet_runs(tmp_path, monkeypatch):
+    """All twenty lines, one after the other."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    page = (ROOT / "docs" / "cheatsheet.md").read_text(encoding="utf-8")
+    names: dict[str, object] = {}
+    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(block, names)
+    numbers = [int(k) for k in re.findall(r"# (\d+): ", page)]
+    assert numbers == list(range(1, 21))
+    a, truth = names["a"], (0.0, -40.0, -20.0)
+    assert np.abs(a.value - truth).max() < 4 * a.sigma.max()
+    assert (tmp_path / "page.html").stat().st_size > 100_000
