@@ -523,7 +523,7 @@ BREAKS = [
     ("fit/background/_blocks.py", "also @ matrix @ also.T / tau", "also @ matrix @ also.T", "test_shared.py"),
     ("fit/background/_blocks.py", "np.full(among.size, 2)", "np.full(among.size, 0)", "test_templates.py"),
     ("fit/background/_cross.py", "weight = each.values * modes.norm2", "weight = each.values", "test_templates.py"),
-    ("fit/compare.py", "wanted = len(fitted) >= _MANY", "wanted = False", "test_compare.py"),
+    ("fit/compare.py", "wanted = len(fitted) >= MANY", "wanted = False", "test_compare.py"),
     ("fit/commands/redshift.py", "and not options.no_floor", "and False", "test_redshift.py"),
     ("vsh/tools/formats.py", 'parts.netloc.rpartition("@")[2]', "parts.netloc", "test_remote.py"),
     ("fit/quality.py", "along * limit**2", "total / rank * limit**2", "test_search.py"),

@@ -69,7 +69,7 @@ def compare(quasars: Quasars, split: Split, rng: Rng = 1, lmax: int | None = Non
     rng : Generator or int
         The source of all randomness.
     lmax : int, optional
-        Of the plain fits; that of the others is what the smallest class bears, 5 at most.
+        Degree of the plain fits; that of the others is what the smallest class bears, 5 at most.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from fit.quality import SEEN, printed_p_value
 from study.referee._referee import Referee
 from study.referee._rows import HINT, Check, Section
 from vsh.figures import page
-from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, plot_field, styled
+from vsh.figures.plot import COLOURS, WIDTH, legend_above, many_figures, panels, plot_field, styled
 
 
 def draw(referee: Referee) -> dict[str, Any]:
@@ -20,16 +20,14 @@ def draw(referee: Referee) -> dict[str, Any]:
         "checks": plot_checks(referee.checks),
         "sky": plot_field(field, solution.coefficients, covariance=solution.covariance),
     }
-    import matplotlib.pyplot as plt
-
-    with plt.rc_context({"figure.max_open_warning": 0}):  # they are closed when all are written
+    with many_figures():
         return drawn | {name: result.plot() for name, result in referee.results().items()}
 
 
 @styled
-def plot_accelerations(sections: Sequence[Section]) -> Any:
+def plot_accelerations(sections: Sequence[Section], *, ax: Any = None) -> Any:
     """Components of g by each paper that has them: published, ours its way, ours with what sources share."""
-    (axes,) = panels(None, size=(WIDTH, 2.6))
+    (axes,) = panels(ax, size=(WIDTH, 2.6))
     lines = []
     for section in sections:
         rows = {row.quantity[:3]: row for row in section.rows if row.quantity.startswith("g_")}
@@ -52,10 +50,10 @@ def plot_accelerations(sections: Sequence[Section]) -> Any:
 
 
 @styled
-def plot_checks(checks: Sequence[Check]) -> Any:
+def plot_checks(checks: Sequence[Check], *, ax: Any = None) -> Any:
     """p-values of the checks, with what sources share and by the errors quoted."""
     asked = [each for each in checks if np.isfinite(each.p_value)]
-    (axes,) = panels(None, size=(WIDTH, 0.8 + 0.17 * max(len(asked), 3)))
+    (axes,) = panels(ax, size=(WIDTH, 0.8 + 0.17 * max(len(asked), 3)))
     y = -np.arange(len(asked))
     axes.semilogx([each.p_value for each in asked], y, "o", color=COLOURS[0], markersize=4, label="shared errors")
     axes.semilogx([each.at_face_value for each in asked], y, "x", color="0.5", markersize=4, label="errors as quoted")

@@ -62,7 +62,19 @@ class Quasars(InNotebook):
 
     @classmethod
     def of(cls, field: Field, columns: Mapping[str, Any], names: Mapping[str, str], label: str) -> "Quasars":
-        """Clip the sources to the degree they bear."""
+        """Clip the sources to the degree they bear.
+
+        Parameters
+        ----------
+        field : Field
+            All sources.
+        columns : dict of str to (n,) array
+            Numbers of each, by what they mean.
+        names : dict of str to str
+            The column of the table that each is.
+        label : str
+            Where they are from.
+        """
         lmax = degree_for(len(field), 3)
         clipped = clip(field, lmax, _KAPPA)
         kept = clipped.kept
@@ -70,7 +82,18 @@ class Quasars(InNotebook):
         return cls(field[kept], values, names, label, clipped.n_clipped, field)
 
     def column(self, name: str) -> FloatArray:
-        """Numbers of a column; TableError says which names it might have."""
+        """Numbers of a column, (n,).
+
+        Parameters
+        ----------
+        name : str
+            What it means: "colour", say.
+
+        Raises
+        ------
+        TableError
+            If it is not there; it says what it might be called.
+        """
         if name not in self.columns or not np.isfinite(self.columns[name]).any():
             wanted = {"redshift": ("redshift", "z", "redshift_qsoc"), "G": ("phot_g_mean_mag",)} | _COLUMNS
             raise TableError(f"no column of it ({', '.join(wanted[name])})")
@@ -87,7 +110,7 @@ class Quasars(InNotebook):
         return normal_equations(self.field, self.degree)
 
     def equations(self, chosen: Any, lmax: int) -> NormalEquations:
-        """Normal equations of some of them."""
+        """Normal equations of those that are `chosen`, to degree `lmax`."""
         return normal_equations(self.field[chosen], lmax)
 
 
@@ -107,7 +130,7 @@ def read_quasars(source: Any, *, axes: str = "icrs", **reading: Any) -> Quasars:
     source : path or table
         As for `vsh.io.catalogue.read_field`.
     axes : str
-        Of all results: "icrs", "galactic" or "ecliptic".
+        Those of all results: "icrs", "galactic" or "ecliptic".
     **reading
         Its arguments: columns, units, on_bad, frame, where, format.
 

@@ -114,7 +114,7 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
     """
     solution = fit_field(field, lmax, floor=False)
     modes = solution.modes
-    # Of the acceleration alone, whitened: the move in errors is the length of three numbers.
+    # The acceleration alone, whitened: the move in errors is the length of three numbers.
     rows = np.arange(len(modes))[modes.slice_of("S", 1)]
     whiten = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
     residual, factor = solution.residuals(field), max(solution.quality.reduced, 1e-300)
@@ -136,7 +136,7 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
         first[chosen], second[chosen] = middle + away, np.maximum(middle - away, 0)
     largest = int(np.argmax(moves))
     size = moves[largest] / factor
-    # Of squares with weights λ1 and λ2 the sum exceeds x with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
+    # Two squares with weights λ1, λ2 exceed x together with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
     with np.errstate(over="ignore", divide="ignore"):
         tail = np.mean([np.exp(-size / (2 * (first * u + second * (1 - u)))) for u in _ANGLES], axis=0)
     p = -np.expm1(np.sum(np.log1p(-np.minimum(tail, 1 - 1e-16))))

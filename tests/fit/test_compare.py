@@ -275,7 +275,7 @@ def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, mo
     assert (asked.shared.together().sigma > 2 * few.solution.sigma[few.solution.modes.degrees == 1]).all()
     assert "Errors that sources share, by degrees 2 to 5" in asked.report()
     assert compare_catalogues(a[:150], b[:150], 2)[0].floor is None
-    monkeypatch.setattr("fit.compare._MANY", 1000)
+    monkeypatch.setattr("fit.compare.MANY", 1000)
     assert compare_catalogues(a, b, 2)[0].shared == asked.shared
     assert compare_catalogues(a, b, 2, floor=False)[0].shared is None
     monkeypatch.undo()

@@ -52,7 +52,10 @@ def test_everything_at_once(path, tmp_path, capsys):
     wanted = {"bins.ecsv", "bins.png", "corner.png", "hubble.ecsv", "posterior.ecsv", "report.txt", "trace.png", "provenance.json", "run.toml", "citation.bib",
               "samples.fits", "velocity.ecsv", "flow.ecsv", "flow.png"}  # fmt: skip
     assert {each.name for each in out.iterdir()} == wanted
-    assert (out / "report.txt").read_text(encoding="utf-8").strip() in text
+    verdict, _, report = (out / "report.txt").read_text(encoding="utf-8").partition("\n\n")
+    assert report.strip() in text
+    assert verdict.startswith("verdict: ")
+    assert verdict in text  # the last of what is printed as it is found
     velocity = Table.read(out / "velocity.ecsv")
     assert velocity.meta["options"]["h0"] == 67.3
     assert len(velocity.meta["sha256"]) == 64

@@ -328,7 +328,7 @@ def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch
     few = capsys.readouterr().out
     assert "not in these errors: what sources share over the sky, spin ±" in few
     assert float(few.split("what sources share over the sky, spin ± ")[1].split(",")[0]) > 5
-    monkeypatch.setattr(command, "_MANY", 3000)
+    monkeypatch.setattr(command, "MANY", 3000)
     assert main(words) == 0
     many = capsys.readouterr().out
     assert "Does the dipole change with redshift?" in many

@@ -21,6 +21,7 @@ from vsh.figures.plot._style import (
     figure_of,
     legend_above,
     log_ticks,
+    many_figures,
     panels,
     picture_of,
     save_figures,

@@ -94,6 +94,11 @@ def panels(
     return given
 
 
+def many_figures() -> Any:
+    """A context in which matplotlib does not count open figures: they are closed when all are written."""
+    return plt.rc_context({"figure.max_open_warning": 0})
+
+
 def figure_of(drawn: Any) -> Figure:
     """The figure that axes are in."""
     first = np.ravel(np.asarray(drawn, dtype=object))[0]
