@@ -108,7 +108,7 @@ def _run(options):
     if options.posterior:
         try:
             posterior = _posterior(field, options, common)
-            texts.append(posterior.report() + "\n")
+            texts.append(f"{posterior.report()}\n{_truth_words(_truths(truth, posterior), posterior)}")
             results["posterior"] = posterior
         except ConvergenceError as error:  # what else was found is written all the same
             unfinished = error
@@ -119,7 +119,7 @@ def _run(options):
         options,
         finishing.RunResult(
             text,
-            lambda: {_HEADINGS[name]: result.to_table() for name, result in results.items()},
+            lambda: _tables(results, truth),
             () if isinstance(whole, Parts) else whole.notes,
             verdict=_verdict(results),
         ),
@@ -338,6 +338,26 @@ def _posterior(field, options, common):
         threads=options.threads,
         **common,
     )
+
+
+def _truth_words(truths, posterior):
+    """The truth of a simulated catalogue, and where in its posterior each number lies."""
+    if not truths:
+        return ""
+    said = []
+    for name, value in truths.items():
+        below = np.mean(posterior.samples[name] < value)
+        said.append(f"{name} {value:.4g} ({100 * below:.0f} %)")
+    return f"truth, and how many of the samples are below: {', '.join(said)}\n"
+
+
+def _tables(results, truth):
+    """Every result as a table, by heading; the truth of a simulated catalogue beside the posterior."""
+    made = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
+    if "posterior" in results and (truths := _truths(truth, results["posterior"])):
+        table = made[_HEADINGS["posterior"]]
+        table["truth"] = [truths.get(name, np.nan) for name in table["quantity"]]
+    return made
 
 
 def _write(results, folder, meta):

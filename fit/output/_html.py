@@ -10,6 +10,7 @@ from fit.output._rows import (
     direction,
     is_scalar,
     is_scaled,
+    is_seen,
     power_rows,
     squared,
     vector_rows,
@@ -110,10 +111,12 @@ def _cards(solution):
         value, error = solution.mean
         items.append(("Mean", f"{value:.4g} ± {error:.2g} {solution.unit}", ""))
     for name, vector in reversed(vectors_of(solution).items()):
-        more = f"{direction(vector.to_frame('galactic'))}; noise-debiased {vector.debiased_amplitude:.2f}"
+        debiased = f"; noise-debiased {vector.debiased_amplitude:.2f}" if is_seen(vector) else ""
+        more = f"{direction(vector.to_frame('galactic'))}{debiased}"
         items.append((name.capitalize(), f"{amplitude(vector, 2)} {solution.unit}", more))
     more = f"{solution.chi2:.6g} / {solution.dof}; errors from {solution.errors_from}"
-    return page.cards([*items, ("χ² per degree of freedom", f"{solution.reduced_chi2:.3f}", more)])
+    whose = "" if solution.errors_from == "the catalogue" else ", by the catalogue's errors"
+    return page.cards([*items, (f"χ² per degree of freedom{whose}", f"{solution.reduced_chi2:.3f}", more)])
 
 
 def _warnings(solution):

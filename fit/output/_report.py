@@ -6,7 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from fit.output._rows import components, direction, is_scalar, is_scaled, power_rows, squared, vector_rows, vectors_of
+from fit.output._rows import (
+    components,
+    direction,
+    is_scalar,
+    is_scaled,
+    is_seen,
+    power_rows,
+    squared,
+    vector_rows,
+    vectors_of,
+)
 from vsh.tools.errors import ParameterError
 from vsh.tools.notes import printable
 
@@ -44,7 +54,8 @@ def _heading(solution, source):
         f"degree         {modes.lowest} to {modes.lmax}: {len(modes)} coefficients",
     ]
     if np.isfinite(solution.chi2):
-        lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}")
+        whose = "" if solution.errors_from == "the catalogue" else " (by the catalogue's errors)"
+        lines.append(f"χ²/dof         {solution.chi2:.6g} / {solution.dof} = {solution.reduced_chi2:.3f}{whose}")
     lines += [f"{label:15}{text}" for label, text in warnings_of(solution)]
     return "\n".join(lines)
 
@@ -61,6 +72,10 @@ NEXT_STEP = (
     "next: --robust student (fit.robust.student_t) gives less weight to sources that scatter more than their errors "
     "say, and takes its errors from the residuals"
 )
+
+
+#: A fit of fewer numbers for each coefficient is warned of.
+_FEW = 4
 
 
 def warnings_of(solution: Any) -> list[tuple[str, str]]:
@@ -87,6 +102,9 @@ def warnings_of(solution: Any) -> list[tuple[str, str]]:
                 ),
             )
         )
+    if len(solution.modes) <= solution.dof < _FEW * len(solution.modes):
+        words = f"{len(solution.modes)} coefficients of {solution.n_data} numbers: errors grow with every degree"
+        warnings.append(("warning", f"{words}; a lower --lmax is enough for spin and acceleration"))
     if 0 < solution.dof < len(solution.modes):
         warnings.append(
             (
@@ -129,7 +147,8 @@ def _vectors(solution, truth):
     for name, vector in vectors_of(solution).items():
         other = vector.to_frame("galactic" if vector.frame != "galactic" else "icrs")
         lines.append(f"{name:14}{direction(vector)}")
-        lines.append(f"{'':14}{direction(other)}; noise-debiased amplitude {vector.debiased_amplitude:.3f}")
+        debiased = f"; noise-debiased amplitude {vector.debiased_amplitude:.3f}" if is_seen(vector) else ""
+        lines.append(f"{'':14}{direction(other)}{debiased}")
     return "\n".join(lines)
 
 

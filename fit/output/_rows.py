@@ -83,6 +83,11 @@ def amplitude(vector: Vector, digits: int = 3) -> str:
     return f"{low:.{digits}f} … {high:.{digits}f} (68 %)"
 
 
+def is_seen(vector: Vector) -> bool:
+    """Whether there is an amplitude and a direction to speak of; otherwise a limit says all there is."""
+    return bool(vector.p_value <= 0.05)
+
+
 def direction(vector: Vector) -> str:
     """Where a vector points: "toward …", named after the frame, with errors; at low signal to noise with a cone."""
     names = ANGLES[vector.frame]
@@ -142,7 +147,7 @@ def cell(value: Any) -> str:
 
 
 def vectors_table(solution: Any) -> Table:
-    """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each."""
+    """Spin and acceleration (rotation and glide; a dipole) as an astropy Table, a row each; no direction of noise."""
     vectors = vectors_of(solution)
     names = (
         "amplitude",
@@ -165,10 +170,9 @@ def vectors_table(solution: Any) -> Table:
             *v.covariance[np.triu_indices(3, 1)],
             v.amplitude,
             v.amplitude_error,
-            v.debiased_amplitude,
+            v.debiased_amplitude if is_seen(v) else np.nan,
             v.amplitude_limit(0.95),
-            *v.direction,
-            *v.direction_error,
+            *((*v.direction, *v.direction_error) if is_seen(v) else (np.nan,) * 4),
             chances.get(kinds[name], v.p_value),
         )
         for name, v in vectors.items()

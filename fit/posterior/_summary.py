@@ -180,7 +180,12 @@ def text_of(posterior: Any) -> str:
     """A page of text on a posterior."""
     samples = posterior.samples
     lines = [*heading(posterior.frame, posterior.model.priors.in_words()), *_origin(posterior)]
-    lines += [*table_lines(posterior), *_at_limits(posterior), *_product(samples), *note_lines(posterior.notes)]
+    lines += [
+        *table_lines(posterior, _given(posterior.model.priors)),
+        *_at_limits(posterior),
+        *_product(samples),
+        *note_lines(posterior.notes),
+    ]
     return "\n".join(lines)
 
 
@@ -226,8 +231,19 @@ def heading(frame: str, priors: Mapping[str, str]) -> list[str]:
     ]
 
 
-def table_lines(result: SampleResult) -> list[str]:
-    """The table of medians and intervals of a SampleResult, as lines."""
+#: A prior on a velocity is sharp where its error is so many times smaller than it.
+_SHARP = 30.0
+
+
+def _given(priors):
+    """Names of the velocity where its prior is sharp: the posterior gives it back."""
+    prior = priors.velocity
+    sharp = prior.gaussian and np.all(np.linalg.eigvalsh(prior.precision) * (prior.mean @ prior.mean) > _SHARP**2)
+    return ["v_x", "v_y", "v_z", "speed"] if sharp else []
+
+
+def table_lines(result: SampleResult, given: Sequence[str] = ()) -> list[str]:
+    """The table of medians and intervals of a SampleResult, as lines; those that were given are marked as priors."""
     size, r_hat = result._effective(), result._r_hat()
     lines = [
         (
@@ -238,9 +254,9 @@ def table_lines(result: SampleResult) -> list[str]:
     ]
     for name, row in result.summary().items():
         cells = _as_sure(row, size[name])
+        label = SHORT_NAMES.get(name, name) + (" (prior)" if name in given else "")
         lines.append(
-            f"{SHORT_NAMES.get(name, name):18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>11} …{cells[4]:>9} "
-            f" {UNITS[name]}"
+            f"{label:18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>11} …{cells[4]:>9}  {UNITS[name]}"
         )
     return lines
 

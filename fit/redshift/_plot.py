@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vsh.figures.plot import COLOURS, WIDTH, figure_of, legend_above, panels, styled
+from vsh.figures.plot import COLOURS, WIDTH, figure_of, legend_above, log_ticks, panels, styled
 from vsh.models.cosmology import FLOW_LIMIT, transverse_distance, velocity_along
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import Axes
@@ -56,6 +56,8 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: Any 
     drawn[-1].set_xlabel("redshift (markers: where the mean of 1/distance is)")
     for axes in drawn:
         axes.set_xscale("log" if logarithmic else "linear")
+        if logarithmic:
+            log_ticks(axes.xaxis, edges[0], edges[-1])
     figure_of(drawn).suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {binned.frame} axes")
     return drawn
 

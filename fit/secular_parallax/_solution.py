@@ -14,7 +14,7 @@ from vsh import Coefficients
 from vsh.field import Field
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, transverse_distance
 from vsh.sky.sphere import triad
-from vsh.tools.types import FloatArray
+from vsh.tools.types import FloatArray, Table
 from vsh.tools.units import AU_PER_YEAR
 from vsh.vector import Vector
 
@@ -62,6 +62,13 @@ class ParallaxSolution(NamedSolution):
             return None
         size = 3 if self.names[0] == "v_x" else 1
         return float(1 - np.trace(self.noise_covariance[:size, :size]) / np.trace(self.covariance[:size, :size]))
+
+    def to_table(self) -> Table:
+        """Parameters with their errors, units and correlations as an astropy Table, a row each."""
+        table = super().to_table()
+        units = {"v": "km / s", "H0": "km / (s Mpc)"}
+        table.add_column([units.get(name.partition("_")[0], "uas / yr") for name in self.names], 3, "unit")
+        return table
 
     def report(self, *, source: str | None = None, truth: dict[str, Any] | None = None) -> str:
         """The result as text.

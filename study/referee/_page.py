@@ -79,7 +79,7 @@ def html(
     if turned.html:
         drawn.pop("sky", None)
     panels_ = [
-        page.words(referee.first_line + "."),
+        page.words(f"Verdict: {referee.first_line}."),
         page.heading("At a glance", page.figures(overview, _CAPTIONS)),
         page.heading("The sky", turned),
         *(_section(section, drawn) for section in referee.sections),

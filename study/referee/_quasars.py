@@ -96,7 +96,7 @@ class Quasars(InNotebook):
         """
         if name not in self.columns or not np.isfinite(self.columns[name]).any():
             wanted = {"redshift": ("redshift", "z", "redshift_qsoc"), "G": ("phot_g_mean_mag",)} | _COLUMNS
-            raise TableError(f"no column of it ({', '.join(wanted[name])})")
+            raise TableError(f"no column of {name} ({', '.join(wanted[name])})")
         return self.columns[name]
 
     @property

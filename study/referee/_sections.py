@@ -77,8 +77,8 @@ def _acceleration(asked: Asked) -> dict[str, Any]:
         if ours.frame == "icrs":
             values = (Value(each.direction[k], each.direction_error[k]) for each in (theirs, ours))
             rows.append(Row(f"{name} [deg]", _published("klioner2021", name), *values))
-    counted = Value(float(len(quasars.whole)))
-    rows.append(Row("sources", _published("klioner2021", "sources"), counted, Value(float(len(quasars.field)))))
+    counts = (Value(float(n)) for n in (clipped.solution.n_sources, len(quasars.whole)))
+    rows.append(Row("sources", _published("klioner2021", "sources"), *counts))
     return {"rows": rows, "verdict": asked.headline.verdict, "p_value": ours.p_value}
 
 

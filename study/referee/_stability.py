@@ -16,6 +16,8 @@ from vsh.tools.types import FloatArray, Rng
 
 #: Random parts of the sources, and the least number in each.
 _GROUPS, _IN_GROUP = 20, 60
+#: Sources that are looked at together.
+_BLOCK = 20_000
 #: Angles that the probability of a quadratic form of two normal numbers is averaged over.
 _ANGLES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
 
@@ -98,7 +100,8 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
     """The source that moves the acceleration most, by how many of its errors, and how probable that is.
 
     A source moves g by VᵀW r times the covariance, which in errors of g is a quadratic form of its residual r; the
-    probability that none of them moves it further, the errors being right up to one factor, is the product over all.
+    probability that none of them moves it further is the product over all. Errors may be wrong by one factor, and have
+    a part that is the same for all sources: what they share beyond the degree of the fit.
 
     Parameters
     ----------
@@ -113,34 +116,55 @@ def by_source(field: Field, lmax: int) -> tuple[int, float, float]:
         Its row, the move in errors, and the p-value.
     """
     solution = fit_field(field, lmax, floor=False)
-    modes = solution.modes
-    # The acceleration alone, whitened: the move in errors is the length of three numbers.
-    rows = np.arange(len(modes))[modes.slice_of("S", 1)]
+    rows = np.arange(len(solution.modes))[solution.modes.slice_of("S", 1)]
+    # Whitened, the move in errors is the length of three numbers.
     whiten = np.linalg.inv(np.linalg.cholesky(solution.covariance[np.ix_(rows, rows)])) @ solution.covariance[rows]
-    residual, factor = solution.residuals(field), max(solution.quality.reduced, 1e-300)
-    moves, first, second = (np.empty(len(field)) for _ in range(3))
-    for start in range(0, len(field), 20_000):
-        chosen = slice(start, start + 20_000)
-        part = residual[np.arange(len(field))[chosen]]
-        g = np.tensordot(whiten, harmonics(part.lon, part.lat, modes), 1)  # (3, 2, n)
-        root = _root(part)  # of the inverse covariance: W = Rᵀ R
-        seen = np.einsum("aip,jip->ajp", g, root)
-        moves[chosen] = np.sum(np.einsum("ajp,jp->ap", seen, part.whitened) ** 2, 0)
-        # What least squares leave of a residual: (1 − R Vᵀ C V Rᵀ), with which the weights of the form follow.
-        white = np.einsum("pin,jin->pjn", harmonics(part.lon, part.lat, modes), root)
-        left = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
-        product = np.einsum("ajn,akn,kln->jln", seen, seen, left)
-        middle = (product[0, 0] + product[1, 1]) / 2
-        determinant = product[0, 0] * product[1, 1] - product[0, 1] * product[1, 0]
-        away = np.sqrt(np.maximum(middle**2 - determinant, 0))
-        first[chosen], second[chosen] = middle + away, np.maximum(middle - away, 0)
+    residual = solution.residuals(field)
+    parts = [np.arange(start, min(start + _BLOCK, len(field))) for start in range(0, len(field), _BLOCK)]
+    moves = np.concatenate([_moves(residual[part], solution.modes, whiten) for part in parts])
     largest = int(np.argmax(moves))
-    size = moves[largest] / factor
+    # The scatter of the others: the source that is asked about must not excuse itself.
+    scale, added = _scatter(residual[np.delete(np.arange(len(field)), largest)])
+    log = sum(_log_none(residual[part], solution, whiten, scale, added, moves[largest]) for part in parts)
+    return largest, float(np.sqrt(moves[largest])), float(-np.expm1(log))
+
+
+def _moves(residual, modes, whiten):
+    """By how many errors each source moves the acceleration, squared."""
+    return np.sum(np.einsum("ajp,jp->ap", _seen(residual, modes, whiten), residual.whitened) ** 2, 0)
+
+
+def _seen(residual, modes, whiten):
+    """How a whitened residual moves the whitened acceleration, (3, 2, n)."""
+    g = np.tensordot(whiten, harmonics(residual.lon, residual.lat, modes), 1)
+    return np.einsum("aip,jip->ajp", g, _root(residual))
+
+
+def _log_none(residual, solution, whiten, scale, added, size):
+    """Log of the probability that none of these sources moves it by so much."""
+    root, seen = _root(residual), _seen(residual, solution.modes, whiten)
+    # What least squares leave of a residual, 1 − R Vᵀ C V Rᵀ, and what all sources scatter by besides.
+    white = np.einsum("pin,jin->pjn", harmonics(residual.lon, residual.lat, solution.modes), root)
+    left = np.eye(2)[..., None] - np.einsum("pjn,pq,qkn->jkn", white, solution.covariance, white, optimize=True)
+    wide = scale * left + added * np.einsum("jin,kin->jkn", root, root)
+    product = np.einsum("ajn,akn,kln->jln", seen, seen, wide)
+    middle = (product[0, 0] + product[1, 1]) / 2
+    determinant = product[0, 0] * product[1, 1] - product[0, 1] * product[1, 0]
+    away = np.sqrt(np.maximum(middle**2 - determinant, 0))
+    first, second = middle + away, np.maximum(middle - away, 0)
     # Two squares with weights λ1, λ2 exceed x together with the mean over φ of exp(−x / 2(λ1 cos²φ + λ2 sin²φ)).
     with np.errstate(over="ignore", divide="ignore"):
         tail = np.mean([np.exp(-size / (2 * (first * u + second * (1 - u)))) for u in _ANGLES], axis=0)
-    p = -np.expm1(np.sum(np.log1p(-np.minimum(tail, 1 - 1e-16))))
-    return largest, float(np.sqrt(moves[largest])), float(p)
+    return np.sum(np.log1p(-np.minimum(tail, 1 - 1e-16)))
+
+
+def _scatter(residual):
+    """Residuals as τ² of the quoted variance and a variance that all have: least squares of r²/σ² against 1/σ²."""
+    x, y = 1 / np.mean(residual.sigma**2, 0), np.mean(residual.whitened**2, 0)
+    slope = np.cov(x, y)[0, 1] / np.var(x, ddof=1) if np.ptp(x) > 0 else 0.0
+    error = np.std(y) / np.std(x) / np.sqrt(len(x)) if np.ptp(x) > 0 else 0.0
+    added = float(slope) if slope > 2 * error else 0.0  # noise alone has a slope of its error
+    return max(float(np.mean(y) - added * np.mean(x)), 0.1 * float(np.mean(y))), added
 
 
 def _root(field):

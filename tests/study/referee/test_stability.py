@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+import sim
 from fit import normal_equations
 from fit.background import floor
 from study.referee._stability import by_degree, by_method, by_source
@@ -37,8 +38,6 @@ def test_by_degree_is_exact():
 
 
 def test_by_degree_knows_what_sources_share():
-    import sim
-
     p, plain = [], []
     for seed in range(60):
         shared = sim.systematics(40 * Spectrum.flat(), seed)(LON, LAT)
@@ -56,6 +55,12 @@ def test_by_source():
     assert kstest(p, "uniform").pvalue > 0.01
     p = [by_source(sky(np.random.default_rng(k), factor=1.7), 2)[2] for k in range(100)]
     assert kstest(p, "uniform").pvalue > 0.01
+    # What sources share beyond the degree of the fit is scatter of the best ones.
+    p = []
+    for seed in range(100):
+        shared = sim.systematics(15 * Spectrum.flat(), seed)(LON, LAT)
+        p.append(by_source(Field(LON, LAT, sky(np.random.default_rng(seed)).motion + shared, SIGMA, RHO), 2)[2])
+    assert np.mean(np.array(p) < 0.05) < 0.12
     field = sky(np.random.default_rng(3))
     motion = field.motion.copy()
     best = int(np.argmin(SIGMA.sum(0)))
