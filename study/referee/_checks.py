@@ -79,8 +79,8 @@ def _degree(quasars, headline) -> dict[str, Any]:
     low = degree_for(len(quasars.field), 3)
     if quasars.degree <= low:
         raise VshError(f"the sources bear no more than degree {quasars.degree}")
-    move, _, p = by_degree(quasars.normal, low, headline.floor)
-    plain = by_degree(quasars.normal, low, None)[2]
+    move, _, p = by_degree(quasars.field, low, quasars.degree, headline.floor)
+    plain = by_degree(quasars.field, low, quasars.degree, None)[2]
     words = f"from degree {low} to {quasars.degree} it moves by ({', '.join(f'{x:+.2f}' for x in move)}) µas/yr"
     return {"answer": words, "p_value": p, "at_face_value": plain}
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from fit.normal import NormalEquations, normal_equations
-from fit.robust import clip
+from fit.robust import Clipped, clip
+from fit.solving import fit_field
 from vsh.field import Field
 from vsh.io import catalogue, tables
-from vsh.tools.errors import DegeneracyError, TableError
+from vsh.tools.errors import ConvergenceError, DegeneracyError, TableError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import FloatArray
 
@@ -75,8 +76,7 @@ class Quasars(InNotebook):
         label : str
             Where they are from.
         """
-        lmax = degree_for(len(field), 3)
-        clipped = clip(field, lmax, _KAPPA)
+        clipped = clipped_of(field)
         kept = clipped.kept
         values = {name: np.asarray(each, float)[kept] for name, each in columns.items()}
         return cls(field[kept], values, names, label, clipped.n_clipped, field)
@@ -112,6 +112,16 @@ class Quasars(InNotebook):
     def equations(self, chosen: Any, lmax: int) -> NormalEquations:
         """Normal equations of those that are `chosen`, to degree `lmax`."""
         return normal_equations(self.field[chosen], lmax)
+
+
+def clipped_of(field: Field) -> Clipped:
+    """Clip at κ = 3 to degree 3, or what few sources bear; where that oscillates, at the limit of a first fit."""
+    lmax = degree_for(len(field), 3)
+    try:
+        return clip(field, lmax, _KAPPA)
+    except ConvergenceError:
+        white = fit_field(field, lmax, floor=False).residuals(field).whitened
+        return clip(field, lmax, threshold=_KAPPA * float(np.median(np.sqrt(np.sum(white**2, 0)))))
 
 
 def degree_for(n: int, most: int, least: int = 1) -> int:

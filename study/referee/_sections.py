@@ -9,14 +9,13 @@ from fit import pairs
 from fit.background import SHAPES, floor, wave_limit
 from fit.normal import normal_equations
 from fit.quality import SEEN
-from fit.robust import clip
 from fit.secular_parallax import observer_velocity
 from fit.solving import fit_field, solve
 from fit.spectrum import spectrum
 from study.papers import papers
 from study.referee._classes import by_edges, by_parts, compare
 from study.referee._headline import Headline
-from study.referee._quasars import Quasars, degree_for
+from study.referee._quasars import Quasars, clipped_of, degree_for
 from study.referee._rows import NONE, Row, Section, Value, judged
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18, with_redshift
 from vsh.tools.errors import DegeneracyError, VshError
@@ -69,7 +68,7 @@ def _p_row(quantity, theirs, shared):
 def _acceleration(asked: Asked) -> dict[str, Any]:
     """Clipped, degree 3, errors by the scatter: Klioner et al. 2021."""
     quasars = asked.quasars
-    clipped = clip(quasars.whole, degree_for(len(quasars.whole), 3))
+    clipped = clipped_of(quasars.whole)
     theirs = clipped.solution.scaled.acceleration
     ours = asked.headline.acceleration
     rows = _vectors("klioner2021", "g", theirs, ours)
@@ -214,7 +213,7 @@ def _spectrum(asked: Asked) -> dict[str, Any]:
     quasars, ours = asked.quasars, asked.headline.acceleration
     theirs = solve(quasars.normal).acceleration
     rows = _vectors("nguyen2026", "g", theirs, ours)
-    low = clip(quasars.whole, degree_for(len(quasars.whole), 3)).solution.acceleration.sigma
+    low = clipped_of(quasars.whole).solution.acceleration.sigma
     wider = float(np.mean(ours.sigma / low))
     rows.append(Row("errors, in those of degree 3", shared=Value(wider)))
     verdict = f"errors with what sources share are {wider:.2f} times those quoted; published: 1.5 to 2.5 times"

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 
 from fit.background import Floor
-from fit.normal import NormalEquations
+from fit.normal import normal_equations
 from fit.robust import student_t
 from fit.solving import fit_field, solve
 from vsh.basis import harmonics
@@ -22,41 +22,52 @@ _BLOCK = 20_000
 _ANGLES = np.cos((np.arange(32) + 0.5) * np.pi / 32) ** 2
 
 
-def by_degree(normal: NormalEquations, low: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
-    """How the acceleration moves from a fit of degree `low` to that of the normal equations.
+def by_degree(field: Field, low: int, high: int, floor: Floor | None) -> tuple[FloatArray, FloatArray, float]:
+    """How the acceleration moves from a fit of degree `low` to one of degree `high`.
 
     Both are linear in the same data: with M the matrix of one less the other, the move M b has the covariance
-    M (N + N S N) Mᵀ, S the spectrum of what sources share.
+    M (τ² N + s² N₂ + N S N) Mᵀ: τ² and s² the scatter of the residuals, which holds what lies beyond the higher degree,
+    N₂ the normal matrix with squared weights, S the spectrum of what sources share.
 
     Parameters
     ----------
-    normal : NormalEquations
-        All degrees.
-    low : int
-        The lower degree.
+    field : Field
+        The sources.
+    low, high : int
+        The degrees.
     floor : Floor, optional
-        What sources share.
+        What sources share; errors are as quoted, up to one factor, unless given.
 
     Returns
     -------
     (3,) array, (3,) array, float
         The move and its errors [µas/yr], and its p-value.
     """
+    normal = normal_equations(field, high)
     modes = normal.modes
     where = np.flatnonzero(modes.degrees <= low)
     first = np.arange(len(modes))[modes.slice_of("S", 1)]
-    high = np.linalg.inv(normal.matrix)[first]
-    few = np.zeros((3, len(modes)))
+    many, few = np.linalg.inv(normal.matrix)[first], np.zeros((3, len(modes)))
     few[:, where] = np.linalg.inv(normal.matrix[np.ix_(where, where)])[np.searchsorted(where, first)]
-    m = high - few
+    m = np.linalg.inv(FIRST_DEGREE) @ (many - few)
     solution = solve(normal)
-    noise = normal.matrix * (solution.quality.factor**2 if floor is None else floor.noise_scale**2)
-    if floor is not None:
+    if floor is None:
+        noise = normal.matrix * solution.quality.factor**2
+    else:
+        scale, added = _scatter(solution.residuals(field))
+        noise = scale * normal.matrix + added * normal_equations(_squared(field), high).matrix
         noise = noise + normal.matrix @ np.diag(floor.spectrum.variances(modes)) @ normal.matrix
-    to_vector = np.linalg.inv(FIRST_DEGREE)
-    move, covariance = to_vector @ m @ normal.rhs, to_vector @ m @ noise @ m.T @ to_vector.T
+    move, covariance = m @ normal.rhs, m @ noise @ m.T
     chi2 = move @ np.linalg.pinv(covariance, hermitian=True) @ move
     return move, np.sqrt(np.diag(covariance)), float(chdtrc(3, chi2))
+
+
+def _squared(field):
+    """The sources with the square of each covariance for a covariance: weights W² in place of W."""
+    (s1, s2), rho = field.sigma, field.rho
+    a, b, c = s1**2, s2**2, rho * s1 * s2
+    p, q, r = a**2 + c**2, b**2 + c**2, c * (a + b)
+    return field.with_errors(np.sqrt([p, q]), r / np.sqrt(p * q))
 
 
 def by_method(field: Field, rng: Rng = 1) -> tuple[FloatArray, FloatArray, float]:
@@ -159,12 +170,18 @@ def _log_none(residual, solution, whiten, scale, added, size):
 
 
 def _scatter(residual):
-    """Residuals as τ² of the quoted variance and a variance that all have: least squares of r²/σ² against 1/σ²."""
-    x, y = 1 / np.mean(residual.sigma**2, 0), np.mean(residual.whitened**2, 0)
-    slope = np.cov(x, y)[0, 1] / np.var(x, ddof=1) if np.ptp(x) > 0 else 0.0
-    error = np.std(y) / np.std(x) / np.sqrt(len(x)) if np.ptp(x) > 0 else 0.0
-    added = float(slope) if slope > 2 * error else 0.0  # noise alone has a slope of its error
-    return max(float(np.mean(y) - added * np.mean(x)), 0.1 * float(np.mean(y))), added
+    """Residuals as τ² of the quoted variance and a variance that all have: r²/σ² = τ² + s²/σ²."""
+    x, y = residual.weights[:2].mean(0), np.mean(residual.whitened**2, 0)
+    if not np.ptp(x) > 0:
+        return float(np.mean(y)), 0.0
+    scale, added, design = float(np.mean(y)), 0.0, np.stack([np.ones_like(x), x])
+    for _ in range(5):  # the likeliest two, of exponential y
+        weighted = design / (scale + added * x) ** 2
+        matrix = weighted @ design.T
+        scale, added = np.linalg.solve(matrix, weighted @ y)
+        added = max(added, 0.0)
+        scale = max(scale if added else np.mean(y), 0.1 * np.mean(y))
+    return float(scale), float(added)
 
 
 def _root(field):

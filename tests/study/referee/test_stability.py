@@ -12,7 +12,7 @@ from vsh import Field
 from vsh.models.covariance import Spectrum
 
 RNG = np.random.default_rng(5)
-N = 1500
+N = 900
 LON, LAT = RNG.uniform(0, 2 * np.pi, N), np.arcsin(RNG.uniform(-0.9, 1, N))
 SIGMA, RHO = RNG.uniform(20, 200, (2, N)), RNG.uniform(-0.6, 0.6, N)
 
@@ -28,12 +28,12 @@ def test_by_degree_is_exact():
     from fit import fit_field
 
     field = sky(np.random.default_rng(1))
-    move, error, _ = by_degree(normal_equations(field, 5), 2, None)
+    move, error, _ = by_degree(field, 2, 5, None)
     fits = [fit_field(field, lmax, floor=False).acceleration.value for lmax in (5, 2)]
     np.testing.assert_allclose(move, fits[0] - fits[1], atol=1e-9)
-    seen = [by_degree(normal_equations(sky(np.random.default_rng(k)), 5), 2, None) for k in range(300)]
+    seen = [by_degree(sky(np.random.default_rng(k)), 2, 5, None) for k in range(150)]
     moves, p = np.array([each[0] for each in seen]), [each[2] for each in seen]
-    np.testing.assert_allclose(moves.std(0), error, rtol=0.13)
+    np.testing.assert_allclose(moves.std(0), error, rtol=0.2)
     assert kstest(p, "uniform").pvalue > 0.01
 
 
@@ -42,22 +42,22 @@ def test_by_degree_knows_what_sources_share():
     for seed in range(60):
         shared = sim.systematics(40 * Spectrum.flat(), seed)(LON, LAT)
         field = sky(np.random.default_rng(seed))
-        normal = normal_equations(Field(LON, LAT, field.motion + shared, SIGMA, RHO), 6)
-        p.append(by_degree(normal, 2, floor(normal))[2])
-        plain.append(by_degree(normal, 2, None)[2])
+        field = Field(LON, LAT, field.motion + shared, SIGMA, RHO)
+        p.append(by_degree(field, 2, 6, floor(normal_equations(field, 6)))[2])
+        plain.append(by_degree(field, 2, 6, None)[2])
     assert np.mean(np.array(p) < 0.05) < 0.14
     assert np.mean(np.array(plain) < 0.05) > 0.18
 
 
 def test_by_source():
     """Uniform where errors are right, and found where one source is not."""
-    p = [by_source(sky(np.random.default_rng(k)), 2)[2] for k in range(200)]
+    p = [by_source(sky(np.random.default_rng(k)), 2)[2] for k in range(120)]
     assert kstest(p, "uniform").pvalue > 0.01
-    p = [by_source(sky(np.random.default_rng(k), factor=1.7), 2)[2] for k in range(100)]
+    p = [by_source(sky(np.random.default_rng(k), factor=1.7), 2)[2] for k in range(60)]
     assert kstest(p, "uniform").pvalue > 0.01
     # What sources share beyond the degree of the fit is scatter of the best ones.
     p = []
-    for seed in range(100):
+    for seed in range(60):
         shared = sim.systematics(15 * Spectrum.flat(), seed)(LON, LAT)
         p.append(by_source(Field(LON, LAT, sky(np.random.default_rng(seed)).motion + shared, SIGMA, RHO), 2)[2])
     assert np.mean(np.array(p) < 0.05) < 0.12
