@@ -180,7 +180,7 @@ def _scatter(residual):
         matrix = weighted @ design.T
         scale, added = np.linalg.solve(matrix, weighted @ y)
         added = max(added, 0.0)
-        scale = max(scale if added else np.mean(y), 0.1 * np.mean(y))
+        scale = max(float(scale if added else np.mean(y)), 0.1 * float(np.mean(y)))
     return float(scale), float(added)
 
 
