@@ -7,6 +7,7 @@ python benchmarks/agis.py correlation [N] [DRAWS]
 python benchmarks/agis.py full SKY [N]      a whole mission: CPU seconds, memory, iterations, figures in agis_SKY/
 python benchmarks/agis.py paper [N] [DRAWS] the cases of the paper
 python benchmarks/agis.py level [N]         a second level: iterations and cost
+python benchmarks/agis.py memory N [FOLDER] memory and time of twenty iterations, transits in memory or in a folder
 python benchmarks/agis.py kernels           time of a pass, with and without numba
 """
 
@@ -282,6 +283,47 @@ def level(n=5000, degree=6):
               f"one solution {cost + more:.1f}, thirty {30 * cost + more:.1f} CPU s")  # fmt: skip
 
 
+def memory(n=agis.FULL, folder=None, steps=20):
+    """A mission of 30 s knots, whatever the number of its sources: what it takes in memory, and from a folder."""
+    import threading
+
+    most, over = [0.0], threading.Event()
+
+    def look():
+        while not over.wait(0.2):
+            with Path("/proc/self/status").open(encoding="ascii") as status:
+                now = next(int(line.split()[1]) for line in status if line.startswith("RssAnon"))
+            most[0] = max(most[0], now / 2**20)
+
+    threading.Thread(target=look, daemon=True).start()
+    laps = [(time.perf_counter(), time.process_time())]
+
+    def lap(words):
+        laps.append((time.perf_counter(), time.process_time()))
+        wall, cpu = np.subtract(laps[-1], laps[-2])
+        print(f"{words:14}{wall:8.1f} s, {cpu:8.1f} CPU s, at most {most[0]:.2f} GiB of its own", flush=True)
+        most[0] = 0.0
+
+    quasars = sim.quasars(n, 1)
+    sigma = MISSION.transit_error(quasars.magnitude)
+    print(agis.plan(LAW, quasars.lon, quasars.lat))
+    scans = agis.scans(LAW, quasars.lon, quasars.lat, sigma, 5 * sigma, folder=folder)
+    lap("transits")
+    made = agis.System(scans)
+    lap("equations")
+    observed, (start, attitude) = agis.observations(scans, 3), agis.start_errors(scans, 4)
+    lap("observations")
+    seconds = []
+    solution = made.solve(*observed, start=start, attitude=attitude, iterations=steps, stop=None,
+                          watch=lambda *_: seconds.append((time.perf_counter(), time.process_time())))  # fmt: skip
+    lap("solution")
+    wall, cpu = np.median(np.diff(seconds, axis=0), axis=0)
+    print(
+        f"{solution.iterations} iterations, {wall:.2f} s and {cpu:.2f} CPU s each; low degrees {solution.history[-1][:6].round(6).tolist()}"
+    )
+    over.set()
+
+
 def kernels(n=5000):
     """One iteration by the compiled passes and by the sparse matrix."""
     for compiled in (True, False):
@@ -299,5 +341,7 @@ def kernels(n=5000):
 
 
 if __name__ == "__main__":
-    what = {each.__name__: each for each in (errors, carlo, iterations, correlation, full, paper, level, kernels)}
+    what = {
+        each.__name__: each for each in (errors, carlo, iterations, correlation, full, paper, level, memory, kernels)
+    }
     what[sys.argv[1]](*(int(x) if x.isdecimal() else x for x in sys.argv[2:]))

@@ -34,7 +34,7 @@ from vsh.tools.units import AU_PER_YEAR
 #: u: our velocity were H0 what the cosmology has [km/s]; ã and ω [µas/yr]; v of those with distances in Mpc [km/s].
 U, A, OMEGA, V = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 #: Sources whose flow is computed at once.
-_BLOCK = 1024
+_BLOCK = 512
 #: Distances surer than this leave no room for magnitudes to tell near from far: sources weigh by their own errors.
 _SURE = 0.05
 
@@ -115,12 +115,12 @@ class ParallaxEquations:
         def weighted(index, further):
             base = self.variance[index, None] + self.left[index, None] * ratio**2
             variance = self.rate[index, None] ** 2 * added[0] + (base + added[1])
-            rows = np.column_stack([self.design[index], self.motion[index], *further])
+            rows = np.concatenate([self.design[index].T, self.motion[index][None], *further])
             return _gram(rows, variance), np.log(variance).sum(0)
 
         def near_block(part):
             assert self.flow is not None
-            return weighted(np.r_[part, slice(n + part.start, n + part.stop)], [self.flow.rows(part)])
+            return weighted(np.r_[part, slice(n + part.start, n + part.stop)], [self.flow.rows(part).T])
 
         def far_block(part):
             return weighted(far[part], [])
@@ -142,20 +142,20 @@ class ParallaxEquations:
 
 
 def _gram(rows, variance):
-    """Σ rows rowsᵀ/V for every column of variances, (m, k, k)."""
-    k, many = rows.shape[1], variance.shape[1]
+    """Σ rows rowsᵀ/V for every column of variances, (m, k, k); rows are (k, n)."""
+    k, many = len(rows), variance.shape[1]
     if k <= 16:
         upper = np.triu_indices(k)
-        products = rows[:, upper[0]] * rows[:, upper[1]]  # weighted, for every spread at once, by one product
-        sums = (1 / variance).T @ products
+        products = rows[upper[0]] * rows[upper[1]]  # weighted, for every spread at once, by one product
+        sums = (products @ (1 / variance)).T
         out = np.empty((many, k, k))
         out[:, upper[0], upper[1]] = sums
         out[:, upper[1], upper[0]] = sums
         return out
     out = np.empty((many, k, k))
     for i, each in enumerate(variance.T):
-        scaled = rows / np.sqrt(each)[:, None]
-        out[i] = scaled.T @ scaled
+        scaled = rows / np.sqrt(each)
+        out[i] = scaled @ scaled.T
     return out
 
 

@@ -44,9 +44,10 @@ class FlowRows:
 
     def rows(self, part: slice) -> FloatArray:
         """The columns of some sources, (2k, p): the first components of all, then the second. [µas/yr]"""
-        (east, north), _ = self.modes.at(self.lon[part], self.lat[part], self.distance[part])
-        cos, sin = self.cos[part, None] * self.rate[part, None], self.sin[part, None] * self.rate[part, None]
-        return np.concatenate([cos * east + sin * north, cos * north - sin * east])
+        cos, sin = self.cos[part] * self.rate[part], self.sin[part] * self.rate[part]
+        turn = np.stack([[cos, sin], [-sin, cos]])
+        columns = self.modes.columns(self.lon[part], self.lat[part], self.distance[part], turn)
+        return columns.reshape(len(self.modes), -1).T
 
 
 def known_flow(

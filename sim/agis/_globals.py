@@ -131,32 +131,41 @@ def global_motion(
 LOW_DEGREES = 3
 
 
+#: Sources whose harmonics are at hand together.
+_FITTED = 2**16
+
+
 class MotionFit:
     """The weighted fit that takes sources for independent, with their formal covariances."""
 
     def __init__(self, equations: Any, modes: Modes, sources: IntArray) -> None:
         self.modes, self.equations = modes, equations
         self.sources = sources[equations.solved[sources]]
-        scans = equations.scans
-        field = harmonics(scans.lon[self.sources], scans.lat[self.sources], modes)
-        weights = np.linalg.inv(equations.formal[self.sources][:, 3:, 3:])
-        weighted = np.einsum("nij,pjn->pin", weights, field)
-        normal = field.reshape(len(modes), -1) @ weighted.reshape(len(modes), -1).T
+        scans, p = equations.scans, len(modes)
+        normal = np.zeros((p, p))
+        #: What a source's motion adds to the right-hand sides, (p, 2, k).
+        self.weighted = scans.array(p, 2, len(self.sources))
+        for start in range(0, len(self.sources), _FITTED):
+            here = slice(start, start + _FITTED)
+            some = self.sources[here]
+            field = harmonics(scans.lon[some], scans.lat[some], modes)
+            weights = np.linalg.inv(equations.formal[some][:, 3:, 3:])
+            self.weighted[:, :, here] = part = np.einsum("nij,pjn->pin", weights, field)
+            normal += field.reshape(p, -1) @ part.reshape(p, -1).T
         scale = 1 / np.sqrt(np.diag(normal))
         if np.linalg.eigvalsh(normal * np.outer(scale, scale))[0] < 1e-10:
             raise DegeneracyError(f"{len(self.sources)} sources do not determine degree {modes.lmax}: lower it")
         #: As quoted, (p, p).
-        self.formal = np.linalg.inv(normal)
-        self.rows = np.tensordot(self.formal, weighted, 1)
+        self.formal = np.asarray(np.linalg.inv(normal), float)
 
     def of(self, x: FloatArray) -> FloatArray:
         """Coefficients of given parameters, (p, K)."""
         motions = x[self.sources, 3:].transpose(1, 0, 2)
-        return self.rows.reshape(len(self.modes), -1) @ motions.reshape(-1, x.shape[-1])
+        return self.formal @ (self.weighted.reshape(len(self.modes), -1) @ motions.reshape(-1, x.shape[-1]))
 
     def functionals(self, which: ArrayLike) -> FloatArray:
         """The g of some coefficients, c = Σ g x: (n, 5, K)."""
-        rows = self.rows[np.asarray(which)]
+        rows = np.tensordot(self.formal[np.asarray(which)], self.weighted, 1)
         out = np.zeros((self.equations.scans.n_sources, 5, len(rows)))
         out[self.sources, 3:] = rows.transpose(2, 1, 0)
         return out

@@ -40,15 +40,16 @@ def observations(
     Returns
     -------
     along, across : (k,) arrays
-        Zero across where nothing is measured. [µas]
+        Zero across where nothing is measured; on disk where the transits are. [µas]
     """
     noise, chains = generator(rng).spawn(2)
     with np.errstate(divide="ignore"):
         sigma = 1 / np.sqrt(scans.weights)
     sigma[~np.isfinite(sigma)] = 0.0
-    along, across = (noise.standard_normal(len(scans)) for _ in range(2))
-    along *= sigma[0, scans.source]
-    across *= sigma[1, scans.source]
+    along, across = (scans.array(len(scans)) for _ in range(2))
+    for out, of_source in zip((along, across), sigma, strict=True):
+        for part in scans.blocks():
+            out[part] = noise.standard_normal(part.stop - part.start) * of_source[scans.source[part]]
     if variability is not None and variability.sigma > 0:
         order = np.argsort(scans.source, kind="stable")  # of a source, in the order of time
         if variable is not None:

@@ -130,9 +130,9 @@ def solve_observations(
     passes = equations.passes
     x = start
     if first == "sources":
-        of_sources, _ = passes.adjoint(*_left(passes, along, across, x, attitude))
+        of_sources, _ = passes.adjoint(along, across, x, attitude)
         x = x + equations.precondition((of_sources - _held(equations, x))[..., None])[..., 0]
-    of_sources, of_attitude = passes.adjoint(*_left(passes, along, across, x, np.zeros_like(attitude)))
+    of_sources, of_attitude = passes.adjoint(along, across, x, np.zeros_like(attitude))
     if known is not None:
         of_attitude += known / equations.prior**2
     right = equations.reduce(of_sources, of_attitude) - _held(equations, x)
@@ -196,14 +196,6 @@ def solve_observations(
         scans.frame,
         equations.motion.parameters((x + solved)[..., None])[:, 0] if equations.motion is not None else None,
     )
-
-
-def _left(passes, along, across, x, attitude):
-    """What parameters leave of the observations; no larger arrays than these two."""
-    seen = passes.predict(x, attitude)
-    for observed, predicted in zip((along, across), seen, strict=True):
-        np.subtract(observed, predicted, out=predicted)
-    return seen
 
 
 def _held(equations, x):

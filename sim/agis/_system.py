@@ -53,9 +53,9 @@ class Equations(InNotebook):
         self.coefficients = scans.intervals + 3
         self._check_data()
         check_memory(
-            system_memory(scans.n_sources, self.coefficients, 1),
+            system_memory(scans.n_sources, self.coefficients, 1, scans.folder is not None),
             "the normal equations",
-            "take fewer sources, or knots farther apart",
+            "take fewer sources, or knots farther apart, or give scans a folder",
         )
         self.passes, blocks, band, self.solved = self._determined(threads, compiled)
         self._check_numbers()
@@ -167,8 +167,7 @@ class Equations(InNotebook):
         solved = scans.counts > 5
         passes = make_passes(scans, solved, threads, compiled)
         blocks, band = passes.blocks()
-        scale = np.sqrt(np.maximum(np.einsum("nii->ni", blocks), 1e-300))
-        good = np.linalg.eigvalsh(blocks / (scale[:, :, None] * scale[:, None]))[:, 0] > _LEAST
+        good = np.concatenate([_determinate(part) for part in _few(blocks)])
         if (solved & ~good).any():
             solved &= good
             passes = make_passes(scans, solved, threads, compiled)
@@ -192,10 +191,24 @@ class Equations(InNotebook):
             ) from None
 
 
+def _few(blocks):
+    """Blocks of some sources at a time, whose copies are small."""
+    return (blocks[start : start + 2**16] for start in range(0, len(blocks), 2**16))
+
+
+def _determinate(blocks):
+    """Whether a source's own observations determine its parameters."""
+    scale = np.sqrt(np.maximum(np.einsum("nii->ni", blocks), 1e-300))
+    return np.linalg.eigvalsh(blocks / (scale[:, :, None] * scale[:, None]))[:, 0] > _LEAST
+
+
 def _inverse(blocks):
-    scale = 1 / np.sqrt(np.einsum("nii->ni", blocks))
-    scale = scale[:, :, None] * scale[:, None]
-    return np.linalg.inv(blocks * scale) * scale
+    out = np.empty_like(blocks)
+    for here, there in zip(_few(blocks), _few(out), strict=True):
+        scale = 1 / np.sqrt(np.einsum("nii->ni", here))
+        scale = scale[:, :, None] * scale[:, None]
+        there[:] = np.linalg.inv(here * scale) * scale
+    return out
 
 
 #: Functionals solved for together.

@@ -388,30 +388,72 @@ class FlowModes(Frozen):
     def _spline(self):
         return make_interp_spline(np.log(self.radii), np.hstack([self.tangential, self.radial]))
 
+    @cached_property
+    def _tangential(self):
+        return make_interp_spline(np.log(self.radii), self.tangential)
+
     def _functions(self, distance):
         """The functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
         spline: BSpline = self._spline
         values = spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
-        values[distance > self.radii[-1] * (1 + 1e-9)] = 0.0
+        values[self._beyond(distance)] = 0.0
         return np.split(values, 2, axis=1)
+
+    def _beyond(self, distance):
+        """Which distances are beyond the last radius, where no mode is."""
+        return distance > self.radii[-1] * (1 + 1e-9)
+
+    def columns(self, lon: FloatArray, lat: FloatArray, distance: FloatArray, turn: FloatArray) -> FloatArray:
+        """The tangential velocities of `at` along other axes: what a fit has in its rows.
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions. [rad]
+        distance : (n,) array
+            [Mpc/h]
+        turn : (2, 2, n) array
+            From east and north to those axes.
+
+        Returns
+        -------
+        (p, 2, n) array
+            [km/s, times `turn`]
+        """
+        distance = np.asarray(distance, float)
+        across = self._tangential(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
+        across[self._beyond(distance)] = 0.0
+        t = toroidal_harmonics(lon, lat, max(len(self.counts) - 1, 1))
+        turned = np.empty_like(t)
+        for axis in range(2):  # S is (−n, e) of T
+            np.multiply(t[:, 0], turn[axis, 1], out=turned[:, axis])
+            turned[:, axis] -= turn[axis, 0] * t[:, 1]
+        return self._times(turned, across, 1)
 
     def _combined(self, lon, lat, across, along):
         """Functions of distance times harmonics, normalised to one over the sphere."""
         top = len(self.counts) - 1
         y = scalar_harmonics(lon, lat, top)
         s = spheroidal_twin(toroidal_harmonics(lon, lat, max(top, 1)))
-        tangential, radial = np.empty((2, lon.size, len(self))), np.empty((lon.size, len(self)))
+        return self._times(s, across, 1).transpose(1, 2, 0), self._times(y[:, None], along, 0)[:, 0].T
+
+    def _times(self, harmonics, functions, lowest):
+        """Harmonics from a lowest degree on, (m, c, n), times functions of distance, (n, f): the modes, (p, c, n)."""
+        out = np.empty((len(self), *harmonics.shape[1:]))
         column = first = 0
+        functions = functions.T
         for l, count in enumerate(self.counts):
-            functions = slice(first, first + count)
-            for i in range(2 * l + 1):
-                norm = 1.0 if i == 0 else 1 / np.sqrt(2)
-                here = slice(column, column + count)
-                radial[:, here] = norm * y[l * l + i][:, None] * along[:, functions]
-                tangential[:, :, here] = norm * s[l * l - 1 + i][:, :, None] * across[:, functions] if l else 0.0
-                column += count
-            first += count
-        return tangential, radial
+            here = out[column : column + (2 * l + 1) * count].reshape(2 * l + 1, count, *out.shape[1:])
+            if l < lowest:
+                here[:] = 0.0
+            else:
+                block = harmonics[l * l - lowest : (l + 1) ** 2 - lowest, None]
+                of_distance = functions[first : first + count, None]
+                np.multiply(block[0], of_distance, out=here[0])
+                # Of a real field m ≥ 0 alone counts, twice.
+                np.multiply(block[1:], of_distance / np.sqrt(2), out=here[1:])
+            column, first = column + (2 * l + 1) * count, first + count
+        return out
 
 
 @arguments.accepts(

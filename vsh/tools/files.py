@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from vsh.tools.errors import WriteError
-from vsh.tools.types import PathName
+from vsh.tools.types import FloatArray, PathName
 
 if os.name == "posix":
     import fcntl
@@ -166,6 +166,20 @@ def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compress: bool = 
     save: Any = np.savez_compressed if compress else np.savez
     with atomic_write(path) as new, new.open("wb") as file:
         save(file, **{MARK: np.uint8(1)}, **arrays)
+
+
+def scratch(folder: PathName | None, shape: tuple[int, ...]) -> FloatArray:
+    """Zeros in memory; or, in a folder, in a file without a name that goes with the array.
+
+    The room is taken at once: a disk that is full says so here, and not by a signal when the array is written to.
+    """
+    if folder is None:
+        return np.zeros(shape)
+    size = 8 * int(np.prod(shape))
+    with tempfile.TemporaryFile(dir=folder, prefix=UNFINISHED) as file:
+        if size and hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, size)
+        return np.memmap(file, float, "w+", shape=shape) if size else np.zeros(shape)
 
 
 def read_arrays(path: PathName) -> dict[str, Any]:

@@ -66,8 +66,13 @@ class SparsePasses:
         along, across = np.split(self.sources @ x.ravel() + self.attitude @ h.ravel(), 2)
         return along, across
 
-    def adjoint(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Its weighted transpose."""
+    def adjoint(
+        self, along: FloatArray, across: FloatArray, x: FloatArray | None = None, h: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Its weighted transpose, of observations less what parameters make of them."""
+        if x is not None and h is not None:
+            made = self.predict(x, h)
+            along, across = along - made[0], across - made[1]
         seen = self.weights * np.concatenate([along, across])
         return (self.sources.T @ seen).reshape(-1, 5), (self.attitude.T @ seen).reshape(-1, 3)
 
@@ -101,8 +106,10 @@ class Passes(Protocol):
         """What parameters make of the observations: along and across, (k,) each."""
         ...
 
-    def adjoint(self, along: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Its weighted transpose, (n, 5) and (coefficients, 3)."""
+    def adjoint(
+        self, along: FloatArray, across: FloatArray, x: FloatArray | None = None, h: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Its weighted transpose, of observations less what parameters make of them: (n, 5) and (coefficients, 3)."""
         ...
 
     def blocks(self) -> tuple[FloatArray, FloatArray]:

@@ -85,6 +85,39 @@ def _mapped(array):
     return array is not None
 
 
+def test_from_a_folder_to_the_byte(tmp_path, monkeypatch):
+    """Transits, observations and the factor on disk change no bit, however many transits are looked at together."""
+    monkeypatch.setattr("sim.agis.passes._compiled.TOGETHER", 700)
+    monkeypatch.setattr("sim.agis.passes._scans.TOGETHER", 900)
+    monkeypatch.setattr("sim.agis._globals._FITTED", 77)
+    results = []
+    for folder in (None, tmp_path / "scans"):
+        system = System(make(folder=folder))
+        root = system.factor
+        while isinstance(root, np.ndarray) and root.base is not None:
+            root = root.base
+        assert isinstance(root, mmap.mmap) == bool(folder)
+        observed = observations(system.scans, 1)
+        assert isinstance(observed[0], np.memmap) == bool(folder)
+        solution = system.solve(*observed, iterations=12, stop=None)
+        results.append([*observed, solution.sources, solution.attitude, solution.history, system.true_covariance(1)])
+    for here, there in zip(*results, strict=True):
+        assert here.tobytes() == there.tobytes()
+    names = {path.suffix for path in (tmp_path / "scans").iterdir()}
+    assert names == {".npy", ".json"}  # what was only for this run has no name
+
+
+def test_a_full_disk_is_said_at_once(tmp_path, monkeypatch):
+    made = make(folder=tmp_path / "scans")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.posix_fallocate", full)
+    with pytest.raises(OSError, match="No space left"):
+        System(made)
+
+
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(ParameterError, match=r"holds other files \(thesis.tex"):
