@@ -16,9 +16,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.integrate import quad, solve_ivp
-from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq
 
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import sin_cos, triad
@@ -64,6 +61,9 @@ def alive(time: FloatArray, gaps: FloatArray) -> BoolArray:
 
 def precession_speed(precessions: float, xi: float) -> float:
     """S for a number of precessions a year: one turn of ν takes 1/K of a turn of λ."""
+
+    from scipy.integrate import quad  # slow to import, and not needed where nothing is scanned
+    from scipy.optimize import brentq
 
     def turn(speed):
         return quad(
@@ -331,6 +331,9 @@ class NominalScanningLaw(Frozen):
 
     def _integrate(self):
         """ν and Ω as splines of time, and the axes at the start of every spin."""
+        from scipy.integrate import solve_ivp
+        from scipy.interpolate import CubicSpline
+
         xi = self.solar_aspect
         speed = precession_speed(self.precessions, xi)
         rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year

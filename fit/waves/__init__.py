@@ -7,9 +7,9 @@ from fit.waves._search import WaveSearch, search
 from vsh.tools.modules import lazily
 
 if TYPE_CHECKING:
-    from fit.waves._map import plot_search, plot_spectrum
+    from fit.waves._plot import plot_search, plot_spectrum
 
 __all__ = ["WaveSearch", "WaveSpectrum", "search", "search_in_time"]
 
 # matplotlib is imported when a figure is first asked for.
-__getattr__, __dir__ = lazily(__name__, __all__, {"_map": ["plot_search", "plot_spectrum"]})
+__getattr__, __dir__ = lazily(__name__, __all__, {"_plot": ["plot_search", "plot_spectrum"]})

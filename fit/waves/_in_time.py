@@ -111,7 +111,7 @@ class WaveSpectrum(Result):
 
     def plot(self, *, ax: Any = None) -> Any:
         """Limits on the strain against frequency, on matplotlib axes."""
-        from fit.waves._map import plot_spectrum
+        from fit.waves._plot import plot_spectrum
 
         return plot_spectrum(self, ax=ax)
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
-from fit.quality import printed_p_value
-from vsh.figures.plot import COLOURS, WIDTH, draw_points, legend_above, log_ticks, panels, plot_map, styled
 from vsh.models.waves import wave_templates
 from vsh.modes import Modes
 from vsh.sky.pixels import centres
@@ -92,40 +89,3 @@ def chances(white: Whitened, modes: Modes, nside: int, n_skies: int, rng: Rng, c
         noise = rng.standard_normal((len(white.values), min(100, n_skies - start)))
         largest.append(sum((part @ noise) ** 2 for part in rotated).max(axis=0))
     return np.concatenate(largest)
-
-
-@styled
-def plot_search(search: Any, *, ax: Any = None) -> Any:
-    """2F and the limit of every direction that a wave may travel to."""
-    heading = (
-        f"largest 2F = {search.statistic.max():.1f}; p = {printed_p_value(search.p_value)} with all directions "
-        "looked at"
-    )
-    drawn = panels(ax, 2, 1, size=(WIDTH, 5.2))
-    for place, values, label, cmap, title in (
-        (0, search.statistic, "2F of a wave that travels there", "viridis", heading),
-        (1, search.limits, f"95 % limit on its amplitude  [{search.unit}]", "cividis", None),
-    ):
-        drawn[place] = plot_map(values, label, frame=search.frame, cmap=cmap, title=title, ax=drawn[place])
-        draw_points(drawn[place], *np.radians(search.direction), marker="+", s=60, color=COLOURS[1])
-    return drawn
-
-
-@styled
-def plot_spectrum(spectrum: Any, *, ax: Any = None) -> Any:
-    """The strain that a wave can have, with 95 %, against its frequency: median and range over directions."""
-    (axes,) = panels(ax, size=(WIDTH, 3.0))
-    order = np.argsort(spectrum.frequencies)
-    f, limits = spectrum.frequencies[order], spectrum.strain_limits[order]
-    axes.fill_between(f, limits[:, 0], limits[:, 2], color=COLOURS[0], alpha=0.25, linewidth=0, label="by direction")
-    axes.plot(
-        f, limits[:, 1], "o-" if len(f) < 60 else "-", ms=3, color=COLOURS[0], label="95 % limit, median direction"
-    )
-    axes.set_yscale("log")
-    if f[-1] > 5 * f[0]:
-        axes.set_xscale("log")
-        log_ticks(axes.xaxis, f[0], f[-1])
-    axes.set_xlabel("frequency  [1/yr]")
-    axes.set_ylabel("strain")
-    legend_above(axes, 2)
-    return axes

@@ -178,7 +178,7 @@ class WaveSearch(Result):
 
     def plot(self, *, ax: Any = None) -> Any:
         """Maps of 2F and of the limits, on matplotlib axes."""
-        from fit.waves._map import plot_search
+        from fit.waves._plot import plot_search
 
         return plot_search(self, ax=ax)
 

@@ -28,7 +28,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 from scipy.special import spherical_jn
 
 from vsh.basis import scalar_harmonics, spheroidal_twin, toroidal_harmonics
@@ -268,7 +267,7 @@ class LinearTheory(Frozen):
 
     @cached_property
     def _spline(self):
-        return make_interp_spline(np.log(self.k), np.log(self.power))
+        return _spline_through(np.log(self.k), np.log(self.power))
 
     @cached_property
     def _correlations(self):
@@ -283,7 +282,14 @@ class LinearTheory(Frozen):
             square, zeroth = kr * kr, np.sin(kr) / kr
             over = np.where(kr < 0.02, 1 / 3 - square / 30 + square**2 / 840, (zeroth - np.cos(kr)) / square)
             table[i] = weight @ (zeroth - 2 * over), weight @ over
-        return make_interp_spline(x, table), table
+        return _spline_through(x, table), table
+
+
+def _spline_through(x, y):
+    """A cubic spline of what is tabulated."""
+    from scipy.interpolate import make_interp_spline  # slow to import
+
+    return make_interp_spline(x, y)
 
 
 def _planck() -> LinearTheory:
@@ -386,16 +392,15 @@ class FlowModes(Frozen):
 
     @cached_property
     def _spline(self):
-        return make_interp_spline(np.log(self.radii), np.hstack([self.tangential, self.radial]))
+        return _spline_through(np.log(self.radii), np.hstack([self.tangential, self.radial]))
 
     @cached_property
     def _tangential(self):
-        return make_interp_spline(np.log(self.radii), self.tangential)
+        return _spline_through(np.log(self.radii), self.tangential)
 
     def _functions(self, distance):
         """The functions of distance at sources: two (n, f) arrays; zero beyond the last radius."""
-        spline: BSpline = self._spline
-        values = spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
+        values = self._spline(np.log(np.clip(distance, self.radii[0], self.radii[-1])))
         values[self._beyond(distance)] = 0.0
         return np.split(values, 2, axis=1)
 
