@@ -1,6 +1,5 @@
 """Figures of what changes with time (matplotlib)."""
 
-import io
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -58,18 +57,32 @@ def write_movie(solution: Any, path: PathName, frames: int = 40) -> None:
     pictures = []
     with plt.rc_context(STYLE):
         axes = sky_axes(solution.frame)
+        figure: Any = axes.figure
         lon, lat = arrow_grid(axes)
-        plt.close(axes.figure)
         fields = [solution.at(time)[0].at(lon, lat) for time in times]
         largest = max(float(np.hypot(*field).max()) for field in fields)
-        for time, field in zip(times, fields, strict=True):
-            axes = sky_axes(solution.frame)
+        titles = [f"{time:+.2f} yr; the longest arrow is {largest:.3g} µas" for time in times]
+        # The map is drawn once; on it, frame by frame, what moves.
+        figure.set_dpi(110)
+        title = axes.set_title(titles[0])
+        figure.canvas.draw()
+        figure.set_layout_engine("none")
+        place = title.get_position()
+        title.set_text("")
+        figure.canvas.draw()
+        still, before = figure.canvas.copy_from_bbox(figure.bbox), len(axes.collections)
+        title.set_position(place)
+        for words, field in zip(titles, fields, strict=True):
+            figure.canvas.restore_region(still)
             draw_vectors(axes, lon, lat, field, scale=largest)
-            axes.set_title(f"{time:+.2f} yr; the longest arrow is {largest:.3g} µas")
-            buffer = io.BytesIO()
-            axes.figure.savefig(buffer, format="png", dpi=110)
-            plt.close(axes.figure)
-            pictures.append(Image.open(buffer).convert("P", palette=Image.Palette.ADAPTIVE, colors=64))
+            title.set_text(words)
+            for artist in (title, *axes.collections[before:]):
+                axes.draw_artist(artist)
+            for artist in list(axes.collections[before:]):
+                artist.remove()
+            picture = Image.fromarray(np.array(figure.canvas.buffer_rgba())[..., :3])
+            pictures.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=64))
+        plt.close(figure)
     with atomic_write(path) as out:
         how: Any = {"format": "GIF", "save_all": True, "duration": 120, "loop": 0, "comment": MARK.encode()}
         pictures[0].save(out, append_images=pictures[1:], **how)
