@@ -455,7 +455,7 @@ class FlowModes(Frozen):
                 block = harmonics[l * l - lowest : (l + 1) ** 2 - lowest, None]
                 of_distance = functions[first : first + count, None]
                 np.multiply(block[0], of_distance, out=here[0])
-                # Of a real field m ≥ 0 alone counts, twice.
+                # A real field has m ≥ 0 alone, each counted twice.
                 np.multiply(block[1:], of_distance / np.sqrt(2), out=here[1:])
             column, first = column + (2 * l + 1) * count, first + count
         return out

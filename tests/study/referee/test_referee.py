@@ -7,7 +7,9 @@ from conftest import real_catalogue
 
 import sim
 from study.papers import papers
-from study.referee import Quasars, read_quasars, referee
+from study.referee import Quasars, Referee, read_quasars, referee
+from study.referee._checks import checks
+from study.referee._headline import headline
 from study.referee._rows import Value, judged
 from vsh.figures.page import bundle
 from vsh.tools.errors import DegeneracyError, TableError
@@ -73,7 +75,9 @@ def test_an_instrument_is_seen(table):
     bent = table.copy()
     faint = bent["phot_g_mean_mag"] > 19.5
     bent["pmra"] = bent["pmra"] + np.where(faint, 0.5 * np.cos(np.radians(bent["dec"])), 0.0)
-    answer = referee(read_quasars(bent), 1)
+    quasars = read_quasars(bent)
+    main = headline(quasars)
+    answer = Referee(quasars, main, [], checks(quasars, main, 1))
     by_g = next(each for each in answer.checks if each.key == "G")
     assert by_g.p_value < 0.0027
     assert answer.conclusion.startswith("The instrument is seen")
