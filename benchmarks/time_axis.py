@@ -5,7 +5,10 @@ drawn beside noise of the covariance of real scans: how often 68 and 95 % hold, 
 
 `python benchmarks/time_axis.py dips`: which share of a wave's degrees 2 and 3 along the scan is left, by frequency.
 
-`python benchmarks/time_axis.py waves [STARS]`: a wave put into sky and attitude, solved together, and found again.
+`python benchmarks/time_axis.py waves [STARS] [NSIDE] [CROWD]`: a wave put into sky and attitude, solved together, and found again; with
+stars so many times as dense in the Galactic plane as at its poles.
+
+`python benchmarks/time_axis.py exact [SOURCES]`: the same with the exact response of few sources.
 
 `python benchmarks/time_axis.py resolved [STARS]`: Legendre polynomials 2 to 9 × degree 3 through a solved attitude.
 
@@ -33,8 +36,9 @@ from vsh import Modes
 from vsh.basis import harmonics
 from vsh.io.epochs import Observations, design_row
 from vsh.models.waves import wave_motions
-from vsh.sky.pixels import centres
-from vsh.sky.sphere import triad
+from vsh.sky.frames import rotation_matrix
+from vsh.sky.pixels import centres, pixels_of
+from vsh.sky.sphere import angles, triad
 
 YEARS = 5.5
 LAW = sim.NominalScanningLaw(years=YEARS)
@@ -141,11 +145,17 @@ def _lines(some, columns):
     return out
 
 
-def _system(stars, quasars, seed=5):
+def _system(stars, quasars, seed=5, crowd=1, knots=900.0):
     rng, n = np.random.default_rng(seed), stars + quasars
     lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
+    if crowd > 1:
+        u, v = rng.uniform(0, 2 * np.pi, 8 * crowd * stars), rng.uniform(-1, 1, 8 * crowd * stars)
+        density = 1 + (crowd - 1) * np.exp(-((v / 0.25) ** 2))
+        keep = np.flatnonzero(rng.uniform(0, crowd, len(u)) < density)[:stars]
+        galactic = triad(u[keep], np.arcsin(v[keep]))[2]
+        lon[:stars], lat[:stars] = angles(rotation_matrix("galactic", "icrs") @ galactic)
     sigma = np.where(np.arange(n) < stars, 100.0, 1000.0)
-    scans = agis.scans(LAW, lon, lat, sigma, 5 * sigma, knots=900.0 * 20_000 / stars)
+    scans = agis.scans(LAW, lon, lat, sigma, 5 * sigma, knots=knots)
     return scans, agis.System(scans), lon, lat, stars, quasars
 
 
@@ -170,13 +180,29 @@ def _through(made, moved, noise=None):
     )  # fmt: skip
 
 
-def waves(stars=20_000, nside=12):
-    made = _system(int(stars), 500)
+def waves(stars=20_000, nside=12, crowd=1):
+    made = _system(stars, 500, crowd=crowd)
+    _, _, lon, lat, *_ = made
+    weights = np.bincount(pixels_of(lon[:stars], lat[:stars], nside, any_size=True), minlength=12 * nside**2)
+    print(f"{stars} stars, {crowd} : 1, nside {nside}: found / put in (plus cos, cross sin), largest other amplitude")
+    _each_wave(made, agis.Response(LAW, None if crowd == 1 else weights, nside), (200, 37, 600))
+
+
+def exact(sources=1500):
+    rng = np.random.default_rng(5)
+    lon, lat = rng.uniform(0, 2 * np.pi, sources), np.arcsin(rng.uniform(-1, 1, sources))
+    sigma = np.exp(rng.uniform(np.log(50), np.log(500), sources))
+    scans = agis.scans(LAW, lon, lat, sigma, 5 * sigma, knots=3000.0)
+    system = agis.System(scans)
+    print(f"{sources} sources, the attitude solved from them, exact response")
+    _each_wave((scans, system, lon, lat, 0, sources), agis.ExactResponse(system), (200,))
+
+
+def _each_wave(made, response, places):
     scans, _, lon, lat, *_ = made
-    t, response = scans.time() - scans.middle, agis.Response(LAW, nside=int(nside))
-    print(f"{stars} stars, nside {nside}: amplitude found / put in (plus cos, cross sin), largest other amplitude")
+    t = scans.time() - scans.middle
     for period in (0.1, 0.173, 0.25, 0.5, 1.0, 2.0, 4.0):
-        for place in (200, 37):
+        for place in places:
             k, phase = triad(*centres(8))[2][:, place], 2 * np.pi * t / period
             plus, cross = (wave_motions(lon, lat, k, *each)[:, scans.source] for each in ((300.0, 0.0), (0.0, 300.0)))
             seen = _through(made, plus * np.cos(phase) + cross * np.sin(phase))
@@ -246,6 +272,6 @@ def limits(skies=300):
 
 
 if __name__ == "__main__":
-    {"background": background, "dips": dips, "waves": waves, "resolved": resolved, "limits": limits}[sys.argv[1]](
-        *map(int, sys.argv[2:])
-    )
+    {"background": background, "dips": dips, "waves": waves, "exact": exact, "resolved": resolved, "limits": limits}[
+        sys.argv[1]
+    ](*map(int, sys.argv[2:]))

@@ -1,6 +1,17 @@
 """Transits in the order of time, and passes over them: what sources and attitude make of each other."""
 
 from sim.agis.passes._make import Passes, make_passes
-from sim.agis.passes._scans import FULL, Plan, Scans, check_memory, plan, scaled, scans, smooth, system_memory
+from sim.agis.passes._scans import (
+    FULL,
+    Plan,
+    Scans,
+    check_memory,
+    plan,
+    scaled,
+    scans,
+    smooth,
+    spline_at,
+    system_memory,
+)
 
 __all__: list[str] = []

@@ -450,6 +450,13 @@ def values(fraction: FloatArray) -> FloatArray:
     return np.stack([g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]) / 6
 
 
+def spline_at(scans: Scans, time: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
+    """The four coefficients that make the attitude at times since the start [yr], and their weights, (k,) each."""
+    place = time / scans.spacing
+    knot = np.clip(place.astype(int), 0, scans.intervals - 1)
+    return ((knot + i, weight) for i, weight in enumerate(values(place - knot)))
+
+
 def smooth(band: FloatArray, weight: float) -> None:
     """Add to the normal equations a penalty on second differences of the coefficients.
 
