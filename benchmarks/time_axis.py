@@ -167,7 +167,7 @@ def _through(made, moved, noise=None):
     along, across = east * sin + north * cos, north * sin - east * cos
     if noise is not None:
         along, across = along + noise[0], across + noise[1]
-    solution = system.solve(along, across, stop=None, iterations=60)
+    solution = system.solve(along, across, stop=None, iterations=30)
     taken, _ = system.predict(np.zeros((stars + quasars, 5)), solution.attitude)
     mine = np.flatnonzero(scans.source >= stars)
     mine = mine[np.argsort(scans.source[mine], kind="stable")]

@@ -3,6 +3,7 @@
 It knows both the fits and the scanning law whose attitude took a part of what is looked for.
 """
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from vsh.tools.units import DEGREE
 
 #: Bands of the background [1/yr]; the mean axis may be so far from the law's before it is said. [deg]
 _BANDS, _FAR = (0.5, 1.0, 2.0, 4.0), 1.0
+_MOVING = "Displacements over the span of the epochs, as they were fitted: where errors are large, mostly noise."
 
 
 def _run(options):
@@ -48,6 +50,7 @@ def _run(options):
         functions = in_time.legendre(options.in_time, span=span)
         equations = in_time.normal_equations(parts, 3, functions, attitude=attitude, threads=options.threads)
         results["In time"] = in_time.solve(equations)
+    movie = cache(lambda: _movie(results))
     text = "\n".join([*(each.report() for each in results.values()), *notes])
     finishing.finish(
         options,
@@ -56,7 +59,8 @@ def _run(options):
         ),
         provenance=lambda: running.provenance([*files], options, sources=sum(len(each.lon) for each in parts)),
         draw=lambda: {_file(name): each.plot() for name, each in results.items()},
-        write=lambda folder, meta: _write(folder, results, meta),
+        write=lambda folder, meta: _write(folder, results, meta, movie),
+        movies=movie,
         title=f"Waves in {Path(options.epochs).name}",
     )
 
@@ -65,11 +69,16 @@ def _file(name):
     return name.lower().replace(" ", "_")
 
 
-def _write(folder, results, meta):
+def _movie(results):
+    """The sky that moves, by its caption."""
+    return {caption: results["In time"].movie_bytes() for caption in (_MOVING,) if "In time" in results}
+
+
+def _write(folder, results, meta, movie):
     for name, each in results.items():
         each.write(folder / f"{_file(name)}.ecsv", meta)
-    if "In time" in results:
-        results["In time"].movie(folder / "in_time.gif")
+    for moving in movie().values():
+        (folder / "in_time.gif").write_bytes(moving)
 
 
 def _response(parts, span, options):

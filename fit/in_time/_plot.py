@@ -1,5 +1,6 @@
 """Figures of what changes with time (matplotlib)."""
 
+import io
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -7,8 +8,8 @@ import numpy as np
 from PIL import Image
 
 from vsh.figures.plot import COLOURS, STYLE, WIDTH, arrow_grid, draw_vectors, legend_above, panels, sky_axes, styled
-from vsh.tools.files import MARK, atomic_write
-from vsh.tools.types import Axes, PathName
+from vsh.tools.files import MARK
+from vsh.tools.types import Axes
 
 
 @styled
@@ -50,7 +51,7 @@ def plot_bands(background: Any, *, ax: Any = None) -> Axes:
     return axes
 
 
-def write_movie(solution: Any, path: PathName, frames: int = 40) -> None:
+def movie_of(solution: Any, frames: int = 40) -> bytes:
     """The displacements of the sky over the span, as a GIF."""
     start, end = solution.functions.span
     times = np.linspace(float(start), float(end), frames)
@@ -83,6 +84,7 @@ def write_movie(solution: Any, path: PathName, frames: int = 40) -> None:
             picture = Image.fromarray(np.array(figure.canvas.buffer_rgba())[..., :3])
             pictures.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=64))
         plt.close(figure)
-    with atomic_write(path) as out:
-        how: Any = {"format": "GIF", "save_all": True, "duration": 120, "loop": 0, "comment": MARK.encode()}
-        pictures[0].save(out, append_images=pictures[1:], **how)
+    out = io.BytesIO()
+    how: Any = {"format": "GIF", "save_all": True, "duration": 120, "loop": 0, "comment": MARK.encode()}
+    pictures[0].save(out, append_images=pictures[1:], **how)
+    return out.getvalue()

@@ -14,6 +14,7 @@ from vsh.modes import Modes
 from vsh.tools import arguments
 from vsh.tools.arguments import covariance, float_array
 from vsh.tools.errors import ModesError
+from vsh.tools.files import atomic_write
 from vsh.tools.notes import note_lines
 from vsh.tools.types import FloatArray, Kind, PathName, Table
 from vsh.vector import Vector
@@ -227,9 +228,15 @@ class TimeSolution(Result):
         frames : int
             How many pictures.
         """
-        from fit.in_time._plot import write_movie
+        moving = self.movie_bytes(frames)
+        with atomic_write(path) as out:
+            out.write_bytes(moving)
 
-        write_movie(self, path, frames)
+    def movie_bytes(self, frames: int = 40) -> bytes:
+        """The same as the bytes of a GIF of so many `frames`, for a page."""
+        from fit.in_time._plot import movie_of
+
+        return movie_of(self, frames)
 
 
 def _test(values, spread, seen):

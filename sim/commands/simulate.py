@@ -104,7 +104,14 @@ def _epochs(options):
     attitude = "solved" if options.attitude == "solved" else "perfect"
     mission = sim.Mission(law, options.release, 10.0 if attitude == "solved" else options.attitude)
     table = sim.epochs(
-        population, signal, observed, mission=mission, attitude=attitude, complete=True, threads=options.threads
+        population,
+        signal,
+        observed,
+        mission=mission,
+        excess_noise=options.excess_noise,
+        attitude=attitude,
+        complete=True,
+        threads=options.threads,
     )
     truth = {f"{name}_{i}": float(value) for name, values in meta.items() for i, value in enumerate(values)}
     tables.write_table(table, options.output, truth | {"ATTITUDE": attitude, "SEED": options.seed})

@@ -15,7 +15,7 @@ from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import FloatArray, Release, Rng, Table
+from vsh.tools.types import ArrayLike, FloatArray, Release, Rng, Table
 from vsh.tools.units import MAS
 
 #: CCDs of the astrometric field along a row, and the time from one to the next. [ns]
@@ -47,6 +47,7 @@ def epochs(
     mission: Mission | NominalScanningLaw | None = None,
     release: Release = "DR4",
     outliers: float = 0.0,
+    excess_noise: ArrayLike = 0.0,
     attitude: str = "perfect",
     stars: int = 20_000,
     complete: bool = False,
@@ -68,6 +69,9 @@ def epochs(
         Release whose errors are taken where the mission does not say it.
     outliers : float
         The share of observations whose noise is ten times as large.
+    excess_noise : float or (n,) array
+        Scatter of every CCD's observation beyond its error, as of a source with structure: what AGIS finds stands in
+        agis_source_excess_noise, and not in the errors of centroids. [µas]
     attitude : {"perfect", "solved"}
         Whether the attitude is known, or solved together with the sources from what they all show, as AGIS does: it
         then takes a part of what changes (`sim.agis.Response`).
@@ -91,7 +95,8 @@ def epochs(
     FrameError
         If the sources are in another frame than the mission.
     ParameterError
-        If the share of outliers is not between 0 and 1, there are no magnitudes, or the attitude is another.
+        If the share of outliers is not between 0 and 1, an excess noise is below zero, there are no magnitudes, or the
+        attitude is another.
 
     Notes
     -----
@@ -119,7 +124,10 @@ def epochs(
     shape = (len(source), CCDS)
     sigma = np.repeat(3 * error[source][:, None], CCDS, axis=1)
     wrong = np.where(noise.random(shape) < share, 10.0, 1.0)
-    scatter = sigma * wrong * noise.standard_normal(shape)
+    excess = arguments.float_array("excess_noise", excess_noise, error.shape, broadcast=True)
+    if not (excess >= 0).all():
+        raise ParameterError(f"{np.sum(~(excess >= 0))} excess noises are below zero")
+    scatter = np.hypot(sigma * wrong, excess[source][:, None]) * noise.standard_normal(shape)
     if attitude == "solved":
         place -= _taken(law, population, truth, transits, error, scatter.mean(1), stars, others, threads)
     centroid = place[:, None] + scatter
@@ -142,7 +150,7 @@ def epochs(
         "used_by_agis_al": np.ones(shape, bool),
         "ra0": np.degrees(population.lon[source]),
         "dec0": np.degrees(population.lat[source]),
-        "agis_source_excess_noise": np.zeros(len(source)),
+        "agis_source_excess_noise": excess[source] / MAS,
     }
     if complete:
         columns = _complete(columns, transits, np.asarray(population.magnitude, float)[source], others)
@@ -202,7 +210,7 @@ def _complete(columns: dict[str, Any], transits: Transits, magnitude: FloatArray
     return {
         "solution_id": np.full(k, 2888461026632663040, np.int64),
         **{name: columns[name] for name in ("source_id", "transit_id", "ra0", "dec0")},
-        "agis_source_excess_noise": np.zeros(k, np.float32),
+        "agis_source_excess_noise": np.asarray(columns["agis_source_excess_noise"], np.float32),
         "obs_time_bary_corr": np.asarray(columns["obs_time_bary_corr"], np.float32),
         "zeta": np.degrees(transits.across).astype(np.float32),
         "parallax_factor_al": np.asarray(columns["parallax_factor_al"], np.float32),

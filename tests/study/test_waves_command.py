@@ -39,7 +39,9 @@ def test_a_file_of_all_columns(epochs):
 
 def test_a_wave_is_found_in_a_file(epochs, tmp_path, capsys):
     words = [str(epochs), "--frequencies", "2,3", "--lmax", "3", "--nside", "4", "--skies", "50", "--law-nside", "2"]
-    assert main([*words, "--background", "--in-time", "3", "--output", str(tmp_path / "out"), "--json"]) == 0
+    assert main([*words, "--background", "--in-time", "3", "--output", str(tmp_path / "out"), "--json",
+                 "--html", str(tmp_path / "w.html")]) == 0  # fmt: skip
+    assert "data:image/gif;base64," in (tmp_path / "w.html").read_text(encoding="utf-8")
     told = json.loads(capsys.readouterr().out)
     waves = {name: each["values"] for name, each in told["tables"]["Waves"]["columns"].items()}
     assert waves["frequency"] == [2.0, 3.0]

@@ -72,6 +72,7 @@ def write_page(
     *,
     sheets: Mapping[str, Any] | None = None,
     captions: Mapping[str, str] | None = None,
+    movies: Mapping[str, bytes] | None = None,
     lead: str = "",
     provenance: Mapping[str, Any] | None = None,
     command: Sequence[str] | None = None,
@@ -79,8 +80,10 @@ def write_page(
     """Write a page of a run: its figures, tables that sort, what was printed, and where it comes from."""
     from vsh.figures import page
 
+    moving = [page.figure(each, caption) for caption, each in (movies or {}).items()]
     panels = [
         page.heading("Figures", page.figures(figures.drawn, captions or {})),
+        page.heading("What moves", page.pictures(moving)),
         *(page.sheet(heading, columns) for heading, columns in (sheets or {}).items()),
         page.heading("Report", page.preformatted(text.strip("\n"))),
         page.provenance(provenance or {}, command),
@@ -150,6 +153,7 @@ def finish(
     title: str = "",
     captions: Mapping[str, str] | Callable[[str], str] | None = None,
     page: Callable[[Figures, dict[str, Any]], None] | None = None,
+    movies: Callable[[], Mapping[str, bytes]] = dict,
     printed: bool = False,
 ) -> None:
     """Tell what was found, and write what was asked for: a folder, a page."""
@@ -181,6 +185,7 @@ def finish(
                 drawn,
                 sheets=result.tables,
                 captions=shown,
+                movies=movies(),
                 provenance=meta,
                 command=options.command,
                 lead=result.verdict,

@@ -206,6 +206,19 @@ def test_powers_of_bands_hold():
     assert (found.strain() > 0).all()
 
 
+def test_sums_of_a_cluster():
+    """Parts summed by Dask, elsewhere: equations and responses travel."""
+    dask = pytest.importorskip("dask")
+    response, functions = Response(LAW, nside=2, steps=20_000), waves(2.0, span=SPAN)
+    parts = [observed(20, seed=seed) for seed in range(3)]
+    parts = [replace(part, name=part.name + 100 * k) for k, part in enumerate(parts)]
+    made = [dask.delayed(normal_equations)(part, 2, functions, attitude=response, threads=1) for part in parts]
+    whole = normal_equations(parts, 2, functions, attitude=response)
+    summed = dask.delayed(sum)(made).compute(scheduler="processes", num_workers=2)
+    np.testing.assert_allclose(summed.matrix, whole.matrix, rtol=1e-9, atol=1e-12 * whole.matrix.max())
+    assert summed.n_sources == 60
+
+
 def test_files_and_figures(tmp_path):
     functions = splines((0.0,), span=SPAN)
     equations = normal_equations(observed(60), 2, functions, attitude="known")

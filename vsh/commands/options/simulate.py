@@ -9,7 +9,7 @@ ACCELERATION = "-0.235965,-3.755779,-2.080491"
 #: Lengths of mission at which errors of transits give those of a release.
 YEARS = {"DR3": 2.8, "DR4": 5.0, "DR5": 10.0, "paper": 5.0}
 #: What positions along scan take of the other kinds' options.
-NOT_OF_EPOCHS = ("no_transits", "variability", "excess_noise", "velocity", "redshifts", "redshift_error", "orientation")
+NOT_OF_EPOCHS = ("no_transits", "variability", "velocity", "redshifts", "redshift_error", "orientation")
 NOT_OF_CRF3 = (
     "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts",
     "redshift_error", "variability", "attitude", "excess_noise", "years", "dead_time", "redshift_range", "release",

@@ -105,12 +105,12 @@ def cell(value: Any) -> str:
 
 
 def figure(picture: bytes, caption: str) -> Panel:
-    """A picture with its caption."""
-    data = base64.b64encode(picture).decode()
+    """A picture with its caption: a PNG, or a GIF that moves."""
+    data, kind = base64.b64encode(picture).decode(), "gif" if picture[:3] == b"GIF" else "png"
     text = escape(caption)
     return Panel(
         f'<figure class="picture"><img alt="{text}"'
-        f' src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
+        f' src="data:image/{kind};base64,{data}"><figcaption>{text}</figcaption></figure>'
     )
 
 

@@ -8,8 +8,8 @@ import pytest
 from astropy.table import Table
 
 import sim
-from vsh.io.epochs import design_row, downweight, read_epochs, solve_epochs
-from vsh.tools.errors import FieldError, NothingLeftError, TableError
+from vsh.io.epochs import design_row, downweight, read_epochs, read_observations, solve_epochs
+from vsh.tools.errors import FieldError, NothingLeftError, ParameterError, TableError
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +59,21 @@ def test_errors_are_those_of_the_mission(transits):
     law = sim.NominalScanningLaw(years=5.5, rng=np.random.default_rng(3).spawn(2)[1])
     formal, _ = sim.expected_covariances(population, sim.Mission(law, "DR4"))
     np.testing.assert_allclose(read_epochs(transits, robust=False).sigma[0], np.sqrt(formal[:, 0, 0]), rtol=1e-6)
+
+
+def test_excess_noise_is_found():
+    """What scatters beyond the errors: the column says it, and a robust solution finds it source by source."""
+    population, excess = sim.quasars(20, 1), np.repeat([0.0, 4000.0], 10)
+    table = sim.epochs(population, sim.spin((0.0, 0.0, 0.0)), 4, excess_noise=excess)
+    per_source = [table["agis_source_excess_noise"][table["source_id"] == k + 1][0] for k in range(20)]
+    np.testing.assert_allclose(per_source, excess / 1000)
+    seen = read_observations(table)
+    found = solve_epochs(seen.source, seen.design, seen.position, seen.error).excess_noise
+    assert np.all(found[10:] > 3000)
+    assert np.median(found[:10]) < 1000
+    assert np.median(found[10:]) == pytest.approx(4000, rel=0.12)  # AGIS weighs down what scatters most
+    with pytest.raises(ParameterError, match="2 excess noises are below zero"):
+        sim.epochs(population, sim.spin((0.0, 0.0, 0.0)), 4, excess_noise=np.repeat([0.0, -1.0], [18, 2]))
 
 
 def test_outliers_have_less_weight(with_outliers):
