@@ -149,9 +149,8 @@ def _system(stars, quasars, seed=5, crowd=1, knots=900.0):
     rng, n = np.random.default_rng(seed), stars + quasars
     lon, lat = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(-1, 1, n))
     if crowd > 1:
-        u, v = rng.uniform(0, 2 * np.pi, 8 * crowd * stars), rng.uniform(-1, 1, 8 * crowd * stars)
-        density = 1 + (crowd - 1) * np.exp(-((v / 0.25) ** 2))
-        keep = np.flatnonzero(rng.uniform(0, crowd, len(u)) < density)[:stars]
+        u, v = rng.uniform(0, 2 * np.pi, 2 * crowd * stars), rng.uniform(-1, 1, 2 * crowd * stars)
+        keep = np.flatnonzero(rng.uniform(0, crowd - 1, len(u)) < 1 / (np.abs(v) + 1 / (crowd - 1)))[:stars]
         galactic = triad(u[keep], np.arcsin(v[keep]))[2]
         lon[:stars], lat[:stars] = angles(rotation_matrix("galactic", "icrs") @ galactic)
     sigma = np.where(np.arange(n) < stars, 100.0, 1000.0)

@@ -2,6 +2,7 @@
 
 from . import (
     background,
+    chain,
     compare,
     correlation,
     frame,
@@ -39,6 +40,7 @@ __all__ = [
     "NormalEquations",
     "Solution",
     "background",
+    "chain",
     "clip",
     "compare",
     "correlation",

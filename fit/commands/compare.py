@@ -17,11 +17,12 @@ def _run(options):
     labels = _labels(paths)
     first = _read(paths[0], what, options, options.where)
     floor = True if options.floor else False if options.no_floor else None
-    compared = {}
+    compared, others = {}, {}
     for path, label in zip(paths[1:], labels[1:], strict=True):
+        others[label] = _read(path, what, options, options.where2 or options.where)
         compared[label] = compare_catalogues(
             first,
-            _read(path, what, options, options.where2 or options.where),
+            others[label],
             options.lmax,
             by=options.by,
             radius=options.radius,
@@ -35,11 +36,14 @@ def _run(options):
         )
     comparisons = [comparison for comparison, _ in compared.values()]
     texts = [comparison.report() for comparison in comparisons]
-    if len(compared) > 1:
+    together = _together({labels[0]: first} | others, options) if len(compared) > 1 else None
+    if together is not None:
+        texts.append(together.report().rstrip("\n"))
+    elif len(compared) > 1:
         texts.append(f"Errors of {labels[0]} are in all of these differences: they are not independent of each other.")
 
     def sheets():
-        tables = {}
+        tables = {} if together is None else {"All catalogues in one solution": together.to_table()}
         for label, (comparison, _) in compared.items():
             of = f": {label}" if len(compared) > 1 else ""
             tables[f"Under the names of the ICRF3 papers{of}"] = comparison.parameters_table()
@@ -66,7 +70,7 @@ def _run(options):
             for label, (comparison, kept) in compared.items()
             for name, axes in _draw(comparison, kept).items()
         },
-        write=lambda folder, meta: _write(folder, compared, meta),
+        write=lambda folder, meta: _write(folder, compared, together, meta),
         page=(lambda drawn, meta: _page(*compared[labels[1]], options, meta, drawn)) if len(compared) == 1 else None,
         title=f"{labels[0]} beside {', '.join(labels[1:])}",
     )
@@ -92,10 +96,21 @@ def _counts(compared):
     return {"matched": matched, "left_out": out} if len(compared) > 1 else {"matched": matched[0], "left_out": out[0]}
 
 
-def _write(folder, compared, meta):
+def _together(catalogues, options):
+    """All catalogues in one solution with the noise that they share; None where sources have no names to go by."""
+    if options.by == "position":
+        return None
+    from fit.chain import chain_catalogues
+
+    return chain_catalogues(catalogues, options.lmax)
+
+
+def _write(folder, compared, together, meta):
     from fit.output import write_correlation
     from vsh.io import tables
 
+    if together is not None:
+        together.write(folder / "chain.ecsv", meta)
     for label, (comparison, _) in compared.items():
         of = _of(label, compared)
         comparison.write(folder / f"comparison{of}.ecsv", meta)

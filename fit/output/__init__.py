@@ -22,11 +22,11 @@ from vsh.tools.modules import lazily
 from vsh.tools.notes import note_lines
 
 if TYPE_CHECKING:
-    from fit.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum
+    from fit.output._figures import plot_correlation, plot_power, plot_residuals, plot_spectrum, plot_terms
     from fit.output._html import html_report
 
 __all__ = ["html_report", "plot_correlation", "plot_power", "plot_residuals", "plot_spectrum", "verdict", "write_html"]
 
 # matplotlib is imported when a figure is first asked for.
-_FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum"]
+_FIGURES = ["plot_correlation", "plot_power", "plot_residuals", "plot_spectrum", "plot_terms"]
 __getattr__, __dir__ = lazily(__name__, __all__, {"_figures": _FIGURES, "_html": ["html_report"]})

@@ -1,5 +1,6 @@
 """Figures of a solution: its spectrum, its correlations and its residuals (matplotlib)."""
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -11,6 +12,7 @@ from fit.spectrum import spectrum, wilson_hilferty
 from vsh.coefficients import FIRST_DEGREE
 from vsh.field import Field, Weighed
 from vsh.figures.plot import (
+    COLOURS,
     DIVERGING,
     KIND_COLOURS,
     KIND_NAMES,
@@ -160,6 +162,22 @@ def _known_names(solution):
             names[place] = [symbol(f"{glide}_{axis}") if glide != "g" else f"$g_{axis}$" for axis in "xyz"]
     matrix = correlation_of(turn @ solution.covariance @ turn.T)
     return names, matrix, [f"{mode.kind}{mode.l}" for mode in modes]
+
+
+@styled
+def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str, *, ax: Any = None) -> Axes:
+    """Values and errors of named terms, side by side for each label."""
+    (axes,) = panels(ax, size=(WIDTH, 2.6))
+    for k, (label, each) in enumerate(terms.items()):
+        x = np.arange(len(each)) + 0.7 * ((k + 0.5) / len(terms) - 0.5)
+        values, errors = np.transpose(list(each.values()))
+        axes.errorbar(x, values, errors, fmt="o", ms=3, color=COLOURS[k % len(COLOURS)], label=label)
+    names = list(next(iter(terms.values())))
+    axes.axhline(0, color="0.6", linewidth=0.6, zorder=0)
+    axes.set_xticks(range(len(names)), names, rotation=60 if len(names) > 6 else 0)
+    axes.set_ylabel(unit)
+    legend_above(axes, 3)
+    return axes
 
 
 @styled

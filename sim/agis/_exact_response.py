@@ -32,7 +32,7 @@ class ExactResponse(InNotebook):
     system : System
         The sources from which the attitude was solved, those whose epochs are looked at among them or not, in ICRS.
     tolerance : float
-        Of the conjugate gradients: the largest preconditioned residual, of the template itself.
+        Tolerance of the conjugate gradients: the largest preconditioned residual, of the template itself.
     iterations : int
         The largest number of them.
 
@@ -99,7 +99,25 @@ class ExactResponse(InNotebook):
         return left
 
     def taken(self, modes: Modes, functions: Any) -> FloatArray:
-        """The attitude's coefficients for every function times mode, (coefficients, 3, F p); kept for the next time."""
+        """What the attitude takes of each of the `functions` times each of the `modes`, kept for the next time.
+
+        Parameters
+        ----------
+        modes : Modes
+            Modes of the templates.
+        functions : function
+            From times to the functions at them, (F, k).
+
+        Returns
+        -------
+        (coefficients, 3, F p) array
+            Coefficients of the attitude's spline.
+
+        Raises
+        ------
+        ConvergenceError
+            If the iterations do not do.
+        """
         scans, passes = self.system.scans, self.system.passes
         probe = functions(np.linspace(-1.0, 1.0, 7)).tobytes()  # functions are known by their values
         if (modes, probe) in self._taken:

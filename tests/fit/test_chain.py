@@ -1,24 +1,116 @@
-"""What a chain tells of its own convergence."""
+"""Chains of catalogues: frames that are put in, noise that is shared, differences that close."""
 
 import numpy as np
 import pytest
+from conftest import few_or_many, real_catalogue
+from scipy.stats import kstest
 
-from fit.sampling import split_r_hat
+import sim
+from fit.chain import chain_catalogues
+from fit.compare import compare_catalogues
+from fit.storage import read
+from vsh import DegeneracyError, Field, FieldError, FrameError, Modes, ParameterError
+from vsh.io.catalogue import read_icrf
+
+SPINS = {"a": (0.0, 0.0, 0.0), "b": (10.0, -20.0, 5.0), "c": (-15.0, 0.0, 30.0)}
 
 
-def test_r_hat_is_one_where_all_walkers_tell_the_same():
-    chain = np.random.default_rng(1).normal(size=(1000, 20, 3))
-    np.testing.assert_allclose(split_r_hat(chain), 1, atol=0.002)
+def catalogues(seed, shared=0.0, n=300, frames=SPINS, names=None):
+    """Catalogues of one sky, each with its own rotation; a part of the noise in all of them."""
+    rng = np.random.default_rng([7, seed])
+    lon, lat = sim.uniform_sky(n, rng)
+    true = rng.normal(size=(2, n)) * 500
+    common = rng.normal(size=(2, n))
+    out = {}
+    for label, spin in frames.items():
+        sigma = rng.uniform(20, 80, (2, n))
+        noise = np.sqrt(shared) * common + np.sqrt(1 - shared) * rng.normal(size=(2, n))
+        motion = true + sigma * noise + sim.spin(spin)(lon, lat)
+        out[label] = Field(lon, lat, motion, sigma, name=np.arange(n) if names is None else names)
+    return out
 
 
-def test_r_hat_of_walkers_that_stay_apart():
-    """Means that scatter by τ about noise of σ: R̂² = 1 + τ²/σ² (Gelman et al. 2013, eqs. 11.1 to 11.4)."""
+def test_frames_come_back_and_close():
+    listed = catalogues(1, 0.4)
     rng = np.random.default_rng(2)
-    chain = rng.normal(size=(4000, 300, 1)) + 0.5 * rng.normal(size=(1, 300, 1))
-    assert split_r_hat(chain)[0] == pytest.approx(np.sqrt(1 + 0.5**2), rel=0.03)
+    listed["c"] = listed["c"][np.sort(rng.choice(300, 220, replace=False))]  # some are in two alone
+    chain = chain_catalogues(listed, 2, clip=False)
+    for label, spin in SPINS.items():
+        if label != "a":
+            vector = chain.difference(label).spin
+            assert np.abs((vector.value - spin) / vector.sigma).max() < 4
+    one, two, both = chain.difference("b"), chain.difference("c", "b"), chain.difference("c")
+    np.testing.assert_allclose(one.values + two.values, both.values, atol=1e-12)
+    assert chain.common.tolist() == [[300, 300, 220], [300, 300, 220], [220, 220, 220]]
+    assert np.abs(chain.correlation[np.triu_indices(3, 1)] - 0.4).max() < 0.15
+    assert chain.p_value("b") < 1e-3
+    assert chain.p_value("b", beyond=1) > 0.001
 
 
-def test_r_hat_sees_a_drift_that_all_walkers_share():
-    chain = np.random.default_rng(3).normal(size=(1000, 20, 1)) + np.linspace(0, 3, 1000)[:, None, None]
-    assert split_r_hat(chain)[0] == pytest.approx(1.22, abs=0.03)  # √(1 + 0.75²/1.19)
-    assert np.isnan(split_r_hat(np.ones((10, 4, 1)))[0])
+def test_two_independent_ones_are_a_comparison():
+    listed = catalogues(3)
+    chain = chain_catalogues({"b": listed["b"], "a": listed["a"]}, 2, shared_noise=False, clip=False)
+    plain, _ = compare_catalogues(listed["a"], listed["b"], 2, threshold=50.0)
+    np.testing.assert_allclose(chain.values[0], plain.solution.values, atol=1e-8)
+    scale = chain.factor**2 if chain.factor > 1 else 1.0
+    np.testing.assert_allclose(chain.covariance, plain.solution.covariance * scale, rtol=1e-7, atol=1e-12)
+
+
+@few_or_many(20, 200, "n_skies")
+@pytest.mark.parametrize("shared", [0.0, 0.5, 0.9])
+def test_p_values_of_noise_that_is_shared(shared, n_skies):
+    p = []
+    for seed in range(n_skies):
+        chain = chain_catalogues(catalogues(seed, shared, 200, dict.fromkeys("abc", (0.0, 0.0, 0.0))), 2)
+        p += [chain.p_value("b"), chain.p_value("c", "b", beyond=1)]
+    assert kstest(p[::2], "uniform").pvalue > 0.01
+    assert kstest(p[1::2], "uniform").pvalue > 0.01
+
+
+def test_outliers_are_left_out():
+    listed = catalogues(5)
+    listed["b"].motion.setflags(write=True)
+    listed["b"].motion[:, 17] += 5000
+    chain = chain_catalogues(listed, 1)
+    assert chain.names[0] == "17"
+    assert len(chain.names) <= 3  # half a source is left out of a catalogue that has no outliers
+    assert chain.distances[0] > 30
+    assert "sources left out, the farthest (in errors): 17" in chain.report()
+
+
+def test_degree_four_and_files(tmp_path):
+    chain = chain_catalogues(catalogues(6), Modes(4), clip=False)
+    assert chain.values.shape == (2, 48)
+    chain.write(tmp_path / "chain.ecsv")
+    assert read(tmp_path / "chain.ecsv") == chain
+    assert "a and b: 300 sources in common" in chain.report()
+    assert len(chain.to_table()) == 96
+
+
+def test_three_icrf_like_catalogues():
+    """ICRF2 and ICRF3 share most of their noise, and their rotation is that of the comparison of two."""
+    one, two = (read_icrf(real_catalogue(name)) for name in ("icrf3sx.txt", "icrf2-all.txt"))
+    chain = chain_catalogues({"icrf3": one, "icrf2": two}, 2)
+    plain, _ = compare_catalogues(two, one, 2)
+    rotation = chain.difference("icrf2").spin
+    assert np.abs((rotation.value - plain.solution.spin.value) / plain.solution.spin.sigma).max() < 1.5
+    assert 0.02 < chain.correlation[0, 1] < 0.995
+    assert len(chain.names) > 10
+
+
+def test_messages():
+    listed = catalogues(1)
+    with pytest.raises(ParameterError, match="two catalogues at least"):
+        chain_catalogues({"a": listed["a"]})
+    with pytest.raises(FrameError, match="galactic, icrs axes"):
+        chain_catalogues({"a": listed["a"], "b": listed["b"].to_frame("galactic")})
+    bare = Field(listed["b"].lon, listed["b"].lat, listed["b"].motion, listed["b"].sigma)
+    with pytest.raises(FieldError, match="b has no names"):
+        chain_catalogues({"a": listed["a"], "b": bare})
+    twice = catalogues(1, names=np.arange(300) // 2)
+    with pytest.raises(FieldError, match="150 names stand twice in a"):
+        chain_catalogues(twice)
+    with pytest.raises(DegeneracyError, match="do not determine all frames of a, b"):
+        chain_catalogues({"a": listed["a"][:2], "b": listed["b"][:2]})
+    with pytest.raises(ParameterError, match="no catalogue is called 'd': a, b, c"):
+        chain_catalogues(listed, 1).difference("d")
