@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from fit.background import Template, cross_powers, shared
+from fit.chain import chain_catalogues
 from fit.normal import normal_equations, template_fields
 from fit.solving import solve
 from study.referee._classes import by_parts, compare, halves, latitude
@@ -15,6 +16,7 @@ from study.referee._headline import Headline
 from study.referee._quasars import Quasars, degree_for
 from study.referee._rows import Check
 from study.referee._stability import by_degree, by_method, by_source
+from vsh.field import Field
 from vsh.tools.errors import VshError
 from vsh.tools.types import Rng
 
@@ -26,7 +28,7 @@ _FRAMES = ("galactic", "ecliptic", "icrs")
 _MAPS = ("G", "colour", "visibility periods", "scan strength")
 
 
-def checks(quasars: Quasars, headline: Headline, rng: Rng = 1) -> list[Check]:
+def checks(quasars: Quasars, headline: Headline, rng: Rng = 1, earlier: Field | None = None) -> list[Check]:
     """All of them; one that could not be asked says why."""
     asked: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
         *((name, f"the same for all by {name}", partial(_by_column, quasars, name, k, rng))
@@ -39,6 +41,8 @@ def checks(quasars: Quasars, headline: Headline, rng: Rng = 1) -> list[Check]:
         ("one source", "not made by a single source", partial(_source, quasars)),
         ("maps", "not made by what maps of the survey cause", partial(_templates, quasars, headline, rng)),
     ]  # fmt: skip
+    if earlier is not None:
+        asked.append(("earlier", "the same in an earlier release", partial(_earlier, quasars, earlier, rng)))
     return [_answered(*each) for each in asked]
 
 
@@ -96,6 +100,29 @@ def _source(quasars) -> dict[str, Any]:
     row, size, p = by_source(field, degree_for(len(field), 3))
     name = f"row {row}" if field.name is None else str(field.name[row])
     return {"answer": f"{name} moves it by {size:.2f} of its errors, more than any other", "p_value": p}
+
+
+def _earlier(quasars, earlier, rng) -> dict[str, Any]:
+    """Differences of sources in both, with the noise that the two share and what is systematic in one alone."""
+    field = quasars.field
+    if field.name is None or earlier.name is None:
+        raise VshError("no names (source_id) to find the same sources by")
+    both = np.intersect1d(np.asarray(field.name, str), np.asarray(earlier.name, str))
+    catalogues = {"earlier": earlier.to_frame(field.frame), "now": field}
+    chosen = {name: each[np.isin(np.asarray(each.name, str), both)] for name, each in catalogues.items()}
+    chain = chain_catalogues(chosen, degree_for(len(both), 5, 3))
+    compared = shared([chain.difference("now")], labels=["now less earlier"], noise_scale=False, rng=rng)
+    moved = compared.solutions[0].acceleration
+    listed = ", ".join(f"{v:+.2f} ± {s:.2f}" for v, s in zip(moved.value, moved.sigma, strict=True))
+    words = (
+        f"of {len(both)} sources in both, which share {100 * chain.correlation[0, 1]:.0f} % of noise, it moves by "
+        f"({listed}) µas/yr"
+    )
+    quoted = chain.difference("now").acceleration.p_value
+    return {
+        "answer": words, "p_value": moved.p_value, "at_face_value": quoted,
+        "results": {"chain": chain, "shared": compared},
+    }  # fmt: skip
 
 
 def _templates(quasars, headline, rng) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from study.referee._headline import Headline, headline
 from study.referee._quasars import Quasars
 from study.referee._rows import HINT, Check, Section
 from study.referee._sections import sections
+from vsh.field import Field
 from vsh.io import tables
 from vsh.tools.arguments import generator
 from vsh.tools.notebook import InNotebook
@@ -142,7 +143,7 @@ def _cells(row):
     return (*pairs, "/".join(sorted(kinds)))
 
 
-def referee(quasars: Quasars, rng: Rng = 1) -> Referee:
+def referee(quasars: Quasars, rng: Rng = 1, *, earlier: Field | None = None) -> Referee:
     """Ask of a catalogue whatever was published of motions of quasars, and whatever a referee would ask.
 
     Parameters
@@ -151,6 +152,9 @@ def referee(quasars: Quasars, rng: Rng = 1) -> Referee:
         As `read_quasars` gives them.
     rng : Generator or int
         The source of all randomness.
+    earlier : Field, optional
+        Motions of the same sources in an earlier release, with the same names (source_id): is the acceleration the same
+        there?
 
     Raises
     ------
@@ -159,4 +163,4 @@ def referee(quasars: Quasars, rng: Rng = 1) -> Referee:
     """
     first, second = (int(stream.integers(2**31)) for stream in generator(rng).spawn(2))
     main = headline(quasars)
-    return Referee(quasars, main, sections(quasars, main, first), checks(quasars, main, second))
+    return Referee(quasars, main, sections(quasars, main, first), checks(quasars, main, second, earlier))

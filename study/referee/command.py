@@ -11,7 +11,12 @@ def _run(options):
     from study.referee import read_quasars, referee
 
     quasars = read_quasars(source, axes=options.frame, **reading.arguments(options) | {"format": None})
-    answer = referee(quasars, options.seed)
+    earlier = None
+    if options.earlier:
+        from vsh.io.catalogue import read_field
+
+        earlier = read_field(options.earlier, roles=("name",), on_bad=options.on_bad)
+    answer = referee(quasars, options.seed, earlier=earlier)
     _, _, text = answer.report().partition("\n\n")  # the first line is the verdict
     counts = {"rows_used": len(quasars.whole), "rows_refused": dropped(quasars.field.notes)}
 
@@ -38,7 +43,9 @@ def _run(options):
     finishing.finish(
         options,
         finishing.RunResult(text, answer.tables, quasars.field.notes, verdict=answer.first_line),
-        provenance=lambda: running.provenance(options.catalogue, options, **counts),
+        provenance=lambda: running.provenance(
+            [options.catalogue, options.earlier] if options.earlier else options.catalogue, options, **counts
+        ),
         draw=draw,
         write=write,
         page=page,

@@ -8,9 +8,10 @@ from conftest import real_catalogue
 import sim
 from study.papers import papers
 from study.referee import Quasars, Referee, read_quasars, referee
-from study.referee._checks import checks
+from study.referee._checks import _answered, _earlier, checks
 from study.referee._headline import headline
 from study.referee._rows import Value, judged
+from vsh import Field
 from vsh.figures.page import bundle
 from vsh.tools.errors import DegeneracyError, TableError
 
@@ -168,3 +169,23 @@ def test_the_vlba_sees_no_acceleration():
     waves = next(section for section in answer.sections if section.paper.key == "darling2024").rows[1]
     assert waves.theirs.value == pytest.approx(waves.published.value, abs=0.0012)  # 0.0230 here, 0.024 there
     assert next(each for each in answer.checks if each.key == "last epoch").p_value > 0.05
+
+
+def test_an_earlier_release(table, tmp_path):
+    """Noise that two releases share is told from a change of the acceleration."""
+    quasars = read_quasars(table)
+    whole, rng = quasars.whole, np.random.default_rng(3)
+    true = TRUTH(whole.lon, whole.lat)
+    noise = 2 * (np.sqrt(0.5) * (whole.motion - true) + np.sqrt(0.5) * whole.sigma * rng.normal(size=true.shape))
+    p = []
+    for glide in ((0, 0, 0), (0, 80, 0)):
+        motion = true + noise + sim.acceleration(glide)(whole.lon, whole.lat)
+        earlier = Field(whole.lon, whole.lat, motion, 2 * whole.sigma, name=whole.name)
+        asked = _answered("earlier", "", lambda earlier=earlier: _earlier(quasars, earlier, 1))
+        assert "% of noise" in asked.answer
+        assert asked.results["chain"].correlation[0, 1] == pytest.approx(0.7, abs=0.1)
+        p.append(asked.p_value)
+    assert p[0] > 0.01
+    assert p[1] < 1e-6
+    bare = Field(whole.lon, whole.lat, motion, whole.sigma)
+    assert "no names" in _answered("earlier", "", lambda: _earlier(quasars, bare, 1)).lacking

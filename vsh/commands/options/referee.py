@@ -16,6 +16,11 @@ def make_parser() -> argparse.ArgumentParser:
         epilog="Example: vsh-referee crf3.fits --on-bad drop --output referee --html referee.html",
     )
     parser.add_argument("catalogue", help=values.A_TABLE)
+    parser.add_argument(
+        "--earlier",
+        metavar="FILE",
+        help="motions of the same sources in an earlier release, by source_id: is the acceleration the same there?",
+    )
     parser.add_argument("--seed", type=int, default=1, help="of all that is drawn (default: 1)")
     parsing.add_threads(parser)
     reading.add_reading(parser)
