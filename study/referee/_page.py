@@ -1,6 +1,7 @@
 """The referee's figures, and its page."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,8 @@ def html(
         page.notes(quasars.field.notes),
         page.provenance(dict(provenance), command),
     ]
-    lead = f"{quasars.label} — {len(quasars.whole)} sources, {solution.frame} axes"
+    name = Path(quasars.label).name  # a page goes where its folders do not
+    lead = f"{name} — {len(quasars.whole)} sources, {solution.frame.replace('icrs', 'ICRS')} axes"
     return page.page("What the motions of these quasars say", panels_, lead=lead)
 
 

@@ -138,7 +138,11 @@ class Referee(InNotebook):
 
 
 def _cells(row):
-    kinds = {each.kind for each in (row.published, row.theirs, row.shared) if np.isfinite(each.value)}
+    kinds = {
+        each.kind.replace("size", "value")
+        for each in (row.published, row.theirs, row.shared)
+        if np.isfinite(each.value)
+    }
     pairs = [x for each in (row.published, row.theirs, row.shared) for x in (each.value, each.error)]
     return (*pairs, "/".join(sorted(kinds)))
 

@@ -14,7 +14,7 @@ HINT = 0.05
 
 
 class Value(NamedTuple):
-    """A number with its error, a limit of 95 %, or a p-value."""
+    """A number with its error ("value"; "size" has no sign), a "limit" of 95 %, or a "p"."""
 
     value: float
     error: float = float("nan")
@@ -30,7 +30,8 @@ class Value(NamedTuple):
         if not np.isfinite(self.error):
             return f"{self.value:,.0f}".replace(",", " ") if abs(self.value) > 1e4 else f"{self.value:.4g}"
         digits = max(0, 1 - int(np.floor(np.log10(self.error)))) if self.error > 0 else 3
-        return f"{self.value:+.{digits}f} ± {self.error:.{digits}f}"
+        sign = "" if self.kind == "size" else "+"
+        return f"{self.value:{sign}.{digits}f} ± {self.error:.{digits}f}"
 
 
 #: Nothing to say.

@@ -39,7 +39,10 @@ class Asked(NamedTuple):
 
 def _published(paper, name):
     number = papers()[paper].numbers.get(name)
-    return NONE if number is None else Value(number.value, number.error, "limit" if number.limit else "value")
+    if number is None:
+        return NONE
+    kind = "limit" if number.limit else "size" if name.startswith("|") else "value"
+    return Value(number.value, number.error, kind)
 
 
 def _vectors(paper, letter, theirs, shared):
@@ -47,7 +50,7 @@ def _vectors(paper, letter, theirs, shared):
     rows = [
         Row(
             f"{letter}_{axis} [µas/yr]",
-            _published(paper, f"{letter}_{axis}") if theirs.frame == "icrs" else Value(float("nan")),
+            _published(paper, f"{letter}_{axis}") if theirs.frame == "icrs" else NONE,
             Value(theirs.value[k], theirs.sigma[k]), Value(shared.value[k], shared.sigma[k]),
         )
         for k, axis in enumerate("xyz")
@@ -58,7 +61,7 @@ def _vectors(paper, letter, theirs, shared):
 def _size(vector):
     """The size of a vector, or its limit where it is not seen."""
     if vector.p_value < SEEN:
-        return Value(vector.amplitude, vector.amplitude_error)
+        return Value(vector.amplitude, vector.amplitude_error, "size")
     return Value(vector.amplitude_limit(), kind="limit")
 
 

@@ -128,6 +128,7 @@ def test_columns_follow_their_sources(table):
 
 def test_values_in_words():
     assert str(Value(1.234, 0.05)) == "+1.234 ± 0.050"
+    assert str(Value(5.05, 0.35, "size")) == "5.05 ± 0.35"
     assert str(Value(0.0231, kind="limit")) == "< 0.0231"
     assert str(Value(1215942.0)) == "1 215 942"
     assert str(Value(float("nan"))) == "–"
