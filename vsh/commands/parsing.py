@@ -96,6 +96,25 @@ def _without_secrets(value):
     return shown_address(value) if isinstance(value, str) else value
 
 
+class _Lines(argparse.HelpFormatter):
+    """Help in which examples stand a line each."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if text.startswith(_EXAMPLES):
+            return text
+        return super()._fill_text(text, width, indent)
+
+
+_EXAMPLES = "examples:\n"
+
+
+def make(prog: str, description: str, examples: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser of a command, whose help ends with examples and the place of its page."""
+    lines = "".join(f"  {example}\n" for example in examples)
+    epilog = f"{_EXAMPLES}{lines}\nmore of it: docs/commands/{prog}.md"
+    return argparse.ArgumentParser(prog=prog, description=description, epilog=epilog, formatter_class=_Lines)
+
+
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:
     """Add the options that every command has: repeat a run, print it for other programs, keep a log, list citations."""
     group = parser.add_argument_group("every command")

@@ -10,13 +10,17 @@ _QUASARS = 5000
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-agis",
         description=(
             "Solve quasars, galaxies and stars together with the attitude of the satellite that sees them, by conjugate"
             " gradients. A run that is killed goes on where it was when it is started again."
         ),
-        epilog="Example: vsh-agis --quasars 20000 --sky igql --exact --output igql; vsh-fit igql/motions.fits --lmax 1",
+        examples=(
+            "vsh-agis --quasars 20000 --sky igql --exact --output igql",
+            "vsh-agis --quasars 2000 --stars 2000 --attitude 10 --output known",
+            "vsh-agis --quasars 500000 --plan",
+        ),
     )
     add = parser.add_argument
     add("--quasars", type=values.count(1), default=_QUASARS, metavar="N", help=f"how many (default: {_QUASARS})")

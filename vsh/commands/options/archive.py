@@ -7,13 +7,17 @@ from vsh.commands import parsing, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-archive",
         description=(
             "Fetch a catalogue from an archive (TAP), as a FITS file that vsh-fit reads. A file that is there is "
             "the answer; an interrupted call goes on where it was."
         ),
-        epilog="Example: vsh-archive gaia-crf3 --output qso.fits, then vsh-fit qso.fits --clip 3",
+        examples=(
+            "vsh-archive gaia-crf3 --output qso.fits",
+            "vsh-archive gaia-crf3 --show",
+            "vsh-archive query.adql --output mine.fits",
+        ),
     )
     parser.add_argument(
         "what",

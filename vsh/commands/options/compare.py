@@ -7,13 +7,17 @@ from vsh.commands import parsing, reading, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-compare",
         description=(
             "Match two catalogues of one sky and fit their differences, with both covariances: how one frame is turned "
             "against the other, drifts and is deformed, and which sources do not fit."
         ),
-        epilog="Example: vsh-compare icrf3sx.txt icrf2-all.txt --lmax 2 --output comparison --html comparison.html",
+        examples=(
+            "vsh-compare icrf3sx.txt icrf2-all.txt --output comparison --html comparison.html",
+            "vsh-compare one.fits two.fits three.fits",
+            "vsh-compare one.fits two.fits --lmax 1 --parameters spin --robust",
+        ),
     )
     parser.add_argument("catalogue", help=f"ICRF2 or ICRF3 as the IERS distributes them, or {values.A_TABLE}")
     parser.add_argument("catalogue2", help="the one that is subtracted")

@@ -8,15 +8,16 @@ from vsh.commands import parsing, reading, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-correlate",
         description=(
             "Show which parameters are correlated on a catalogue's sky: which part of the sky causes it, and what leaks"
             " into a fit from degrees that were left out. Positions and errors are enough; no motions are needed."
         ),
-        epilog=(
-            "Example: vsh-correlate gums.fits igql.fits --influence omega_y,a_x --leakage 6 --frame galactic --output "
-            "results"
+        examples=(
+            "vsh-correlate catalogue.fits --lmax 2",
+            "vsh-correlate catalogue.fits catalogue2.fits --frame galactic --output results",
+            "vsh-correlate catalogue.fits --influence omega_y,a_x --leakage 6 --output influence",
         ),
     )
     parser.add_argument("catalogue", help=values.A_TABLE)

@@ -7,13 +7,17 @@ from vsh.commands import parsing, reading, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-fit",
         description=(
             "Fit vector spherical harmonics to a catalogue of proper motions: the spin of its frame, the "
             "acceleration of the Solar System, and the power of every degree."
         ),
-        epilog="Example: vsh-fit catalogue.fits --lmax 3 --clip 3 --frame galactic --output results",
+        examples=(
+            "vsh-fit catalogue.fits --lmax 3 --frame galactic --output results",
+            "vsh-fit catalogue.fits --recommended --html page.html",
+            "vsh-fit catalogue.fits --lmax 5 --floor --classes magnitude:18,19",
+        ),
     )
     parser.add_argument("catalogue", nargs="?", help=values.A_TABLE)
     parser.add_argument("--demo", action="store_true", help="run on a simulated catalogue that comes with the package")

@@ -8,13 +8,17 @@ from vsh.commands import parsing, reading, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-forecast",
         description=(
             "Forecast uncertainties of spin, acceleration, R0, gravitational waves, shear, our velocity and H0: for "
             "Gaia DR3, DR4, DR5, a successor in the near infrared, VLBI, and your own survey."
         ),
-        epilog="Example: vsh-forecast --only 'Gaia DR4' --survey mine=5000,3.0 --output forecast",
+        examples=(
+            "vsh-forecast",
+            'vsh-forecast --only "Gaia DR4" --output forecast',
+            'vsh-forecast --only "Gaia DR4" --survey mine=5000,3.0',
+        ),
     )
     parser.add_argument("--only", type=_names, metavar="NAME,…", help="some of the known surveys")
     parser.add_argument(

@@ -7,13 +7,17 @@ from vsh.commands import parsing, reading, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-link",
         description=(
             "Link frames over all magnitudes: orientation and spin of Gaia against VLBI (or any catalogues) from radio "
             "stars with parallaxes, single epochs, and quasars; outliers by the likelihood, none by hand."
         ),
-        epilog="Example: vsh-link gaia.csv vlbi.csv --steps 13 --output link",
+        examples=(
+            "vsh-link gaia.csv vlbi.csv --steps 13 --output link",
+            "vsh-link gaia.csv vlbi.csv --order 1",
+            "vsh-link gaia.csv vlbi.csv --no-offset --html link.html",
+        ),
     )
     add = parser.add_argument
     add(

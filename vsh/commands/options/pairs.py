@@ -7,13 +7,17 @@ from vsh.commands import parsing, reading, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-pairs",
         description=(
             "Correlate the motions of pairs of sources by the angle between them: of any number of sources, and without"
             " bias from their errors. Spin, glide and gravitational waves are fitted to the curves."
         ),
-        epilog="Example: vsh-pairs crf3.fits --bins 18 --powers 5 --output results",
+        examples=(
+            "vsh-pairs catalogue.fits",
+            "vsh-pairs catalogue.fits --bins 18 --powers 5 --output results",
+            "vsh-pairs catalogue.fits --up-to 60 --bins 6 --html pairs.html",
+        ),
     )
     parser.add_argument("catalogue", help=values.A_TABLE)
     parser.add_argument("--bins", type=values.count(1, 2000), default=14, help="of angle (default: 14)")

@@ -9,15 +9,17 @@ from vsh.commands import parsing, reading, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-redshift",
         description=(
             "Fit our velocity or the Hubble constant to proper motions and redshifts: our velocity for a known Hubble "
             "constant, the Hubble constant for a known velocity, the posterior of both, and spin and acceleration in "
             "bins of redshift."
         ),
-        epilog=(
-            "Example: vsh-redshift galaxies.fits --h0 67.4 --velocity planck --bins 0.001,0.01,0.03 --output results"
+        examples=(
+            "vsh-redshift galaxies.fits --h0 67.4",
+            "vsh-redshift galaxies.fits --bins 3 --lmax 5 --floor --output results",
+            "vsh-redshift galaxies.fits --posterior --velocity planck --n-samples 20000",
         ),
     )
     parser.add_argument("catalogue", help=values.A_TABLE)

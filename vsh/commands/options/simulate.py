@@ -19,15 +19,16 @@ NOT_OF_CRF3 = (
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-sim",
         description=(
             "Simulate quasars or galaxies as Gaia sees them: every transit of a five-year mission, photocentres "
             "that vary, five-parameter solutions. The table is one that vsh-fit reads; its metadata hold the truth."
         ),
-        epilog=(
-            "Example: vsh-sim quasars --number 500000 --sky igql --variability 100 --tau 2 --seed 1 --output "
-            "quasars.fits"
+        examples=(
+            "vsh-sim quasars --number 50000 --sky igql --seed 1 --output quasars.fits",
+            "vsh-sim galaxies --number 10000 --velocity planck --output galaxies.fits",
+            "vsh-sim epochs --number 300 --wave 2,300,0,60,-20 --output epochs.fits",
         ),
     )
     parser.add_argument(

@@ -7,13 +7,17 @@ from vsh.commands import parsing, reading, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-study",
         description=(
             "Simulate many skies with a known truth, fit each, and compare: a TOML file in, a folder of results out. "
             "An interrupted study resumes where it stopped."
         ),
-        epilog="Example: vsh-study study.toml --output results; vsh-study --gaia crf3.fits --output gaia",
+        examples=(
+            "vsh-study study.toml --output results",
+            "vsh-study study.toml --output results --workers 2",
+            "vsh-study --gaia crf3.fits --output gaia",
+        ),
     )
     parser.add_argument("configuration", nargs="?", help="a TOML file (docs/study.md)")
     parser.add_argument("--paper", action="store_true", help=argparse.SUPPRESS)

@@ -7,13 +7,17 @@ from vsh.commands import parsing, reading, values
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of its options."""
-    parser = argparse.ArgumentParser(
+    parser = parsing.make(
         prog="vsh-waves",
         description=(
             "Look for gravitational waves within the mission in epoch astrometry: limits by frequency, backgrounds, and"
             " fields that change with time, with what an attitude solved from the same sky took of them."
         ),
-        epilog="Example: vsh-waves epochs.fits --frequencies 0.25:4:16 --background --output waves",
+        examples=(
+            "vsh-waves epochs.fits --frequencies 0.25:4:16 --output waves",
+            "vsh-waves epochs.fits --frequencies 2 --background --in-time 4",
+            "vsh-waves epochs.fits --frequencies 2 --attitude known",
+        ),
     )
     add = parser.add_argument
     add("epochs", help="a file of epoch astrometry in DR4's columns, or a folder of them")

@@ -1,0 +1,92 @@
+"""The help of every command ends with three examples that are understood, and that run."""
+
+import importlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import DATA, ROOT
+
+import sim
+from vsh.commands import COMMANDS, parsing
+from vsh.io.astrometry import write_astrometry
+
+MODULES = {name.removeprefix("vsh-"): each.module for name, each in COMMANDS.items()}
+
+
+def examples(command):
+    options = options_of(command)
+    lines = options.make_parser().epilog.splitlines()
+    assert lines[-1] == f"more of it: docs/commands/vsh-{command}.md"
+    assert (ROOT / "docs" / "commands" / f"vsh-{command}.md").exists()
+    return [line.strip() for line in lines if line.startswith("  vsh-")]
+
+
+def options_of(command):
+    return importlib.import_module(f"vsh.commands.options.{'simulate' if command == 'sim' else command}")
+
+
+@pytest.mark.parametrize("command", MODULES)
+def test_three_examples_that_are_understood(command):
+    listed = examples(command)
+    assert len(listed) == 3
+    for line in listed:
+        program, *words = shlex.split(line)
+        assert program == f"vsh-{command}"
+        assert parsing.parse(options_of(command), words) is not None
+        assert line in options_of(command).make_parser().format_help()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """What the examples read."""
+    folder = tmp_path_factory.mktemp("examples")
+    quasars, rng = sim.quasars(400, 1), np.random.default_rng(1)
+    for name in ("catalogue", "catalogue2", "one", "two", "three"):
+        field = sim.observe(quasars, sim.spin((1, 2, 3)), int(rng.integers(1000)), sigma=50.0)
+        field.write(folder / f"{name}.fits")
+    galaxies = sim.galaxies(600, 1)
+    sim.observe(galaxies, sim.secular_parallax((300.0, 0, 0)), 2, sigma=20.0).write(folder / "galaxies.fits")
+    sim.crf3(1, n_five=2000, n_six=100).write(folder / "crf3.fits")
+    sim.crf4(1, n_five=2000).write(folder / "crf4.fits")
+    sim.epochs(sim.quasars(40, 1), sim.spin((1, 2, 3)), 2, complete=True).write(folder / "epochs.fits")
+    stars = sim.link(1, 20)
+    for name in ("gaia", "vlbi"):
+        write_astrometry(stars[stars.catalogue == name], folder / f"{name}.csv")
+    (folder / "study.toml").write_text(
+        '[study]\nname = "small"\nn_realisations = 2\nlmax = 1\n[mission]\nyears = 1.0\n[truth]\nacceleration = [4.3, 0, 0]\n'
+        '[[case]]\nname = "A"\nquasars = { number = 60 }\n'
+    )
+    for name in ("icrf3sx.txt", "icrf2-all.txt"):
+        if (DATA / name).exists():
+            (folder / name).write_bytes((DATA / name).read_bytes())
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", [line for command in MODULES for line in examples(command)])
+def test_examples_run(line, folder, tmp_path):
+    if line.startswith("vsh-archive") and "--show" not in line:
+        pytest.skip("it asks the archive")
+    words = shlex.split(
+        re.sub(
+            r"--(number|quasars|stars|n-samples) \d+",
+            lambda m: f"--{m[1]} {4000 if m[1] == 'n-samples' else 200}",
+            line,
+        )
+    )
+    if any(word.endswith(".txt") and not (folder / word).exists() for word in words):
+        pytest.skip("real catalogues are not at hand")
+    made = {words[i + 1] for i, word in enumerate(words) if word == "--output"}
+    for path in folder.iterdir():
+        if path.name not in made:
+            (tmp_path / path.name).symlink_to(path)
+    done = subprocess.run(
+        [sys.executable, "-m", "vsh", words[0].removeprefix("vsh-"), *words[1:]],
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-600:]
