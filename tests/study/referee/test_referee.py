@@ -11,6 +11,7 @@ from study.referee import Quasars, Referee, read_quasars, referee
 from study.referee._checks import _answered, _earlier, checks
 from study.referee._headline import headline
 from study.referee._rows import Value, judged
+from study.referee._sections import Asked, _galaxies
 from vsh import Field
 from vsh.figures.page import bundle
 from vsh.tools.errors import DegeneracyError, TableError
@@ -190,3 +191,11 @@ def test_an_earlier_release(table, tmp_path):
     assert p[1] < 1e-6
     bare = Field(whole.lon, whole.lat, motion, whole.sigma)
     assert "no names" in _answered("earlier", "", lambda: _earlier(quasars, bare, 1)).lacking
+
+
+def test_our_velocity_is_expected_in_the_axes_of_the_catalogue():
+    """The microwave background's dipole in ICRS; it once stood there in Galactic axes."""
+    field = sim.observe(sim.galaxies(1500, 1), sim.spin((0, 0, 0)), 2, sigma=50.0)
+    quasars = Quasars.of(field, {"redshift": field.redshift}, {}, "galaxies")
+    made = _galaxies(Asked(quasars, None, 1))
+    assert [row.quantity.split()[2] for row in made["rows"]] == ["-359", "+77", "-45"]
