@@ -9,6 +9,7 @@ from fit.output._rows import (
     cell,
     components,
     direction,
+    is_seen,
     power_rows,
     powers_table,
     pulls,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.output import WIDTH, amplitude, components, direction, note_lines, p_value, pulls
+from fit.output import WIDTH, amplitude, components, direction, is_seen, note_lines, p_value, pulls
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.notes import printable
 from vsh.tools.units import SPEED_OF_LIGHT
@@ -117,7 +117,8 @@ def _velocity(solution, quality):
         f"for H0 = {solution.assumed_hubble:g} km/s/Mpc; toward the apex (galaxies move toward the antapex) [km/s]",
         f"{'velocity':14}{_cells(components(v, 1))}  |v| {_equal(amplitude(v, 1))}",
         f"{'galactic':14}{_cells(components(galactic, 1))}",
-        f"{'apex':14}{direction(galactic)}; noise-debiased |v| {v.debiased_amplitude:.1f}",
+        f"{'apex':14}{direction(galactic)}"
+        + (f"; noise-debiased |v| {v.debiased_amplitude:.1f}" if is_seen(v) else ""),
         f"zero velocity: {_both(from_none, 3, quality)}",
         f"the microwave background's {CMB_VELOCITY_PLANCK18.amplitude:.1f} km/s: {_both(from_planck, 3, quality)}",
     ]

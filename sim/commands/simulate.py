@@ -10,7 +10,9 @@ import vsh
 from sim.expected import errors_by_place
 from vsh.commands import configuration, finishing, outputs, reading, running
 from vsh.commands.options import simulate as options_module
+from vsh.tools.errors import TableError
 from vsh.tools.files import atomic_write, digest
+from vsh.tools.notes import printable
 
 
 def _run(options):
@@ -27,7 +29,7 @@ def _run(options):
         return
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky, chosen, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
-    population = _population(options, sky, chosen)
+    population, notes = _own(options, sky) if options.positions else (_population(options, sky, chosen), [])
     signal = sim.spin(options.spin) + sim.acceleration(options.acceleration)
     ours = reading.velocity_of(options.velocity)
     velocity = np.zeros(3) if ours is None else ours.to_frame("icrs").value
@@ -62,7 +64,7 @@ def _run(options):
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = options.h0
     field.write(options.output, meta)
-    notes = list(field.notes)
+    notes += field.notes
     if tables.format_of(options.output) == "ascii.csv":
         notes.append("note: CSV has no place for the truth; FITS, ECSV, VOTable and Parquet keep it with the table")
     _finish(options, notes, meta, f"{len(field)} sources")
@@ -173,6 +175,34 @@ def _population(options, rng, chosen):
             sim.quasars(max(options.number, 500_000), rng, sky, map_frame=frame), options.number, chosen
         )
     return sim.quasars(options.number, rng, sky, map_frame=frame)
+
+
+def _own(options, rng):
+    """The sources of a user's own table, and what is to be said of them."""
+    from vsh.io.catalogue import read_sources
+    from vsh.models.cosmology import with_redshift
+
+    read = read_sources(options.positions, on_bad="drop", sigma=1.0).to_frame("icrs")
+    notes = [note for note in read.notes if "errors of 1 µas/yr" not in note]
+    if options.kind == "galaxies":
+        if read.redshift is None:
+            raise TableError(
+                f"{printable(options.positions)} has no redshifts, from which galaxies have their distances"
+            )
+        known = with_redshift(read)
+        notes += known.notes[len(read.notes) :]
+        read = known
+    n = len(read)
+    if n == 0:
+        raise TableError(f"{printable(options.positions)} holds no source that can be simulated")
+    magnitude = read.magnitude
+    unknown = np.ones(n, bool) if magnitude is None else ~np.isfinite(magnitude)
+    if unknown.any():
+        like = sim.galaxies(n, rng) if options.kind == "galaxies" else sim.quasars(n, rng)
+        drawn = np.asarray(like.magnitude, float)
+        magnitude = drawn if magnitude is None else np.where(unknown, drawn, magnitude)
+        notes.append(f"{unknown.sum()} of {n} magnitudes drawn as of simulated {options.kind}")
+    return sim.Population(read.lon, read.lat, magnitude, read.redshift), notes
 
 
 def _plain(options):

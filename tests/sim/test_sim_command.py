@@ -101,7 +101,7 @@ def test_bad_usage_is_status_2(arguments, tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         main(arguments + output)
     assert stop.value.code == 2
-    assert "usage: vsh-sim" in capsys.readouterr().err
+    assert "vsh-sim: error: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -163,3 +163,28 @@ def test_redshifts_of_galaxies(tmp_path):
     for wrong in ("0.02,0.01", "0.01", "0,1"):
         with pytest.raises(SystemExit):
             main([*words[:5], wrong, *words[6:]])
+
+
+def test_positions_of_ones_own(tmp_path, capsys):
+    """Redshifts and places are those of the table; what has no distance is counted, magnitudes are drawn where missing."""
+    rng = np.random.default_rng(1)
+    table = Table({"ra": rng.uniform(0, 360, 50), "dec": rng.uniform(-80, 80, 50), "z": rng.uniform(0.003, 0.03, 50)})
+    table["z"][:3] = -0.001
+    table.write(tmp_path / "mine.ecsv")
+    out = tmp_path / "out.fits"
+    words = ["galaxies", "--positions", str(tmp_path / "mine.ecsv"), "--velocity", "planck", "--no-transits"]
+    assert main([*words, "--output", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "left out 3 of 50 sources without a usable redshift" in said
+    assert "47 of 47 magnitudes drawn" in said
+    made = Table.read(out)
+    np.testing.assert_allclose(made["ra"], table["ra"][3:])
+    np.testing.assert_allclose(made["redshift"], table["z"][3:])
+    table["z"].name = "other"
+    table.write(tmp_path / "bare.ecsv")
+    assert main(["galaxies", "--positions", str(tmp_path / "bare.ecsv"), "--output", str(out), "--overwrite"]) == 1
+    assert "has no redshifts" in capsys.readouterr().err
+    for extra in (["--number", "5"], ["--sky", "uniform"]):
+        with pytest.raises(SystemExit):
+            main([*words, *extra, "--output", str(out)])
+        assert "takes the sources of a table" in capsys.readouterr().err

@@ -5,8 +5,9 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 import vsh
 from vsh.commands import citing, configuration, values
@@ -112,7 +113,18 @@ def make(prog: str, description: str, examples: Sequence[str]) -> argparse.Argum
     """The parser of a command, whose help ends with examples and the place of its page."""
     lines = "".join(f"  {example}\n" for example in examples)
     epilog = f"{_EXAMPLES}{lines}\nmore of it: docs/commands/{prog}.md"
-    return argparse.ArgumentParser(prog=prog, description=description, epilog=epilog, formatter_class=_Lines)
+    return _Parser(prog=prog, description=description, epilog=epilog, formatter_class=_Lines)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are two lines, and name the option that was meant."""
+
+    def error(self, message: str) -> NoReturn:
+        near = []
+        for word in re.findall(r"--[\w-]+", message.partition("unrecognized arguments:")[2]):
+            near += get_close_matches(word, self._option_string_actions, n=1)
+        meant = f" (is it {' or '.join(dict.fromkeys(near))}?)" if near else ""
+        self.exit(2, f"{self.prog}: error: {message}{meant}\n{self.prog} --help lists the options\n")
 
 
 def add_common(parser: argparse.ArgumentParser, tells: str = "report") -> None:

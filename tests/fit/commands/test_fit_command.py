@@ -89,7 +89,7 @@ def test_bad_usage_is_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2
-    assert "usage: vsh-fit" in capsys.readouterr().err
+    assert "vsh-fit: error: " in capsys.readouterr().err
 
 
 def test_bad_data_is_status_1_and_no_traceback(tmp_path, capsys):

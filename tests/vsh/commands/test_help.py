@@ -90,3 +90,13 @@ def test_examples_run(line, folder, tmp_path):
         cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-600:]
+
+
+def test_an_error_of_use_is_two_lines(capsys):
+    with pytest.raises(SystemExit) as end:
+        parsing.parse(options_of("fit"), ["catalogue.fits", "--lmx", "3"])
+    assert end.value.code == 2
+    assert capsys.readouterr().err.splitlines() == [
+        "vsh-fit: error: unrecognized arguments: --lmx 3 (is it --lmax?)",
+        "vsh-fit --help lists the options",
+    ]

@@ -48,6 +48,12 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
     parsing.add_overwrite(parser)
+    parser.add_argument(
+        "--positions",
+        metavar="FILE",
+        help="quasars, galaxies: positions, redshifts and magnitudes of a table of your own, in place of drawn ones "
+        "(magnitudes are drawn where it has none)",
+    )
     parser.add_argument("--sky", choices=values.SKIES, help="default: uniform")
     parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
     parser.add_argument(
@@ -164,6 +170,14 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
     """End with what contradicts itself; a number that nobody gave is set."""
     if options.selection and options.sky:
         parser.error("--sky and --selection exclude each other")
+    if options.positions:
+        drawn = [f"--{name}" for name in ("number", "sky", "selection") if getattr(options, name) is not None]
+        if drawn or options.redshift_range:
+            parser.error(
+                f"--positions takes the sources of a table: {', '.join(drawn) or '--redshift-range'} draws others"
+            )
+        if options.kind not in ("quasars", "galaxies"):
+            parser.error("--positions is for quasars and galaxies")
     if options.velocity is not None and options.kind != "galaxies":
         parser.error("--velocity is for galaxies: quasars are too far to show it")
     if options.flow and options.kind != "galaxies":
