@@ -1,8 +1,9 @@
-"""To and from other people's coefficients: ICRF3's R, D, E, M and healpy's E/B alm.
+"""To and from other people's coefficients: ICRF3's R, D, E, M, Vityazev and Tsvetkov's t_nkp, healpy's E/B alm.
 
 Signs and factors are those of docs/conventions.md; a test pins each.
 """
 
+import re
 from collections.abc import Mapping
 from functools import lru_cache
 
@@ -14,7 +15,16 @@ from vsh.scalars import ScalarCoefficients
 from vsh.tools.errors import ModesError
 from vsh.tools.types import ArrayLike, ComplexArray
 
-__all__ = ["from_healpy", "from_icrf3", "scalar_from_healpy", "scalar_to_healpy", "to_healpy", "to_icrf3"]
+__all__ = [
+    "from_healpy",
+    "from_icrf3",
+    "from_vityazev",
+    "scalar_from_healpy",
+    "scalar_to_healpy",
+    "to_healpy",
+    "to_icrf3",
+    "to_vityazev",
+]
 
 _1, _20, _21, _22 = (np.sqrt(x * np.pi / 15) for x in (20, 32, 12, 48))
 
@@ -90,6 +100,69 @@ def from_icrf3(parameters: Mapping[str, float]) -> Coefficients:
     for name, value in parameters.items():
         mode, factor = ICRF3[name]
         values[modes.index(mode)] = factor * value
+    return Coefficients(modes, values)
+
+
+def _of_vityazev(mode):
+    """The name t_nkp of a mode and the factor from our coefficient to theirs: orthonormal real harmonics."""
+    name = f"{mode.kind.lower()}_{mode.l}.{mode.m}.{0 if mode.part == 'im' else 1}"
+    if mode.m == 0:
+        return name, 1.0
+    return name, np.sqrt(2) * (-1) ** mode.m * (1 if mode.part == "re" else -1)
+
+
+def to_vityazev(coefficients: Coefficients) -> dict[str, float]:
+    """Coefficients under the names of Vityazev & Tsvetkov (2014, MNRAS 442, 1249), whom Malkin follows.
+
+    Parameters
+    ----------
+    coefficients : Coefficients
+        The field. [µas/yr]
+
+    Returns
+    -------
+    dict
+        "t_n.k.p" and "s_n.k.p": degree n, order k, p = 1 for cos kα and 0 for sin kα, of harmonics that are orthonormal
+        over the sphere. A rotation is t_1.1.1, t_1.1.0, t_1.0.1 = 2.894 (ω_x, ω_y, ω_z), a glide the same in s.
+
+    Examples
+    --------
+    >>> theirs = to_vityazev(Coefficients.from_vectors(rotation=(1, 2, 3)))
+    >>> [round(theirs[name], 3) for name in ("t_1.1.1", "t_1.1.0", "t_1.0.1")]
+    [2.894, 5.789, 8.683]
+    """
+    named = [_of_vityazev(mode) for mode in coefficients.modes]
+    return {name: float(factor * v) for (name, factor), v in zip(named, coefficients.values, strict=True)}
+
+
+def from_vityazev(parameters: Mapping[str, float]) -> Coefficients:
+    """Coefficients from a dict as `to_vityazev` gives it; those not named are zero.
+
+    Parameters
+    ----------
+    parameters : dict of str to float
+        By "t_n.k.p" and "s_n.k.p". [µas/yr]
+
+    Raises
+    ------
+    ModesError
+        If a name is none of theirs.
+
+    Examples
+    --------
+    >>> from_vityazev({"s_1.0.1": 2.8944}).glide.round(3).tolist()
+    [0.0, 0.0, 1.0]
+    """
+    degrees = [re.fullmatch(r"[ts]_(\d+)\.\d+\.[01]", name) for name in parameters]
+    modes = Modes(max([int(each[1]) for each in degrees if each], default=1))
+    known = {name: (i, factor) for i, (name, factor) in enumerate(map(_of_vityazev, modes))}
+    unknown = [name for name in parameters if name not in known]
+    if unknown:
+        raise ModesError(f"no harmonic is called {', '.join(unknown)}: t_2.1.0 is T of degree 2, order 1, the sine")
+    values = np.zeros(len(modes))
+    for name, value in parameters.items():
+        i, factor = known[name]
+        values[i] = value / factor
     return Coefficients(modes, values)
 
 

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 import fit
 import sim
 from vsh import Coefficients, Mode, Modes, Vector
-from vsh.conventions import ICRF3, from_healpy, from_icrf3, to_healpy, to_icrf3
+from vsh.conventions import ICRF3, from_healpy, from_icrf3, from_vityazev, to_healpy, to_icrf3, to_vityazev
 from vsh.tools import units
 from vsh.tools.errors import ModesError
 
@@ -173,3 +173,30 @@ def test_the_reports_numbers_are_the_solutions():
     text = solution.report()
     assert f"{solution.spin.value[0]:+9.3f} ±{solution.spin.sigma[0]:6.3f}" in text
     assert f"{solution.chi2:.6g}" in text
+
+
+def test_vityazev_against_their_definition():
+    """Real harmonics R_nk P_nk(sin δ) cos kα, sin kα and their gradients by differences; a field from their names."""
+    from scipy.special import gammaln, lpmv
+
+    rng, modes = np.random.default_rng(4), Modes(3)
+    lon, lat = rng.uniform(0, 2 * np.pi, 20), rng.uniform(-1.2, 1.2, 20)
+    ours = Coefficients(modes, rng.normal(size=len(modes)))
+    east, north = np.zeros((2, 20))
+
+    def real(n, k, p, lon, lat):
+        size = np.sqrt((2 * n + 1) / (4 * np.pi) * (2 if k else 1) * np.exp(gammaln(n - k + 1) - gammaln(n + k + 1)))
+        return size * (-1) ** k * lpmv(k, n, np.sin(lat)) * (np.cos(k * lon) if p else np.sin(k * lon))
+
+    step = 1e-6
+    for name, value in to_vityazev(ours).items():
+        kind, (n, k, p) = name[0], map(int, name[2:].split("."))
+        along = (real(n, k, p, lon + step, lat) - real(n, k, p, lon - step, lat)) / (2 * step * np.cos(lat))
+        up = (real(n, k, p, lon, lat + step) - real(n, k, p, lon, lat - step)) / (2 * step)
+        pair = (up, -along) if kind == "t" else (along, up)
+        east += value / np.sqrt(n * (n + 1)) * pair[0]
+        north += value / np.sqrt(n * (n + 1)) * pair[1]
+    np.testing.assert_allclose([east, north], ours.at(lon, lat), atol=1e-7)
+    np.testing.assert_allclose(from_vityazev(to_vityazev(ours)).values, ours.values, atol=1e-14)
+    with pytest.raises(ModesError, match=r"no harmonic is called t_1\.2\.1"):
+        from_vityazev({"t_1.2.1": 1.0})
