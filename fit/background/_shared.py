@@ -154,6 +154,25 @@ class SharedErrors(Result):
         """
         return self._p_value(kind, None)
 
+    def p_value(self, kind: str, i: int = 0) -> float:
+        """Probability that a class without a spin, or without an acceleration, shows one as large.
+
+        The mean over what may be shared, whose amount is not known: benchmarks/referee.py says how often it is small.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            The spin or the acceleration.
+        i : int
+            Number of the class.
+        """
+        part = {"T": slice(0, 3), "S": slice(3, 6)}[choice("kind", kind, ("T", "S"))]
+        chances = [
+            chdtrc(3, mean[i, part] @ np.linalg.solve(covariance[i, part, i][:, part], mean[i, part]))
+            for mean, covariance in zip(self.means, self.covariances, strict=True)
+        ]
+        return float(np.mean(chances))
+
     def trend(self, x: Iterable[float] | None = None, kind: str | None = None) -> float:
         """p-value of no slope along the classes.
 

@@ -8,7 +8,7 @@ from fit.quality import SEEN, printed_p_value
 from vsh.vector import Vector
 
 
-def verdict(solution: Any, *, shared: bool = False) -> str:
+def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None) -> str:
     """Whether the acceleration is seen, and how large it is or can be; empty for what has no motions.
 
     Parameters
@@ -17,6 +17,8 @@ def verdict(solution: Any, *, shared: bool = False) -> str:
         Its errors are multiplied by √(χ²/dof) where χ² contradicts those of the catalogue.
     shared : bool
         Whether what sources share is in its errors already; otherwise its `floor` is added, where it has one.
+    p_value : float, optional
+        Probability of as large an acceleration by chance, where it is known better than by its errors alone.
 
     Returns
     -------
@@ -42,7 +44,7 @@ def verdict(solution: Any, *, shared: bool = False) -> str:
         errors.append("without what sources share: --lmax 3 or --recommended tells it")
         known = False
     whole = Vector(a.value, covariance, a.frame, a.unit)
-    p = whole.p_value
+    p = whole.p_value if p_value is None else p_value
     rest = f"p = {printed_p_value(p)}; errors {', '.join(errors)}"
     if not p < SEEN:
         return f"verdict: no acceleration is seen, it is below {whole.amplitude_limit():.3g} µas/yr (95 %); {rest}"

@@ -120,7 +120,7 @@ def _earlier(quasars, earlier, rng) -> dict[str, Any]:
     )
     quoted = chain.difference("now").acceleration.p_value
     return {
-        "answer": words, "p_value": moved.p_value, "at_face_value": quoted,
+        "answer": words, "p_value": compared.p_value("S"), "at_face_value": quoted,
         "results": {"chain": chain, "shared": compared},
     }  # fmt: skip
 

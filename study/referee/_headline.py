@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fit.background import Floor, floor
+from fit.background import Floor, equations_of, floor, shared
 from fit.output import verdict
 from fit.robust import student_t
 from fit.solution import Solution
@@ -25,11 +25,15 @@ class Headline(InNotebook):
     floor : Floor or None
     verdict : str
         In words.
+    p_acceleration, p_spin : float
+        Probability of as large ones by chance, the mean over what sources may share.
     """
 
     solution: Solution
     floor: Floor | None
     verdict: str
+    p_acceleration: float
+    p_spin: float
 
     @property
     def acceleration(self) -> Vector:
@@ -46,21 +50,24 @@ def headline(quasars: Quasars) -> Headline:
     except VshError as error:
         solution = fit_field(field, lmax, floor=False)
         solution = replace(solution, notes=(*solution.notes, f"warning: no robust fit ({error})"))
-    shared = _floor(solution)
-    if shared is not None:
-        from fit.background import equations_of
-
-        dof = solution.covariance_dof
-        solution = replace(solve(equations_of(solution), floor=shared), covariance_dof=dof)
-    said = verdict(solution, shared=shared is not None).removeprefix("verdict: ")
-    return Headline(solution, shared, said)
+    common = _floor(solution)
+    if common is None:
+        said = verdict(solution, shared=False).removeprefix("verdict: ")
+        return Headline(solution, None, said, solution.acceleration.p_value, solution.spin.p_value)
+    # The errors of a robust fit are known already: they are not scaled again.
+    beside = shared([solution], labels=["all sources"], noise_scale=False)
+    p_acceleration, p_spin = (beside.p_value(kind) for kind in ("S", "T"))
+    dof = solution.covariance_dof
+    solution = replace(solve(equations_of(solution), floor=common), covariance_dof=dof)
+    said = verdict(solution, shared=True, p_value=p_acceleration).removeprefix("verdict: ")
+    return Headline(solution, common, said, p_acceleration, p_spin)
 
 
 def _floor(solution):
     if solution.modes.lmax < 3:
         return None
     try:
-        shared = floor(solution)
+        common = floor(solution)
     except VshError:
         return None
-    return shared if np.isfinite([*shared.odd_interval, *shared.even_interval]).all() else None
+    return common if np.isfinite([*common.odd_interval, *common.even_interval]).all() else None

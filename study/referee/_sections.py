@@ -82,7 +82,7 @@ def _acceleration(asked: Asked) -> dict[str, Any]:
             rows.append(Row(f"{name} [deg]", _published("klioner2021", name), *values))
     counts = (Value(float(n)) for n in (clipped.solution.n_sources, len(quasars.whole)))
     rows.append(Row("sources", _published("klioner2021", "sources"), *counts))
-    return {"rows": rows, "verdict": asked.headline.verdict, "p_value": ours.p_value}
+    return {"rows": rows, "verdict": asked.headline.verdict, "p_value": asked.headline.p_acceleration}
 
 
 def _frame(asked: Asked) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def _frame(asked: Asked) -> dict[str, Any]:
         results["magnitudes"] = compared.shared
     except VshError as error:
         more = f"; bright and faint not compared: {error}"
-    p = headline.solution.spin.p_value
+    p = headline.p_spin
     verdict = judged(p, "the frame of these sources does not turn", "the frame of these sources turns")
     return {"rows": rows, "verdict": verdict + more, "p_value": p, "results": results}
 
