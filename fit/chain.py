@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
+from fit.normal import normal_equations
 from fit.quality import SEEN, printed_p_value
 from fit.solution import Solution
 from fit.storage import Result
@@ -37,6 +38,8 @@ __all__ = ["Chain", "chain_catalogues"]
 _MOST = 0.995
 #: Rounds of noise that is shared and of outliers; what is left out has a chance of less than this in all the catalogue.
 _ROUNDS, _CHANCE = 12, 0.5
+#: Sources whose harmonics are at hand together.
+_TOGETHER = 2**15
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -274,19 +277,18 @@ def chain_catalogues(
     sky = _Sky(labels, listed)
     k = len(labels)
     correlation, kept, values = np.eye(k), np.ones(sky.n, bool), np.zeros((k - 1, len(modes)))
-    basis = harmonics(sky.lon, sky.lat, modes)
     for _ in range(_ROUNDS):
         before = correlation, kept
-        solved = _solve(sky, basis, correlation, kept, labels)
+        solved = _solve(sky, modes, correlation, kept, labels)
         values, chi2_of = solved[0], solved[2]
         if shared_noise:
-            correlation = _shared(sky, basis, values, kept, len(modes))
+            correlation = _shared(sky, modes, values, kept)
         if clip:
             scale = max(1.0, solved[3] / max(solved[4], 1))
             kept = chdtrc(np.maximum(sky.contrasts, 1), chi2_of / scale) > _CHANCE / max(sky.n, 1)
         if np.allclose(before[0], correlation, atol=1e-4) and (before[1] == kept).all():
             break
-    values, covariance, chi2_of, chi2, dof = _solve(sky, basis, correlation, kept, labels)
+    values, covariance, chi2_of, chi2, dof = _solve(sky, modes, correlation, kept, labels)
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
     order = np.flatnonzero(~kept)[np.argsort(-chi2_of[~kept], kind="stable")]
     seen = sky.seen[:, kept].astype(int)
@@ -351,6 +353,11 @@ class _Sky:
         ]
         self.notes = (f"in one catalogue only, and not used: {', '.join(alone)}",)
 
+    def left(self, values, modes):
+        """What frames leave of the places, (k, 2, n)."""
+        fields = [Coefficients(modes, each).at(self.lon, self.lat) for each in values]
+        return self.x - np.stack([np.zeros((2, self.n)), *fields])
+
     def patterns(self, kept):
         """Sources that the same catalogues have: which catalogues, which sources."""
         codes = (2 ** np.arange(len(self.seen))) @ self.seen
@@ -367,26 +374,32 @@ def _root(sigma, rho):
     return np.moveaxis(np.array([[a + s, c], [c, b + s]]) / t, -1, 0)
 
 
-def _solve(sky, basis, correlation, kept, labels):
+def _solve(sky, modes, correlation, kept, labels):
     """Coefficients, their covariance, χ² of each source, in all, and the degrees of freedom."""
-    k, p = len(labels), len(basis)
+    k, p = len(labels), len(modes)
     matrix, rhs = np.zeros((k, p, k, p)), np.zeros((k, p))
-    weights: dict[int, Any] = {}
-    everything = np.ones(sky.n, bool)
-    for has, rows in sky.patterns(everything):
-        root = sky.root[has][:, rows]  # (h, m, 2, 2)
-        covariance = np.einsum("ij,imab,jmcb->miajc", correlation[np.ix_(has, has)], root, root)
-        w = np.linalg.inv(covariance.reshape(len(rows), 2 * len(has), -1)).reshape(len(rows), len(has), 2, len(has), 2)
-        once = w.sum(3)  # W E
-        w = w - np.einsum("miab,mbc,mjdc->miajd", once, np.linalg.inv(once.sum(1)), once)
-        weights[id(rows)] = (has, rows, w)
-        fitted = kept[rows]
-        a, x = basis[:, :, rows[fitted]], sky.x[has][:, :, rows[fitted]]
-        for i, one in enumerate(has):
-            for j, two in enumerate(has):
-                part = w[fitted, i, :, j]
-                matrix[one, :, two] += np.tensordot(np.einsum("pam,mab->pbm", a, part), a, ([1, 2], [1, 2]))
-                rhs[one] += np.einsum("pam,mab,bm->p", a, part, x[j], optimize=True)
+    weights = []
+    for has, rows in sky.patterns(np.ones(sky.n, bool)):
+        w = _weights(sky.root[has][:, rows], correlation[np.ix_(has, has)])
+        weights.append((has, rows, w))
+        if len(has) == 2:  # their difference is all that counts: the sums of a field, whatever its size
+            (i, j), at = has, rows[kept[rows]]
+            if len(at):
+                normal = normal_equations(_difference(sky, i, j, at, correlation[i, j]), modes)
+                for one, two, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+                    matrix[one, :, two] += sign * normal.matrix
+                rhs[i] += normal.rhs
+                rhs[j] -= normal.rhs
+            continue
+        for start in range(0, len(rows), _TOGETHER):
+            some = slice(start, start + _TOGETHER)
+            at, part = rows[some][kept[rows[some]]], w[some][kept[rows[some]]]
+            a, x = harmonics(sky.lon[at], sky.lat[at], modes), sky.x[has][:, :, at]
+            for i, one in enumerate(has):
+                for j, two in enumerate(has):
+                    weighted = np.einsum("pam,mab->pbm", a, part[:, i, :, j])
+                    matrix[one, :, two] += weighted.reshape(p, -1) @ a.reshape(p, -1).T
+                    rhs[one] += weighted.reshape(p, -1) @ x[j].ravel()
     n = matrix[1:, :, 1:].reshape((k - 1) * p, -1)
     size = np.sqrt(np.diag(n))
     if not (size > 0).all() or np.linalg.cond(n / np.outer(size, size)) > 1e10:
@@ -396,29 +409,50 @@ def _solve(sky, basis, correlation, kept, labels):
         )
     covariance = np.linalg.inv(n)
     values = (covariance @ rhs[1:].ravel()).reshape(k - 1, p)
-    chi2_of = np.zeros(sky.n)
-    left = sky.x - np.einsum("kp,pam->kam", np.vstack([np.zeros(p), values]), basis)
-    for has, rows, w in weights.values():
+    chi2_of, left = np.zeros(sky.n), sky.left(values, modes)
+    for has, rows, w in weights:
         chi2_of[rows] = np.einsum("iam,miajb,jbm->m", left[has][:, :, rows], w, left[has][:, :, rows], optimize=True)
     return values, covariance, chi2_of, float(chi2_of[kept].sum()), float(sky.contrasts[kept].sum() - values.size)
 
 
-def _shared(sky, basis, values, kept, p):
+def _difference(sky, i, j, at, rho):
+    """What one catalogue gives less what another does, with the noise that they share, as a field."""
+    own, cross = _spreads(sky, i, j, at)
+    v = own - rho * cross
+    sigma = np.sqrt(np.stack([v[:, 0, 0], v[:, 1, 1]]))
+    d = sky.x[i][:, at] - sky.x[j][:, at]
+    return Field(sky.lon[at], sky.lat[at], d, sigma, v[:, 0, 1] / (sigma[0] * sigma[1]))
+
+
+def _spreads(sky, i, j, at):
+    """Σ of the covariances of two catalogues, and what noise that both share takes from it: (n, 2, 2) each."""
+    a, b = sky.root[i, at], sky.root[j, at]
+    cross = a @ np.swapaxes(b, 1, 2)
+    return a @ a + b @ b, cross + np.swapaxes(cross, 1, 2)
+
+
+def _weights(root, correlation):
+    """Inverse covariances of what catalogues see of each source, its true place eliminated: (m, h, 2, h, 2)."""
+    h, m = root.shape[:2]
+    covariance = np.einsum("ij,imab,jmcb->miajc", correlation, root, root)
+    w = np.linalg.inv(covariance.reshape(m, 2 * h, 2 * h)).reshape(m, h, 2, h, 2)
+    once = w.sum(3)  # W E, E the sum over catalogues
+    return w - np.einsum("miab,mbc,mjdc->miajd", once, np.linalg.inv(once.sum(1)), once, optimize=True)
+
+
+def _shared(sky, modes, values, kept):
     """ρ of each pair by the likelihood of its differences; the nearest that all can have together."""
     from scipy.optimize import minimize_scalar  # slow to import
 
-    k = len(sky.seen)
-    out = np.eye(k)
-    left = sky.x - np.einsum("kp,pam->kam", np.vstack([np.zeros(p), values]), basis)
+    k, p = len(sky.seen), len(modes)
+    out, left = np.eye(k), sky.left(values, modes)
     for i, j in combinations(range(k), 2):
         both = np.flatnonzero(kept & sky.seen[i] & sky.seen[j])
         if 2 * len(both) <= 2 * p:
             continue
         d = left[i][:, both] - left[j][:, both]
         d *= np.sqrt(2 * len(both) / (2 * len(both) - p))  # the fit has taken its part
-        a, b = sky.root[i, both], sky.root[j, both]
-        cross = a @ np.swapaxes(b, 1, 2)
-        own, cross = a @ a + b @ b, cross + np.swapaxes(cross, 1, 2)
+        own, cross = _spreads(sky, i, j, both)
 
         def loss(rho, own=own, cross=cross, d=d):
             v = own - rho * cross

@@ -556,8 +556,8 @@ BREAKS = [
     ("vsh/models/flows.py", "turned[:, axis] -= turn", "turned[:, axis] += turn", "test_flows.py"),
     (
         "fit/chain.py",
-        'covariance = np.einsum("ij,imab,jmcb->miajc", correlation[np.ix_(has, has)]',
-        'covariance = np.einsum("ij,imab,jmcb->miajc", np.eye(len(has))',
+        'covariance = np.einsum("ij,imab,jmcb->miajc", correlation',
+        'covariance = np.einsum("ij,imab,jmcb->miajc", np.eye(h)',
         "test_chain.py",
     ),
     ("fit/chain.py", "once = w.sum(3)", "once = 0.9 * w.sum(3)", "test_chain.py"),
