@@ -22,6 +22,11 @@ from vsh.tools.units import DEGREE
 
 #: Bands of the background [1/yr]; the mean axis may be so far from the law's before it is said. [deg]
 _BANDS, _FAR = (0.5, 1.0, 2.0, 4.0), 1.0
+CAPTIONS = {
+    "waves": "The strain that one wave can have, with 95 %, against its frequency: median and range over directions.",
+    "background": "A stochastic background by band of frequency: 68 % and the 95 % limit.",
+    "in_time": "√power by function of time and degree, beside what noise gives (dotted): T above, S below.",
+}
 _MOVING = "Displacements over the span of the epochs, as they were fitted: where errors are large, mostly noise."
 
 
@@ -61,6 +66,7 @@ def _run(options):
         draw=lambda: {_file(name): each.plot() for name, each in results.items()},
         write=lambda folder, meta: _write(folder, results, meta, movie),
         movies=movie,
+        captions=CAPTIONS,
         title=f"Waves in {Path(options.epochs).name}",
     )
 
