@@ -30,7 +30,10 @@ def _run(options):
     finishing.finish(
         options,
         finishing.RunResult(
-            text, lambda: {name: each.to_table() for name, each in tabled.items() if each}, correlation.notes
+            text,
+            lambda: {name: each.to_table() for name, each in tabled.items() if each},
+            correlation.notes,
+            verdict=fitted.verdict if fitted else "",
         ),
         provenance=lambda: running.provenance(options.catalogue, options, sources=correlation.n_data // 2),
         draw=lambda: _draw(correlation, fitted, power),

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import ncfdtr
 
 from fit.pairs._power import windows
+from fit.quality import SEEN
 from fit.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import d_minus, d_plus
@@ -94,6 +95,18 @@ class TemplateFit(Result):
         return np.array(
             [_limits(*each, tail, dof) for each in zip(self.values, self.sigma, self.coefficients, strict=True)]
         )
+
+    @property
+    def verdict(self) -> str:
+        """Which templates are seen in the pairs, in a sentence: as large by chance in less than 0.27 % each."""
+        seen = [name for name, (low, _) in zip(self.names, self.interval(1 - SEEN), strict=True) if low > 0]
+        if seen:
+            return (
+                f"pairs show {', '.join(seen)}, of the sky or of what sources share, which pairs do not tell apart: "
+                "harmonics beside a floor do (vsh-fit --floor --waves)"
+            )
+        limits = ", ".join(f"{n} below {high:.3g}" for n, (_, high) in zip(self.names, self.interval(), strict=True))
+        return f"pairs show none of these: {limits} (95 %)"
 
     def report(self) -> str:
         """Amplitudes as text."""

@@ -289,3 +289,14 @@ def test_limits_of_templates_invert_the_chance_of_squares():
             if low > 0:
                 assert_allclose(ncx2.sf(power / s2 + k, k, low / s2), 0.025, rtol=0.02)
     assert _limits(-4.0, 3.0, 3.0, 0.025, 40.0)[0] == 0.0
+
+
+def test_the_verdict_sees_what_is_there():
+    """A glide of twenty errors is seen, and said to be no proof; noise shows nothing on nearly every sky."""
+    edges = np.radians([0, 30, 60, 90, 120, 150, 180])
+    seen = pairs.correlation_function(noisy(1500, 1, sim.acceleration((0, 120, 0))), edges, lmax=40).fit().verdict
+    assert seen.startswith("pairs show ")
+    assert "glide" in seen.split(", of the sky")[0]
+    assert "do not tell apart" in seen
+    found = [pairs.correlation_function(noisy(800, seed), edges, lmax=40).fit().verdict for seed in range(20)]
+    assert sum(each.startswith("pairs show none") for each in found) >= 19
