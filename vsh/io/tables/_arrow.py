@@ -103,16 +103,16 @@ def open_dataset(dataset: Any, label: str) -> TableSource:
 
 def open_lazy(frame: Any, label: str) -> TableSource:
     """A LazyFrame of polars: what is wanted of it is collected when it is."""
-    arrow, _ = _arrow(label)
+    _arrow(label)  # polars's own way to it, for pyarrow before 16 does not know polars
     try:
         names = list(frame.collect_schema())
-        empty = arrow.table(frame.head(0).collect())
+        empty = frame.head(0).collect().to_arrow()
     except Exception as error:  # whatever a plan that cannot be carried out raises
         raise TableError(f"{label} cannot be collected: {first_line(error)}") from error
     _check_names(names, label)
 
     def batches(wanted, rows):
-        table = arrow.table(frame.select(list(wanted)).collect())
+        table = frame.select(list(wanted)).collect().to_arrow()
         return table.to_batches(max_chunksize=min(rows, 2**20))
 
     return _source(label, empty.schema, batches)
