@@ -23,7 +23,7 @@ C = 299792.458
 
 def seen(n=4000, seed=1, dispersion=750.0, error=0.0, low=0.002, high=0.03, **options):
     """Galaxies as they are seen, cut in the redshift that is seen, and their true redshifts."""
-    rng = np.random.default_rng([9, seed])
+    rng = np.random.default_rng([9, *np.atleast_1d(seed)])
     population = sim.galaxies(5 * n, rng, min_redshift=2e-4, max_redshift=0.05)
     signal = sim.secular_parallax(OURS) + sim.acceleration((0, -4, 0)) + sim.peculiar(dispersion, rng)
     field = sim.observe(population, signal, rng, redshifts="heliocentric", redshift_error=error, **options)
