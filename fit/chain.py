@@ -21,7 +21,7 @@ from fit.solution import Solution
 from fit.storage import Result
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
-from vsh.conventions import ICRF3, to_icrf3
+from vsh.conventions import icrf3_terms
 from vsh.field import Field
 from vsh.io import tables
 from vsh.modes import Modes, as_modes
@@ -57,7 +57,7 @@ class Chain(Result):
         That of all of them, errors multiplied by `factor` where it is above one.
     correlation : (K, K) array
         ρ, the noise that catalogues share, of errors as quoted.
-    common : (K, K) int array
+    common : (K, K) array
         How many sources any two have in common; on the diagonal how many of each are used.
     chi2 : float
         With the noise that is shared.
@@ -161,7 +161,8 @@ class Chain(Result):
             for (i, a), (j, b) in combinations(enumerate(self.labels), 2)
             if self.common[i, j]
         ]
-        parts = [self._terms(self.difference(name)) for name in others]
+        solutions = [self.difference(name) for name in others]
+        parts = [icrf3_terms(each.coefficients, each.sigma) for each in solutions]
         names = list(parts[0])
         heads = [f"{name} − {first}" for name in others]
         widths = [max(24, len(head) + 2) for head in heads]
@@ -201,23 +202,16 @@ class Chain(Result):
         """The terms of each catalogue against the reference with their errors, on matplotlib axes."""
         from fit.output import plot_terms
 
-        terms = {f"{name} − {self.labels[0]}": self._terms(self.difference(name)) for name in self.labels[1:]}
+        terms = {}
+        for name in self.labels[1:]:
+            solution = self.difference(name)
+            terms[f"{name} − {self.labels[0]}"] = icrf3_terms(solution.coefficients, solution.sigma)
         return plot_terms(terms, self.unit, ax=ax)
 
     def _place(self, label):
         if label not in self.labels:
             raise ParameterError(f"no catalogue is called {label!r}: {', '.join(self.labels)}")
         return self.labels.index(label)
-
-    def _terms(self, solution):
-        """Values and errors by the names of the ICRF3 papers, to degree 2."""
-        index = {
-            name: (solution.modes.index(mode), scale)
-            for name, (mode, scale) in ICRF3.items()
-            if mode.l <= solution.modes.lmax
-        }
-        values = to_icrf3(solution.coefficients)
-        return {name: (values[name], float(solution.sigma[i] / abs(scale))) for name, (i, scale) in index.items()}
 
 
 @logged("chain of catalogues")
@@ -275,16 +269,14 @@ def chain_catalogues(
     if len({each.frame for each in listed}) > 1:
         raise FrameError(f"catalogues stand in {', '.join(sorted({each.frame for each in listed}))} axes: take one")
     sky = _Sky(labels, listed)
-    k = len(labels)
-    correlation, kept, values = np.eye(k), np.ones(sky.n, bool), np.zeros((k - 1, len(modes)))
+    correlation, kept = np.eye(len(labels)), np.ones(sky.n, bool)
     for _ in range(_ROUNDS):
         before = correlation, kept
-        solved = _solve(sky, modes, correlation, kept, labels)
-        values, chi2_of = solved[0], solved[2]
+        values, _, chi2_of, chi2, dof = _solve(sky, modes, correlation, kept, labels)
         if shared_noise:
             correlation = _shared(sky, modes, values, kept)
         if clip:
-            scale = max(1.0, solved[3] / max(solved[4], 1))
+            scale = max(1.0, chi2 / max(dof, 1))
             kept = chdtrc(np.maximum(sky.contrasts, 1), chi2_of / scale) > _CHANCE / max(sky.n, 1)
         if np.allclose(before[0], correlation, atol=1e-4) and (before[1] == kept).all():
             break

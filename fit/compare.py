@@ -16,7 +16,7 @@ from fit.quality import FEW, MANY, SEEN, f_p_value, printed_p_value
 from fit.resample import bootstrap, jackknife
 from fit.robust import clip, excess_noise, student_t
 from fit.solution import AboutSolution, Solution
-from vsh.conventions import ICRF3, to_icrf3
+from vsh.conventions import ICRF3, icrf3_terms
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.catalogue import counterparts, match
@@ -176,25 +176,15 @@ class FrameComparison(AboutSolution):
     @property
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Rotation, glide and quadrupoles with errors, by names and signs of the ICRF3 papers; to degree 2."""
-        parameters = to_icrf3(self.solution.coefficients)
-        sigma = self.solution.sigma
-        return {
-            name: (value, float(sigma[self.solution.modes.index(ICRF3[name][0])] / abs(ICRF3[name][1])))
-            for name, value in parameters.items()
-        }
+        return icrf3_terms(self.solution.coefficients, self.solution.sigma)
 
     @property
     def parameters_by_class(self) -> dict[str, tuple[float, float]]:
         """`parameters` with errors scaled in classes of their size; empty where there are none."""
         if self.by_class is None:
             return {}
-        modes = self.solution.modes
-        values = to_icrf3(replace(self.solution.coefficients, values=self.by_class.values))
-        sigma = np.sqrt(np.diag(self.by_class.covariance))
-        return {
-            name: (value, float(sigma[modes.index(ICRF3[name][0])] / abs(ICRF3[name][1])))
-            for name, value in values.items()
-        }
+        values = replace(self.solution.coefficients, values=self.by_class.values)
+        return icrf3_terms(values, np.sqrt(np.diag(self.by_class.covariance)))
 
     @property
     def parameters_alone(self) -> dict[str, tuple[float, float]]:

@@ -77,7 +77,7 @@ def _file(name):
 
 def _movie(results):
     """The sky that moves, by its caption."""
-    return {caption: results["In time"].movie_bytes() for caption in (_MOVING,) if "In time" in results}
+    return {_MOVING: results["In time"].movie_bytes()} if "In time" in results else {}
 
 
 def _write(folder, results, meta, movie):

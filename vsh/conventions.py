@@ -13,7 +13,7 @@ from vsh.coefficients import Coefficients
 from vsh.modes import Mode, Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients
 from vsh.tools.errors import ModesError
-from vsh.tools.types import ArrayLike, ComplexArray
+from vsh.tools.types import ArrayLike, ComplexArray, FloatArray
 
 __all__ = [
     "from_healpy",
@@ -76,6 +76,14 @@ def to_icrf3(coefficients: Coefficients) -> dict[str, float]:
         name: float(values[modes.index(mode)] / factor)
         for name, (mode, factor) in ICRF3.items()
         if mode.l <= modes.lmax
+    }
+
+
+def icrf3_terms(coefficients: Coefficients, sigma: FloatArray) -> dict[str, tuple[float, float]]:
+    """`to_icrf3` with the errors of the coefficients, (p,): (value, error) by name."""
+    return {
+        name: (value, float(sigma[coefficients.modes.index(ICRF3[name][0])] / abs(ICRF3[name][1])))
+        for name, value in to_icrf3(coefficients).items()
     }
 
 
