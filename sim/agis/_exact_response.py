@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.agis._response import Functions, template_key
 from sim.agis._solve import Iteration
 from sim.agis._system import System
 from sim.agis.passes import spline_at
@@ -66,7 +67,7 @@ class ExactResponse(InNotebook):
         scan: FloatArray,
         time: FloatArray,
         modes: Modes,
-        functions: Any,
+        functions: Functions,
         *,
         view: IntArray | None = None,  # as of Response; an attitude serves both fields of view
     ) -> FloatArray:
@@ -98,7 +99,7 @@ class ExactResponse(InNotebook):
             left += weight[:, None] * np.einsum("ik,kif->kf", normal, attitude[coefficient])
         return left
 
-    def taken(self, modes: Modes, functions: Any) -> FloatArray:
+    def taken(self, modes: Modes, functions: Functions) -> FloatArray:
         """What the attitude takes of each of the `functions` times each of the `modes`, kept for the next time.
 
         Parameters
@@ -119,9 +120,9 @@ class ExactResponse(InNotebook):
             If the iterations do not do.
         """
         scans, passes = self.system.scans, self.system.passes
-        probe = functions(np.linspace(-1.0, 1.0, 7)).tobytes()  # functions are known by their values
-        if (modes, probe) in self._taken:
-            return self._taken[modes, probe]
+        key = template_key(modes, functions)
+        if key in self._taken:
+            return self._taken[key]
         basis = harmonics(scans.lon, scans.lat, modes)
         sin, cos = np.asarray(scans.sin, float), np.asarray(scans.cos, float)
         at = functions(scans.time() - scans.middle)
@@ -153,5 +154,5 @@ class ExactResponse(InNotebook):
                 )
             known = np.stack(of_attitude, axis=-1) - passes.to_attitude(work.x)
             out[..., start : start + len(some)] = self.system.attitude_of(known)
-        self._taken = {(modes, probe): out}
+        self._taken = {key: out}
         return out

@@ -227,8 +227,8 @@ class Response(InNotebook):
 
         Behind it what the calibration of the basic angle takes, where it is free.
         """
-        probe = functions(np.linspace(-1.0, 1.0, 7)).tobytes()  # functions are known by their values
-        if (modes, probe) not in self._taken:
+        key = template_key(modes, functions)
+        if key not in self._taken:
             right: Any = 0.0
             step = max(1, len(self._time) // _STEPS)
             for start in range(step):
@@ -236,8 +236,8 @@ class Response(InNotebook):
                 fields = [_along(r[:, some], m[:, some], modes) for r, m in self._seen]
                 difference = _outer(functions(self._time[some]), fields[0] - fields[1])
                 right = right + self._design[some].T @ (self._difference[some, None] * difference)
-            self._taken = {(modes, probe): cho_solve(self._factored(), right, check_finite=False)}
-        return self._taken[modes, probe]
+            self._taken = {key: cho_solve(self._factored(), right, check_finite=False)}
+        return self._taken[key]
 
     def _factored(self):
         if self._factor is None:
@@ -281,6 +281,11 @@ class Response(InNotebook):
         sun = rotation_matrix("ecliptic", self.law.frame) @ sun * far
         a, b = np.sum(m * p, 0), np.sum(m * q, 0)
         return np.array([a, b, -np.sum(m * sun, 0), a * time, b * time])
+
+
+def template_key(modes: Modes, functions: Functions) -> tuple[Modes, bytes]:
+    """By what templates are known: their modes, and the values of the functions of time."""
+    return modes, functions(np.linspace(-1.0, 1.0, 7)).tobytes()
 
 
 def _checked(order, days):
