@@ -78,8 +78,10 @@ def expected_covariances(
         return np.zeros((0, 2, 2)), np.zeros((0, 2, 2))
     error = mission.transit_error(population.magnitude, excess_noise)
 
+    law, compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
+
     def block(part):
-        transits = mission.scanning_law.transits_of_block(population.lon[part], population.lat[part])
+        transits = law.transits_of_block(population.lon[part], population.lat[part], compiled=compiled)
         return expected_solution_covariances(
             transits, error[part], years=mission.years, variability=variability, attitude=float(mission.attitude)
         )

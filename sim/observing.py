@@ -226,8 +226,10 @@ def _through_mission(population, rng, mission, variability, excess_noise, quote,
     shared = mission.attitude_noise(seeds[-1])
     error = mission.transit_error(population.magnitude, excess_noise)
 
+    law, compiled = mission.scanning_law, mission.scanning_law.compiles(len(population))
+
     def block(part):
-        transits = mission.scanning_law.transits_of_block(population.lon[part], population.lat[part])
+        transits = law.transits_of_block(population.lon[part], population.lat[part], compiled=compiled)
         seed = seeds[part.start // BLOCK]
         solved = solve_astrometry(
             transits,

@@ -145,7 +145,7 @@ BREAKS = [
         "return np.stack([self.velocity @ p",
         "test_signal.py",
     ),
-    ("sim/scanning.py", "factor = 1.01 * distance", "factor = 1.10 * distance", "test_scanning.py"),
+    ("sim/scanning/_nominal.py", "factor = 1.01 * distance", "factor = 1.10 * distance", "test_scanning.py"),
     ("sim/variability.py", "sigma * np.sqrt(1 - keep**2)", "sigma * (1 - keep)", "test_astrometry.py"),
     ("study/run.py", "    _check_folder(folder)\n", "", "test_study.py"),
     (
@@ -227,7 +227,8 @@ BREAKS = [
     ("fit/background/_floor.py", "covariance=plain.covariance * tau", "covariance=plain.covariance", "test_floor.py"),
     ("fit/background/_likelihood.py", "np.log(inner) / 4", "np.log(inner) / 2", "test_waves.py"),
     ("fit/background/_likelihood.py", "return 2 * float(np.log(", "return float(np.log(", "test_evidence.py"),
-    ("sim/scanning.py", "(first[rows] + again)", "(first[rows] + 9 * again)", "test_scanning.py"),
+    ("sim/scanning/_compiled.py", "first + again * turn", "first + again", "test_scanning.py"),
+    ("sim/scanning/_crossings.py", "(first[rows] + again)", "(first[rows] + 9 * again)", "test_scanning.py"),
     (
         "sim/agis/passes/_kernels.py",
         "_add(out, k, 1, r, b, my * across - ny * along)",
@@ -457,7 +458,7 @@ BREAKS = [
     ("fit/sums.py", "rows[most + k] -= rows[most + k - 2]", "rows[most + k] -= 0", "test_rings.py"),
     ("fit/posterior/_cells.py", "self.log_density(coordinates) - log_new", "0 * log_new", "test_cells.py"),
     ("fit/background/_parities.py", "+ 2 * v @ (h * dh)", "", "test_parities.py"),
-    ("sim/scanning.py", "< wide + reach)", "< wide)", "test_scanning.py"),
+    ("sim/scanning/_crossings.py", "< wide + self.reach)", "< wide)", "test_scanning.py"),
     ("vsh/scalars.py", "ScalarModes if isinstance(field, ScalarField) else Modes", "Modes", "test_scalar_fits.py"),
     ("vsh/models/waves.py", "np.asarray((-1.0) ** l", "np.asarray((1.0) ** l", "test_plane_wave.py"),
     (

@@ -81,6 +81,43 @@ def test_transits_are_where_the_views_are():
     assert np.degrees(np.abs(transits.across)).max() < 0.342
 
 
+@pytest.mark.parametrize(
+    "law",
+    [
+        LAW,
+        NominalScanningLaw(years=0.003),
+        NominalScanningLaw(spin_rate=6.0, half_height=np.radians(3.42), years=2),
+        NominalScanningLaw(pole_days=28, years=0.5, dead_time=0.1, rng=1, frame="ecliptic"),
+    ],
+    ids=["nominal", "days", "long spins", "poles and gaps"],
+)
+def test_a_compiled_loop_finds_the_same(law):
+    pytest.importorskip("numba")
+    lon, lat = sim.uniform_sky(400, rng=4)
+    lat[:2] = np.pi / 2, -np.pi / 2
+    plain, compiled = (law.transits_of_block(lon, lat, compiled=each) for each in (False, True))
+    assert len(plain) > 0
+    for name in ("source", "view"):
+        np.testing.assert_array_equal(getattr(compiled, name), getattr(plain, name))
+    for name in ("time", "angle", "parallax_factor", "across"):
+        np.testing.assert_allclose(getattr(compiled, name), getattr(plain, name), atol=1e-12, rtol=0)
+
+
+def test_many_sources_take_the_compiled_loop(monkeypatch):
+    pytest.importorskip("numba")
+    law = NominalScanningLaw(years=0.2)
+    lon, lat = sim.uniform_sky(1200, rng=4)
+    plain = law.transits(lon, lat)
+    from sim.scanning import _compiled
+
+    used, loop = [], _compiled.crossings
+    monkeypatch.setattr("sim.scanning._nominal._MANY", 1000)
+    monkeypatch.setattr(_compiled, "crossings", lambda r, *more: used.append(len(r)) or loop(r, *more))
+    again = law.transits(lon, lat, threads=1)
+    assert used == [1000, 200]
+    np.testing.assert_allclose(again.time, plain.time, atol=1e-14)
+
+
 def test_no_transit_is_missed():
     """Step through 20 days by the attitude alone, a second look at one source on the scan."""
     transits = LAW.transits(*sim.uniform_sky(30, rng=2))
@@ -220,12 +257,13 @@ def test_eight_spins_at_a_time_miss_none(law):
     law = NominalScanningLaw(**law)
     lon, lat = sim.uniform_sky(300, 1)
     r = triad(lon, lat)[2]
-    z = law._state["z"]
+    spins = law._state["spins"]
+    z = spins.z
     height = r.T @ z
     for wide in (0.001, 0.006, 0.1):
         low, high = height < wide, height > -wide
         pairs = set(zip(*np.nonzero((low[:, :-1] | low[:, 1:]) & (high[:, :-1] | high[:, 1:])), strict=True))
-        source, spin, h0, h1 = law._near(r, wide)
+        source, spin, h0, h1 = spins._near(r, wide)
         assert set(zip(source, spin, strict=True)) == pairs
         np.testing.assert_allclose(h0, height[source, spin], atol=1e-15)
         np.testing.assert_allclose(h1, height[source, spin + 1], atol=1e-15)

@@ -8,23 +8,13 @@ Transits are the columns of `Scans`, the table of the sources, and the knots' sp
 Indices are unsigned, which spares a look for negative ones: a quarter of the time.
 """
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 
+from sim.compiled import kept
 from vsh.tools.types import FloatArray
 
-_FAST: dict[str, Any] = {"fastmath": {"contract", "reassoc", "nsz"}, "nogil": True}
-
-
-def _compile(function: Any) -> Any:
-    """A kernel, kept on disk for the next time where there is a folder to write to."""
-    try:
-        return njit(function, cache=True, **_FAST)
-    except RuntimeError:
-        return njit(function, **_FAST)
-
+_compile = kept(fastmath={"contract", "reassoc", "nsz"})
 
 _ONE, _TWO, _THREE = np.uintp(1), np.uintp(2), np.uintp(3)
 

@@ -1,0 +1,61 @@
+"""Crossings by a compiled loop (numba): each source through all spins, without arrays in between."""
+
+import numpy as np
+from numba import njit
+
+from sim.compiled import kept
+from vsh.tools.types import FloatArray, IntArray
+
+
+@njit(inline="always")
+def _height(r, i, axis, k):
+    return r[i, 0] * axis[k, 0] + r[i, 1] * axis[k, 1] + r[i, 2] * axis[k, 2]
+
+
+@kept()
+def crossings(
+    r: FloatArray,
+    z: FloatArray,
+    u: FloatArray,
+    w: FloatArray,
+    times: FloatArray,
+    reach: FloatArray,
+    chunk: int,
+    wide: float,
+    half: float,
+) -> tuple[IntArray, FloatArray, IntArray]:
+    """Source, time and field of all crossings, by source and time; axes and directions are rows of three."""
+    size = 200 * len(r) + 100
+    owner, time, views = np.empty(size, np.int64), np.empty(size), np.empty(size, np.int64)
+    found, spins, turn = 0, len(times) - 1, 2 * np.pi
+    for i in range(len(r)):
+        for c in range(len(reach)):
+            if not abs(_height(r, i, z, chunk * c)) < wide + reach[c]:
+                continue
+            h1 = _height(r, i, z, chunk * c)
+            for k in range(chunk * c, min(chunk * (c + 1), spins)):
+                h0, h1 = h1, _height(r, i, z, k + 1)
+                if (h0 >= wide and h1 >= wide) or (h0 <= -wide and h1 <= -wide):
+                    continue
+                azimuth = np.arctan2(_height(r, i, w, k), _height(r, i, u, k))
+                moved = np.arctan2(_height(r, i, w, k + 1), _height(r, i, u, k + 1)) - azimuth
+                moved -= turn * np.round(moved / turn)
+                for view in (1, -1):
+                    first = (azimuth - view * half) % turn
+                    # Where the azimuth of a source falls, a field may meet it twice in a spin.
+                    for again in range(2 if first < -moved else 1):
+                        share = (first + again * turn) / (turn - moved)
+                        if not (share < 1 and abs(h0 + share * (h1 - h0)) < wide):
+                            continue
+                        if found == size:
+                            owner, time = np.append(owner, owner), np.append(time, time)
+                            views, size = np.append(views, views), 2 * size
+                        when = times[k] + share * (times[k + 1] - times[k])
+                        place = found
+                        # The four of a spin come nearly in order.
+                        while place > 0 and owner[place - 1] == i and time[place - 1] > when:
+                            owner[place], time[place], views[place] = i, time[place - 1], views[place - 1]
+                            place -= 1
+                        owner[place], time[place], views[place] = i, when, view
+                        found += 1
+    return owner[:found].copy(), time[:found].copy(), views[:found].copy()

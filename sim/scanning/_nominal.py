@@ -1,0 +1,302 @@
+"""The nominal scanning law, and when it takes the fields of view over a source.
+
+The spin axis z keeps ξ = 45° from the Sun and goes round it 5.8 times a year; the satellite
+turns about z in six hours; two fields of view lie 106.5° apart on the great circle at right
+angles to z. With λ the Sun's longitude and ν the phase of z about it,
+
+    dν/dλ = [√(S² − cos²ν) + cos ξ sin ν]/sin ξ,   dΩ/dt = ω_z − ν̇ cos ξ − λ̇ sin ξ sin ν
+
+(Lindegren & Bastian 2011, EAS 45, 109; the Gaia scanning law). S follows from 5.8.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sim.compiled import there
+from sim.scanning._crossings import Spins, dot
+from sim.scanning._gaps import alive, check_gaps, draw_gaps
+from sim.scanning._sun import YEAR, sun_direction, sun_rate
+from vsh.sky.frames import check_frame, rotation_matrix
+from vsh.sky.sphere import sin_cos, triad
+from vsh.tools.arguments import between, number, positive
+from vsh.tools.errors import ParameterError
+from vsh.tools.notebook import Frozen
+from vsh.tools.parallel import map_blocks
+from vsh.tools.types import ArrayLike, FloatArray, IntArray, Rng
+from vsh.tools.units import DEGREE
+
+
+def precession_speed(precessions: float, xi: float) -> float:
+    """S for a number of precessions a year: one turn of ν takes 1/K of a turn of λ."""
+
+    from scipy.integrate import quad  # slow to import, and not needed where nothing is scanned
+    from scipy.optimize import brentq
+
+    def turn(speed):
+        return quad(
+            lambda nu: np.sin(xi) / (np.sqrt(speed**2 - np.cos(nu) ** 2) + np.cos(xi) * np.sin(nu)), 0, 2 * np.pi
+        )[0]
+
+    return brentq(lambda speed: turn(speed) * precessions - 2 * np.pi, 1.5, 50.0, xtol=1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class Transits(Frozen):
+    """Passages of sources over a field of view, ordered by source and, for each, by time."""
+
+    source: IntArray
+    time: FloatArray
+    angle: FloatArray
+    parallax_factor: FloatArray
+    view: IntArray
+    across: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def counts(self, n: int) -> IntArray:
+        """How many each of n sources has, (n,)."""
+        return np.bincount(self.source, minlength=n)
+
+
+MAX_YEARS = 100  # longer missions are typing errors
+#: Sources looked at together; each with every spin of the mission.
+BLOCK = 1000
+#: By how much the axis may leave a straight line within a spin before transits are looked for again. [rad]
+_BEND = 60 / 3600 * DEGREE
+#: From so many sources on crossings are looked for by a compiled loop, which takes a second to load.
+_MANY = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class NominalScanningLaw(Frozen):
+    """Where Gaia looks.
+
+    Parameters
+    ----------
+    start : float
+        Julian year of the start; 2014.73 is that of Gaia's science operations.
+    years : float
+        Length of the mission.
+    precession_phase, spin_phase, solar_aspect : float
+        ν and Ω at the start, and ξ. [rad]
+    precessions, spin_rate, basic_angle : float
+        Turns of the axis about the Sun in a year; speed of the spin [arcsec/s]; angle between the fields of view [rad].
+    half_height : float
+        Half height of a field, across the scan [rad]; 0.342° gives the published counts with 6 % of dead time.
+    pole_days : float
+        At first the axis stays in the ecliptic, ν = 0 or π, so that both fields pass the poles every spin. [days]
+    dead_time : float
+        Fraction of the time that is lost, in gaps of some six hours.
+    rng : Generator or int
+        Generator of those gaps; needed with a dead time.
+    frame : str
+        Axes of the positions whose transits are asked for.
+    gaps : sequence of (start, end)
+        More intervals without observations. [yr]
+
+    Examples
+    --------
+    >>> z, first, second = NominalScanningLaw(years=1).attitude(np.array([0.5]))
+    >>> round(float(np.degrees(np.arccos(first[:, 0] @ second[:, 0]))), 6)
+    106.5
+    """
+
+    start: float = 2014.73
+    years: float = 5.0
+    precession_phase: float = 0.0
+    spin_phase: float = 0.0
+    solar_aspect: float = 45 * DEGREE
+    precessions: float = 5.8
+    spin_rate: float = 60.0
+    basic_angle: float = 106.5 * DEGREE
+    half_height: float = 0.342 * DEGREE
+    pole_days: float = 0.0
+    dead_time: float = 0.0
+    rng: Rng | None = None
+    frame: str = "icrs"
+    gaps: tuple[tuple[float, float], ...] = ()
+    remembered: dict = field(default_factory=dict, init=False, repr=False)
+    _state: dict = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if positive("years, the length of a mission,", self.years) > MAX_YEARS:
+            raise ParameterError(f"years, the length of a mission, must be at most {MAX_YEARS}, not {self.years}")
+        for name in ("start", "precession_phase", "spin_phase", "pole_days"):
+            number(name, getattr(self, name))
+        for name in ("precessions", "spin_rate", "half_height"):
+            positive(name, getattr(self, name))
+        between("solar_aspect", self.solar_aspect, 0, np.pi / 2)
+        between("basic_angle", self.basic_angle, 0, np.pi)
+        if not 0 <= number("dead_time", self.dead_time) < 1:
+            raise ParameterError(f"dead_time is a fraction, at least 0 and below 1, not {self.dead_time}")
+        check_frame(self.frame)
+        given = check_gaps(self.gaps)
+        drawn = draw_gaps(self.years, self.dead_time, self.rng) if self.dead_time else given[:0]
+        self._state["gaps"] = check_gaps(np.concatenate([given, drawn]))
+        self._integrate()
+
+    @property
+    def speed(self) -> float:
+        """S, the speed of the axis among the stars in units of the Sun's."""
+        return self._state["speed"]
+
+    @property
+    def lost(self) -> FloatArray:
+        """Starts and ends of all gaps, (k, 2). [yr]"""
+        return self._state["gaps"]
+
+    def sun(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Direction of the Sun in the ecliptic, (3, n), and its distance [AU]; time in years.
+
+        Parameters
+        ----------
+        time : (k,) array
+            Since the start of the mission. [yr]
+        """
+        return sun_direction(self.start, time)
+
+    def attitude(self, time: FloatArray) -> Any:
+        """Spin axis and both fields of view at `time` [yr since the start], (n,): z, preceding, following."""
+        time = np.asarray(time, float)
+        z, u, w = self._axes(time)
+        phase = self._phase(time)
+        views = [u * np.cos(phase + a) + w * np.sin(phase + a) for a in (self.basic_angle / 2, -self.basic_angle / 2)]
+        back = rotation_matrix("ecliptic", self.frame)
+        return tuple(back @ v for v in (z, *views))
+
+    def transits(
+        self, lon: ArrayLike, lat: ArrayLike, *, threads: int | None = None, progress: bool = False
+    ) -> Transits:
+        """All transits of the given positions over the mission.
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions in `frame` [rad]
+        threads : int, optional
+            One a core unless given.
+        progress : bool
+            Show a bar, after two seconds.
+        """
+        lon, lat = np.atleast_1d(np.asarray(lon, float)), np.atleast_1d(np.asarray(lat, float))
+        compiled = self.compiles(len(lon))
+        parts = list(
+            map_blocks(
+                lambda part: (part.start, self.transits_of_block(lon[part], lat[part], compiled=compiled)),
+                len(lon),
+                BLOCK,
+                threads,
+                "transits" if progress else None,
+            )
+        )
+        names = ("time", "angle", "parallax_factor", "view", "across")
+        source = [block.source + start for start, block in parts] or [np.zeros(0, int)]
+        return Transits(
+            np.concatenate(source),
+            *(np.concatenate([getattr(b, name) for _, b in parts] or [np.zeros(0)]) for name in names),
+        )
+
+    def compiles(self, n: int) -> bool:
+        """Whether transits of `n` sources are looked for by a compiled loop: they are many, and numba is installed."""
+        return n >= _MANY and there()
+
+    def transits_of_block(self, lon: ArrayLike, lat: ArrayLike, *, compiled: bool = False) -> Transits:
+        """The same in one thread, for few enough `lon`, `lat` [rad] that each may meet every spin at once.
+
+        Parameters
+        ----------
+        lon, lat : (n,) arrays
+            Positions in `frame`. [rad]
+        compiled : bool
+            Look for crossings by numba, which must be installed; times agree to rounding.
+        """
+        p, q, r = (rotation_matrix(self.frame, "ecliptic") @ v for v in triad(lon, lat))
+        spins: Spins = self._state["spins"]
+        limit = np.sin(self.half_height)
+        # Between spins the height is taken for linear, good to 20 arcsec; hence a margin, and a second look.
+        wide = limit * 1.03 if spins.bend < _BEND else limit + 1.5 * spins.bend
+        owner, time, views = spins.crossings(r, wide, self.basic_angle / 2, compiled=compiled)
+        if spins.bend >= _BEND:
+            time = self._refined(r[:, owner], time, views)
+        keep = alive(time, self._state["gaps"])
+        owner, time, views = owner[keep], time[keep], views[keep]
+        z, sun, distance = self._spin_axis(time)
+        here = r[:, owner]
+        sine = dot(here, z)
+        keep = np.abs(sine) < limit
+        if not keep.all():
+            owner, time, views, sine, distance = owner[keep], time[keep], views[keep], sine[keep], distance[keep]
+            z, sun, here = z[:, keep], sun[:, keep], here[:, keep]
+        # The scan goes along s = z × r/cos ζ: s·p = z·q/cos ζ, s·q = −z·p/cos ζ.
+        angle = np.arctan2(dot(z, q[:, owner]), -dot(z, p[:, owner]))
+        along = sun[0] * (z[1] * here[2] - z[2] * here[1]) + sun[1] * (z[2] * here[0] - z[0] * here[2])
+        # Gaia is opposite the Sun, 1 % farther out than the Earth; a parallax shifts towards the Sun.
+        factor = 1.01 * distance * along / np.sqrt(1 - sine * sine)
+        return Transits(owner, time, angle, factor, views, np.arcsin(sine))
+
+    def _integrate(self):
+        """ν and Ω as splines of time, and the axes at the start of every spin."""
+        from scipy.integrate import solve_ivp
+        from scipy.interpolate import CubicSpline
+
+        xi = self.solar_aspect
+        speed = precession_speed(self.precessions, xi)
+        rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year
+        quiet = self.pole_days / YEAR
+        start = np.pi * round(self.precession_phase / np.pi) if quiet else self.precession_phase
+
+        def slope(time, state):
+            nu = state[0]
+            sun = sun_rate(self.start, time)
+            nu_rate = (
+                0.0
+                if time < quiet
+                else sun * (np.sqrt(speed**2 - np.cos(nu) ** 2) + np.cos(xi) * np.sin(nu)) / np.sin(xi)
+            )
+            # What Ω lacks of the turn ω_z t, which is large and exactly known.
+            return [nu_rate, -nu_rate * np.cos(xi) - sun * np.sin(xi) * np.sin(nu)]
+
+        grid = np.linspace(0, self.years, max(2, int(self.years * YEAR * 2)) + 1)
+        solved = solve_ivp(slope, (0, self.years), [start, 0.0], t_eval=grid, rtol=1e-10, atol=1e-10, max_step=2 / YEAR)
+        slow = CubicSpline(grid, solved.y[1])
+        nu = CubicSpline(grid, solved.y[0])
+
+        self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
+        spins = int(np.floor(self._phase(self.years) / (2 * np.pi)))
+        first = int(np.ceil(self._phase(0.0) / (2 * np.pi)))
+        turns = 2 * np.pi * np.arange(first, spins + 1)
+        times: Any = (turns - self.spin_phase) / rate
+        for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
+            times -= (self._phase(times) - turns) / (rate + slow(times, 1))
+        self._state["spins"] = Spins.of(times, *self._axes(times))
+
+    def _refined(self, here, time, views):
+        """Times at which the fields really pass, by Newton steps: in a long spin its axis does not move straight."""
+        last = np.nextafter(self.years, 0)
+        for _ in range(4):
+            _, u, w = self._axes(time)
+            azimuth = np.arctan2(np.sum(here * w, 0), np.sum(here * u, 0))
+            late = azimuth - self._phase(time) - views * self.basic_angle / 2
+            time = np.clip(time + ((late + np.pi) % (2 * np.pi) - np.pi) / self._state["rate"], 0, last)
+        return time
+
+    def _phase(self, time):
+        """Ω, the phase of the spin. [rad]"""
+        return self.spin_phase + self._state["rate"] * time + self._state["slow"](time)
+
+    def _axes(self, time):
+        """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic."""
+        z, sun, _ = self._spin_axis(time)
+        u = np.cross(sun, z, axis=0) / np.sin(self.solar_aspect)
+        return z, u, np.cross(z, u, axis=0)
+
+    def _spin_axis(self, time):
+        """z, the direction of the Sun, and its distance, in the ecliptic."""
+        sun, distance = self.sun(time)
+        xi, nu = self.solar_aspect, self._state["nu"](time)
+        up, ahead = (np.sin(xi) * each for each in sin_cos(nu))
+        z = np.stack([np.cos(xi) * sun[0] - ahead * sun[1], np.cos(xi) * sun[1] + ahead * sun[0], up])
+        return z, sun, distance
