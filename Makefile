@@ -7,6 +7,9 @@ COVERAGE ?= 95
 MUTANTS ?= 8000
 PIP := -m pip install --quiet --disable-pip-version-check
 
+# Where an environment forbids it every process would compile every library anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help demo paper gaia dr4 page package docs test test-slow test-oracles test-oldest test-newest coverage mutate fuzz style bench lock clean
 
@@ -23,7 +26,7 @@ paper: $(VENV)/installed  ## every table and figure of the paper: paper/comparis
 test: $(VENV)/installed-test  ## set up, and pass the tests
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy & types=$$!; $(BIN)/pytest -m "not slow" -n auto; passed=$$?; wait $$types && exit $$passed
+	$(BIN)/mypy & types=$$!; $(BIN)/pytest -m "not slow" -n auto --dist worksteal; passed=$$?; wait $$types && exit $$passed
 
 test-slow: $(VENV)/installed-test  ## the tests that take long
 	$(BIN)/pytest -m slow

@@ -113,6 +113,12 @@ begin = time.process_time(); chain = sample(field, n_samples=200_000, **about); 
 size = chain.effective_size if hasattr(chain, "effective_size") else None
 print(spent / min(size.values()))
 """
+TRANSIT = """
+from sim.scanning import NominalScanningLaw
+law = NominalScanningLaw(); lon, lat = sim.uniform_sky(1000, 1)
+n = len(law.transits_of_block(lon, lat{more}))
+print(cpu(lambda: law.transits_of_block(lon, lat{more}), 7) / n)
+"""
 JOBS = {
     **{
         f"fit, 10⁶ sources, degree {lmax}": (1e6, "ns", FIT.format(lmax=lmax))
@@ -131,11 +137,8 @@ JOBS = {
     "a galaxy: the same, 250 modes of a flow": (2e5, "µs", VELOCITY.format(more="", options="n_modes=250")),
     "an effective sample, emcee": (1.0, "µs", POSTERIOR.format(more="")),
     "an effective sample, on a grid": (1.0, "µs", POSTERIOR.format(more=', method="grid"')),
-    "a transit": (1.0, "ns", """
-from sim.scanning import NominalScanningLaw
-law = NominalScanningLaw(); lon, lat = sim.uniform_sky(1000, 1)
-print(cpu(lambda: law.transits_of_block(lon, lat)) / len(law.transits_of_block(lon, lat)))
-"""),
+    "a transit": (1.0, "ns", TRANSIT.format(more="")),
+    "a transit, compiled": (1.0, "ns", TRANSIT.format(more=", compiled=True")),
     "floor of degrees 2 to 30": (1.0, "s", """
 from fit.background import floor
 normal = fit.normal_equations(sky(10**5), 30)

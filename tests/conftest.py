@@ -3,6 +3,7 @@
 import functools
 import json
 import os
+import sys
 from pathlib import Path
 
 # Tests run side by side, and start commands: threads of theirs would only wait for each other.
@@ -53,6 +54,14 @@ def record_agreement(request, monkeypatch):
     }  # fmt: skip
     with open(path, "a", encoding="utf-8") as file:
         file.write(json.dumps(row) + "\n")
+
+
+@pytest.fixture(autouse=True)
+def no_figures_stay_open():
+    """Tests come in any order: what one leaves open is another's warning."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 ROOT = Path(__file__).parents[1]

@@ -37,6 +37,7 @@ class TabulatedLaw(InNotebook):
 
     Examples
     --------
+    >>> from sim.scanning import NominalScanningLaw
     >>> law = NominalScanningLaw(years=0.02)
     >>> time = np.arange(0, 0.02, 10 / 86400 / 365.25)
     >>> from vsh.sky.sphere import angles

@@ -1,5 +1,7 @@
 """The referee: published analyses repeated, checks that find what is there and are silent where nothing is."""
 
+from html import escape
+
 import numpy as np
 import pytest
 from astropy.table import Table
@@ -138,21 +140,35 @@ def test_values_in_words():
     assert judged(0.001, "nothing", "something").startswith("something (p = ")
 
 
-def test_the_command(table, tmp_path, capsys):
+@pytest.mark.slow
+def test_figures_and_page_of_the_command(table, tmp_path, capsys):
     from study.referee.command import main
 
     table[:600].write(tmp_path / "q.fits")
     page = tmp_path / "r.html"
     assert main([str(tmp_path / "q.fits"), "--output", str(tmp_path / "out"), "--html", str(page)]) == 0
-    out = capsys.readouterr().out
+    assert (tmp_path / "out" / "checks.png").stat().st_size > 10_000
+    assert page.read_text(encoding="utf-8").count("data:image/png") > 5
+    assert capsys.readouterr().out.splitlines()[0][9:60] in page.read_text(encoding="utf-8")
+
+
+def test_the_page(answer):
+    from study.referee._page import html
+
+    page = html(answer, {}, provenance={})
+    assert escape(answer.first_line) in page
+    assert page.index("The acceleration of the Solar System") < page.index("Is it the instrument?")
+    assert ('class="sky"' in page) == bool(bundle())
+
+
+def test_the_command(table, tmp_path, capsys):
+    from study.referee.command import main
+
+    table[:600].write(tmp_path / "q.fits")
+    assert main([str(tmp_path / "q.fits"), "--output", str(tmp_path / "out"), "--no-figures"]) == 0
     names = {each.name for each in (tmp_path / "out").iterdir()}
-    assert {"report.txt", "numbers.ecsv", "verdicts.ecsv", "checks.ecsv", "solution.ecsv", "checks.png"} <= names
-    html = page.read_text(encoding="utf-8")
-    first = out.splitlines()[0]
-    assert first.startswith("verdict: ")
-    assert first[9:60] in html
-    assert html.index("The acceleration of the Solar System") < html.index("Is it the instrument?")
-    assert ('class="sky"' in html) == bool(bundle())
+    assert {"report.txt", "numbers.ecsv", "verdicts.ecsv", "checks.ecsv", "solution.ecsv"} <= names
+    assert capsys.readouterr().out.splitlines()[0].startswith("verdict: ")
     checks = Table.read(tmp_path / "out" / "checks.ecsv")
     assert len(checks) == len(set(checks["check"]))
     (tmp_path / "broken.fits").write_bytes((tmp_path / "q.fits").read_bytes()[:20_000])
