@@ -25,6 +25,8 @@ CASES = {
     "15 stars": ({"n": 15, "tails": 3}, {}),
     "single epochs": ({"tails": 3, "single": 1.0}, {}),
     "  no offset sought": ({"tails": 3, "single": 1.0}, {"excess": False}),
+    "single epochs, offsets of 300 µas": ({"tails": 3, "single": 1.0, "star_offset": 300.0}, {}),
+    "10 calibrators, off by 400 µas": ({"tails": 3, "calibrators": 10, "calibrator_error": 400.0}, {}),
     "half single epochs": ({"tails": 3, "single": 0.5}, {}),
     "jump at 13": ({"tails": 3, "jump": JUMP, "n": 80}, {"steps": [13.0]}),
     "quasars with offsets": ({"tails": 3, "n": 20, "quasars": 80, "offset": 300.0}, {}),
@@ -53,7 +55,7 @@ AT = Vector.from_spherical(5.05, 269.1, -31.6)
 
 if __name__ == "__main__":
     skies = int(sys.argv[1]) if len(sys.argv) > 1 else 100
-    print(f"{'':28} 68 % of ε, ω    95 % of ε, ω   rms    median error  CPU s a sky   ({skies} skies)")
+    print(f"{'':34} 68 % of ε, ω    95 % of ε, ω   rms    median error  CPU s a sky   ({skies} skies)")
     for name, (sky, options) in CASES.items():
         if len(sys.argv) > 2 and not any(word in name for word in sys.argv[2:]):
             continue
@@ -63,6 +65,6 @@ if __name__ == "__main__":
         half = pulls.shape[1] // 2
         share = [np.mean(np.abs(part) < limit) for limit in (1, 1.96) for part in (pulls[:, :half], pulls[:, half:])]
         print(
-            f"{name:28} {share[0]:.3f} {share[1]:.3f}   {share[2]:.3f} {share[3]:.3f}   {np.std(pulls):.2f}   "
+            f"{name:34} {share[0]:.3f} {share[1]:.3f}   {share[2]:.3f} {share[3]:.3f}   {np.std(pulls):.2f}   "
             f"{np.median(errors[:, :half]):.1f} {np.median(errors[:, half:]):.2f}   {took:.2f}"
         )

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
+from fit.background import SharedErrors, shared_jointly
 from fit.normal import normal_equations
-from fit.quality import SEEN, printed_p_value
+from fit.quality import MANY, SEEN, printed_p_value
 from fit.solution import Solution
 from fit.storage import Result
 from vsh.basis import harmonics
@@ -30,7 +31,7 @@ from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
 from vsh.tools.logs import logged
 from vsh.tools.notes import note_lines
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import FloatArray, Rng, Table
 from vsh.tools.units import UAS
 
 __all__ = ["Chain", "chain_catalogues"]
@@ -38,6 +39,8 @@ __all__ = ["Chain", "chain_catalogues"]
 _MOST = 0.995
 #: Rounds of noise that is shared and of outliers; what is left out has a chance of less than this in all the catalogue.
 _ROUNDS, _CHANCE = 12, 0.5
+#: What catalogues share over the sky is looked for to this degree.
+_FLOOR = Modes(5)
 #: Sources whose harmonics are at hand together.
 _TOGETHER = 2**15
 
@@ -71,6 +74,9 @@ class Chain(Result):
         √χ² of each.
     frame, unit : str
     notes : tuple of str
+    shared : SharedErrors or None
+        Rotation and glide of each against the reference with the errors that sources share over the sky, in one model:
+        what the reference has is in all differences from it.
     """
 
     labels: tuple[str, ...]
@@ -87,6 +93,7 @@ class Chain(Result):
     frame: str
     unit: str
     notes: tuple[str, ...] = ()
+    shared: SharedErrors | None = None
 
     def __repr__(self) -> str:
         return f"<Chain: {', '.join(self.labels)}, degree {self.modes.lmax}, {len(self.names)} sources left out>"
@@ -104,9 +111,7 @@ class Chain(Result):
         ParameterError
             If they are not.
         """
-        row = np.zeros(len(self.labels))
-        row[self._place(catalogue)] += 1
-        row[self._place(self.labels[0] if other is None else other)] -= 1
+        row = self._row(catalogue, other)
         p = len(self.modes)
         spread = np.einsum("i,iajb,j->ab", row[1:], self.covariance.reshape(len(row) - 1, p, -1, p), row[1:])
         both = self.common[self._place(catalogue), self._place(self.labels[0] if other is None else other)]
@@ -150,6 +155,43 @@ class Chain(Result):
         chi2 = solution.values[at] @ np.linalg.solve(solution.covariance[np.ix_(at, at)], solution.values[at])
         return float(chdtrc(at.size, chi2))
 
+    def frames(self, catalogue: str, other: str | None = None) -> Solution:
+        """Rotation and glide of one catalogue less another's with the errors that sources share over the sky.
+
+        Parameters
+        ----------
+        catalogue, other : str
+            Two of `labels`; the reference is the other unless given.
+
+        Raises
+        ------
+        ParameterError
+            If they are not, or what they share was not sought (`floor=True`).
+        """
+        if self.shared is None:
+            raise ParameterError("what sources share over the sky was not sought: chain_catalogues(…, floor=True)")
+        return self.shared.combination(self._row(catalogue, other)[1:])
+
+    def frame_p_value(self, kind: str, catalogue: str, other: str | None = None) -> float:
+        """Probability of as large a rotation, or glide, of two catalogues with one frame, with what sources share.
+
+        Parameters
+        ----------
+        kind : {"T", "S"}
+            Rotation or glide.
+        catalogue, other : str
+            As for `frames`.
+
+        Raises
+        ------
+        ParameterError
+            As for `frames`.
+        """
+        self.frames(catalogue, other)
+        i, j = sorted((self._place(catalogue), self._place(self.labels[0] if other is None else other)), reverse=True)
+        assert self.shared is not None
+        return self.shared.p_value(kind, i - 1, j - 1 if j else None)
+
     def report(self) -> str:
         """The catalogues, what they share, and each against the reference, as text."""
         first, *others = self.labels
@@ -182,10 +224,31 @@ class Chain(Result):
             f"residuals are {self.factor:.3g} times the errors with what is shared"
             + ("; the errors above are multiplied by it" if self.factor > 1 else "")
         )
+        if self.shared is not None:
+            lines += self._frame_lines()
         if self.names:
             far = ", ".join(f"{n} ({d:.0f})" for n, d in list(zip(self.names, self.distances, strict=True))[:8])
             lines.append(f"{len(self.names)} sources left out, the farthest (in errors): {far}")
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    def _frame_lines(self):
+        """Rotation and glide of any two, with what sources share over the sky."""
+        assert self.shared is not None
+        names = ("spin", "glide") if self.unit == "µas/yr" else ("rotation", "glide")
+        pairs = [f"{b} − {a}" for a, b in combinations(self.labels, 2)]
+        width = 2 + max(map(len, pairs))
+        lines = [
+            "with what sources share over the sky, degrees 2 to "
+            f"{max(self.shared.degrees)} of all differences in one model:",
+            f"{f'[{self.unit}]':{width}}" + "".join(f"{name:>40}{'p':>9}" for name in names),
+        ]
+        for (a, b), words in zip(combinations(self.labels, 2), pairs, strict=True):
+            solution, cells = self.frames(b, a), ""
+            for vector, kind in ((solution.spin, "T"), (solution.acceleration, "S")):
+                each = "  ".join(f"{x:+.1f} ± {s:.1f}" for x, s in zip(vector.value, vector.sigma, strict=True))
+                cells += f"{each:>40}{printed_p_value(self.frame_p_value(kind, b, a)):>9}"
+            lines.append(f"{words:{width}}{cells}")
+        return lines
 
     def to_table(self) -> Table:
         """A row for each catalogue and coefficient, as an astropy Table."""
@@ -208,6 +271,13 @@ class Chain(Result):
             terms[f"{name} − {self.labels[0]}"] = icrf3_terms(solution.coefficients, solution.sigma)
         return plot_terms(terms, self.unit, ax=ax)
 
+    def _row(self, catalogue, other):
+        """1 for a catalogue and −1 for the other, (K,)."""
+        row = np.zeros(len(self.labels))
+        row[self._place(catalogue)] += 1
+        row[self._place(self.labels[0] if other is None else other)] -= 1
+        return row
+
     def _place(self, label):
         if label not in self.labels:
             raise ParameterError(f"no catalogue is called {label!r}: {', '.join(self.labels)}")
@@ -216,7 +286,13 @@ class Chain(Result):
 
 @logged("chain of catalogues")
 def chain_catalogues(
-    catalogues: Mapping[str, Positions | Field], lmax: int | Modes = 2, *, shared_noise: bool = True, clip: bool = True
+    catalogues: Mapping[str, Positions | Field],
+    lmax: int | Modes = 2,
+    *,
+    shared_noise: bool = True,
+    clip: bool = True,
+    floor: bool | None = None,
+    rng: Rng = 1,
 ) -> Chain:
     """Compare any number of catalogues in one solution, with the noise that they share.
 
@@ -231,6 +307,11 @@ def chain_catalogues(
         Whether the correlations of the catalogues' errors are estimated; independent otherwise.
     clip : bool
         Whether sources are left out that have a chance of less than one half to be in a catalogue of this size.
+    floor : bool, optional
+        Whether rotation and glide are also found with the errors that sources share over the sky, from degrees 2 to 5
+        of all differences in one model; where there are 100 000 sources or more unless given.
+    rng : Generator or int
+        Of the draws of what they share.
 
     Raises
     ------
@@ -270,16 +351,20 @@ def chain_catalogues(
         raise FrameError(f"catalogues stand in {', '.join(sorted({each.frame for each in listed}))} axes: take one")
     sky = _Sky(labels, listed)
     correlation, kept = np.eye(len(labels)), np.ones(sky.n, bool)
+    wanted = sky.n >= MANY if floor is None else floor
+    # What is shared over the sky is neither noise nor an outlier.
+    wide = _FLOOR if wanted and modes.lmax < _FLOOR.lmax else modes
     for _ in range(_ROUNDS):
         before = correlation, kept
-        values, _, chi2_of, chi2, dof = _solve(sky, modes, correlation, kept, labels)
+        values, _, chi2_of, chi2, dof = _solve(sky, wide, correlation, kept, labels)
         if shared_noise:
-            correlation = _shared(sky, modes, values, kept)
+            correlation = _shared(sky, wide, values, kept)
         if clip:
             scale = max(1.0, chi2 / max(dof, 1))
             kept = chdtrc(np.maximum(sky.contrasts, 1), chi2_of / scale) > _CHANCE / max(sky.n, 1)
         if np.allclose(before[0], correlation, atol=1e-4) and (before[1] == kept).all():
             break
+    errors = _over_the_sky(sky, correlation, kept, labels, rng) if wanted else None
     values, covariance, chi2_of, chi2, dof = _solve(sky, modes, correlation, kept, labels)
     factor = float(np.sqrt(chi2 / dof)) if dof > 0 else float("nan")
     order = np.flatnonzero(~kept)[np.argsort(-chi2_of[~kept], kind="stable")]
@@ -296,9 +381,28 @@ def chain_catalogues(
         factor,
         tuple(str(sky.names[i]) for i in order),
         np.sqrt(chi2_of[order]),
-        listed[0].frame,
-        "µas" if kinds == {Positions} else "µas/yr",
+        sky.frame,
+        sky.unit,
         sky.notes,
+        errors,
+    )
+
+
+def _over_the_sky(sky, correlation, kept, labels, rng):
+    """Rotation and glide with what is shared over the sky; errors multiplied by √(χ²/dof) of the fit to degree 5."""
+    matrix, rhs, _ = _normal(sky, _FLOOR, correlation, kept)
+    *_, chi2, dof = _solve(sky, _FLOOR, correlation, kept, labels)
+    tau = chi2 / dof if dof > 0 else 1.0
+    both = sky.seen[1:, kept] & sky.seen[0, kept]
+    return shared_jointly(
+        matrix[1:, :, 1:] / tau,
+        rhs[1:] / tau,
+        _FLOOR,
+        rng=rng,
+        labels=tuple(f"{each} − {labels[0]}" for each in labels[1:]),
+        n_sources=tuple(map(int, both.sum(1))),
+        frame=sky.frame,
+        unit=sky.unit,
     )
 
 
@@ -308,6 +412,7 @@ class _Sky:
     def __init__(self, labels, catalogues):
         first = catalogues[0]
         positions = isinstance(first, Positions)
+        self.frame, self.unit = first.frame, "µas" if positions else "µas/yr"
         for label, each in zip(labels, catalogues, strict=True):
             if each.name is None:
                 raise FieldError(f"{label} has no names to match its sources by")
@@ -366,9 +471,9 @@ def _root(sigma, rho):
     return np.moveaxis(np.array([[a + s, c], [c, b + s]]) / t, -1, 0)
 
 
-def _solve(sky, modes, correlation, kept, labels):
-    """Coefficients, their covariance, χ² of each source, in all, and the degrees of freedom."""
-    k, p = len(labels), len(modes)
+def _normal(sky, modes, correlation, kept):
+    """Normal equations of all catalogues, (K, p, K, p) and (K, p), and the weights of the sources' differences."""
+    k, p = len(sky.seen), len(modes)
     matrix, rhs = np.zeros((k, p, k, p)), np.zeros((k, p))
     weights = []
     for has, rows in sky.patterns(np.ones(sky.n, bool)):
@@ -392,6 +497,13 @@ def _solve(sky, modes, correlation, kept, labels):
                     weighted = np.einsum("pam,mab->pbm", a, part[:, i, :, j])
                     matrix[one, :, two] += weighted.reshape(p, -1) @ a.reshape(p, -1).T
                     rhs[one] += weighted.reshape(p, -1) @ x[j].ravel()
+    return matrix, rhs, weights
+
+
+def _solve(sky, modes, correlation, kept, labels):
+    """Coefficients, their covariance, χ² of each source, in all, and the degrees of freedom."""
+    k, p = len(labels), len(modes)
+    matrix, rhs, weights = _normal(sky, modes, correlation, kept)
     n = matrix[1:, :, 1:].reshape((k - 1) * p, -1)
     size = np.sqrt(np.diag(n))
     if not (size > 0).all() or np.linalg.cond(n / np.outer(size, size)) > 1e10:

@@ -125,12 +125,16 @@ class Blocks:
             common[:2] += own[:, :, None] * np.eye(self.n_classes)
         return common
 
-    def factor(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """R by class and mode, Λ, and w."""
+    def _root_of(self, x):
+        """The Cholesky factor of C of each group, (2 or 3, K, K)."""
         shares = self.shares(x)
         # Without what each has for itself C would be singular.
         least = np.trace(shares, axis1=1, axis2=2)[:, None, None] + (self.units**2).min()
-        root = np.linalg.cholesky(shares + 1e-9 * np.eye(self.n_classes) * least)
+        return np.linalg.cholesky(shares + 1e-9 * np.eye(self.n_classes) * least)
+
+    def factor(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """R by class and mode, Λ, and w."""
+        root = self._root_of(x)
         r = root[self.group].transpose(1, 2, 0) * self.root
         k, q = self.n_classes, self.size
         gram = np.zeros((k, q, k, q))
@@ -159,13 +163,12 @@ class Blocks:
         """
         r, lower, w = self.factor(x)
         k, q = self.n_classes, self.size
-        across = np.einsum("mjk,mkl->jkml", r, self.matrices).reshape(k * q, k * q)
+        across, own_trace = self._seen(r)
         solved = solve_triangular(lower, across, lower=True, check_finite=False)
         left = (self.rhs.ravel() - solved.T @ w).reshape(k, q)
         solved = solved.reshape(-1, k, q)
         trace = -np.einsum("zik,zjk->ijk", solved, solved)
-        trace[np.arange(k), np.arange(k)] += np.einsum("ikk->ik", self.matrices)
-        slope = (left[:, None] * left[None] - trace) * self.root**2 / 2
+        slope = (left[:, None] * left[None] - trace - own_trace) * self.root**2 / 2
         by_group = np.stack([slope[:, :, self.group == g].sum(2) for g in range(3)])
         own = np.einsum("gii->gi", by_group)[:2]
         common = by_group.sum((1, 2))
@@ -174,6 +177,13 @@ class Blocks:
             gradient = np.c_[gradient, own if self.own == "each" else own.sum(1)]
         gradient = np.r_[gradient.ravel(), common[2:]][: self.units.size]
         return float(np.log(np.diag(lower)).sum() - w @ w / 2), -gradient * self.units**2
+
+    def _seen(self, r):
+        """Rᵀ A, and the diagonal over modes of A for each pair of classes, (K, K, q)."""
+        k, q = self.n_classes, self.size
+        trace = np.zeros((k, k, q))
+        trace[np.arange(k), np.arange(k)] = np.einsum("ikk->ik", self.matrices)
+        return np.einsum("mjk,mkl->jkml", r, self.matrices).reshape(k * q, k * q), trace
 
     def sample(self, n: int, rng: np.random.Generator, least: float = 0.0) -> tuple[FloatArray, FloatArray, float]:
         """Draws of the amplitudes, (n, d), their weights, and ln of the evidence: the mode, then importance.

@@ -5,7 +5,7 @@ common to all classes or each one's own in a proportion that the data tell. What
 differences of classes, follows.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -28,7 +28,7 @@ from vsh.tools.arguments import choice, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
 from vsh.tools.logs import logged
 from vsh.tools.notes import note_lines
-from vsh.tools.types import FloatArray, Rng, Table
+from vsh.tools.types import ArrayLike, FloatArray, Rng, Table
 
 #: Draws that count fewer than this are drawn again, four times as many, up to a limit.
 _EFFECTIVE = 20.0
@@ -131,13 +131,13 @@ class SharedErrors(Result):
     @property
     def solutions(self) -> list[Solution]:
         """A Solution of degree 1 for each class, its errors with what classes share."""
-        return [self._solution(np.eye(len(self))[i], 2 * self.n_sources[i]) for i in range(len(self))]
+        return [self.combination(np.eye(len(self))[i], 2 * self.n_sources[i]) for i in range(len(self))]
 
     def difference(self, i: int, j: int) -> Solution:
         """Degree 1 of class `j` less that of class `i`, with its errors."""
         row = np.zeros(len(self))
         row[j], row[i] = row[j] + 1, row[i] - 1
-        return self._solution(row, 2 * (self.n_sources[i] + self.n_sources[j]))
+        return self.combination(row, 2 * (self.n_sources[i] + self.n_sources[j]))
 
     def together(self) -> Solution:
         """One spin and acceleration for all classes, by generalised least squares."""
@@ -154,7 +154,7 @@ class SharedErrors(Result):
         """
         return self._p_value(kind, None)
 
-    def p_value(self, kind: str, i: int = 0) -> float:
+    def p_value(self, kind: str, i: int = 0, less: int | None = None) -> float:
         """Probability that a class without a spin, or without an acceleration, shows one as large.
 
         The mean over what may be shared, whose amount is not known: benchmarks/referee.py says how often it is small.
@@ -165,13 +165,15 @@ class SharedErrors(Result):
             The spin or the acceleration.
         i : int
             Number of the class.
+        less : int, optional
+            Number of another that is subtracted: whether the two are alike.
         """
         part = {"T": slice(0, 3), "S": slice(3, 6)}[choice("kind", kind, ("T", "S"))]
-        chances = [
-            chdtrc(3, mean[i, part] @ np.linalg.solve(covariance[i, part, i][:, part], mean[i, part]))
-            for mean, covariance in zip(self.means, self.covariances, strict=True)
-        ]
-        return float(np.mean(chances))
+        row = np.eye(len(self))[i] - (0 if less is None else np.eye(len(self))[less])
+        values = np.einsum("i,nia->na", row, self.means[:, :, part])
+        spread = np.einsum("i,niajb,j->nab", row, self.covariances[:, :, part][:, :, :, :, part], row)
+        solved = np.linalg.solve(spread, values[..., None])[..., 0]
+        return float(np.mean(chdtrc(3, np.sum(values * solved, 1))))
 
     def trend(self, x: Iterable[float] | None = None, kind: str | None = None) -> float:
         """p-value of no slope along the classes.
@@ -314,7 +316,19 @@ class SharedErrors(Result):
     def _blocks(self):
         return self.covariance.reshape(len(self), 6, len(self), 6)
 
-    def _solution(self, row, n_data):
+    def combination(self, weights: ArrayLike, n_data: int | None = None) -> Solution:
+        """Degree 1 of a sum of the classes.
+
+        Parameters
+        ----------
+        weights : (K,) array
+            Of each class.
+        n_data : int, optional
+            Numbers that it is of; those of the classes that weigh anything unless given.
+        """
+        row = np.asarray(weights, float)
+        if n_data is None:
+            n_data = 2 * sum(n for n, weight in zip(self.n_sources, row, strict=True) if weight)
         values = row @ self.values
         covariance = np.einsum("i,iajb,j->ab", row, self._blocks(), row)
         return self._harmonic(values, covariance, n_data)
@@ -450,31 +464,40 @@ def shared(
     if len(names) != len(listed):
         raise ParameterError(f"{len(names)} labels for {len(listed)} classes")
     modes = Modes(_highest(equations, degrees))
-    generator_, spectra = generator(rng), _spectra(shapes)
+    generator_, spectra = generator(rng), spectra_of(shapes)
     classes, notes = _classes(equations, names, modes, noise_scale)
-    lots = _draws(classes, modes, spectra, own, whole("draws", draws), generator_)
+    return drawn(
+        classes, modes, spectra, lambda variances: Blocks(classes, modes, variances, own), whole("draws", draws),
+        generator_, labels=names, notes=notes, n_sources=tuple(each.n_data // 2 for each in equations),
+        frame=equations[0].frame or "icrs", templates=tuple(each.name for each in equations[0].templates),
+    )  # fmt: skip
+
+
+def drawn(
+    classes: Sequence[ClassEquations],
+    modes: Modes,
+    spectra: Sequence[tuple[str, Spectrum]],
+    blocks_of: Callable[[FloatArray], Blocks],
+    draws: int,
+    rng: np.random.Generator,
+    *,
+    notes: Sequence[str] = (),
+    **facts: Any,
+) -> SharedErrors:
+    """What classes share, the mean over draws of its amplitudes and over shapes; `blocks_of` variances of a shape."""
+    lots = _draws(classes, modes, spectra, blocks_of, draws, rng)
     evidence = np.array([each.evidence for each in lots])
     probability = np.exp(evidence - evidence.max())
     probability /= probability.sum()
-    means, covariances, shares, amplitudes = _kept(lots, probability, generator_)
+    means, covariances, shares, (amplitudes, spread) = _kept(lots, probability, rng)
     if min(each.effective for each, p in zip(lots, probability, strict=True) if p > 0.05) < _EFFECTIVE:
-        notes.append("few draws of what is shared count: give more of them (draws=), or merge classes")
+        notes = [*notes, "few draws of what is shared count: give more of them (draws=), or merge classes"]
     return SharedErrors(
-        names,
-        means,
-        covariances,
-        shares,
-        tuple(name for name, _ in spectra),
-        tuple(map(float, probability)),
-        tuple(each.effective for each in lots),
-        tuple(range(2, modes.lmax + 1)),
-        tuple(each.noise_scale for each in classes),
-        tuple(each.n_data // 2 for each in equations),
-        equations[0].frame or "icrs",
-        tuple(notes),
-        tuple(each.name for each in equations[0].templates),
-        *amplitudes,
-    )
+        means=means, covariances=covariances, shares=shares, shapes=tuple(name for name, _ in spectra),
+        probability=tuple(map(float, probability)), effective=tuple(each.effective for each in lots),
+        degrees=tuple(range(2, modes.lmax + 1)), noise_scale=tuple(each.noise_scale for each in classes),
+        notes=tuple(notes), amplitudes=amplitudes, amplitude_covariance=spread, **facts,
+    )  # fmt: skip
 
 
 def _highest(equations, degrees):
@@ -495,7 +518,8 @@ def _highest(equations, degrees):
     return highest
 
 
-def _spectra(shapes):
+def spectra_of(shapes: Any) -> list[tuple[str, Spectrum]]:
+    """Names and spectra of shapes; ParameterError where one is none."""
     listed = [shapes] if isinstance(shapes, str | Spectrum) else list(shapes)
     for shape in listed:
         if not isinstance(shape, Spectrum) and shape not in SHAPES:
@@ -530,7 +554,7 @@ class _Lot(NamedTuple):
     effective: float
 
 
-def _draws(classes, modes, spectra, own, draws, rng):
+def _draws(classes, modes, spectra, blocks_of, draws, rng):
     """Draws of the amplitudes for each shape, again where too few of them count."""
     high = modes.degrees > 1
     squares = sum(each.matrix**2 for each in classes)
@@ -541,7 +565,7 @@ def _draws(classes, modes, spectra, own, draws, rng):
         variances = spectrum.variances(modes)
         # All shapes as well seen as the flat one, or their evidence would depend on units.
         scale = np.sqrt((flat @ squares @ flat) / (variances[high] @ squares @ variances[high]))
-        blocks = Blocks(classes, modes, variances * scale, own)
+        blocks = blocks_of(variances * scale)
         x, weight, evidence = blocks.sample(draws, rng, _EFFECTIVE)
         lots.append(_Lot(blocks, x, weight, evidence, float(1 / np.sum(weight**2))))
     return lots

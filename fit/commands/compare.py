@@ -102,7 +102,8 @@ def _together(catalogues, options):
         return None
     from fit.chain import chain_catalogues
 
-    return chain_catalogues(catalogues, options.lmax)
+    floor = True if options.floor else False if options.no_floor else None
+    return chain_catalogues(catalogues, options.lmax, floor=floor, rng=options.seed)
 
 
 def _write(folder, compared, together, meta):

@@ -11,7 +11,7 @@ from vsh.tools.errors import ParameterError
 
 def _run(options):
     outputs.check(options)
-    from fit.link import forecast, link, read_priors
+    from fit.link import find_step, forecast, link, read_priors
 
     epochs = {name: _epoch(text, "--epochs") for name, text in (options.epochs or {}).items()}
     labels = [Path(path).name.split(".")[0] for path in options.catalogues]
@@ -28,21 +28,30 @@ def _run(options):
     more: dict[str, Any] = {"aberration": None} if options.no_aberration else {}
     if options.no_offset:
         more["excess"] = False
-    solution = link(
-        first, options.reference, options.unknowns, steps=options.steps, order=options.order,
-        colour_order=options.colour_order, epoch=options.epoch, robust=not options.no_robust, scale=options.scale,
-        priors=read_priors(options.priors) if options.priors else (), fixed=fixed, parallax=not options.no_parallax,
-        light_time=not options.no_light_time, **more,
-    )  # fmt: skip
-    results: dict[str, Any] = {"link": solution}
+    more |= {
+        "reference": options.reference, "unknowns": options.unknowns, "order": options.order,
+        "colour_order": options.colour_order, "epoch": options.epoch, "robust": not options.no_robust,
+        "scale": options.scale, "priors": read_priors(options.priors) if options.priors else (), "fixed": fixed,
+        "parallax": not options.no_parallax, "light_time": not options.no_light_time,
+    }  # fmt: skip
+    results: dict[str, Any] = {}
+    if options.seek_step is None:
+        solution = link(first, steps=options.steps, **more)
+    else:
+        if options.steps:
+            raise ParameterError("--steps says where the frame jumps, --seek-step asks where: give one of the two")
+        results["steps"] = find_step(first, options.seek_step or None, **more)
+        solution = results["steps"].solution
+    results["link"] = solution
     if options.candidates:
         results["plan"] = forecast(solution, read_astrometry(options.candidates))
     paths = [*options.catalogues, *(each for each in (options.priors, options.candidates) if each)]
     finishing.finish(
         options,
         finishing.RunResult(
-            "\n".join(each.report() for each in results.values()),
+            "\n".join(each.report() for name, each in results.items() if name != "link" or "steps" not in results),
             lambda: {
+                **({"Place of the jump": results["steps"].to_table()} if "steps" in results else {}),
                 "Link": solution.to_table(),
                 "Sources": solution.sources_table(),
                 **({"Observe next": results["plan"].to_table()} if "plan" in results else {}),

@@ -48,6 +48,18 @@ def plot_link(solution: Any, *, ax: Any = None) -> Any:
 
 
 @styled
+def plot_steps(search: Any, *, ax: Any = None) -> Any:
+    """Probability of each place of a jump, and what lies between."""
+    (axes,) = panels(ax, size=(WIDTH, 2.6))
+    axes.plot(search.places, search.probability, "o-", color=COLOURS[0], markersize=4)
+    axes.axvspan(*search.interval, color=COLOURS[0], alpha=0.12, linewidth=0)
+    axes.set_ylim(0, None)
+    axes.set_xlabel("magnitude from which on the frame is turned otherwise")
+    axes.set_ylabel("probability")
+    return axes
+
+
+@styled
 def plot_plan(plan: Any, *, ax: Any = None) -> Any:
     """Errors of the parameters after each candidate, in those of today."""
     (axes,) = panels(ax, size=(WIDTH, 3.0))

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fit.link._unknowns import Unknowns
 from vsh.sky.astrometry import AstrometryRows
@@ -37,6 +39,8 @@ class Rows:
     magnitude : (n,) array
     rows : (n,) int array
         How many rows of the catalogues each source has.
+    calibrated : bool
+        Whether sources of one calibrator stand together as one.
     log_determinant : float
         Half of that of the covariances of the differences: what unit variance leaves out of a likelihood.
     """
@@ -48,6 +52,7 @@ class Rows:
     magnitude: FloatArray
     rows: IntArray
     log_determinant: float
+    calibrated: bool = False
 
     @cached_property
     def dims(self) -> IntArray:
@@ -68,7 +73,7 @@ class Equations:
     Attributes
     ----------
     rows : tuple of (j, ) int arrays
-        The rows of the astrometry that each source has.
+        The rows of the astrometry that each source has, or all sources of one calibrator together.
     residual : (n, 5), design : (n, 5, p), truth : (n, 5, 5) arrays
         For each row: measured less expected, and derivatives by the frame and by the source's true parameters.
     data : AstrometryRows
@@ -80,10 +85,16 @@ class Equations:
     truth: FloatArray
     data: AstrometryRows
 
+    @cached_property
+    def source(self) -> IntArray:
+        """The number of each row's source."""
+        return self.data.source
+
     def eliminated(self, excess: float = 0.0, across: float = 1.0, reference: str = "") -> Rows:
         """The differences that are left, with an offset of `excess` between the reference and the others added.
 
-        Along the jet where there is one and `across` times as much across it, the same in all rows of the reference.
+        Along the jet where there is one and `across` times as much across it, the same in all rows of the reference
+        that are of one source, or of one calibrator.
         """
         designs, rhs, sources, names, magnitudes, counts = [], [], [], [], [], []
         log_determinant = 0.0
@@ -108,7 +119,7 @@ class Equations:
             factor = np.linalg.cholesky(sigma)
             a, y = (np.linalg.solve(factor, each[rows][keep]) for each in (self.design, self.residual))
             size = np.log(np.diag(factor)).sum()
-            m = self.truth[rows][keep]
+            m = self._truths(rows)[keep]
             length = np.linalg.norm(m, axis=0)
             m = np.linalg.solve(factor, m[:, length > 0] / length[length > 0])
             if m.shape[1]:
@@ -122,9 +133,9 @@ class Equations:
                 designs.append(a)
                 rhs.append(y)
                 sources.append(np.full(len(y), len(names)))
-                names.append(str(self.data.name[rows[0]]))
+                names.append(self._called(rows))
                 known = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
-                magnitudes.append(known[0] if known.size else np.nan)
+                magnitudes.append(known.mean() if known.size else np.nan)
                 counts.append(len(rows))
                 log_determinant += size
         if not names:
@@ -133,8 +144,23 @@ class Equations:
             )
         return Rows(
             np.concatenate(designs), np.concatenate(rhs), np.concatenate(sources), tuple(names), np.array(magnitudes),
-            np.array(counts), float(log_determinant),
+            np.array(counts), float(log_determinant), bool((self.data.calibrator != "").any()),
         )  # fmt: skip
+
+    def _truths(self, rows):
+        """Derivatives by the true parameters of all sources that stand together, (j, 5, 5 s)."""
+        sources, which = np.unique(self.source[rows], return_inverse=True)
+        if len(sources) == 1:
+            return self.truth[rows]
+        out = np.zeros((len(rows), 5, len(sources), 5))
+        out[np.arange(len(rows)), :, which.ravel()] = self.truth[rows]
+        return out.reshape(len(rows), 5, -1)
+
+    def _called(self, rows):
+        """The name of a source, or of the first of several and how many more there are."""
+        sources = np.unique(self.source[rows])
+        first = str(self.data.name[rows[0]])
+        return first if len(sources) == 1 else f"{first} and {len(sources) - 1} more"
 
 
 def equations(
@@ -150,6 +176,7 @@ def equations(
     number, n = data.source, len(data)
     order = np.argsort(number, kind="stable")
     groups = tuple(np.split(order, np.flatnonzero(np.diff(number[order])) + 1))
+    together = _of_one_calibrator(data, groups)
     # The colour and the magnitude of a source are those of any of its rows.
     values = {role: np.full(n, np.nan) for role in ("magnitude", "colour", "radial_velocity")}
     start = np.zeros((5, n))
@@ -221,7 +248,22 @@ def equations(
     elif aberration is not None:
         residual -= shift @ aberration.to_frame("icrs").value
     residual[~measured] = 0.0
-    return Equations(groups, residual, design, truth, data), notes
+    return Equations(together, residual, design, truth, data), notes
+
+
+def _of_one_calibrator(data, groups):
+    """Rows of sources that share a calibrator, joined: its error is in all of them."""
+    named = data.calibrator != ""
+    if not named.any():
+        return groups
+    called, place = np.unique(data.calibrator[named], return_inverse=True)
+    graph = coo_array(
+        (np.ones(int(named.sum())), (data.source[named], place.ravel())), shape=(len(groups), len(called))
+    ).tocsr()
+    _, part = connected_components(graph @ graph.T, directed=False)
+    return tuple(
+        np.concatenate([groups[k] for k in np.flatnonzero(part == each)]) for each in dict.fromkeys(part.tolist())
+    )
 
 
 def _moving_without_velocity(data, velocity, still):

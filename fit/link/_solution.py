@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import logsumexp
 
 from fit.link._likelihood import NORMAL, Node, Tails, mixed
 from fit.link._rows import Rows
@@ -56,6 +57,8 @@ class LinkSolution(NamedSolution):
         Offset between the reference's and other positions. [µas]
     information : (p, p) array
         What one source tells of the parameters, in the mean.
+    log_evidence : float
+        ln of the evidence, flat in the parameters: of links with as many of them by the same data.
     """
 
     unknowns: Any = None
@@ -70,6 +73,7 @@ class LinkSolution(NamedSolution):
     scale: float = 1.0
     excess: float = 0.0
     information: FloatArray = None  # type: ignore[assignment]
+    log_evidence: float = float("nan")
 
     def __repr__(self) -> str:
         return (
@@ -293,4 +297,5 @@ def made(
         unknowns=unknowns, reference=reference, sources=rows.names, magnitude=rows.magnitude, rows=rows.rows,
         distances=np.sqrt(size / d), outlier=outlier, influence=influence, tails=best.tails, scale=best.scale,
         excess=best.excess, information=information,
+        log_evidence=float(logsumexp([each.evidence for each in listed])),
     )  # fmt: skip

@@ -24,8 +24,8 @@ def _run(options):
     if options.kind in ("crf3", "crf4"):
         _frame(options)
         return
-    if options.kind == "epochs":
-        _epochs(options)
+    if options.kind in ("epochs", "link"):
+        (_epochs if options.kind == "epochs" else _link)(options)
         return
     # A stream of its own for each step, so that one option does not shift what another draws.
     sky, chosen, gaps, observed, noise = np.random.default_rng(options.seed).spawn(5)
@@ -118,6 +118,23 @@ def _epochs(options):
     truth = {f"{name}_{i}": float(value) for name, values in meta.items() for i, value in enumerate(values)}
     tables.write_table(table, options.output, truth | {"ATTITUDE": attitude, "SEED": options.seed})
     _finish(options, [], truth, f"{len(table)} transits of {len(population)} quasars, attitude {attitude}")
+
+
+def _link(options):
+    """Radio stars, and quasars, in Gaia and VLBI."""
+    from vsh.io.astrometry import write_astrometry
+    from vsh.vector import Vector
+
+    rows = sim.link(
+        options.seed, options.number, orientation=options.orientation, spin=options.spin, jump=options.jump,
+        binaries=options.binaries, single=options.single, quasars=options.quasars,
+        aberration=Vector(np.array(options.acceleration), np.zeros((3, 3))),
+    )  # fmt: skip
+    vectors = {"ORIENT": options.orientation, "SPIN": options.spin, "JUMP": options.jump, "ACC": options.acceleration}
+    meta = _truth(vectors, options)
+    write_astrometry(rows, options.output, meta)
+    what = f"{len(rows)} rows of {options.number} stars and {options.quasars} quasars, gaia and vlbi"
+    _finish(options, [], meta, what)
 
 
 def _finish(options, notes, meta, what):

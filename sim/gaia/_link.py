@@ -41,6 +41,9 @@ def link(
     epochs: int = 4,
     quasars: int = 0,
     offset: float = 0.0,
+    star_offset: float = 0.0,
+    calibrators: int = 0,
+    calibrator_error: float = 0.0,
     wrong: float = 1.0,
     tails: float = np.inf,
     aberration: Vector | None = None,
@@ -71,6 +74,12 @@ def link(
         Quasars that have positions in both, of G = 15 to 20.5.
     offset : float
         Standard deviation of what radio and optical positions of quasars are apart, a coordinate. [µas]
+    star_offset : float
+        The same of stars. [µas]
+    calibrators : int
+        How many calibrators the stars were measured against, in turn; one of its own for each where zero.
+    calibrator_error : float
+        Standard deviation of a calibrator's position, a coordinate: an offset of all its stars. [µas]
     wrong : float
         By how much all errors are larger than quoted.
     tails : float
@@ -107,6 +116,12 @@ def link(
     double = ~still & (rng.uniform(size=total) < binaries)
     orbit[:2] = _ORBIT[0] * rng.standard_normal((2, total)) * double + offset * rng.standard_normal((2, total)) * still
     orbit[3:] = _ORBIT[1] * rng.standard_normal((2, total)) * double
+    against = np.where(still, -1, np.arange(total) % calibrators if calibrators else np.arange(total))
+    if star_offset:
+        orbit[:2] += star_offset * rng.standard_normal((2, total)) * ~still
+    if calibrator_error:
+        orbit[:2] += (calibrator_error * rng.standard_normal((2, against.max() + 1)))[:, against] * ~still
+    called = np.where(still | (calibrators == 0), "", np.char.add("calibrator ", against.astype(str)))
 
     sigma = _GAIA[:, None] * parallax_error(np.maximum(magnitude, 9.0))
     root = np.linalg.cholesky(np.eye(5) + 0.3 * (np.ones((5, 5)) - np.eye(5)))
@@ -138,10 +153,10 @@ def link(
         variance[2:, alone | still[chosen]] = np.nan
         later[2:, alone | still[chosen]] = np.nan
         rows.append((chosen, t, "vlbi", later, error, variance.T[:, :, None] * np.eye(5)))
-    return _rows(rows, magnitude, velocity, still)
+    return _rows(rows, magnitude, velocity, still, called)
 
 
-def _rows(rows, magnitude, velocity, still):
+def _rows(rows, magnitude, velocity, still, called):
     """Rows of both catalogues, errors added to what is true."""
     parts: dict[str, list[Any]] = {}
     for chosen, t, label, values, error, covariance in rows:
@@ -155,6 +170,7 @@ def _rows(rows, magnitude, velocity, still):
             "parallax": values[2] + error[2], "motion": values[3:] + error[3:],
             "covariance": np.where(measured[:, :, None] & measured[:, None, :], covariance, np.nan),
             "radial_velocity": velocity[chosen], "magnitude": magnitude[chosen], "still": still[chosen],
+            "calibrator": called[chosen] if label == "vlbi" else np.full(len(chosen), ""),
         }  # fmt: skip
         for name, column in columns.items():
             parts.setdefault(name, []).append(column)

@@ -1,5 +1,7 @@
 """Chains of catalogues: frames that are put in, noise that is shared, differences that close."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import few_or_many, real_catalogue
@@ -11,6 +13,7 @@ from fit.compare import compare_catalogues
 from fit.storage import read
 from vsh import DegeneracyError, Field, FieldError, FrameError, Modes, ParameterError
 from vsh.io.catalogue import read_icrf
+from vsh.models.covariance import Spectrum
 
 SPINS = {"a": (0.0, 0.0, 0.0), "b": (10.0, -20.0, 5.0), "c": (-15.0, 0.0, 30.0)}
 
@@ -96,6 +99,44 @@ def test_three_icrf_like_catalogues():
     assert np.abs((rotation.value - plain.solution.spin.value) / plain.solution.spin.sigma).max() < 1.5
     assert 0.02 < chain.correlation[0, 1] < 0.995
     assert len(chain.names) > 10
+
+
+def bent(seed, power, n=300):
+    """Catalogues with one frame, each with a field of its own to degree 10 beside its noise, half of it shared."""
+    listed = catalogues(seed, 0.5, n, dict.fromkeys("abc", (0.0, 0.0, 0.0)))
+    rng = np.random.default_rng([9, seed])
+    return {
+        label: replace(each, motion=each.motion + sim.systematics(power**2 * Spectrum.flat(), rng)(each.lon, each.lat))
+        for label, each in listed.items()
+    }
+
+
+@few_or_many(20, 200)
+@pytest.mark.parametrize("power", [0.0, 20.0])
+def test_frames_with_what_sources_share_over_the_sky(power, n_skies):
+    p, plain = [], []
+    for seed in range(n_skies):
+        chain = chain_catalogues(bent(seed, power), 1, floor=True)
+        p += [chain.frame_p_value(kind, "c", "b") for kind in "TS"]
+        plain.append(chain.p_value("c", "b"))
+    scatter = np.sqrt(0.05 * 0.95 / len(p))
+    assert np.mean(np.array(p) < 0.05) < 0.06 + 2 * scatter
+    if power:
+        assert np.mean(np.array(plain) < 0.05) > 0.3
+
+
+def test_frames_close_with_what_sources_share():
+    chain = chain_catalogues(bent(3, 8.0), 2, floor=True, rng=2)
+    one, two, both = chain.frames("b"), chain.frames("c", "b"), chain.frames("c")
+    np.testing.assert_allclose(one.values + two.values, both.values, atol=1e-10)
+    np.testing.assert_allclose(chain.frames("a", "b").values, -one.values, atol=1e-12)
+    assert chain.frame_p_value("T", "b", "a") == pytest.approx(chain.frame_p_value("T", "a", "b"), rel=1e-9)
+    # Errors are larger than those without, and the report says both.
+    assert (one.sigma > chain.difference("b").sigma[[0, 1, 2, 8, 9, 10]]).all()
+    assert "with what sources share over the sky, degrees 2 to 5" in chain.report()
+    assert chain_catalogues(bent(3, 8.0), 2).shared is None
+    with pytest.raises(ParameterError, match="floor=True"):
+        chain_catalogues(bent(3, 8.0), 2).frames("b")
 
 
 def test_messages():

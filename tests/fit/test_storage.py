@@ -69,6 +69,7 @@ def results():
         "in time": in_time.solve(in_time_equations()),
         "bands in time": in_time.background(in_time_equations(), draws=40),
         "link": fit.link.link(sim.link(1, 12), excess=False),
+        "steps": fit.link.find_step(sim.link(1, 24), [9.0, 13.0], excess=False, robust=False),
         "plan": fit.link.forecast(fit.link.link(sim.link(1, 12), robust=False), sim.link(2, 3)),
         "waves by frequency": fit.waves.search_in_time(
             epochs(), [1.5, 2.0], attitude="known", lmax=2, nside=2, n_skies=5
@@ -151,6 +152,7 @@ NAMES = (
         "in time",
         "bands in time",
         "link",
+        "steps",
         "plan",
         "waves by frequency",
         "frames",

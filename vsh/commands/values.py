@@ -61,6 +61,11 @@ def not_negative(text: str) -> float:
     return _number(text, lambda x: 0 <= x < math.inf, "a number that is not negative")
 
 
+def fraction(text: str) -> float:
+    """From 0 to 1."""
+    return _number(text, lambda value: 0 <= value <= 1, "a share from 0 to 1 is wanted")
+
+
 def positive(text: str) -> float:
     """The type of a number above zero."""
     return _number(text, lambda x: 0 < x < math.inf, "a positive number")

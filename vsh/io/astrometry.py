@@ -32,6 +32,7 @@ _CALLED = {
     "colour": ("bp_rp", "colour", "color"),
     "still": ("still", "quasar"),
     "jet": ("jet", "jet_pa"),
+    "calibrator": ("calibrator", "reference_source", "phase_reference"),
 }
 _UNITS = {"ra": "deg", "dec": "deg", "parallax": "mas", "pmra": "mas / yr", "pmdec": "mas / yr",
           "radial_velocity": "km / s", "jet": "deg"}  # fmt: skip
@@ -46,7 +47,7 @@ _SPREADS |= {
     for role, (i, j) in _CORRELATIONS.items()
 }
 #: What belongs to a source, whoever measured it.
-_SOURCE = ("name", "radial_velocity", "magnitude", "colour", "still", "jet")
+_SOURCE = ("name", "radial_velocity", "magnitude", "colour", "still", "jet", "calibrator")
 #: The catalogue of bare columns, in a table that has those of two side by side.
 _BARE = "gaia"
 
@@ -67,8 +68,9 @@ def read_astrometry(
     source : path, or table
         Names, `epoch` and what was measured of `ra`, `dec`, `parallax`, `pmra`, `pmdec`, with `ra_error` … and
         correlations `ra_dec_corr` … (zero where there are none), `radial_velocity`, `phot_g_mean_mag`, `bp_rp`,
-        `still` (a quasar), `jet`. In degrees, mas and mas/yr where the table does not say. Errors of ra times cos(dec).
-        A table may have two catalogues side by side, one with a suffix (`ra_VLBI` …), and a column `catalogue`.
+        `still` (a quasar), `jet`, `calibrator` (its name). In degrees, mas and mas/yr where the table does not say.
+        Errors of ra times cos(dec). A table may have two catalogues side by side, one with a suffix (`ra_VLBI` …), and
+        a column `catalogue`.
     catalogue : str, optional
         The catalogue that the rows are of, where no column says; the name of the file unless given.
     epoch : float, optional
@@ -149,6 +151,14 @@ class _Rows:
         values, _ = self.data[self.names[role]]
         return np.array([each.decode() if isinstance(each, bytes) else str(each) for each in np.asarray(values)])
 
+    def names_of_calibrators(self, n):
+        """What each row was measured against; empty where nothing says."""
+        if "calibrator" not in self.names:
+            return np.full(n, "")
+        _, mask = self.data[self.names["calibrator"]]
+        words = self.words("calibrator")
+        return words if mask is None else np.where(np.asarray(mask, bool), "", words)
+
     def covariance(self, n):
         """Covariance of the five parameters, (n, 5, 5), from their errors and correlations. [µas, µas/yr]"""
         sigma = MAS * np.stack([self.numbers(f"{each}_error", n) for each in _FIVE])
@@ -174,6 +184,7 @@ class _Rows:
             "epoch": epoch, "lon": lon, "lat": lat, "parallax": parallax,
             "motion": np.stack(motion), "covariance": self.covariance(n), "still": at_rest,
             "jet": self.numbers("jet", n) * DEGREE,
+            "calibrator": self.names_of_calibrators(n),
             **{role: self.numbers(role, n) for role in ("radial_velocity", "magnitude", "colour")},
         }  # fmt: skip
         keep = np.ones(n, bool)
@@ -218,7 +229,8 @@ def write_astrometry(astrometry: AstrometryRows, path: PathName, meta: Mapping[s
             columns[role] = astrometry.covariance[:, i, j] / (sigma[:, i] * sigma[:, j])
     columns |= {
         "radial_velocity": astrometry.radial_velocity, "phot_g_mean_mag": astrometry.magnitude,
-        "bp_rp": astrometry.colour, "still": astrometry.still.astype(np.int16), "jet": astrometry.jet / DEGREE,
+        "bp_rp": astrometry.colour, "calibrator": astrometry.calibrator,
+        "still": astrometry.still.astype(np.int16), "jet": astrometry.jet / DEGREE,
     }  # fmt: skip
     units = {name: _UNITS.get(name.removesuffix("_error"), "") for name in columns}
     units |= {"ra_error": "mas", "dec_error": "mas", "epoch": "yr", "phot_g_mean_mag": "mag"}

@@ -50,6 +50,8 @@ class AstrometryRows(Frozen):
         that move in rows without a parallax.
     jet : (n,) array
         Position angle along which the radio source may be off, from north through east; nan where not known. [rad]
+    calibrator : (n,) array of str
+        What a position was measured against: sources of one calibrator share its error. Empty where not known.
     notes : tuple of str
 
     Raises
@@ -73,6 +75,7 @@ class AstrometryRows(Frozen):
     still: BoolArray = None  # type: ignore[assignment]
     displaced: BoolArray = None  # type: ignore[assignment]
     jet: FloatArray = None  # type: ignore[assignment]
+    calibrator: Any = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -87,6 +90,8 @@ class AstrometryRows(Frozen):
         for column in ("radial_velocity", "magnitude", "colour", "jet"):
             value = getattr(self, column)
             given[column] = np.full(n, np.nan) if value is None else _floats(column, value)
+        calibrator = np.full(n, "") if self.calibrator is None else np.asarray(self.calibrator).astype(str)
+        given["calibrator"] = np.char.strip(calibrator)
         still = np.zeros(n, bool) if self.still is None else np.asarray(self.still, bool)
         if self.displaced is None:
             displaced = ~still & ~np.isfinite(given["parallax"]) if given["parallax"].shape == (n,) else still

@@ -9,8 +9,9 @@ from conftest import random_field
 import fit
 import sim
 import vsh
-from fit.background import Spectrum, shared
+from fit.background import Spectrum, shared, shared_jointly
 from fit.background._blocks import Blocks, parities, reduced
+from fit.background._joint import JointBlocks, JointEquations
 from vsh import DegeneracyError, Field, FrameError, Modes, ModesError, ParameterError
 
 
@@ -185,3 +186,42 @@ def test_errors_are_scaled_by_their_own_chi2():
     one, two = (shared(each, draws=100) for each in (right, wrong))
     np.testing.assert_allclose(two.covariance, one.covariance, rtol=1e-6)
     assert two.noise_scale[1] == pytest.approx(3 * one.noise_scale[1])
+
+
+def test_classes_that_share_no_noise_are_classes_of_their_own():
+    """The model of catalogues, whose normal matrix has blocks between classes, with blocks of zeros."""
+    rng = np.random.default_rng(4)
+    fields = [random_field(500, seed, 0.5) for seed in range(3)]
+    normals = [fit.normal_equations(each, 5) for each in fields]
+    modes = normals[0].modes
+    matrix, rhs = np.zeros((3, len(modes), 3, len(modes))), np.stack([each.rhs for each in normals])
+    for k, each in enumerate(normals):
+        matrix[k, :, k] = each.matrix
+    plain = shared(normals, noise_scale=False, draws=100)
+    joint = shared_jointly(matrix, rhs, modes, draws=100, labels=("a", "b", "c"), n_sources=(500,) * 3)
+    np.testing.assert_allclose(joint.values, plain.values, rtol=1e-8, atol=1e-10 * np.abs(plain.values).max())
+    np.testing.assert_allclose(joint.covariance, plain.covariance, atol=1e-10 * plain.covariance.max())
+    assert joint.probability == pytest.approx(plain.probability, rel=1e-9)
+    # With blocks between classes: slopes are those of differences, degree 1 that of a joint inverse.
+    mixed = matrix.reshape(rhs.size, -1)
+    root, turn = np.linalg.cholesky(mixed), rng.normal(size=mixed.shape) / 60
+    mixed = root @ (np.eye(rhs.size) + turn @ turn.T) @ root.T
+    joint = JointEquations.of(mixed.reshape(matrix.shape), rhs, modes)
+    variances = Spectrum.flat().variances(modes)
+    blocks = JointBlocks(joint, modes, variances, "each")
+    x = rng.uniform(0.5, 3, blocks.units.size)
+    _, slope = blocks.loss(x)
+    for k in range(x.size):
+        up, down = (blocks.loss(np.sqrt(x**2 + step * np.eye(x.size)[k]))[0] for step in (1e-5, -1e-5))
+        assert (up - down) / 2e-5 == pytest.approx(slope[k], rel=1e-5, abs=1e-7)
+    mean, covariance = blocks.degree_one(x)
+    share = blocks.shares(x)[parities(modes)] * variances[:, None, None]
+    prior = np.einsum("pij,pq->ipjq", share, np.eye(len(modes))).reshape(mixed.shape)
+    low = np.tile(modes.degrees == 1, 3)
+    free = np.eye(rhs.size)[:, low]
+    both = np.concatenate([free, np.eye(rhs.size)], 1)
+    precision = both.T @ mixed @ both
+    precision[18:, 18:] += np.linalg.inv(prior + 1e-12 * np.trace(prior) * np.eye(rhs.size))
+    solved = np.linalg.inv(precision)
+    np.testing.assert_allclose(covariance.reshape(18, 18), solved[:18, :18], rtol=1e-5, atol=1e-6 * covariance.max())
+    np.testing.assert_allclose(mean.ravel(), (solved @ (both.T @ rhs.ravel()))[:18], atol=1e-5 * np.abs(mean).max())

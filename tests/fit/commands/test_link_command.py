@@ -67,3 +67,20 @@ def test_what_is_wrong_is_said(stars, capsys, words, message):
 def test_one_catalogue_alone(stars, capsys):
     assert main([str(stars / "gaia.csv")]) == 1
     assert "there are gaia" in capsys.readouterr().err
+
+
+def test_command_seeks_and_simulates(tmp_path, capsys):
+    from sim.commands.simulate import main as simulate
+    from vsh.io.astrometry import read_astrometry
+
+    path = tmp_path / "stars.ecsv"
+    assert simulate(["link", "--number", "40", "--jump", "200,0,0", "--quasars", "3", "--output", str(path)]) == 0
+    assert "86 rows of 40 stars and 3 quasars" in capsys.readouterr().out
+    assert len(read_astrometry(path)) == 86
+    assert main([str(path), "--seek-step", "8,13", "--no-offset", "--output", str(tmp_path / "out")]) == 0
+    out = capsys.readouterr().out
+    assert "a jump is seen" in out
+    assert "if there is one, G = 13 is most probable" in out
+    assert {"steps.ecsv", "steps.png", "link.ecsv"} <= {each.name for each in (tmp_path / "out").iterdir()}
+    assert main([str(path), "--seek-step", "--steps", "13"]) == 1
+    assert "give one of the two" in capsys.readouterr().err

@@ -1,11 +1,14 @@
 """Links of frames: what is turned is found, whatever the sources' true parameters are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from conftest import few_or_many
 
 import fit
 import sim
-from fit.link import LinkPrior, forecast, link, read_priors
+from fit.link import LinkPrior, find_step, forecast, link, read_priors
 from fit.link._likelihood import Tails
 from vsh.io.astrometry import read_astrometry, write_astrometry
 from vsh.sky.astrometry import AstrometryRows
@@ -313,3 +316,60 @@ def test_tables_that_cannot_be_read(tmp_path, text, words):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises((TableError, FieldError), match=words):
         read_astrometry(tmp_path / "t.csv")
+
+
+def test_stars_of_one_calibrator_share_its_error(tmp_path):
+    """What a calibrator is off by is the same in all its stars: they count as one, and errors hold."""
+    truth, known, ignored = np.array([50.0, 100.0, -50.0]), [], []
+    for seed in range(8):
+        stars = sim.link(seed, 30, orientation=truth, calibrators=6, calibrator_error=2000.0, binaries=0.0)
+        for rows, pulls in ((stars, known), (replace(stars, calibrator=None), ignored)):
+            epsilon = link(rows, aberration=None).vector("orientation")
+            pulls.append((epsilon.value - truth) / epsilon.sigma)
+    assert np.std(known) < 1.35
+    assert np.std(ignored) > 1.5
+    solution = link(stars, aberration=None)
+    assert len(solution.sources) == 6
+    assert solution.sources[0] == "star 0 and 4 more"
+    # Through a file, where quasars have none.
+    both = sim.link(1, 12, quasars=5, calibrators=3, calibrator_error=100.0)
+    for name in ("rows.ecsv", "rows.fits", "rows.csv"):
+        write_astrometry(both, tmp_path / name)
+        again = read_astrometry(tmp_path / name)
+        np.testing.assert_array_equal(again.calibrator, both.calibrator)
+    assert len(link(again, aberration=None, excess=False).sources) == 3 + 5
+
+
+def test_one_source_a_calibrator_changes_nothing():
+    stars = sim.link(3, 15)
+    alone = replace(stars, calibrator=np.where(stars.catalogue == "vlbi", stars.name, ""))
+    np.testing.assert_allclose(link(alone).values, link(stars).values, rtol=1e-12)
+
+
+def test_the_place_of_a_jump_is_found():
+    stars = sim.link(2, 80, jump=(120.0, 0.0, -60.0), tails=4)
+    search = find_step(stars, [8.0, 11.0, 12.9, 15.0], excess=False)
+    assert search.place == 12.9
+    assert search.probability[2] > 0.9
+    assert search.p_value < 1e-6
+    low, high = search.interval
+    assert low == pytest.approx(11.95)
+    assert high == pytest.approx(13.95)
+    assert search.report().startswith("a jump is seen: p = ")
+    np.testing.assert_allclose(search.solution.values, link(stars, steps=[12.9], excess=False).values)
+
+
+@few_or_many(12, 100, "skies")
+def test_no_jump_is_found_where_there_is_none(skies):
+    p = [find_step(sim.link(seed, 50, binaries=0.0), excess=False, robust=False).p_value for seed in range(skies)]
+    assert np.mean(np.array(p) < 0.05) < 0.05 + 2.5 * np.sqrt(0.05 * 0.95 / skies)
+
+
+def test_what_cannot_be_sought():
+    stars = sim.link(1, 20)
+    with pytest.raises(ParameterError, match="steps are what is sought"):
+        find_step(stars, steps=[13.0])
+    with pytest.raises(ParameterError, match="two magnitudes at least"):
+        find_step(stars, [13.0])
+    with pytest.raises(DegeneracyError, match="8 sources with a magnitude are too few"):
+        find_step(sim.link(1, 8))

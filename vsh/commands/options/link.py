@@ -36,6 +36,14 @@ def make_parser() -> argparse.ArgumentParser:
         help="of orientation, spin, acceleration (default: orientation,spin)",
     )
     add("--steps", type=values.numbers, default=(), metavar="G,…", help="magnitudes at which the frame jumps")
+    add(
+        "--seek-step",
+        type=values.numbers,
+        nargs="?",
+        const=(),
+        metavar="G,…",
+        help="find the magnitude at which the frame jumps, among these (default: 12 between those of the sources)",
+    )
     add("--order", type=values.count(0, 6), default=0, help="powers of (G − 13) that it has (default: 0)")
     add("--colour-order", type=values.count(0, 6), default=0, help="powers of (colour − 1) that it has (default: 0)")
     add("--epoch", type=float, default=2016.0, help="of the orientation (default: 2016)")

@@ -15,6 +15,9 @@ NOT_OF_CRF3 = (
     "redshift_error", "variability", "attitude", "excess_noise", "years", "dead_time", "redshift_range", "release",
     "no_transits", "wave",
 )  # fmt: skip
+#: What radio stars take of the other kinds' options, and what is theirs alone.
+NOT_OF_LINK = (*(each for each in NOT_OF_CRF3 if each != "orientation"), "tau")
+OF_LINK = ("jump", "binaries", "single", "quasars")
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -28,23 +31,25 @@ def make_parser() -> argparse.ArgumentParser:
         examples=(
             "vsh-sim quasars --number 50000 --sky igql --seed 1 --output quasars.fits",
             "vsh-sim galaxies --number 10000 --velocity planck --output galaxies.fits",
+            "vsh-sim link --number 60 --jump 50,0,0 --output stars.ecsv",
             "vsh-sim epochs --number 300 --wave 2,300,0,60,-20 --output epochs.fits",
         ),
     )
     parser.add_argument(
         "kind",
-        choices=["quasars", "galaxies", "vlbi", "crf3", "crf4", "epochs"],
+        choices=["quasars", "galaxies", "vlbi", "crf3", "crf4", "epochs", "link"],
         help=(
             "vlbi: offsets from radio positions, as motions; crf3: a whole Gaia-CRF3 in the archive's columns; crf4: "
             "the same with the columns, epoch, errors and models of DR4; epochs: every transit of quasars in the "
-            "columns of DR4's epoch astrometry"
+            "columns of DR4's epoch astrometry; link: radio stars in Gaia and VLBI, for vsh-link"
         ),
     )
     parser.add_argument(
         "--number",
         type=values.count(1),
         metavar="N",
-        help="how many (default: 10000; crf3, crf4: 1215942 with five parameters, and those with six in proportion)",
+        help="how many (default: 10000; link: 40; crf3, crf4: 1215942 with five parameters, and those with six in "
+        "proportion)",
     )
     parser.add_argument("--output", required=True, metavar="FILE", help="FITS, ECSV, CSV, VOTable or Parquet")
     parsing.add_overwrite(parser)
@@ -70,8 +75,20 @@ def make_parser() -> argparse.ArgumentParser:
         help="ICRS, µas/yr (default: 4.3 towards the Galactic centre)",
     )
     parser.add_argument(
-        "--orientation", type=values.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi: ICRS, µas"
+        "--orientation", type=values.vector, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="vlbi, link: ICRS, µas"
     )
+    parser.add_argument(
+        "--jump",
+        type=values.vector,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="link: what the spin of those fainter than G = 13 is more, µas/yr",
+    )
+    parser.add_argument("--binaries", type=values.fraction, default=0.1, help="link: their share (default: 0.1)")
+    parser.add_argument(
+        "--single", type=values.fraction, default=0.0, metavar="SHARE", help="link: seen at single epochs (default: 0)"
+    )
+    parser.add_argument("--quasars", type=values.count(0), default=0, metavar="N", help="link: beside the stars")
     parser.add_argument(
         "--velocity",
         type=values.velocity,
@@ -194,6 +211,14 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
         parser.error("--table is for crf4")
     if options.traps and options.kind not in ("crf3", "crf4"):
         parser.error("--traps is for crf3 and crf4")
+    foreign = _foreign(parser, options, OF_LINK) if options.kind != "link" else []
+    if foreign:
+        parser.error(f"{foreign[0]} is for link")
+    if options.kind == "link":
+        foreign = _foreign(parser, options, NOT_OF_LINK)
+        if foreign:
+            parser.error(f"radio stars are seen by Gaia and VLBI as they are: {', '.join(foreign)} cannot be chosen")
+        options.number = 40 if options.number is None else options.number
     if options.kind in ("crf3", "crf4"):
         foreign = _foreign(parser, options, NOT_OF_CRF3)
         if foreign:

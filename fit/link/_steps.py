@@ -1,0 +1,170 @@
+"""Where a frame jumps: the magnitude of a step, from the data."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import logsumexp
+
+from fit.link._link import link
+from fit.link._solution import LinkSolution
+from fit.quality import SEEN, f_p_value, printed_p_value
+from fit.storage import Result
+from vsh.io import tables
+from vsh.sky.astrometry import AstrometryRows
+from vsh.tools import arguments
+from vsh.tools.errors import DegeneracyError, ParameterError
+from vsh.tools.types import FloatArray, Table
+
+#: Places that are tried unless given, and how many sources are left to either side.
+_PLACES, _BESIDE = 12, 6
+
+
+@dataclass(frozen=True, eq=False)
+class StepSearch(Result):
+    """How probable each magnitude is as the place of a jump, and whether there is one.
+
+    Attributes
+    ----------
+    places : (m,) array
+        Magnitudes from which on the frame is turned otherwise, rising.
+    probability : (m,) array
+        That of each, if there is one jump, at one of them.
+    p_values : (m,) array
+        That of no jump at each, of all components together, as if no other had been tried.
+    p_value : float
+        That of no jump anywhere: the smallest, allowing for all.
+    solution : LinkSolution
+        The link with the most probable step.
+    """
+
+    places: FloatArray
+    probability: FloatArray
+    p_values: FloatArray
+    p_value: float
+    solution: LinkSolution
+
+    def __repr__(self) -> str:
+        return f"<StepSearch: {len(self.places)} places, G = {self.place:.4g} most probable, p = {self.p_value:.2g}>"
+
+    @property
+    def place(self) -> float:
+        """The most probable magnitude."""
+        return float(self.places[self.probability.argmax()])
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """What the most probable places that hold 68 % together span, each half way to those beside it."""
+        order = np.argsort(-self.probability, kind="stable")
+        held = np.searchsorted(np.cumsum(self.probability[order]), 0.68) + 1
+        chosen = order[:held]
+        edges = np.r_[self.places[0], (self.places[1:] + self.places[:-1]) / 2, self.places[-1]]
+        return float(edges[chosen.min()]), float(edges[chosen.max() + 1])
+
+    def report(self) -> str:
+        """The places, and whether there is a jump, as text."""
+        low, high = self.interval
+        seen = "a jump is seen" if self.p_value < SEEN else "no jump is seen"
+        lines = [
+            f"{seen}: p = {printed_p_value(self.p_value)} after allowing for {len(self.places)} places "
+            f"({printed_p_value(float(self.p_values.min()))} for the largest alone)",
+            f"if there is one, G = {self.place:.4g} is most probable; 68 %: {low:.4g} to {high:.4g}",
+            f"{'fainter than':>12}{'probability':>14}{'p of no jump':>14}",
+        ]
+        lines += [
+            f"{place:12.2f}{probability:14.3f}{printed_p_value(float(p)):>14}"
+            for place, probability, p in zip(self.places, self.probability, self.p_values, strict=True)
+        ]
+        return "\n".join(lines) + "\n\n" + self.solution.report()
+
+    def to_table(self) -> Table:
+        """The places as an astropy Table, a row each."""
+        columns = {"magnitude": self.places, "probability": self.probability, "p_value": self.p_values}
+        return tables.table_of(columns, {"p_value": self.p_value}, {"magnitude": "mag"})
+
+    def plot(self, *, ax: Any = None) -> Any:
+        """Probability of each place, on matplotlib axes."""
+        from fit.link._plot import plot_steps
+
+        return plot_steps(self, ax=ax)
+
+
+@arguments.accepts(astrometry=arguments.a(AstrometryRows))
+def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None, **options: Any) -> StepSearch:
+    """Find the magnitude at which a frame jumps, in orientation and spin.
+
+    Parameters
+    ----------
+    astrometry : AstrometryRows
+        Rows of all catalogues, as for `link`.
+    places : sequence of float, optional
+        Magnitudes to try; 12 between those of the sources, as many to the left of each as to the right of the one
+        before, unless given.
+    **options
+        Of `link`.
+
+    Returns
+    -------
+    StepSearch
+        The probability of each place if there is a jump, and that of no jump.
+
+    Raises
+    ------
+    ParameterError
+        If `steps` are given beside it, or there are fewer than two places.
+    DegeneracyError
+        If there are too few sources, or as `link` does.
+
+    Notes
+    -----
+    Places are weighed by the evidence of the link with a step there, all jumps alike beforehand. The p-value is the
+    smallest times the number of places (Šidák): too large where neighbouring ones hold nearly the same sources.
+
+    Examples
+    --------
+    >>> import sim
+    >>> search = find_step(sim.link(1, 60, jump=(150, 0, 0), binaries=0), [9.0, 13.0, 15.0], excess=False)
+    >>> search.place, search.p_value < 0.01
+    (13.0, True)
+    """
+    if "steps" in options:
+        raise ParameterError("steps are what is sought: say at which magnitudes with places")
+    tried = _between(astrometry) if places is None else np.unique(np.asarray(places, float))
+    if tried.ndim != 1 or len(tried) < 2 or not np.isfinite(tried).all():
+        raise ParameterError(f"two magnitudes at least are wanted as places of a jump, not {places!r}")
+    solutions = [link(astrometry, steps=[float(place)], **options) for place in tried]
+    evidence = np.array([each.log_evidence for each in solutions])
+    p_values = np.array([_p_value(each) for each in solutions])
+    best = solutions[int(evidence.argmax())]
+    together = -np.expm1(len(tried) * np.log1p(-min(p_values.min(), 1 - 1e-16)))
+    return StepSearch(tried, np.exp(evidence - logsumexp(evidence)), p_values, float(together), best)
+
+
+def _between(astrometry):
+    """Magnitudes between those of the sources, some of these left to either side."""
+    _, first = np.unique(astrometry.source, return_index=True)
+    known = np.sort(astrometry.magnitude[first][np.isfinite(astrometry.magnitude[first])])
+    if len(known) < 2 * _BESIDE + 2:
+        raise DegeneracyError(
+            f"{len(known)} sources with a magnitude are too few to look for a jump among: {2 * _BESIDE + 2} at least"
+        )
+    at = np.unique(np.linspace(_BESIDE, len(known) - _BESIDE, _PLACES).astype(int))
+    return np.unique((known[at - 1] + known[at]) / 2)
+
+
+def _p_value(solution):
+    """Of no jump in any component that is sought."""
+    unknowns = solution.unknowns
+    step = unknowns.steps[0]
+    vectors = [each for each in unknowns.vectors if each != "acceleration"]
+    rows = []
+    for catalogue in unknowns.turned:
+        for vector in vectors:
+            above, below = (
+                unknowns.combination(vector, catalogue, each) for each in (step, np.nextafter(step, -np.inf))
+            )
+            rows.append(above - below)
+    a = np.concatenate(rows)
+    value, covariance = a @ solution.values, a @ solution.covariance @ a.T
+    return f_p_value(float(value @ np.linalg.solve(covariance, value)), len(a), solution.dof)
