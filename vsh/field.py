@@ -26,6 +26,7 @@ from vsh.tools.bad_rows import (
     invalid_rows,
     placeholders,
     select_usable,
+    span_of,
 )
 from vsh.tools.errors import FieldError, FrameError, ParameterError
 from vsh.tools.notebook import Frozen
@@ -85,6 +86,7 @@ def usable_columns(
             if odd.any():
                 notes = (*notes, f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing")
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
+    spans = {column: span_of(columns[column]) for column in _MOTIONS}
     invalid = invalid_rows(
         lon,
         lat,
@@ -92,13 +94,21 @@ def usable_columns(
         sigma,
         rho,
         dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items() if c not in MEASURED},
-        placeholders({c: columns[c] for c in _MOTIONS}),
+        placeholders({c: columns[c] for c in _MOTIONS}, spans),
         turns=1,
+        spans={"motion": _joint_span(spans, _MOTIONS[:2]), "sigma": _joint_span(spans, _MOTIONS[2:])},
     )
     keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat))
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
-    return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}), *added_notes)
+    whole = spans if isinstance(keep, slice) else None
+    return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, whole), *added_notes)
+
+
+def _joint_span(spans, names):
+    """The span of two columns in mas as one in µas; nan where one is."""
+    low, high = np.transpose([spans[name] for name in names]) * MAS
+    return low.min(), high.max()
 
 
 def check_measured(noun: Any) -> None:

@@ -1,7 +1,7 @@
 """What makes a source unusable, how it is counted, and how it is said."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from vsh.tools.errors import FieldError, NothingLeftError
 from vsh.tools.notes import DroppedRows
 from vsh.tools.types import BoolArray, FloatArray, OnBad
 
+#: The smallest and the largest of an array.
+Span: TypeAlias = tuple[float, float]
 #: ρ² at and above which a covariance counts as singular.
 RHO2_LIMIT = 1 - 1e-6
 #: Correlations closer to zero need no square.
@@ -71,18 +73,22 @@ def invalid_rows(
     placeholders: BoolArray | None = None,
     turns: int = 2,
     what: str = "proper motion",
+    spans: Mapping[str, Span] | None = None,
 ) -> dict[str, BoolArray]:
-    """Why sources cannot be used: each source under its first reason."""
+    """Why sources cannot be used: each source under its first reason; `spans` of the arrays where they are known."""
     reasons: dict[str, Any] = dict(further or {})
     marks = [*reasons.values(), *([] if placeholders is None else [placeholders])]
-    limits = (
-        (sigma, *SIGMA_RANGE),
-        (motion, -SIGMA_RANGE[1], SIGMA_RANGE[1]),
-        (rho, -_RHO_SAFE, _RHO_SAFE),
-        (lat, -np.pi / 2, np.pi / 2),
-        (lon, -2 * np.pi * turns, 2 * np.pi * turns),
-    )
-    if not any(mask.any() for mask in marks) and all(_within(*each) for each in limits):
+    limits = {
+        "sigma": (sigma, *SIGMA_RANGE),
+        "motion": (motion, -SIGMA_RANGE[1], SIGMA_RANGE[1]),
+        "rho": (rho, -_RHO_SAFE, _RHO_SAFE),
+        "lat": (lat, -np.pi / 2, np.pi / 2),
+        "lon": (lon, -2 * np.pi * turns, 2 * np.pi * turns),
+    }
+    known = {} if spans is None else spans
+    if not any(mask.any() for mask in marks) and all(
+        _within(known.get(each) or span_of(values), low, high) for each, (values, low, high) in limits.items()
+    ):
         return {}
     if placeholders is not None:
         reasons[PLACEHOLDER] = placeholders | reasons.get(PLACEHOLDER, False)
@@ -109,9 +115,14 @@ def invalid_rows(
     return invalid
 
 
-def _within(values, low, high):
+def span_of(values: FloatArray) -> Span:
+    """The smallest and the largest; nan where there is none, or one is not a number."""
+    return (float(values.min()), float(values.max())) if values.size else (np.nan, np.nan)
+
+
+def _within(span, low, high):
     """Whether all values lie between two limits; not where one is not a number."""
-    return bool(values.size and values.min() > low and values.max() < high)
+    return bool(span[0] > low and span[1] < high)
 
 
 #: What catalogues write where they have no value; no motion and no error is exactly one of these.
@@ -121,12 +132,13 @@ _PLACEHOLDERS = np.array([9999.0, 9999.9, 9999.99, 99999.0, 999999.0, 1e20, 1e30
 _LIKELY = np.array([-9.99, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, 99.9, 99.99, 999.0, 999.9, 999.99])
 
 
-def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
+def placeholders(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> BoolArray:
     """Rows whose motions or errors are numbers that stand for none: −9999 anywhere, −99 and −999 in both components."""
+    known = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
     out = np.zeros(len(columns["pmra"]), bool)
     with np.errstate(invalid="ignore"):
-        for values in columns.values():
-            if _within(values, -_PLACEHOLDERS[0], _PLACEHOLDERS[0]):
+        for name, values in columns.items():
+            if _within(known[name], -_PLACEHOLDERS[0], _PLACEHOLDERS[0]):
                 continue
             large = np.abs(values) >= _PLACEHOLDERS[0]
             if large.any():
@@ -137,9 +149,10 @@ def placeholders(columns: Mapping[str, FloatArray]) -> BoolArray:
     return out
 
 
-def doubtful(columns: Mapping[str, FloatArray]) -> tuple[str, ...]:
+def doubtful(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> tuple[str, ...]:
     """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used."""
-    if all(_within(columns[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
+    known = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
+    if all(_within(known[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
         return ()
     with np.errstate(invalid="ignore"):
         odd = np.stack([np.isin(columns[name], _LIKELY) & (np.abs(columns[name]) > 50) for name in ("pmra", "pmdec")])

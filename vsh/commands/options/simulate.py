@@ -31,7 +31,6 @@ def make_parser() -> argparse.ArgumentParser:
         examples=(
             "vsh-sim quasars --number 50000 --sky igql --seed 1 --output quasars.fits",
             "vsh-sim galaxies --number 10000 --velocity planck --output galaxies.fits",
-            "vsh-sim link --number 60 --jump 50,0,0 --output stars.ecsv",
             "vsh-sim epochs --number 300 --wave 2,300,0,60,-20 --output epochs.fits",
         ),
     )
