@@ -435,7 +435,14 @@ def compare_catalogues(
     called = differences.name if differences.name is not None else np.arange(len(differences))
     fitted = differences[kept]
     given = _by_method(fitted, modes, method, replicates, rng) or clipped.solution
-    solution = replace(given, unit=unit)
+    notes = given.notes
+    if not near.all():
+        notes = (
+            *notes,
+            f"{int((~near).sum())} of {len(near)} pairs are more than {_FAR * threshold:g} errors from a robust fit: "
+            "left out before the first plain one",
+        )
+    solution = replace(given, unit=unit, notes=notes)
     names = tuple(name for name, (mode, _) in ICRF3.items() if mode.l == 1 and mode.kind in PARAMETERS[parameters])
     chosen = np.array([modes.index(ICRF3[each][0]) for each in names], int)
     sources = [_with_own_errors(each, chosen[kept], fitted) for each, chosen in ((a, pairs.a), (b, pairs.b))]

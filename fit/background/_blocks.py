@@ -54,6 +54,8 @@ def reduced(normal: NormalEquations, modes: Modes, scaled: bool = True) -> Class
     ridge = 1e-9 * np.diag(np.diag(matrix))  # of few sources the matrix may be singular
     left = normal.chi2_null - rhs @ np.linalg.solve(matrix + ridge, rhs)
     tau = left / (normal.n_data - len(at)) if scaled and normal.n_data > 1.5 * len(at) else 1.0
+    if not tau > 0:
+        raise DegeneracyError("its motions have no scatter at all: are they differences of the same numbers?")
     also = np.vstack([np.eye(len(at)), templates])  # EᵀNE and Eᵀb
     matrix, rhs = also @ matrix @ also.T / tau, also @ rhs / tau
     one = np.r_[modes.degrees == 1, np.zeros(len(templates), bool)]

@@ -1,6 +1,7 @@
 """Two catalogues of one sky: what was done to one is found, errors hold, the published comparison of ICRF3 with ICRF2."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -349,3 +350,14 @@ def test_rotation_and_glide_with_what_sources_share_hold(n_skies):
     few = 3 / np.sqrt(2 * 6 * n_skies)
     assert 0.85 - few < np.sqrt(np.mean(np.square(pulls))) < 1.1 + few
     assert np.sqrt(np.mean(np.square(plain))) > 2
+
+
+def test_all_that_are_left_out_are_explained():
+    """Far from the robust fit, then clipped: the counts add up to those that the report has."""
+    one, two = (read_icrf(real_catalogue(name)) for name in ("icrf3sx.txt", "icrf2-all.txt"))
+    comparison, kept = compare_catalogues(one, two, 2)
+    notes = "\n".join(map(str, comparison.solution.notes))
+    far, pairs = map(int, re.search(r"(\d+) of (\d+) pairs are more than 15 errors", notes).groups())
+    clipped = int(re.search(r"clipped (\d+) of", notes)[1])
+    assert far + clipped == len(comparison.names)
+    assert len(kept) + len(comparison.names) == pairs
