@@ -311,7 +311,7 @@ def chain_catalogues(
         Whether rotation and glide are also found with the errors that sources share over the sky, from degrees 2 to 5
         of all differences in one model; where there are 100 000 sources or more unless given.
     rng : Generator or int
-        Of the draws of what they share.
+        The source of all randomness in the draws of what they share.
 
     Raises
     ------

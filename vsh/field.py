@@ -24,10 +24,11 @@ from vsh.tools.bad_rows import (
     checked_columns,
     doubtful,
     invalid_rows,
+    joint_span,
     placeholders,
     select_usable,
     span_of,
-)
+)  # fmt: skip
 from vsh.tools.errors import FieldError, FrameError, ParameterError
 from vsh.tools.notebook import Frozen
 from vsh.tools.notes import merge_notes
@@ -96,19 +97,13 @@ def usable_columns(
         dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items() if c not in MEASURED},
         placeholders({c: columns[c] for c in _MOTIONS}, spans),
         turns=1,
-        spans={"motion": _joint_span(spans, _MOTIONS[:2]), "sigma": _joint_span(spans, _MOTIONS[2:])},
+        spans={"motion": joint_span(spans, _MOTIONS[:2], MAS), "sigma": joint_span(spans, _MOTIONS[2:], MAS)},
     )
     keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat))
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
     whole = spans if isinstance(keep, slice) else None
     return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, whole), *added_notes)
-
-
-def _joint_span(spans, names):
-    """The span of two columns in mas as one in µas; nan where one is."""
-    low, high = np.transpose([spans[name] for name in names]) * MAS
-    return low.min(), high.max()
 
 
 def check_measured(noun: Any) -> None:

@@ -322,7 +322,7 @@ class SharedErrors(Result):
         Parameters
         ----------
         weights : (K,) array
-            Of each class.
+            One a class.
         n_data : int, optional
             Numbers that it is of; those of the classes that weigh anything unless given.
         """

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -22,6 +23,8 @@ from vsh.vector import Vector
 _RANK = 1e-9
 #: Positions farther from what was expected than so much are of another source. [rad]
 _FAR = np.radians(1 / 60)
+#: Sources that are eliminated together.
+_TOGETHER = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +69,15 @@ class Rows:
         return [slice(end - size, end) for end, size in zip(ends.tolist(), self.dims.tolist(), strict=True)]
 
 
+class _Left(NamedTuple):
+    """What one group leaves: its number, differences of unit variance, and half of ln of the determinant."""
+
+    group: int
+    design: FloatArray
+    rhs: FloatArray
+    size: float
+
+
 @dataclass(frozen=True, eq=False)
 class Equations:
     """Equations of every row, before true parameters are eliminated.
@@ -96,65 +108,89 @@ class Equations:
         Along the jet where there is one and `across` times as much across it, the same in all rows of the reference
         that are of one source, or of one calibrator.
         """
-        designs, rhs, sources, names, magnitudes, counts = [], [], [], [], [], []
-        log_determinant = 0.0
-        measured = self.data.measured
-        for rows in self.rows:
-            keep = measured[rows]
-            sigma = np.zeros((keep.sum(),) * 2)
-            at = 0
-            for row, mask in zip(rows, keep, strict=True):
-                size = int(mask.sum())
-                sigma[at : at + size, at : at + size] = self.data.covariance[row][np.ix_(mask, mask)]
-                at += size
-            if excess:
-                offset = np.zeros((len(rows), 5, 2))
-                jet = self.data.jet[rows][np.isfinite(self.data.jet[rows])]
-                angle, ratio = (jet[0], across) if jet.size else (0.0, 1.0)
-                theirs = self.data.catalogue[rows] == reference
-                sin, cos = np.sin(angle), np.cos(angle)
-                offset[theirs, :2] = excess * np.array([[sin, ratio * cos], [cos, -ratio * sin]])
-                flat = offset[keep]
-                sigma += flat @ flat.T
-            factor = np.linalg.cholesky(sigma)
-            a, y = (np.linalg.solve(factor, each[rows][keep]) for each in (self.design, self.residual))
-            size = np.log(np.diag(factor)).sum()
-            m = self._truths(rows)[keep]
-            length = np.linalg.norm(m, axis=0)
-            m = np.linalg.solve(factor, m[:, length > 0] / length[length > 0])
-            if m.shape[1]:
-                u, s, _ = np.linalg.svd(m)
-                s = s[s > _RANK * s[0]]
-                left = u[:, len(s) :].T
-                a, y = left @ a, left @ y
-                size += np.log(s).sum()
-            tells = np.abs(a).max() > 0 if a.size else False
-            if tells:
-                designs.append(a)
-                rhs.append(y)
-                sources.append(np.full(len(y), len(names)))
-                names.append(self._called(rows))
-                known = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
-                magnitudes.append(known.mean() if known.size else np.nan)
-                counts.append(len(rows))
-                log_determinant += size
-        if not names:
+        left = [piece for some in self._alike for piece in self._left(some, excess, across, reference)]
+        left = [each for each in left if each.design.size and np.abs(each.design).max() > 0]
+        left.sort(key=lambda each: each.group)
+        if not left:
             raise DegeneracyError(
                 "no source tells anything of the frame: none is in two catalogues, and none is a quasar with a motion"
             )
+        told = [self.rows[each.group] for each in left]
         return Rows(
-            np.concatenate(designs), np.concatenate(rhs), np.concatenate(sources), tuple(names), np.array(magnitudes),
-            np.array(counts), float(log_determinant), bool((self.data.calibrator != "").any()),
-        )  # fmt: skip
+            np.concatenate([each.design for each in left]),
+            np.concatenate([each.rhs for each in left]),
+            np.repeat(np.arange(len(left)), [len(each.rhs) for each in left]),
+            tuple(map(self._called, told)),
+            np.array([self._magnitude(rows) for rows in told]),
+            np.array([len(rows) for rows in told]),
+            float(sum(each.size for each in left)),
+            bool((self.data.calibrator != "").any()),
+        )
+
+    @cached_property
+    def _alike(self):
+        """Groups whose rows measure the same, of the same catalogues and sources: their equations have one shape."""
+        measured = self.data.measured
+        catalogue = np.unique(self.data.catalogue, return_inverse=True)[1].ravel()
+        alike: dict[Any, list[int]] = {}
+        for k, rows in enumerate(self.rows):
+            which = np.unique(self.source[rows], return_inverse=True)[1] if len(rows) > 1 else np.zeros(1, int)
+            key = measured[rows].tobytes(), catalogue[rows].tobytes(), which.tobytes()
+            alike.setdefault(key, []).append(k)
+        return [
+            np.array(members[i : i + _TOGETHER])
+            for members in alike.values()
+            for i in range(0, len(members), _TOGETHER)
+        ]
+
+    def _left(self, members, excess, across, reference):
+        """What is left of groups of one shape when their true parameters are eliminated."""
+        data, rows = self.data, np.array([self.rows[k] for k in members])
+        keep = data.measured[rows[0]]
+        n, m = len(rows), int(keep.sum())
+        sigma = np.zeros((n, m, m))
+        at = np.cumsum([0, *keep.sum(1)])
+        for j, mask in enumerate(keep):
+            sigma[:, at[j] : at[j + 1], at[j] : at[j + 1]] = data.covariance[rows[:, j]][:, mask][:, :, mask]
+        if excess:
+            jets = data.jet[rows]
+            known = np.isfinite(jets)
+            some, first = known.any(1), jets[np.arange(n), known.argmax(1)]
+            angle, ratio = np.where(some, first, 0.0), np.where(some, across, 1.0)
+            sin, cos = np.sin(angle), np.cos(angle)
+            offset = np.zeros((n, *keep.shape, 2))
+            theirs = data.catalogue[rows[0]] == reference
+            turned = np.array([[sin, ratio * cos], [cos, -ratio * sin]])
+            offset[:, theirs, :2] = excess * np.moveaxis(turned, 2, 0)[:, None]
+            flat = offset[:, keep]
+            sigma += flat @ flat.transpose(0, 2, 1)
+        factor = np.linalg.cholesky(sigma)
+        a, y = np.linalg.solve(factor, self.design[rows][:, keep]), self.residual[rows][:, keep]
+        y = np.linalg.solve(factor, y[..., None])[..., 0]
+        size = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(1)
+        truth = self._truths(rows)[:, keep]
+        length = np.linalg.norm(truth, axis=1, keepdims=True)
+        if truth.size:
+            u, s, _ = np.linalg.svd(np.linalg.solve(factor, truth / np.where(length > 0, length, 1.0)))
+            kept = (s > _RANK * s[:, :1]) & (s > 0)
+        else:
+            u, s, kept = np.tile(np.eye(m), (n, 1, 1)), np.ones((n, 0)), np.zeros((n, 0), bool)
+        size += np.log(np.where(kept, s, 1.0)).sum(1)
+        for i, rank in enumerate(kept.sum(1)):
+            free = u[i, :, rank:].T
+            yield _Left(int(members[i]), free @ a[i], free @ y[i], float(size[i]))
+
+    def _magnitude(self, rows):
+        """That of a source, or the mean of several."""
+        known = self.data.magnitude[rows][np.isfinite(self.data.magnitude[rows])]
+        return known.mean() if known.size else np.nan
 
     def _truths(self, rows):
-        """Derivatives by the true parameters of all sources that stand together, (j, 5, 5 s)."""
-        sources, which = np.unique(self.source[rows], return_inverse=True)
-        if len(sources) == 1:
-            return self.truth[rows]
-        out = np.zeros((len(rows), 5, len(sources), 5))
-        out[np.arange(len(rows)), :, which.ravel()] = self.truth[rows]
-        return out.reshape(len(rows), 5, -1)
+        """Derivatives by the true parameters of all sources that stand together, (n, j, 5, 5 s)."""
+        which = np.unique(self.source[rows[0]], return_inverse=True)[1].ravel()
+        out = np.zeros((*rows.shape, 5, which.max() + 1, 5))
+        out[:, np.arange(len(which)), :, which] = np.moveaxis(self.truth[rows], 1, 0)
+        return out.reshape(*rows.shape, 5, -1)
 
     def _called(self, rows):
         """The name of a source, or of the first of several and how many more there are."""

@@ -102,7 +102,7 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
         Magnitudes to try; 12 between those of the sources, as many to the left of each as to the right of the one
         before, unless given.
     **options
-        Of `link`.
+        As `link` takes them.
 
     Returns
     -------
@@ -120,13 +120,6 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
     -----
     Places are weighed by the evidence of the link with a step there, all jumps alike beforehand. The p-value is the
     smallest times the number of places (Šidák): too large where neighbouring ones hold nearly the same sources.
-
-    Examples
-    --------
-    >>> import sim
-    >>> search = find_step(sim.link(1, 60, jump=(150, 0, 0), binaries=0), [9.0, 13.0, 15.0], excess=False)
-    >>> search.place, search.p_value < 0.01
-    (13.0, True)
     """
     if "steps" in options:
         raise ParameterError("steps are what is sought: say at which magnitudes with places")
@@ -154,7 +147,7 @@ def _between(astrometry):
 
 
 def _p_value(solution):
-    """Of no jump in any component that is sought."""
+    """That of no jump in any component that is sought."""
     unknowns = solution.unknowns
     step = unknowns.steps[0]
     vectors = [each for each in unknowns.vectors if each != "acceleration"]

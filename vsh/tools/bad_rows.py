@@ -120,6 +120,12 @@ def span_of(values: FloatArray) -> Span:
     return (float(values.min()), float(values.max())) if values.size else (np.nan, np.nan)
 
 
+def joint_span(spans: Mapping[str, Span], names: Sequence[str], factor: float) -> Span:
+    """That of several columns multiplied by a factor; nan where one is."""
+    low, high = np.transpose([spans[name] for name in names]) * factor
+    return float(low.min()), float(high.max())
+
+
 def _within(span, low, high):
     """Whether all values lie between two limits; not where one is not a number."""
     return bool(span[0] > low and span[1] < high)
