@@ -89,16 +89,11 @@ def usable_columns(
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
     spans = {column: span_of(columns[column]) for column in _MOTIONS}
     invalid = invalid_rows(
-        lon,
-        lat,
-        motion,
-        sigma,
-        rho,
+        lon, lat, motion, sigma, rho,
         dict(unusable or {}) | {f"{c} missing": mask for c, mask in missing.items() if c not in MEASURED},
-        placeholders({c: columns[c] for c in _MOTIONS}, spans),
-        turns=1,
+        placeholders({c: columns[c] for c in _MOTIONS}, spans), turns=1,
         spans={"motion": joint_span(spans, _MOTIONS[:2], MAS), "sigma": joint_span(spans, _MOTIONS[2:], MAS)},
-    )
+    )  # fmt: skip
     keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat))
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
