@@ -99,7 +99,7 @@ lock: $(VENV)/bin/python  ## resolve anew what is installed: requirements/newest
 	  --custom-compile-command 'make lock' --output-file requirements/oldest.txt setup.cfg
 
 clean:  ## take away what was made here
-	rm -rf $(VENV) .venv-oldest .venv-newest .venv-oracles demo paper gaia dr4 docs/_build docs/learn docs/gallery build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-oldest .venv-newest .venv-oracles demo paper gaia dr4 docs/_build docs/api/one docs/learn docs/gallery build dist *.egg-info .coverage* .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 %/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -2,7 +2,6 @@
 
 import logging
 import os
-import re
 import shutil
 import sys
 from pathlib import Path
@@ -10,6 +9,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 sys.path[:0] = [str(ROOT), str(HERE)]
+
+from reference import escape  # noqa: E402
 
 import vsh  # noqa: E402 (found by the path above)
 from vsh.tools.logs import PACKAGES  # noqa: E402
@@ -26,6 +27,7 @@ extensions = [
     "numpydoc",
     "sphinxarg.ext",
     "sphinx_gallery.gen_gallery",
+    "reference",
 ]
 exclude_patterns = ["_build", "_examples", "tutorials", "images"]
 html_theme = "furo"
@@ -54,6 +56,7 @@ numpydoc_validation_checks = {"GL08", "PR02"}
 numpydoc_validation_exclude = {r"\.[A-Z]\w*$", r"\.__\w+__$", r"\.(index|count)$"}
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
+autosummary_generate = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 # A page shows what a class can do, wherever it has it from.
@@ -90,24 +93,5 @@ sphinx_gallery_conf = {
 }
 
 
-def plain(app, what, name, obj, options, lines):
-    """Docstrings are written to be read as they are: µ_α*, |v| and ω_ are no markup."""
-    for i, line in enumerate(lines):
-        if line.lstrip().startswith((">>>", "...")) or "``" in line:
-            continue
-        parts = line.split("`")
-        for k in range(0, len(parts), 2):
-            parts[k] = re.sub(r"(?<!\\)[*|]", r"\\\g<0>", parts[k])
-            parts[k] = re.sub(r"(?<=\w)_(?=\W|$)", r"\\_", parts[k])
-        lines[i] = "`".join(parts)
-
-
-def listed(app, what, name, obj, skip, options):
-    """Of a module whose page names its members, those alone; autodoc takes all where members are inherited."""
-    named = options.get("members")
-    return True if what == "module" and isinstance(named, list) and name not in named else None
-
-
 def setup(app):
-    app.connect("autodoc-skip-member", listed)
-    app.connect("autodoc-process-docstring", plain, priority=100)
+    app.connect("autodoc-process-docstring", lambda app, what, name, thing, options, lines: escape(lines), priority=100)
