@@ -203,25 +203,28 @@ class Chain(Result):
             for (i, a), (j, b) in combinations(enumerate(self.labels), 2)
             if self.common[i, j]
         ]
-        solutions = [self.difference(name) for name in others]
+        solutions = [self.difference(first, name) for name in others]
         parts = [icrf3_terms(each.coefficients, each.sigma) for each in solutions]
         names = list(parts[0])
-        heads = [f"{name} − {first}" for name in others]
+        heads = [f"{first} − {name}" for name in others]
         widths = [max(24, len(head) + 2) for head in heads]
         lines.append(f"{'ICRF3 names':12}" + "".join(f"{head:>{w}}" for head, w in zip(heads, widths, strict=True)))
         for term in names:
             cells = [f"{part[term][0]:+.2f} ± {part[term][1]:<6.2f}" for part in parts]
-            lines.append(f"{term:12}" + "".join(f"{cell:>{w}}" for cell, w in zip(cells, widths, strict=True)))
+            row = f"{term:12}" + "".join(f"{cell:>{w}}" for cell, w in zip(cells, widths, strict=True))
+            lines.append(row.rstrip())
         lines.append(
             f"[{self.unit}] R1, R2, R3 turn the axes, not the sources: the rotation of the fit with the other sign"
         )
+        if self.shared is not None:
+            lines.append("not in these errors: what sources share over the sky; rotation and glide with it are below")
         for a, b in combinations(self.labels, 2):
-            turned, bent = self.p_value(b, a), self.p_value(b, a, beyond=1)
+            turned, bent = self.p_value(a, b), self.p_value(a, b, beyond=1)
             seen = "differ" if turned < SEEN else "agree"
             more = f"; beyond rotation and glide p = {printed_p_value(bent)}" if np.isfinite(bent) else ""
-            lines.append(f"{b} − {a}: frames {seen}, p = {printed_p_value(turned)}{more}")
+            lines.append(f"{a} − {b}: frames {seen}, p = {printed_p_value(turned)}{more}")
         lines.append(
-            f"residuals are {self.factor:.3g} times the errors with what is shared"
+            f"residuals are {self.factor:.3g} times the errors with the noise that is shared"
             + ("; the errors above are multiplied by it" if self.factor > 1 else "")
         )
         if self.shared is not None:
@@ -234,8 +237,8 @@ class Chain(Result):
     def _frame_lines(self):
         """Rotation and glide of any two, with what sources share over the sky."""
         assert self.shared is not None
-        names = ("spin", "glide") if self.unit == "µas/yr" else ("rotation", "glide")
-        pairs = [f"{b} − {a}" for a, b in combinations(self.labels, 2)]
+        names = ("spin", "glide") if self.unit == "µas/yr" else ("rotation (−R1, −R2, −R3)", "glide (D1, D2, D3)")
+        pairs = [f"{a} − {b}" for a, b in combinations(self.labels, 2)]
         width = 2 + max(map(len, pairs))
         lines = [
             "with what sources share over the sky, degrees 2 to "
@@ -243,10 +246,10 @@ class Chain(Result):
             f"{f'[{self.unit}]':{width}}" + "".join(f"{name:>40}{'p':>9}" for name in names),
         ]
         for (a, b), words in zip(combinations(self.labels, 2), pairs, strict=True):
-            solution, cells = self.frames(b, a), ""
+            solution, cells = self.frames(a, b), ""
             for vector, kind in ((solution.spin, "T"), (solution.acceleration, "S")):
                 each = "  ".join(f"{x:+.1f} ± {s:.1f}" for x, s in zip(vector.value, vector.sigma, strict=True))
-                cells += f"{each:>40}{printed_p_value(self.frame_p_value(kind, b, a)):>9}"
+                cells += f"{each:>40}{printed_p_value(self.frame_p_value(kind, a, b)):>9}"
             lines.append(f"{words:{width}}{cells}")
         return lines
 

@@ -303,6 +303,8 @@ class FrameComparison(AboutSolution):
                 f"over all sources residuals are {self.factor:.3g} times the errors quoted: the catalogues share "
                 "observations, or errors are too large; what is wrong in both alike is in no error here"
             )
+        if self.shared is not None:
+            lines.append("not in the errors above: what sources share over the sky; with it, rotation and glide below")
         if self.floor is not None:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
             lines.append(
@@ -323,15 +325,16 @@ class FrameComparison(AboutSolution):
         return "\n\n".join(["\n".join(lines), *shared_errors, report(solution)])
 
     def parameters_table(self) -> Table:
-        """`parameters`, a row each, as an astropy Table."""
+        """`parameters` as the report has them, a row each: by classes of error where there are some, and as quoted."""
         unit, (values, errors) = (
             "uas" if self.solution.unit == "µas" else "uas / yr",
             np.transpose(list(self.parameters.values())),
         )
         columns: dict[str, Any] = {"ICRF3": list(self.parameters), "value": values, "sigma": errors}
-        columns["in_errors"] = values / errors
         if self.by_class is not None:
-            columns["value_by_class"], columns["sigma_by_class"] = np.transpose(list(self.parameters_by_class.values()))
+            columns |= {"value_quoted": values, "sigma_quoted": errors}
+            columns["value"], columns["sigma"] = np.transpose(list(self.parameters_by_class.values()))
+        columns["in_errors"] = columns["value"] / columns["sigma"]
         return tables.table_of(
             columns,
             {"frame": self.solution.frame},

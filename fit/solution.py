@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.special import chdtrc, fdtrc
@@ -313,11 +313,24 @@ class Solution(HarmonicSolution):
 
         return html_of(self)
 
-    def latex(self) -> str:
-        """Spin, acceleration and powers as a LaTeX table (booktabs)."""
+    @property
+    def verdict(self) -> str:
+        """Whether an acceleration is seen, and how large it is or can be, with all errors that are known."""
+        from fit.output import verdict
+
+        return verdict(self, shared=", with the floor" in self.errors_from)
+
+    def latex(self, style: Literal["booktabs", "siunitx", "aastex", "aa"] = "booktabs") -> str:
+        """Spin, acceleration and powers as a LaTeX table, with what they are of and what they come to.
+
+        Parameters
+        ----------
+        style : {"booktabs", "siunitx", "aastex", "aa"}
+            Packages and class that it is for: numbers by siunitx, a deluxetable of AASTeX, a table of A&A.
+        """
         from fit.output import latex_of
 
-        return latex_of(self)
+        return latex_of(self, style)
 
     def of_degree(self, kind: Kind, l: int) -> tuple[FloatArray, FloatArray]:
         """Coefficients of one kind and degree with their covariance: what its power and p-value are of.

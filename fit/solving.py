@@ -1,6 +1,7 @@
 """The solution of normal equations."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,6 +16,8 @@ from vsh.field import Weighed
 from vsh.models.covariance import Covariance
 from vsh.modes import Modes, ScalarModes
 from vsh.scalars import ScalarCoefficients, ScalarField, modes_for
+from vsh.sky.frames import ANGLES
+from vsh.sky.sphere import widest_gap
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.logs import logged
@@ -144,12 +147,32 @@ def fit_field(
         sought = modes_for(field, sought)
         if sought.components * len(field) < len(sought):
             raise DegeneracyError(_too_few(len(field), sought))
-    solution = solve(normal_equations(field, sought, covariance=covariance))
+    solution = with_coverage(solve(normal_equations(field, sought, covariance=covariance)), field)
     if not floor:
         return solution
     from fit.background import add_floor  # scipy's integrals and searches
 
     return add_floor(solution)
+
+
+#: A part of the sky without sources that is wider than this is worth a word [rad], of so many sources.
+_WIDE, _KNOWN = np.radians(60), 100
+
+
+def with_coverage(solution: Any, field: Any) -> Any:
+    """The solution with a note where a large part of the sky has no source: a cut file, perhaps."""
+    if not isinstance(field, Field | ScalarField) or len(field) < _KNOWN:
+        return solution
+    radius, lon, lat = widest_gap(field.lon, field.lat)
+    if radius < _WIDE:
+        return solution
+    names = ANGLES[field.frame]
+    place = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(names, (lon, lat), strict=True))
+    note = (
+        f"warning: no source within {np.degrees(radius):.0f}° of {place}: a part of a file, or of the sky? What is "
+        "said of the whole sky rests on the other part"
+    )
+    return solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))
 
 
 def _too_few(sources, modes, why=""):

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from vsh.models.cosmology import distance_modulus, transverse_distance
 from vsh.models.flows import HUBBLE, LINEAR_PLANCK18, LinearTheory, VelocityGrid
@@ -297,6 +297,26 @@ def galaxies(
         g = modulus + rng.normal(absolute, spread, n)
         redshift, magnitude = np.r_[redshift, z[g < max_magnitude]], np.r_[magnitude, g[g < max_magnitude]]
     return Population(lon, lat, magnitude[:n], redshift[:n])
+
+
+def magnitudes_at(
+    redshift: FloatArray, rng: Rng, *, max_magnitude: float = 20.0, absolute: float = -18.0, spread: float = 1.5
+) -> FloatArray:
+    """Magnitudes G of `galaxies` that are seen at given redshifts, (n,): the farther, the fainter.
+
+    Parameters
+    ----------
+    redshift : (n,) array
+        Above zero.
+    rng : Generator or int
+        The source of all randomness.
+    max_magnitude, absolute, spread : float
+        As for `galaxies`.
+    """
+    redshift = np.asarray(redshift, float)
+    typical = distance_modulus(transverse_distance(redshift), redshift) + absolute
+    seen = ndtr((max_magnitude - typical) / spread)
+    return typical + spread * ndtri(np.maximum(generator(rng).uniform(size=redshift.shape) * seen, 1e-300))
 
 
 @arguments.accepts(

@@ -239,3 +239,7 @@ def correlation_of(covariance: FloatArray) -> FloatArray:
     """The correlation matrix of a covariance."""
     sigma = np.sqrt(np.diag(covariance))
     return covariance / np.outer(sigma, sigma)
+
+
+#: Acceleration of the Solar System as Gaia EDR3 has it, towards the Galactic centre (Klioner et al. 2021, A&A 649, A9).
+GAIA_EDR3 = Vector.from_spherical(5.05, 269.1, -31.6, (0.35, 5.4, 4.1))

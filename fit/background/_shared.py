@@ -252,15 +252,16 @@ class SharedErrors(Result):
         """
         names = ("spin", "acceleration") if self.unit == "µas/yr" else ("rotation", "glide")
         whose = "classes of sources" if len(self) > 1 else "sources"
+        wide = max(24, *(len(label) + 2 for label in self.labels))
         lines = [
             f"Errors that {whose} share, by degrees {words_of(self.degrees)} ({self.frame} axes)",
-            f"{f'[{self.unit}]':24}{'sources':>10}{names[0]:>27}{names[1]:>27}{'size':>8}",
+            f"{f'[{self.unit}]':{wide}}{'sources':>10}{names[0]:>27}{names[1]:>27}{'its size':>10}",
         ]
         for label, solution, n in zip(self.labels, self.solutions, self.n_sources, strict=True):
-            lines.append(f"{label:24}{n:>10}{_cells(solution)}")
+            lines.append(f"{label:{wide}}{n:>10}{_cells(solution)}")
         if len(self) > 1:
-            lines.append(f"{'together':24}{sum(self.n_sources):>10}{_cells(self.together())}")
-            lines.append(f"{'last − first':24}{'':>10}{_cells(self.difference(0, len(self) - 1))}")
+            lines.append(f"{'together':{wide}}{sum(self.n_sources):>10}{_cells(self.together())}")
+            lines.append(f"{'last − first':{wide}}{'':>10}{_cells(self.difference(0, len(self) - 1))}")
         spectra = ", ".join(f"{name} {100 * p:.0f} %" for name, p in zip(self.shapes, self.probability, strict=True))
         lines.append(f"spectrum: {spectra}; draws that count: {', '.join(f'{x:.0f}' for x in self.effective)}")
         if len(self) > 1:
@@ -385,7 +386,7 @@ def _cells(solution):
         f"{' '.join(f'{x:+.1f}' for x in vector.value):>17} ±{np.sqrt(np.mean(vector.sigma**2)):>6.2f}  "
         for vector in (spin, acceleration)
     ]
-    return "".join(f"{part:>27}" for part in parts) + f"{acceleration.amplitude:>8.2f}"
+    return "".join(f"{part:>27}" for part in parts) + f"{acceleration.amplitude:>10.2f}"
 
 
 @logged("shared errors")

@@ -9,6 +9,7 @@ import fit
 import vsh
 from fit.commands import backgrounds as shared
 from fit.commands import classes, templates
+from fit.solving import with_coverage
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
@@ -123,8 +124,9 @@ def _fit(field, modes, options):
     elif solution is None:
         return fit.fit_field(field, modes, floor=False), field, lost
     else:
-        return solution, field, lost
-    return replace(solution, covariance=solution.covariance * chosen), field, lost
+        return with_coverage(solution, field), field, lost
+    solution = replace(solution, covariance=solution.covariance * chosen)
+    return with_coverage(solution, field), field, lost
 
 
 main, run = running.make_entry(options_module, _run)

@@ -159,7 +159,7 @@ def _verdict(results):
 
 
 def _p(p):
-    return f"p = {printed_p_value(p)}"
+    return f"p = {printed_p_value(p)}" + (f", seen: below {SEEN}" if SEEN <= p < 0.05 else "")
 
 
 def _by_distances(source, options):

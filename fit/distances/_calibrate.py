@@ -99,6 +99,11 @@ def calibrate(
             else fit_luminosity(_far_enough(facts["bright"], rms, cosmology), max(facts["faintest"]))
         )
         bare = replace(bare, luminosity=measured)
+        if not given:
+            notes.append(
+                "magnitudes tell distances by a luminosity function fitted to the catalogue, which is to be complete "
+                "to its faintest one: magnitudes=False (--no-magnitudes) where it is not"
+            )
     elif given:
         raise ParameterError("a luminosity function needs magnitudes, which are not used")
     else:

@@ -14,10 +14,8 @@ from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
 from vsh.tools.logs import logged
-from vsh.vector import Vector
+from vsh.vector import GAIA_EDR3, Vector
 
-#: Acceleration of the Solar System as Gaia EDR3 has it, towards the centre of the Galaxy (Klioner et al. 2021).
-GAIA_EDR3 = Vector.from_spherical(5.05, 269.1, -31.6, (0.35, 5.4, 4.1))
 #: The epoch that ICRF3's positions are given for (Charlot et al. 2020, A&A 644, A159).
 ICRF3_EPOCH = 2015.0
 #: Sizes of an excess noise that are tried, in units of the median error of the positions of the reference.

@@ -42,7 +42,7 @@ def plot_link(solution: Any, *, ax: Any = None) -> Any:
         )  # fmt: skip
     axes.set_xscale("log")
     log_ticks(axes.xaxis, *axes.get_xlim())
-    axes.set_xlabel("distance of each source, in errors as quoted; light: an outlier")
+    axes.set_xlabel("distance, in errors as quoted (light: an outlier)")
     axes.set_ylabel("influence, in errors")
     return drawn
 
@@ -54,7 +54,7 @@ def plot_steps(search: Any, *, ax: Any = None) -> Any:
     axes.plot(search.places, search.probability, "o-", color=COLOURS[0], markersize=4)
     axes.axvspan(*search.interval, color=COLOURS[0], alpha=0.12, linewidth=0)
     axes.set_ylim(0, None)
-    axes.set_xlabel("magnitude from which on the frame is turned otherwise")
+    axes.set_xlabel("magnitude of the jump")
     axes.set_ylabel("probability")
     return axes
 

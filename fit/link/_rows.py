@@ -112,8 +112,11 @@ class Equations:
         left = [each for each in left if each.design.size and np.abs(each.design).max() > 0]
         left.sort(key=lambda each: each.group)
         if not left:
+            first = {each: self.data.name[self.data.catalogue == each][0] for each in self.data.catalogues}
+            called = ", ".join(f"{name} in {each}" for each, name in first.items())
             raise DegeneracyError(
-                "no source tells anything of the frame: none is in two catalogues, and none is a quasar with a motion"
+                "no source tells anything of the frame: none is in two catalogues, and none is a quasar with a motion "
+                f"(sources are matched by name: {called} …)"
             )
         told = [self.rows[each.group] for each in left]
         return Rows(

@@ -210,8 +210,8 @@ class LinkSolution(NamedSolution):
                     if vector in unknowns.vectors:
                         _, p = self.jump(step, vector, catalogue)
                         lines.append(
-                            f"jump of the {vector} of {catalogue} at {step:g} mag: p = {printed_p_value(p)} of as much "
-                            "by chance"
+                            f"jump of the {vector} of {catalogue} at {step:.4g} mag: p = {printed_p_value(p)} of as "
+                            "much by chance, were the place known beforehand"
                         )
         if {"orientation", "spin"} <= set(unknowns.vectors):
             quiet = self.quiet_epoch

@@ -65,7 +65,7 @@ class StepSearch(Result):
     def report(self) -> str:
         """The places, and whether there is a jump, as text."""
         low, high = self.interval
-        seen = "a jump is seen" if self.p_value < SEEN else "no jump is seen"
+        seen = "a jump is seen" if self.p_value < SEEN else f"no jump is seen (p would be below {SEEN})"
         lines = [
             f"{seen}: p = {printed_p_value(self.p_value)} after allowing for {len(self.places)} places "
             f"({printed_p_value(float(self.p_values.min()))} for the largest alone)",

@@ -3,7 +3,8 @@
 from typing import TYPE_CHECKING
 
 from fit.output._files import draw_figures, write_correlation, write_figures, write_html
-from fit.output._report import WIDTH, html_of, latex_of, report, report_check, warnings_of
+from fit.output._latex import latex_of
+from fit.output._report import WIDTH, html_of, report, report_check, warnings_of
 from fit.output._rows import (
     amplitude,
     cell,

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from fit.output._report import AGREE, floor_lines, warnings_of, what_of
 from fit.output._rows import (
     amplitude,
@@ -16,6 +18,8 @@ from fit.output._rows import (
     vector_rows,
     vectors_of,
 )
+from fit.output._verdict import with_all_errors
+from fit.quality import SEEN
 from vsh.figures import page
 from vsh.tools.types import Table
 
@@ -111,6 +115,15 @@ def _cards(solution):
         value, error = solution.mean
         items.append(("Mean", f"{value:.4g} ± {error:.2g} {solution.unit}", ""))
     for name, vector in reversed(vectors_of(solution).items()):
+        quoted = vector
+        if name in ("spin", "acceleration") and np.isfinite(solution.covariance).all():
+            inside = ", with the floor" in solution.errors_from
+            vector, errors, _ = with_all_errors(solution, name, shared=inside)
+            if not np.allclose(vector.covariance, quoted.covariance):
+                more = f"errors {', '.join(errors)}; as fitted {amplitude(quoted, 2)}"
+                size = amplitude(vector, 2) if vector.p_value < SEEN else f"< {vector.amplitude_limit():.3g} (95 %)"
+                items.append((name.capitalize(), f"{size} {solution.unit}", more))
+                continue
         debiased = f"; noise-debiased {vector.debiased_amplitude:.2f}" if is_seen(vector) else ""
         more = f"{direction(vector.to_frame('galactic'))}{debiased}"
         items.append((name.capitalize(), f"{amplitude(vector, 2)} {solution.unit}", more))

@@ -1,6 +1,5 @@
 """A solution as a page of text."""
 
-import re
 from html import escape
 from typing import Any
 
@@ -222,13 +221,6 @@ def report_check(check: Any) -> str:
 
 #: Differences of the two solvers below this are rounding. [σ]
 AGREE = 1e-6
-_SYMBOLS = {
-    "spin": r"$\omega$",
-    "acceleration": r"$\tilde a$",
-    "dipole": "dipole",
-    "rotation": "rotation",
-    "glide": "glide",
-}
 
 
 def html_of(solution: Any) -> str:
@@ -260,29 +252,3 @@ def html_of(solution: Any) -> str:
 
 def _cells(cells):
     return "".join(f"<td>{escape(cell)}</td>" for cell in cells)
-
-
-def latex_of(solution: Any) -> str:
-    """Spin, acceleration, or mean and dipole of a scalar field, and powers as a LaTeX table (booktabs)."""
-    unit = _tex(solution.unit).replace("µas/yr", r"\textmu as\,yr$^{-1}$").replace("µ", r"\textmu ")
-    lines = [r"\begin{tabular}{lcccc}", r"\toprule"]
-    if is_scalar(solution):
-        value, error = solution.mean
-        lines.append(rf"mean [{unit}] & ${value:.4g} \pm {error:.2g}$ & & & \\")
-    lines += [r" & $x$ & $y$ & $z$ & amplitude \\", r"\midrule"]
-    for row in vector_rows(vectors_of(solution)):
-        cells = [f"${_tex(cell)}$" for cell in (*row.cells, row.amplitude)]
-        lines.append(rf"{_SYMBOLS[row.name]} [{unit}] & " + " & ".join(cells) + r" \\")
-    lines += [r"\midrule", r" & power & noise-debiased & error & $p$-value \\", r"\midrule"]
-    for power in power_rows(solution):
-        shown = (power.power, power.debiased, power.error, power.p_value)
-        lines.append(
-            rf"${power.degree[0]}_{{{power.degree[1:]}}}$ & " + " & ".join(f"${_tex(c)}$" for c in shown) + r" \\"
-        )
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
-
-
-def _tex(cell):
-    """A printed number as LaTeX has it: ±, powers of ten, per cent."""
-    cell = cell.replace("±", r"\pm").replace("…", r"\ldots").replace("%", r"\%").replace("<", "< ")
-    return re.sub(r"(\d)e([+-]?\d+)", lambda m: rf"{m.group(1)} \times 10^{{{int(m.group(2))}}}", cell)

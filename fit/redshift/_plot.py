@@ -57,7 +57,9 @@ def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: Any 
     for axes in drawn:
         axes.set_xscale("log" if logarithmic else "linear")
         if logarithmic:
-            log_ticks(axes.xaxis, edges[0], edges[-1])
+            low = max(edges[0], z.min() / 20)  # a first bin from next to nothing would take half the axis
+            axes.set_xlim(low / 1.2, edges[-1] * 1.2)
+            log_ticks(axes.xaxis, low, edges[-1])
     figure_of(drawn).suptitle(f"{binned.counts.sum()} sources in {len(binned)} bins; {binned.frame} axes")
     return drawn
 

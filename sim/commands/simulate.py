@@ -215,10 +215,13 @@ def _own(options, rng):
     magnitude = read.magnitude
     unknown = np.ones(n, bool) if magnitude is None else ~np.isfinite(magnitude)
     if unknown.any():
-        like = sim.galaxies(n, rng) if options.kind == "galaxies" else sim.quasars(n, rng)
-        drawn = np.asarray(like.magnitude, float)
+        if options.kind == "galaxies":
+            drawn = sim.population.magnitudes_at(np.asarray(read.redshift, float), rng)
+        else:
+            drawn = np.asarray(sim.quasars(n, rng).magnitude, float)
         magnitude = drawn if magnitude is None else np.where(unknown, drawn, magnitude)
-        notes.append(f"{unknown.sum()} of {n} magnitudes drawn as of simulated {options.kind}")
+        at = " at these redshifts" if options.kind == "galaxies" else ""
+        notes.append(f"{unknown.sum()} of {n} magnitudes drawn as of simulated {options.kind}" + at)
     return sim.Population(read.lon, read.lat, magnitude, read.redshift), notes
 
 

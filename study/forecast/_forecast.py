@@ -84,6 +84,10 @@ class SurveyForecast(InNotebook):
             "velocity and H0 without flows: independent velocities of 300 km/s; with them: linear theory, one sky's "
             "cosmic variance"
         )
+        lines.append(
+            "to quote: spin and acceleration with the floor, velocity and H0 with flows unknown; the lines above "
+            "them are what noise alone would allow"
+        )
         return "\n".join(lines) + "\n"
 
     def to_table(self) -> Table:

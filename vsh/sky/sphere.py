@@ -80,3 +80,21 @@ def angles(r: FloatArray) -> tuple[FloatArray, FloatArray]:
     lon = np.arctan2(y, x) % (2 * np.pi)
     # A tiny negative angle rounds up to 2π itself.
     return np.where(lon < 2 * np.pi, lon, 0.0), np.arctan2(z, np.hypot(x, y))
+
+
+def widest_gap(lon: FloatArray, lat: FloatArray) -> tuple[float, float, float]:
+    """Radius of the largest part of the sky without any of the given directions, to some 5°, and its centre. [rad]
+
+    Parameters
+    ----------
+    lon, lat : (n,) arrays
+        Directions; of many, ten thousand are looked at. [rad]
+    """
+    step = max(1, len(lon) // 10_000)
+    k = np.arange(600) + 0.5  # a spiral of Fibonacci's
+    z, turn = 1 - k / 300, np.pi * (1 + np.sqrt(5)) * k
+    centres = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
+    nearest = (centres.T @ triad(lon[::step], lat[::step])[2]).max(1)
+    widest = int(nearest.argmin())
+    radius = float(np.arccos(np.clip(nearest[widest], -1, 1)))
+    return radius, float(turn[widest] % (2 * np.pi)), float(np.arcsin(z[widest]))

@@ -46,7 +46,9 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
         text = [(row, x) for row, x in enumerate(array.ravel()) if isinstance(x, (str, bytes))]
         if text:
             row, x = next((pair for pair in text if not _is_number(pair[1])), text[0])
-            raise FieldError(f"{column} holds text ({str(x)!r} in row {row}); it must be a column of numbers")
+            raise FieldError(
+                f"{column} holds text ({str(x)!r} in row {row}, counted from 0); it must be a column of numbers"
+            )
     try:
         floats = np.ascontiguousarray(array, dtype=float)
     except (TypeError, ValueError) as error:

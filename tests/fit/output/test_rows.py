@@ -9,6 +9,7 @@ from conftest import random_field
 import fit
 import sim
 from fit.output import amplitude, direction, html_report, pulls, report, vector_rows, vectors_of
+from fit.output._latex import two_digits
 from vsh import Field, Vector
 from vsh.tools.errors import ParameterError
 
@@ -37,9 +38,35 @@ def test_all_forms_say_the_same(solution):
     np.testing.assert_allclose(signs, expected, atol=0.051)
     assert numbers(text)[:6] == numbers(page)[:6] == numbers(solution._repr_html_())[:6]
     assert len(re.findall(r"\\pm", solution.latex())) >= 8
-    powers = [row.power for row in fit.output.power_rows(solution)]
-    for form in (text, page, solution._repr_html_(), solution.latex()):
-        assert all(power in form for power in powers)
+    rows = fit.output.power_rows(solution)
+    for form in (text, page, solution._repr_html_()):
+        assert all(row.power in form for row in rows)
+    for row in rows:  # LaTeX has two digits of each error
+        digits = two_digits(float(row.error))
+        assert f"${float(row.power):.{digits}f}$ & ${float(row.debiased):.{digits}f}$" in solution.latex()
+
+
+@pytest.mark.parametrize(("sigma", "digits"), [(0.19, 2), (0.0999, 3), (1.0, 1), (34.0, 0), (3400.0, 0), (0.0, 3)])
+def test_two_digits_of_the_error(sigma, digits):
+    assert two_digits([sigma, 10 * sigma]) == digits
+
+
+def test_latex_in_other_styles(solution):
+    """Numbers of siunitx, tables of AASTeX and A&A; each says of what it is and what it comes to."""
+    for style, begins in (
+        ("siunitx", r"\begin{tabular}"),
+        ("aastex", r"\begin{deluxetable}"),
+        ("aa", r"\begin{table}"),
+    ):
+        text = solution.latex(style)
+        assert text.startswith(begins)
+        assert f"{solution.n_sources} sources" in text
+        assert r"$\chi^2$/dof" in text
+        assert "verdict: " in text
+        assert text.count(r"\begin") == text.count(r"\end{")
+    assert re.search(r"\\num\{[+-]\d+\.\d+ \+- \d+\.\d+\}", solution.latex("siunitx"))
+    with pytest.raises(ParameterError, match="style"):
+        solution.latex("word")
 
 
 def test_pulls_are_positive_where_the_fit_is_larger():

@@ -11,7 +11,7 @@ import sim
 from fit.commands.fit import main
 from fit.output import verdict
 from fit.quality import printed_p_value
-from vsh.vector import Vector
+from vsh.vector import GAIA_EDR3, Vector
 
 
 def observed(seed, acceleration=(0, 0, 0), power=0.0, wrong=1.0, n=1000):
@@ -57,3 +57,37 @@ def test_recommended(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([str(tmp_path / "q.fits"), "--recommended", "--clip", "3"])
     assert "leave out --clip" in capsys.readouterr().err
+
+
+def test_what_gaia_has_is_beside_it():
+    """A limit that excludes 5 µas/yr is no peaceful one, and what is like it needs no word."""
+    solution = fit.fit_field(observed(3, n=3000).with_errors(np.full((2, 3000), 40.0), np.zeros(3000)), 1)
+    precise = replace(solution, covariance=solution.covariance / 1e4)
+    assert "Gaia EDR3's 5.05 ± 0.35 is another (p = " in precise.verdict
+    seen = replace(precise, coefficients=replace(precise.coefficients, values=np.r_[0, 0, 0, coefficients_of_gaia()]))
+    assert "Gaia" not in seen.verdict
+    assert precise.verdict == verdict(precise)
+
+
+def coefficients_of_gaia():
+    modes = fit.fit_field(observed(1), 1, floor=False)
+    return np.linalg.solve(
+        np.array([replace(modes, coefficients=replace(modes.coefficients, values=np.r_[0, 0, 0, row])).acceleration.value
+                  for row in np.eye(3)]).T, GAIA_EDR3.value)  # fmt: skip
+
+
+def test_an_empty_part_of_the_sky_is_said():
+    field = observed(2)
+    half = field[field.lon < np.pi]
+    noted = [str(each) for each in fit.fit_field(half, 1).notes if "no source within" in str(each)]
+    assert len(noted) == 1
+    assert 80 < float(noted[0].split("within ")[1].split("°")[0]) < 95
+    assert not any("no source within" in str(each) for each in fit.fit_field(field, 1).notes)
+
+
+def test_cards_have_the_errors_of_the_verdict(tmp_path, capsys):
+    observed(2, wrong=3.0).write(tmp_path / "q.fits")
+    page = tmp_path / "q.html"
+    assert main([str(tmp_path / "q.fits"), "--no-figures", "--html", str(page)]) == 0
+    limit = capsys.readouterr().out.split("below ")[1].split(" ")[0]
+    assert f"&lt; {limit} (95 %) µas/yr" in page.read_text(encoding="utf-8")

@@ -56,6 +56,10 @@ def counterparts(a: Any, b: Any, *, by: Literal["name", "position"] = "name", ra
     return Counterparts(i, j, ambiguous)
 
 
+#: A larger part of the pairs that is far apart is no slip of a few names.
+_FAR_APART = 0.02
+
+
 def match(
     a: Any, b: Any, *, by: Literal["name", "position"] = "name", radius: Any = None, pairs: Counterparts | None = None
 ) -> Field:
@@ -86,7 +90,7 @@ def match(
     FrameError
         If the catalogues stand in different frames.
     FieldError
-        If they are not of one kind, or have no names to match by.
+        If they are not of one kind, have no names to match by, or sources of one name are not in one place.
     """
     i, j, ambiguous = counterparts(a, b, by=by, radius=radius) if pairs is None else pairs
     positions = isinstance(a, Positions)
@@ -98,6 +102,12 @@ def match(
     notes = [f"matched {len(i)} sources by {by}; left over {left}, {ambiguous} of them with several counterparts"]
     if positions and by == "name":
         far = int((np.hypot(*difference) > 1e6).sum())
+        if far > max(_FAR_APART * len(i), 3):
+            k = int(np.argmax(np.hypot(*difference) > 1e6))
+            raise FieldError(
+                f"{far} of {len(i)} pairs of one name are more than 1 arcsec apart ({a.name[i[k]]} for one): other "
+                "sources, or columns and units that were misread; by position (--by position) names do not count"
+            )
         if far:
             notes.append(f"{far} of the pairs are more than 1 arcsec apart: are they the same sources?")
     extras: dict[str, Any] = {}

@@ -75,6 +75,16 @@ def test_pairs_too_far_apart_are_remarked():
     assert len(match(a, moved(a, offset), by="position")) == 499
 
 
+def test_many_pairs_far_apart_are_refused():
+    """Positions that were misread gave a rotation of seventeen errors, and a word in the last line."""
+    a = positions()
+    offset = np.zeros((2, 500))
+    offset[1, :50] = 5e6
+    with pytest.raises(FieldError, match=r"50 of 500 pairs of one name .* \(Q0 for one\): other sources"):
+        match(a, moved(a, offset))
+    assert len(match(a, moved(a, offset), by="position")) == 450
+
+
 def test_positions_are_carried_to_a_common_epoch():
     a = positions()
     motion = np.full((2, 500), 3000.0)

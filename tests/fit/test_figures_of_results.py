@@ -1,0 +1,67 @@
+"""Figures of all results at the widths of journals: no two texts lie on each other."""
+
+import warnings
+
+import matplotlib.pyplot as plt
+import pytest
+from matplotlib.text import Text
+from test_storage import results
+
+from vsh.figures.plot import SkyAxes, figure_of
+
+#: Columns of MNRAS and A&A, and A&A's whole page. [mm]
+WIDTHS = [84, pytest.param(88, marks=pytest.mark.slow), pytest.param(180, marks=pytest.mark.slow)]
+#: corner's own figures have panels of their own size: a column is too narrow for four unknowns.
+OWN_SIZE = {"samples"}
+
+
+@pytest.fixture(scope="module")
+def every():
+    return results()
+
+
+def shown(figure):
+    """Texts that are drawn, with where they are [pixels]."""
+    figure.canvas.draw()
+    hidden = set()
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            drawn = {id(label) for tick in axis._update_ticks() for label in (tick.label1, tick.label2)}
+            labels = {id(each) for tick in (*axis.majorTicks, *axis.minorTicks) for each in (tick.label1, tick.label2)}
+            hidden |= labels if isinstance(axes, SkyAxes) else labels - drawn
+    renderer = figure.canvas.get_renderer()
+    for text in figure.findobj(Text):
+        if id(text) not in hidden and text.get_visible() and text.get_text().strip():
+            yield text.get_text(), text.get_window_extent(renderer)
+
+
+def collisions(figure):
+    """Pairs of texts that lie on each other by more than two pixels in both directions."""
+    texts = list(shown(figure))
+    for i, (one, a) in enumerate(texts):
+        for two, b in texts[:i]:
+            wide, high = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
+            if wide > 2.5 and high > 2.5 and one != two:
+                yield one, two
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_no_two_texts_lie_on_each_other(every, width):
+    bad = {}
+    for name, result in every.items():
+        if name in OWN_SIZE:
+            continue
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            figure = figure_of(result.plot())
+            figure.set_size_inches(width / 25.4, figure.get_size_inches()[1])
+            bad |= {name: found} if (found := list(collisions(figure))) else {}
+        plt.close(figure)
+    assert not bad
+
+
+def test_a_collision_is_seen():
+    figure, axes = plt.subplots()
+    axes.text(0.5, 0.5, "here")
+    axes.text(0.5, 0.5, "and there")
+    assert list(collisions(figure)) == [("and there", "here")]
