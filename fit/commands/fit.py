@@ -9,7 +9,6 @@ import fit
 import vsh
 from fit.commands import backgrounds as shared
 from fit.commands import classes, templates
-from fit.solving import with_coverage
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
@@ -101,6 +100,8 @@ def _run(options):
 
 def _fit(field, modes, options):
     """The solution that was asked for, the sources that went into it, and how many were clipped."""
+    from fit.solving import with_coverage
+
     solution: Any = None
     chosen, lost = 1.0, 0
     if options.clip is not None or options.clip_threshold is not None:
