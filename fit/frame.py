@@ -56,6 +56,16 @@ class FrameSolution(NamedSolution):
     n_data : int
     frame : str
     notes : tuple of str
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> frame = solve_frame(field)
+    >>> frame.names, frame.spin.value.shape
+    (('omega_x', 'omega_y', 'omega_z', 'a_x', 'a_y', 'a_z'), (3,))
     """
 
     def report(self) -> str:
@@ -215,6 +225,16 @@ class CrossCheck(Result):
     frame : FrameSolution
     largest : float
         Their largest difference in any component, in units of its standard error.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> check = cross_check(field)
+    >>> check.harmonics.n_sources, check.frame.names[:3]
+    (500, ('omega_x', 'omega_y', 'omega_z'))
     """
 
     harmonics: Solution
@@ -257,6 +277,15 @@ def cross_check(field: Field | Parts, *, covariance: Covariance | FloatArray | N
     ------
     DegeneracyError
         If the sources cannot tell spin and acceleration apart.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> cross_check(field).largest < 1e-6
+    True
     """
     # Not the short cut for degree 1, which writes the same p and q: the harmonics themselves.
     harmonics = solve(normal_equations(field, Modes(1), method="design-matrix", covariance=covariance))

@@ -99,6 +99,16 @@ class MatrixFreeSolution(HarmonicSolution):
         |b − N c| / |b|, both in units of the preconditioner.
     condition : float
         Condition number of the preconditioned N, as the iterations saw it.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> solution = solve_matrix_free(field, 4)
+    >>> solution.frame, solution.n_data
+    ('icrs', 1000)
     """
 
     coefficients: Coefficients
@@ -209,6 +219,16 @@ def solve_matrix_free(
     ConvergenceError
         If it has not converged; the message says how ill-conditioned the problem is, which
         degrees still move, how much of the sky is empty, and what to do.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> solution = solve_matrix_free(field, 5)
+    >>> solution.coefficients.values.shape
+    (70,)
     """
     modes = as_modes(modes)
     system = _System(fields, modes, prior_power, threads)

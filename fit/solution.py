@@ -256,6 +256,19 @@ class Solution(HarmonicSolution):
     floor : fit.background.Floor or None
         What the power of the higher degrees says of errors that sources share; it is in no error here, but printed
         beside them. None where it was not estimated.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> from fit import fit_field
+    >>> solution = fit_field(field, 1)
+    >>> solution.acceleration.value.shape, solution.n_sources
+    ((3,), 500)
+    >>> solution.verdict.partition(',')[0]
+    'verdict: no acceleration is seen'
     """
 
     coefficients: Coefficients

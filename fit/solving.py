@@ -139,6 +139,18 @@ def fit_field(
         If the sources cannot tell the modes apart.
     ParameterError
         If neither modes nor a degree are given, or both.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> solution = fit_field(field, 3)
+    >>> print(solution.verdict.partition(',')[0])
+    verdict: no acceleration is seen
+    >>> solution.values.shape
+    (30,)
     """
     sought = lmax if modes is None else modes
     if sought is None or (modes is not None and lmax is not None):

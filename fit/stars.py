@@ -63,6 +63,17 @@ class Kinematics(NamedSolution):
         Dispersion of the velocities about the model, in each component. [km/s]
     length : float
         Scale length of the density of sources, by which distances were inverted. [kpc]
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> from dataclasses import replace
+    >>> near = replace(field, distance=np.full(500, 1e-3), distance_error=np.full(500, 1e-5))
+    >>> kinematics(near, gradient=True, dispersion=10.0).values.shape
+    (11,)
     """
 
     dispersion: float = np.nan
@@ -175,6 +186,18 @@ def kinematics(
     References
     ----------
     Ogorodnikov 1932; Milne 1935; Bovy 2017, MNRAS 468, L63.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> from dataclasses import replace
+    >>> near = replace(field, distance=np.full(500, 1e-3), distance_error=np.full(500, 1e-5))
+    >>> solution = kinematics(near, gradient=False, dispersion=10.0)
+    >>> solution.names
+    ('v_x', 'v_y', 'v_z')
     """
     choice("frame", frame, ("galactic", "icrs", "ecliptic"))
     field = field.to_frame(frame)

@@ -64,6 +64,13 @@ def expected_covariances(
         If the kind is unknown, or the attitude is solved with the sources.
     FrameError
         If the sources are in another frame than the mission.
+
+    Examples
+    --------
+    >>> from sim import Mission, NominalScanningLaw, quasars
+    >>> formal, true = expected_covariances(quasars(4, 1), Mission(NominalScanningLaw(years=2.0)))
+    >>> formal.shape, bool((true[:, 0, 0] >= formal[:, 0, 0]).all())
+    ((4, 2, 2), True)
     """
     arguments.choice("kind", kind, tuple(_COLUMNS))
     mission = as_mission(mission, release)

@@ -204,6 +204,13 @@ def observe_offsets(
     -------
     Field
         Offsets of positions [µas] at the middle of the mission.
+
+    Examples
+    --------
+    >>> from sim import Mission, NominalScanningLaw, quasars, spin
+    >>> field = observe_offsets(quasars(20, 1), spin((50, 0, 0)), 1, Mission(NominalScanningLaw(years=2.0)))
+    >>> field.motion.shape[0]  # offsets of positions [µas]
+    2
     """
     rng = generator(rng)
     errors, covariance, keep, notes = _through_mission(

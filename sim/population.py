@@ -31,6 +31,11 @@ class Population(Frozen):
     redshift : (n,) array or None
     frame : str
         Axes of the positions.
+
+    Examples
+    --------
+    >>> len(quasars(5, 1))
+    5
     """
 
     lon: FloatArray
@@ -125,6 +130,12 @@ def plane_avoiding_sky(n: int, rng: Rng, latitude: float = 15.0) -> tuple[FloatA
         The source of all randomness.
     latitude : float
         Below which there are none. [deg]
+
+    Examples
+    --------
+    >>> lon, lat = plane_avoiding_sky(1000, 1)
+    >>> lon.shape
+    (1000,)
     """
     rng = generator(rng)
     l = rng.uniform(0, 2 * np.pi, n)
@@ -200,6 +211,12 @@ def quasars(
     -------
     Population
         In ICRS.
+
+    Examples
+    --------
+    >>> sky = quasars(1000, 1)
+    >>> len(sky), bool((sky.magnitude < 21).all())
+    (1000, True)
     """
     rng = generator(rng)
     lon, lat = _positions(n, rng, sky, map_frame)
@@ -226,6 +243,12 @@ def vlbi_quasars(quasars: Population, n: int, rng: Rng) -> Population:
     ------
     ParameterError
         If there are fewer than n.
+
+    Examples
+    --------
+    >>> bright = vlbi_quasars(quasars(2000, 1), 100, 2)
+    >>> len(bright)
+    100
     """
     if not 0 < n <= len(quasars):
         raise ParameterError(f"{n} of {len(quasars)} quasars cannot be chosen")
@@ -282,6 +305,12 @@ def galaxies(
     ------
     ParameterError
         If redshifts do not rise from above zero, or the sky is unknown.
+
+    Examples
+    --------
+    >>> sky = galaxies(1000, 1, max_redshift=0.02)
+    >>> bool((sky.redshift < 0.02).all())
+    True
     """
     if not 0 < min_redshift < max_redshift:
         raise ParameterError(f"redshifts must rise from above zero, not from {min_redshift} to {max_redshift}")
@@ -360,6 +389,12 @@ def stars(
     -----
     0.34, 26, 250 and 1000 million stars are brighter than 10, 15, 18 and 20 (Perryman et al. 2001, A&A 369, 339, table
     1); in between the logarithm of the counts is taken for linear.
+
+    Examples
+    --------
+    >>> sky = stars(1000, 1)
+    >>> float(sky.magnitude.min()) >= 12.0
+    True
     """
     if not STAR_COUNTS[0][0] <= min_magnitude < max_magnitude <= STAR_COUNTS[0][-1]:
         raise ParameterError(
@@ -435,6 +470,12 @@ def clustered_galaxies(
     ------
     ParameterError
         If redshifts do not rise.
+
+    Examples
+    --------
+    >>> sky, flow = clustered_galaxies(200, 1)
+    >>> len(sky)
+    200
     """
     from vsh.models.cosmology import FLAT_PLANCK13, distance_modulus, hubble_value, redshift_of, transverse_distance
 

@@ -25,6 +25,11 @@ class Variability(InNotebook):
         Standard deviation of the position at any time [µas]
     tau : float
         Time in which its correlation falls to 1/e [yr]
+
+    Examples
+    --------
+    >>> Variability(sigma=100.0, tau=2.0)
+    Variability(sigma=100.0, tau=2.0)
     """
 
     sigma: float

@@ -20,6 +20,7 @@ from vsh.sky.frames import (
 from vsh.tools.arguments import float_array, read_only
 from vsh.tools.bad_rows import (
     as_floats,
+    check_measured,
     check_shapes,
     checked_columns,
     doubtful,
@@ -99,30 +100,6 @@ def usable_columns(
     kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
     whole = spans if isinstance(keep, slice) else None
     return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, whole), *added_notes)
-
-
-def check_measured(noun: Any) -> None:
-    """Raise FieldError where redshifts or distances of a field have no errors that can be used."""
-    for column, least in (
-        ("redshift_error", "zero or more"),
-        ("distance", "above zero"),
-        ("distance_error", "above zero"),
-    ):
-        values = getattr(noun, column)
-        if values is None:
-            continue
-        with np.errstate(invalid="ignore"):
-            bad = (values < 0) | ((values == 0) & (least != "zero or more")) | np.isinf(values)
-        if bad.any():
-            raise FieldError(f"{bad.sum()} values of {column} (first: row {bad.argmax()}) are not {least}, nor missing")
-    if noun.distance is not None:
-        known = np.isfinite(noun.distance)
-        sure = np.zeros(known.shape, bool) if noun.distance_error is None else np.isfinite(noun.distance_error)
-        if (known & ~sure).any():
-            raise FieldError(
-                f"{(known & ~sure).sum()} of {known.sum()} distances have no errors (distance_error=, --columns "
-                "distance_error=NAME): how far they are to be trusted is what they are worth"
-            )
 
 
 def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
@@ -355,6 +332,14 @@ class Field(Tabled):
     FieldError
         If shapes disagree or a source cannot be used: something not finite, σ ≤ 0, ρ² ≥ 1 - 1e-6, |lat| > 90°; or
         if a distance has no error.
+
+    Examples
+    --------
+    >>> field = Field(lon=[0.1, 2.0], lat=[-0.3, 0.7], motion=[[5.0, -3.0], [1.0, 2.0]], sigma=[[2.0, 2.0], [2.0, 4.0]])
+    >>> len(field), field.frame
+    (2, 'icrs')
+    >>> field[1:].motion.ravel().tolist()
+    [-3.0, 2.0]
     """
 
     lon: FloatArray

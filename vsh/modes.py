@@ -24,7 +24,15 @@ from vsh.tools.types import FloatArray, IntArray, Kind
 
 
 class Mode(NamedTuple):
-    """One real parameter: toroidal ("T"), spheroidal ("S") or of a scalar field ("F"), degree, order, part."""
+    """One real parameter: toroidal ("T"), spheroidal ("S") or of a scalar field ("F"), degree, order, part.
+
+    Examples
+    --------
+    >>> Mode('S', 1, 0)
+    Mode(kind='S', l=1, m=0, part='re')
+    >>> str(Mode('T', 2, 1, 'im'))
+    't(2,1,im)'
+    """
 
     kind: str
     l: int

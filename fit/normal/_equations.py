@@ -49,6 +49,19 @@ class NormalEquations(Frozen):
         Unit of the values that were summed; None fits any (a prior).
     templates : tuple of TemplateField
         What may cause systematics, for `fit.background.shared`; each a sum of the modes.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> from fit import normal_equations
+    >>> both = normal_equations(field[:200], 1) + normal_equations(field[200:], 1)
+    >>> both.n_data, both.matrix.shape
+    (1000, (6, 6))
+    >>> bool(np.allclose(both.matrix, normal_equations(field, 1).matrix))
+    True
     """
 
     modes: Modes
@@ -149,6 +162,19 @@ def gaussian_prior(
     ------
     ModesError
         If a sigma is not positive.
+
+    Examples
+    --------
+    >>> from fit import solve
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> from fit import normal_equations
+    >>> free = solve(normal_equations(field, 2))
+    >>> held = solve(normal_equations(field, 2) + gaussian_prior(2, 1.0))
+    >>> bool((held.sigma < free.sigma).all())
+    True
     """
     modes = as_modes(modes, None)
     sigma = float_array("sigma", sigma, (len(modes),), finite=False, broadcast=True)

@@ -40,6 +40,16 @@ class Clipped(AboutSolution):
         Factor on the errors for the selection by residuals, included in the solution's covariance.
     n_clipped : int
         How many sources were left out.
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> clipped = clip(field, 1, threshold=6.0)
+    >>> clipped.n_clipped, len(clipped.sources(field))
+    (0, 500)
     """
 
     solution: Solution
@@ -116,6 +126,18 @@ def clip(
     units of the errors, covariances are multiplied by (1 − e^−q)/(1 − (1 + q) e^−q), χ² divided by
     1 − q e^−q/(1 − e^−q). Both hold for Gaussian errors, of the size quoted or all wrong by one factor; the
     square root of the first is 1.006, 1.108, 1.308 for κ = 3, 2, 1.5 (pulls within 5 % of 1).
+
+    Examples
+    --------
+    >>> from vsh import Field
+    >>> rng = np.random.default_rng(1)
+    >>> lon, lat = rng.uniform(0, 6.28, 500), np.arcsin(rng.uniform(-1, 1, 500))
+    >>> field = Field(lon, lat, 30 * rng.normal(size=(2, 500)), np.full((2, 500), 30.0))
+    >>> off = field.motion.copy()
+    >>> off[:, 7] += 5000
+    >>> clipped = clip(Field(lon, lat, off, field.sigma), 1, 5.0)
+    >>> np.flatnonzero(~clipped.kept).tolist()
+    [7]
     """
     modes = modes_for(field, modes)
     shared = None if covariance is None else as_covariance(covariance, field)

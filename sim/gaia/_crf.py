@@ -75,6 +75,12 @@ def crf3(
     magnitude of each source; the noise of parallax and motion is drawn with their correlations. Bright quasars are
     nearer, as in SDSS (`sim.population.REDSHIFT_BY_MAGNITUDE`), redshifts are learnt from spectra and one in twenty is
     wrong altogether, and colours follow them.
+
+    Examples
+    --------
+    >>> table = crf3(1, n_five=60, n_six=20)
+    >>> len(table), 'pmra_pmdec_corr' in table.colnames
+    (80, True)
     """
     return _frame_table(rng, signal, n_five, n_six, "DR3", traps)
 
@@ -107,6 +113,12 @@ def crf4(
     Notes
     -----
     As `crf3`, over the 66 months of DR4 and with the errors that are expected of it; epoch J2017.5.
+
+    Examples
+    --------
+    >>> table = crf4(1, n_five=60)
+    >>> 'phot_g_mean_mag' in table.colnames
+    True
     """
     arguments.choice("table", table, ("gaia_source", "all_source_astrometry"))
     rng = generator(rng)

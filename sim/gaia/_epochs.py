@@ -102,6 +102,14 @@ def epochs(
     -----
     A transit's error is that of `sim.observe`; a CCD's is three times as large. Positions of quasars at EPOCH, without
     parallax. What the columns of a complete table hold that no reader here uses is of the right type and size only.
+
+    Examples
+    --------
+    >>> from sim import Mission, NominalScanningLaw, quasars, spin
+    >>> mission = Mission(NominalScanningLaw(years=1.0))
+    >>> table = epochs(quasars(5, 1), spin((0, 0, 0)), 1, mission=mission)
+    >>> len(table) > 20
+    True
     """
     noise, gaps, others = generator(rng).spawn(3)
     mission = as_mission(NominalScanningLaw(years=5.5, rng=gaps) if mission is None else mission, release)

@@ -91,6 +91,12 @@ def link(
     -------
     AstrometryRows
         Rows of "gaia" at 2016.0, then of "vlbi".
+
+    Examples
+    --------
+    >>> rows = link(1, 10, spin=(20, 0, 0), quasars=2)
+    >>> rows.catalogues, len(rows)
+    (('gaia', 'vlbi'), 24)
     """
     rng = generator(rng)
     total = n + quasars

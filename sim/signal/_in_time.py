@@ -88,6 +88,12 @@ def in_time(function: Callable[[Any, Any, Any], Any]) -> Signal:
     ------
     ParameterError
         If it is no function.
+
+    Examples
+    --------
+    >>> turning = in_time(lambda time, lon, lat: np.stack([10 * np.sin(time) * np.cos(lat), 0 * lat]))
+    >>> isinstance(turning, Signal)
+    True
     """
     if not callable(function):
         raise ParameterError(f"a displacement is a function of (lon, lat, time), not {function!r}")

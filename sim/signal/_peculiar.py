@@ -169,6 +169,13 @@ def peculiar(
     ------
     ParameterError
         If the flow is none of these.
+
+    Examples
+    --------
+    >>> from sim import galaxies, observe
+    >>> field = observe(galaxies(50, 1), peculiar(300.0, 2), 3, sigma=1.0)
+    >>> len(field)
+    50
     """
     length = None if length is None else positive("length", length)
     hubble = None if hubble is None else positive("hubble", hubble)
@@ -240,6 +247,13 @@ def secular_parallax(velocity: ArrayLike, *, cosmology: Cosmology | None = None,
     Notes
     -----
     Bachchan, Hobbs & Lindegren (2016), sect. 2.3.
+
+    Examples
+    --------
+    >>> from sim import galaxies, observe
+    >>> field = observe(galaxies(50, 1), secular_parallax((370, 0, 0)), 2, sigma=1.0)
+    >>> field.redshift.shape
+    (50,)
     """
     hubble = None if hubble is None else positive("hubble", hubble)
     return Signal((SecularParallax(direction_of(velocity, "velocity", "km / s"), cosmology, hubble),))

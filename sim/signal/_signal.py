@@ -201,6 +201,13 @@ def from_coefficients(coefficients: Coefficients) -> Signal:
     ------
     ParameterError
         If they are no Coefficients.
+
+    Examples
+    --------
+    >>> from vsh import Coefficients, Modes
+    >>> signal = from_coefficients(Coefficients(Modes(1), [0, 0, 0, 10.0, 0, 0]))
+    >>> signal(np.array([1.0, 2.0]), np.array([0.0, 0.5])).shape
+    (2, 2)
     """
     if not isinstance(coefficients, Coefficients):
         raise ParameterError(f"a field is made of Coefficients, not {type(coefficients).__name__}")
@@ -214,6 +221,12 @@ def spin(vector: ArrayLike) -> Signal:
     ----------
     vector : (3,) array
         ω. [µas/yr]
+
+    Examples
+    --------
+    >>> signal = spin((0, 0, 10.0))
+    >>> signal(np.array([1.0]), np.array([0.0])).round(6).ravel().tolist()  # along the equator
+    [10.0, 0.0]
     """
     return from_coefficients(Coefficients.from_vectors(rotation=three_components(vector, "spin", "uas / yr")))
 
@@ -225,6 +238,12 @@ def acceleration(vector: ArrayLike) -> Signal:
     ----------
     vector : (3,) array
         ã. [µas/yr]
+
+    Examples
+    --------
+    >>> signal = acceleration((0, 0, 5.0))
+    >>> signal(np.array([1.0]), np.array([0.0])).round(6).ravel().tolist()  # towards the pole
+    [0.0, 5.0]
     """
     return from_coefficients(Coefficients.from_vectors(glide=three_components(vector, "acceleration", "uas / yr")))
 
@@ -287,6 +306,12 @@ def anisotropic_expansion(shear: ArrayLike) -> Signal:
     Notes
     -----
     The 0.2 µas/yr of Bachchan et al. (2016) is Quercellini et al.'s (2009) for 1 %.
+
+    Examples
+    --------
+    >>> signal = anisotropic_expansion(np.diag([0.01, 0.01, -0.02]))
+    >>> signal(np.array([0.0]), np.array([0.5])).shape
+    (2, 1)
     """
     shear = float_array("shear", shear, (3, 3))
     if not np.allclose(shear, shear.T):
@@ -308,6 +333,12 @@ def off_centre_void(direction: ArrayLike, amplitude: float = 0.02, peak: float =
         The largest motion [µas/yr]
     peak : float
         Z_p, the redshift of the largest motion.
+
+    Examples
+    --------
+    >>> from sim import galaxies, observe
+    >>> len(observe(galaxies(50, 1), off_centre_void((1.0, 0.0, 0.0)), 2, sigma=1.0))
+    50
     """
     direction = direction_of(direction, "direction")
     glide = number("amplitude", amplitude) * direction / np.linalg.norm(direction)
@@ -361,6 +392,11 @@ def random_field(power: ArrayLike, rng: Rng) -> Signal:
         ∫ |V_l|² dΩ of one kind, on average [(µas/yr)²]
     rng : Generator or int
         The source of all randomness.
+
+    Examples
+    --------
+    >>> random_field([5.0, 2.0], 1)(np.array([0.0]), np.array([0.3])).shape  # degrees 1 and 2
+    (2, 1)
     """
     return systematics(Spectrum.given(power), rng, lmax=np.size(power))
 
@@ -381,6 +417,11 @@ def wave_background(omega: float, rng: Rng, *, hubble: float = 70.0, lmax: int =
         [km/s/Mpc]
     lmax : int
         The highest degree.
+
+    Examples
+    --------
+    >>> wave_background(1e-4, 1, lmax=4)(np.array([0.0]), np.array([0.3])).shape
+    (2, 1)
     """
     return systematics(not_negative("omega", omega) * Spectrum.waves(hubble), rng, lmax=lmax)
 

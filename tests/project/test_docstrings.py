@@ -1,6 +1,8 @@
 """Every public signature is typed; the docstring of a promised name has every argument, in one form; the rest has a line."""
 
 import ast
+import importlib
+import inspect
 import re
 
 from conftest import ROOT, for_each
@@ -128,3 +130,18 @@ def test_errors_that_are_raised_are_listed(path):
         raised = [each for each in ast.walk(node) if isinstance(each, ast.Raise) and isinstance(each.exc, ast.Call)]
         if raised:
             assert "Raises\n------" in ast.get_docstring(node), name
+
+
+@for_each(["vsh", "fit", "sim"])
+def test_all_that_a_face_gives_has_an_example(face):
+    """What is called or made from the three faces is shown at work; the examples are run as tests."""
+    module = importlib.import_module(face)
+    given = {name: getattr(module, name) for name in module.__all__}
+    lacking = [
+        name
+        for name, each in given.items()
+        if callable(each)
+        and not (inspect.isclass(each) and issubclass(each, BaseException))
+        and ">>>" not in (each.__doc__ or "")
+    ]
+    assert not lacking

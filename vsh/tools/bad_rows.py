@@ -243,3 +243,27 @@ def _is_number(text):
     except ValueError:
         return False
     return True
+
+
+def check_measured(noun: Any) -> None:
+    """Raise FieldError where redshifts or distances of a field have no errors that can be used."""
+    for column, least in (
+        ("redshift_error", "zero or more"),
+        ("distance", "above zero"),
+        ("distance_error", "above zero"),
+    ):
+        values = getattr(noun, column)
+        if values is None:
+            continue
+        with np.errstate(invalid="ignore"):
+            bad = (values < 0) | ((values == 0) & (least != "zero or more")) | np.isinf(values)
+        if bad.any():
+            raise FieldError(f"{bad.sum()} values of {column} (first: row {bad.argmax()}) are not {least}, nor missing")
+    if noun.distance is not None:
+        known = np.isfinite(noun.distance)
+        sure = np.zeros(known.shape, bool) if noun.distance_error is None else np.isfinite(noun.distance_error)
+        if (known & ~sure).any():
+            raise FieldError(
+                f"{(known & ~sure).sum()} of {known.sum()} distances have no errors (distance_error=, --columns "
+                "distance_error=NAME): how far they are to be trusted is what they are worth"
+            )
