@@ -142,7 +142,8 @@ def _finish(options, notes, meta, what):
     with atomic_write(_repeats(options)) as new:
         written = {Path(options.output).name: digest(options.output)}
         new.write_text(outputs.repeats(options, name=_repeats(options).name, written=written), encoding="utf-8")
-    text = "\n".join([*notes, f"written to {options.output}: {what}"])
+    true = ", ".join(f"{name} {value:g}" for name, value in meta.items() if isinstance(value, (int, float)))
+    text = "\n".join([*notes, f"written to {options.output}: {what}", f"truth: {true}"])
 
     def truth():
         from vsh.io.tables import table_of
@@ -199,12 +200,14 @@ def _own(options, rng):
     from vsh.io.catalogue import read_sources
     from vsh.models.cosmology import with_redshift
 
-    read = read_sources(options.positions, on_bad="drop", sigma=1.0).to_frame("icrs")
-    notes = [note for note in read.notes if "errors of 1 µas/yr" not in note]
+    read = read_sources(options.positions, options.columns, options.units, on_bad="drop", sigma=1.0).to_frame("icrs")
+    of_motions = ("errors of 1 µas/yr", "pmra_pmdec_corr")  # which are made here
+    notes = [note for note in read.notes if not any(words in note for words in of_motions)]
     if options.kind == "galaxies":
         if read.redshift is None:
             raise TableError(
-                f"{printable(options.positions)} has no redshifts, from which galaxies have their distances"
+                f"{printable(options.positions)} has no redshifts, from which galaxies have their distances: if a "
+                "column holds them, say --columns redshift=NAME (--units NAME=km/s of c z)"
             )
         known = with_redshift(read)
         notes += known.notes[len(read.notes) :]

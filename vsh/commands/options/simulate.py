@@ -13,7 +13,7 @@ NOT_OF_EPOCHS = ("no_transits", "variability", "velocity", "redshifts", "redshif
 NOT_OF_CRF3 = (
     "sky", "selection", "map_frame", "orientation", "velocity", "peculiar_dispersion", "flow", "redshifts",
     "redshift_error", "variability", "attitude", "excess_noise", "years", "dead_time", "redshift_range", "release",
-    "no_transits", "wave",
+    "no_transits", "wave", "columns", "units",
 )  # fmt: skip
 #: What radio stars take of the other kinds' options, and what is theirs alone.
 NOT_OF_LINK = (*(each for each in NOT_OF_CRF3 if each != "orientation"), "tau")
@@ -58,6 +58,10 @@ def make_parser() -> argparse.ArgumentParser:
         help="quasars, galaxies: positions, redshifts and magnitudes of a table of your own, in place of drawn ones "
         "(magnitudes are drawn where it has none)",
     )
+    parser.add_argument(
+        "--columns", type=values.columns, metavar="ROLE=NAME,…", help="names of its columns: redshift=cz"
+    )
+    parser.add_argument("--units", type=values.pairs, metavar="NAME=UNIT,…", help="their units: cz=km/s")
     parser.add_argument("--sky", choices=values.SKIES, help="default: uniform")
     parser.add_argument("--selection", metavar="MAP", help="a HEALPix map (FITS) of their density")
     parser.add_argument(
@@ -194,6 +198,8 @@ def check(parser: argparse.ArgumentParser, options: argparse.Namespace) -> None:
             )
         if options.kind not in ("quasars", "galaxies"):
             parser.error("--positions is for quasars and galaxies")
+    elif options.columns or options.units:
+        parser.error("--columns and --units are of the table of --positions")
     if options.velocity is not None and options.kind != "galaxies":
         parser.error("--velocity is for galaxies: quasars are too far to show it")
     if options.flow and options.kind != "galaxies":
