@@ -387,6 +387,27 @@ class Solution(HarmonicSolution):
             )
         super().__post_init__()
 
+    def widget(self, field: Field, *, height: int = 720) -> Any:
+        """The fit and its sources on a sky that can be turned, for a notebook; a figure where it cannot.
+
+        Parameters
+        ----------
+        field : Field
+            The sources that were fitted.
+        height : int
+            [pixels]
+        """
+        from vsh.figures.page import Shown, widget
+        from vsh.figures.plot import picture_of, plot_field
+
+        field = field.to_frame(self.frame)
+        shown = Shown("fit", field, self.coefficients, self.covariance, self.unit)
+        return widget(
+            shown,
+            height=height,
+            static=lambda: picture_of(plot_field(field, self.coefficients, covariance=self.covariance, unit=self.unit)),
+        )
+
     def _pack(self):
         columns = coefficient_columns(self.modes) | {
             "value": self.coefficients.values,

@@ -22,5 +22,6 @@ from vsh.figures.page._page import (
     words,
     write_page,
 )
+from vsh.figures.page._widget import widget
 
-__all__ = ["Panel", "page", "sky", "write_page"]
+__all__ = ["Panel", "page", "sky", "widget", "write_page"]
