@@ -35,10 +35,11 @@ def plot_link(solution: Any, *, ax: Any = None) -> Any:
     axes = drawn[len(vectors)]
     influence = np.abs(solution.influence).max(1)
     axes.scatter(solution.distances, influence, c=solution.outlier, cmap="viridis", vmin=0, vmax=1, s=14)
-    for i in np.argsort(-influence)[:3]:
+    # Those of most influence may stand side by side: each name has a corner of its own.
+    for i, (offset, side) in zip(np.argsort(-influence), (((4, 3), "left"), ((4, -9), "left"), ((-4, 3), "right"))):
         axes.annotate(
-            solution.sources[i], (solution.distances[i], influence[i]), textcoords="offset points", xytext=(4, 3),
-            fontsize="x-small",
+            solution.sources[i], (solution.distances[i], influence[i]), textcoords="offset points", xytext=offset,
+            ha=side, fontsize="x-small",
         )  # fmt: skip
     axes.set_xscale("log")
     log_ticks(axes.xaxis, *axes.get_xlim())
@@ -51,7 +52,8 @@ def plot_link(solution: Any, *, ax: Any = None) -> Any:
 def plot_steps(search: Any, *, ax: Any = None) -> Any:
     """Probability of each place of a jump, and what lies between."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
-    axes.plot(search.places, search.probability, "o-", color=COLOURS[0], markersize=4)
+    axes.vlines(search.places, 0, search.probability, color=COLOURS[0], linewidth=1)
+    axes.plot(search.places, search.probability, "o", color=COLOURS[0], markersize=4)
     axes.axvspan(*search.interval, color=COLOURS[0], alpha=0.12, linewidth=0)
     axes.set_ylim(0, None)
     axes.set_xlabel("magnitude of the jump")
