@@ -1,9 +1,6 @@
-"""From a field to what it says: normal equations, their solution, its report.
+"""From a field to what it says: normal equations, their solution, its report."""
 
-What is named in `__init__.pyi` is imported when it is first asked for.
-"""
-
-import lazy_loader
+import lazy_loader  # what is named in __init__.pyi is imported when it is first asked for
 
 from vsh.tools.modules import old_names
 

@@ -1,9 +1,6 @@
-"""Skies with a known truth.
+"""Skies with a known truth."""
 
-What is named in `__init__.pyi` is imported when it is first asked for.
-"""
-
-import lazy_loader
+import lazy_loader  # what is named in __init__.pyi is imported when it is first asked for
 
 from vsh.tools.modules import old_names
 

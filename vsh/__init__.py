@@ -1,9 +1,9 @@
 """Vector spherical harmonics of proper motions: coefficients, fields and catalogues.
 
-Inside, angles are in radians and proper motions in µas/yr. What `__init__.pyi` names is imported when first asked for.
+Inside, angles are in radians and proper motions in µas/yr.
 """
 
-import lazy_loader
+import lazy_loader  # what is named in __init__.pyi is imported when it is first asked for
 
 from vsh.tools import modules
 
