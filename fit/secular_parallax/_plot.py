@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import ScalarFormatter
 
 from vsh.figures.plot import (
     COLOURS,
@@ -13,6 +12,7 @@ from vsh.figures.plot import (
     draw_map,
     draw_vectors,
     even_grid,
+    log_ticks,
     panels,
     sky_axes,
     styled,
@@ -66,8 +66,7 @@ def plot_forecast(forecast: Any, *, ax: Any = None) -> Any:
             style = "--" if known == "independent" else "-"
             axes.plot(forecast.limits, each, marker="o", color=colour, linestyle=style, label=known)
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(ScalarFormatter())
-        axes.yaxis.set_minor_formatter(ScalarFormatter())
+        log_ticks(axes.yaxis, *axes.get_ylim())
         axes.set_xticks(forecast.limits)
         axes.set_title(name, loc="left")
         axes.set_ylabel("error of H0  [km/s/Mpc]")

@@ -63,6 +63,10 @@ def _run(options):
     if options.kind == "galaxies":
         meta |= {f"VEL_{axis}": float(value) for axis, value in zip("XYZ", velocity, strict=True)}
         meta["HUBBLE"] = options.h0
+    if options.kind == "galaxies":  # our own default output is what our own default input takes
+        from vsh.models.cosmology import with_redshift
+
+        field = with_redshift(field)
     field.write(options.output, meta)
     notes += field.notes
     if tables.format_of(options.output) == "ascii.csv":

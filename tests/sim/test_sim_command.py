@@ -188,3 +188,14 @@ def test_positions_of_ones_own(tmp_path, capsys):
         with pytest.raises(SystemExit):
             main([*words, *extra, "--output", str(out)])
         assert "takes the sources of a table" in capsys.readouterr().err
+
+
+def test_what_it_writes_is_read(tmp_path, capsys):
+    """A few of the nearest galaxies come towards us: none is in the table that no distance follows from."""
+    from fit.commands.redshift import main as redshift
+
+    words = ["--number", "3000", "--redshifts", "heliocentric", "--peculiar-dispersion", "400", "--velocity", "planck"]
+    path = str(tmp_path / "g.fits")
+    assert main(["galaxies", *words, "--no-transits", "--output", path]) == 0
+    assert "without a usable redshift" in capsys.readouterr().out
+    assert redshift([path, "--h0", "67.4", "--no-flows", "--no-figures"]) == 0
