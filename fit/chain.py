@@ -168,9 +168,7 @@ class Chain(Result):
         ParameterError
             If they are not, or what they share was not sought (`floor=True`).
         """
-        if self.shared is None:
-            raise ParameterError("what sources share over the sky was not sought: chain_catalogues(…, floor=True)")
-        return self.shared.combination(self._row(catalogue, other)[1:])
+        return self._sought().combination(self._row(catalogue, other)[1:])
 
     def frame_p_value(self, kind: str, catalogue: str, other: str | None = None) -> float:
         """Probability of as large a rotation, or glide, of two catalogues with one frame, with what sources share.
@@ -187,10 +185,14 @@ class Chain(Result):
         ParameterError
             As for `frames`.
         """
-        self.frames(catalogue, other)
         i, j = sorted((self._place(catalogue), self._place(self.labels[0] if other is None else other)), reverse=True)
-        assert self.shared is not None
-        return self.shared.p_value(kind, i - 1, j - 1 if j else None)
+        return self._sought().p_value(kind, i - 1, j - 1 if j else None)
+
+    def _sought(self):
+        """What sources share over the sky; ParameterError where it was not sought."""
+        if self.shared is None:
+            raise ParameterError("what sources share over the sky was not sought: chain_catalogues(…, floor=True)")
+        return self.shared
 
     def report(self) -> str:
         """The catalogues, what they share, and each against the reference, as text."""
@@ -236,13 +238,12 @@ class Chain(Result):
 
     def _frame_lines(self):
         """Rotation and glide of any two, with what sources share over the sky."""
-        assert self.shared is not None
         names = ("spin", "glide") if self.unit == "µas/yr" else ("rotation (−R1, −R2, −R3)", "glide (D1, D2, D3)")
         pairs = [f"{a} − {b}" for a, b in combinations(self.labels, 2)]
         width = 2 + max(map(len, pairs))
         lines = [
             "with what sources share over the sky, degrees 2 to "
-            f"{max(self.shared.degrees)} of all differences in one model:",
+            f"{max(self._sought().degrees)} of all differences in one model:",
             f"{f'[{self.unit}]':{width}}" + "".join(f"{name:>40}{'p':>9}" for name in names),
         ]
         for (a, b), words in zip(combinations(self.labels, 2), pairs, strict=True):
@@ -393,8 +394,9 @@ def chain_catalogues(
 
 def _over_the_sky(sky, correlation, kept, labels, rng):
     """Rotation and glide with what is shared over the sky; errors multiplied by √(χ²/dof) of the fit to degree 5."""
-    matrix, rhs, _ = _normal(sky, _FLOOR, correlation, kept)
-    *_, chi2, dof = _solve(sky, _FLOOR, correlation, kept, labels)
+    normal = _normal(sky, _FLOOR, correlation, kept)
+    *_, chi2, dof = _solved(sky, _FLOOR, normal, kept, labels)
+    matrix, rhs, _ = normal
     tau = chi2 / dof if dof > 0 else 1.0
     both = sky.seen[1:, kept] & sky.seen[0, kept]
     return shared_jointly(
@@ -505,8 +507,13 @@ def _normal(sky, modes, correlation, kept):
 
 def _solve(sky, modes, correlation, kept, labels):
     """Coefficients, their covariance, χ² of each source, in all, and the degrees of freedom."""
+    return _solved(sky, modes, _normal(sky, modes, correlation, kept), kept, labels)
+
+
+def _solved(sky, modes, normal, kept, labels):
+    """The same of normal equations that are at hand."""
     k, p = len(labels), len(modes)
-    matrix, rhs, weights = _normal(sky, modes, correlation, kept)
+    matrix, rhs, weights = normal
     n = matrix[1:, :, 1:].reshape((k - 1) * p, -1)
     size = np.sqrt(np.diag(n))
     if not (size > 0).all() or np.linalg.cond(n / np.outer(size, size)) > 1e10:

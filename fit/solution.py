@@ -329,9 +329,9 @@ class Solution(HarmonicSolution):
     @property
     def verdict(self) -> str:
         """Whether an acceleration is seen, and how large it is or can be, with all errors that are known."""
-        from fit.output import verdict
+        from fit.output import holds_floor, verdict
 
-        return verdict(self, shared=", with the floor" in self.errors_from)
+        return verdict(self, shared=holds_floor(self))
 
     def latex(self, style: Literal["booktabs", "siunitx", "aastex", "aa"] = "booktabs") -> str:
         """Spin, acceleration and powers as a LaTeX table, with what they are of and what they come to.

@@ -147,8 +147,11 @@ class Blocks:
             rows, columns = self.groups[g], self.groups[h]
             for (one, two), values in zip(below, products, strict=True):
                 gram[one, rows, two, columns] = values.reshape(rows.stop - rows.start, -1)
-        square = gram.reshape(k * q, k * q)
-        square.ravel()[:: k * q + 1] += 1
+        return self._factored(r, gram.reshape(k * q, k * q))
+
+    def _factored(self, r, square):
+        """R, and Λ and w of 1 + Rᵀ A R; Rᵀ A R is overwritten."""
+        square.ravel()[:: len(square) + 1] += 1
         lower = cholesky(square, lower=True, overwrite_a=True, check_finite=False)
         w = solve_triangular(lower, np.einsum("mjk,mk->jk", r, self.rhs).ravel(), lower=True, check_finite=False)
         return r, lower, w

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import solve_triangular
 
 from fit.background._blocks import Blocks, ClassEquations, parities
 from fit.background._shared import SharedErrors, drawn, spectra_of
@@ -78,11 +78,7 @@ class JointBlocks(Blocks):
         r = self._root_of(x)[self.group].transpose(1, 2, 0) * self.root
         k, q = self.n_classes, self.size
         half = np.einsum("nil,mknl->mkil", r, self.whole, optimize=True)
-        square = np.einsum("mjk,mkil->jkil", r, half, optimize=True).reshape(k * q, k * q)
-        square.ravel()[:: k * q + 1] += 1
-        lower = cholesky(square, lower=True, overwrite_a=True, check_finite=False)
-        w = solve_triangular(lower, np.einsum("mjk,mk->jk", r, self.rhs).ravel(), lower=True, check_finite=False)
-        return r, lower, w
+        return self._factored(r, np.einsum("mjk,mkil->jkil", r, half, optimize=True).reshape(k * q, k * q))
 
     def _seen(self, r):
         """Rᵀ A, and the diagonal over modes of A for each pair of classes, (K, K, q)."""

@@ -16,7 +16,6 @@ def _run(options):
     what = options.what or ("motions" if all(_has_motions(path, options) for path in paths) else "positions")
     labels = _labels(paths)
     first = _read(paths[0], what, options, options.where)
-    floor = True if options.floor else False if options.no_floor else None
     compared, others = {}, {}
     for path, label in zip(paths[1:], labels[1:], strict=True):
         others[label] = _read(path, what, options, options.where2 or options.where)
@@ -28,7 +27,7 @@ def _run(options):
             radius=options.radius,
             threshold=options.threshold,
             labels=(labels[0], label),
-            floor=floor,
+            floor=_floor(options),
             parameters=options.parameters,
             method=_method(options),
             replicates=options.bootstrap or 1000,
@@ -76,6 +75,11 @@ def _run(options):
     )
 
 
+def _floor(options):
+    """Whether what sources share is taken in; None where the number of sources says."""
+    return True if options.floor else False if options.no_floor else None
+
+
 def _method(options):
     """What values and errors come from."""
     if options.robust:
@@ -102,8 +106,7 @@ def _together(catalogues, options):
         return None
     from fit.chain import chain_catalogues
 
-    floor = True if options.floor else False if options.no_floor else None
-    return chain_catalogues(catalogues, options.lmax, floor=floor, rng=options.seed)
+    return chain_catalogues(catalogues, options.lmax, floor=_floor(options), rng=options.seed)
 
 
 def _write(folder, compared, together, meta):

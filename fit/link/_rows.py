@@ -42,8 +42,6 @@ class Rows:
     magnitude : (n,) array
     rows : (n,) int array
         How many rows of the catalogues each source has.
-    calibrated : bool
-        Whether sources of one calibrator stand together as one.
     log_determinant : float
         Half of that of the covariances of the differences: what unit variance leaves out of a likelihood.
     """
@@ -55,7 +53,6 @@ class Rows:
     magnitude: FloatArray
     rows: IntArray
     log_determinant: float
-    calibrated: bool = False
 
     @cached_property
     def dims(self) -> IntArray:
@@ -118,16 +115,15 @@ class Equations:
                 "no source tells anything of the frame: none is in two catalogues, and none is a quasar with a motion "
                 f"(sources are matched by name: {called} …)"
             )
-        told = [self.rows[each.group] for each in left]
+        groups = [self.rows[each.group] for each in left]
         return Rows(
             np.concatenate([each.design for each in left]),
             np.concatenate([each.rhs for each in left]),
             np.repeat(np.arange(len(left)), [len(each.rhs) for each in left]),
-            tuple(map(self._called, told)),
-            np.array([self._magnitude(rows) for rows in told]),
-            np.array([len(rows) for rows in told]),
+            tuple(map(self._called, groups)),
+            np.array([self._magnitude(rows) for rows in groups]),
+            np.array([len(rows) for rows in groups]),
             float(sum(each.size for each in left)),
-            bool((self.data.calibrator != "").any()),
         )
 
     @cached_property

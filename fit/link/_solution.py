@@ -126,12 +126,27 @@ class LinkSolution(NamedSolution):
             raise ParameterError(
                 f"no step at {step:g} was sought: {', '.join(map(str, self.unknowns.steps)) or 'none'}"
             )
-        above = self.unknowns.combination(vector, catalogue or self.unknowns.turned[0], step)
-        below = self.unknowns.combination(vector, catalogue or self.unknowns.turned[0], np.nextafter(step, -np.inf))
-        a = above - below
+        value, covariance, p = self._tested(self.unknowns.jump(vector, catalogue or self.unknowns.turned[0], step))
+        return Vector(value, covariance, self.frame, VECTORS[vector][1]), p
+
+    def jump_p_value(self, step: float) -> float:
+        """The probability of as large a jump by chance, of all vectors and catalogues together.
+
+        Parameters
+        ----------
+        step : float
+            One of the steps that were sought.
+        """
+        unknowns = self.unknowns
+        vectors = [each for each in unknowns.vectors if each != "acceleration"]
+        rows = [unknowns.jump(vector, catalogue, step) for catalogue in unknowns.turned for vector in vectors]
+        return self._tested(np.concatenate(rows))[2]
+
+    def _tested(self, a):
+        """A combination of the parameters, its covariance, and the probability of as much by chance."""
         value, covariance = a @ self.values, a @ self.covariance @ a.T
         size = value @ np.linalg.solve(covariance, value)
-        return Vector(value, covariance, self.frame, VECTORS[vector][1]), f_p_value(float(size), 3, self.dof)
+        return value, covariance, f_p_value(float(size), len(a), self.dof)
 
     def model(self, field: Field) -> FloatArray:
         """The motions by which the first catalogue turns at the sources of a field, (2, n). [µas/yr]

@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from fit.link._link import link
 from fit.link._solution import LinkSolution
-from fit.quality import SEEN, f_p_value, printed_p_value
+from fit.quality import SEEN, printed_p_value
 from fit.storage import Result
 from vsh.io import tables
 from vsh.sky.astrometry import AstrometryRows
@@ -128,7 +128,7 @@ def find_step(astrometry: AstrometryRows, places: Sequence[float] | None = None,
         raise ParameterError(f"two magnitudes at least are wanted as places of a jump, not {places!r}")
     solutions = [link(astrometry, steps=[float(place)], **options) for place in tried]
     evidence = np.array([each.log_evidence for each in solutions])
-    p_values = np.array([_p_value(each) for each in solutions])
+    p_values = np.array([each.jump_p_value(place) for each, place in zip(solutions, tried.tolist(), strict=True)])
     best = solutions[int(evidence.argmax())]
     together = -np.expm1(len(tried) * np.log1p(-min(p_values.min(), 1 - 1e-16)))
     return StepSearch(tried, np.exp(evidence - logsumexp(evidence)), p_values, float(together), best)
@@ -144,20 +144,3 @@ def _between(astrometry):
         )
     at = np.unique(np.linspace(_BESIDE, len(known) - _BESIDE, _PLACES).astype(int))
     return np.unique((known[at - 1] + known[at]) / 2)
-
-
-def _p_value(solution):
-    """That of no jump in any component that is sought."""
-    unknowns = solution.unknowns
-    step = unknowns.steps[0]
-    vectors = [each for each in unknowns.vectors if each != "acceleration"]
-    rows = []
-    for catalogue in unknowns.turned:
-        for vector in vectors:
-            above, below = (
-                unknowns.combination(vector, catalogue, each) for each in (step, np.nextafter(step, -np.inf))
-            )
-            rows.append(above - below)
-    a = np.concatenate(rows)
-    value, covariance = a @ solution.values, a @ solution.covariance @ a.T
-    return f_p_value(float(value @ np.linalg.solve(covariance, value)), len(a), solution.dof)

@@ -82,6 +82,11 @@ class Unknowns(InNotebook):
         rows += [(colour - _ZERO["colour"]) ** k for k in range(1, self.colour_order + 1)]
         return np.array(rows)
 
+    def jump(self, vector: str, catalogue: str, step: float) -> FloatArray:
+        """What of the parameters makes the jump of a `vector` of one `catalogue` at a `step`, (3, p)."""
+        at = self.combination(vector, catalogue, step)
+        return at - self.combination(vector, catalogue, np.nextafter(step, -np.inf))
+
     def combination(
         self, vector: str, catalogue: str, magnitude: float | None = None, colour: float | None = None
     ) -> FloatArray:

@@ -18,7 +18,7 @@ from fit.output._rows import (
     vector_rows,
     vectors_of,
 )
-from fit.output._verdict import with_all_errors
+from fit.output._verdict import holds_floor, with_all_errors
 from fit.quality import SEEN
 from vsh.figures import page
 from vsh.tools.types import Table
@@ -117,8 +117,7 @@ def _cards(solution):
     for name, vector in reversed(vectors_of(solution).items()):
         quoted = vector
         if name in ("spin", "acceleration") and np.isfinite(solution.covariance).all():
-            inside = ", with the floor" in solution.errors_from
-            vector, errors, _ = with_all_errors(solution, name, shared=inside)
+            vector, errors, _ = with_all_errors(solution, name, shared=holds_floor(solution))
             if not np.allclose(vector.covariance, quoted.covariance):
                 more = f"errors {', '.join(errors)}; as fitted {amplitude(quoted, 2)}"
                 size = amplitude(vector, 2) if vector.p_value < SEEN else f"< {vector.amplitude_limit():.3g} (95 %)"

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fit.output._rows import amplitude, components, direction, is_scalar, power_rows, vectors_of
-from fit.output._verdict import with_all_errors
+from fit.output._verdict import holds_floor, with_all_errors
 from fit.quality import SEEN
 from vsh.tools.arguments import choice
 
@@ -68,14 +68,13 @@ def two_digits(sigma: Any) -> int:
 
 def _facts(solution):
     """The last lines of a table: sources, degrees, χ², errors, directions, and what it comes to."""
-    inside = ", with the floor" in solution.errors_from
     facts = [
         f"{solution.n_sources} sources, degrees {solution.modes.lowest} to {solution.modes.lmax}, {solution.frame} "
         f"axes, χ²/dof = {solution.reduced_chi2:.3f}, errors from {solution.errors_from}"
     ]
     for name, vector in vectors_of(solution).items():
         if name in ("spin", "acceleration") and np.isfinite(solution.covariance).all():
-            vector, _, _ = with_all_errors(solution, name, shared=inside)
+            vector, _, _ = with_all_errors(solution, name, shared=holds_floor(solution))
         if vector.amplitude > 0 and vector.p_value < SEEN:
             facts.append(f"{name} {direction(vector)}")
     said = solution.verdict

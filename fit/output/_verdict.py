@@ -72,6 +72,11 @@ def with_all_errors(
     return Vector(a.value, covariance, a.frame, a.unit), errors, known
 
 
+def holds_floor(solution: Any) -> bool:
+    """Whether what sources share is in the errors of a solution."""
+    return ", with the floor" in solution.errors_from
+
+
 def _beside_gaia(whole):
     """A word where it is not the acceleration that Gaia EDR3 has."""
     gaia = GAIA_EDR3.to_frame(whole.frame)

@@ -27,7 +27,7 @@ def crossings(
     """Source, time and field of all crossings, by source and time; axes and directions are rows of three."""
     size = 200 * len(r) + 100
     owner, time, views = np.empty(size, np.int64), np.empty(size), np.empty(size, np.int64)
-    found, spins, turn = 0, len(times) - 1, 2 * np.pi
+    count, spins, turn = 0, len(times) - 1, 2 * np.pi
     for i in range(len(r)):
         for c in range(len(reach)):
             if not abs(_height(r, i, z, chunk * c)) < wide + reach[c]:
@@ -47,15 +47,15 @@ def crossings(
                         share = (first + again * turn) / (turn - moved)
                         if not (share < 1 and abs(h0 + share * (h1 - h0)) < wide):
                             continue
-                        if found == size:
+                        if count == size:
                             owner, time = np.append(owner, owner), np.append(time, time)
                             views, size = np.append(views, views), 2 * size
                         when = times[k] + share * (times[k + 1] - times[k])
-                        place = found
+                        place = count
                         # The four of a spin come nearly in order.
                         while place > 0 and owner[place - 1] == i and time[place - 1] > when:
                             owner[place], time[place], views[place] = i, time[place - 1], views[place - 1]
                             place -= 1
                         owner[place], time[place], views[place] = i, when, view
-                        found += 1
-    return owner[:found].copy(), time[:found].copy(), views[:found].copy()
+                        count += 1
+    return owner[:count].copy(), time[:count].copy(), views[:count].copy()
