@@ -11,11 +11,11 @@ a few nodes and interpolated.
 """
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dposv, sposv
 
 from fit.background._fit import scales_of, span_of
 from fit.background._likelihood import Likelihood
@@ -25,17 +25,14 @@ from vsh.tools.errors import ConvergenceError, DegeneracyError
 from vsh.tools.parallel import blas_for
 from vsh.tools.types import FloatArray
 
-#: Nodes along each amplitude, until the rest of ln L is interpolated to `_ACCURACY`.
-_NODES = (3, 5, 8)
+#: Nodes along each amplitude, each set within the next, until the rest of ln L is interpolated to `_ACCURACY`.
+_NODES = (3, 5, 9)
 _ACCURACY = 2e-3
 #: How often the region is moved to where the maximum turns out to be.
 _ROUNDS = 4
 _MIXED = "the sky mixes the parities too much for an expansion"
 #: Where that is tried, in parts of the way.
 _BETWEEN = ((0.3, 0.7), (0.85, 0.2))
-
-
-_NONE = np.zeros((2, 1, 1))
 
 
 class Parities(Likelihood):
@@ -76,11 +73,25 @@ class Parities(Likelihood):
         s = np.sqrt(w)[:, None] * c * np.sqrt(v)
         f, g = np.sqrt(w) * x, np.sqrt(v) * y
         side = f - s @ g
-        factor, solved, failed = dposv(np.eye(len(s)) - s @ s.T, side, lower=1)
-        if failed:  # cannot be: a sum over sources is positive
-            raise DegeneracyError("the normal matrix is not positive: it is no sum over sources")
+        factor, solved = _solved(dposv, np.eye(len(s)) - s @ s.T, side)
         logdet = np.log1p(a * odd).sum() + np.log1p(b * even).sum() + 2 * np.log(factor.diagonal()).sum()
         return float(logdet), float(g @ g + side @ solved)
+
+    def _left(self, ratios):
+        """What `exact` has beyond first order, in single precision: it is small, and is interpolated.
+
+        With h = f − S g and (I − M) z = h, where M = S Sᵀ: ln|I − M| + tr M and (Sᵀh)ᵀ(Sᵀz) − |Sᵀf|².
+        """
+        (a, b), (odd, even, _, x, y) = ratios, self._turned
+        w, v = np.sqrt(a / (1 + a * odd)).astype("f4"), np.sqrt(b / (1 + b * even)).astype("f4")
+        s = w[:, None] * self._single * v
+        f, g = w * x.astype("f4"), v * y.astype("f4")
+        h = f - s @ g
+        mixed = s @ s.T
+        trace = mixed.trace(dtype=float)
+        factor, z = _solved(sposv, np.eye(len(s), dtype="f4") - mixed, h)
+        logdet = 2 * np.log(factor.diagonal(), dtype=float).sum() + trace
+        return np.array([logdet, np.vdot(h @ s, z @ s) - np.sum((f @ s) ** 2)], dtype=float)
 
     def parts(self, ratios: FloatArray) -> tuple[float, float]:
         """ln|K| and Q for amplitudes in units of κ²."""
@@ -125,6 +136,10 @@ class Parities(Likelihood):
     @cached_property
     def _squares(self):
         return self._turned[2] ** 2
+
+    @cached_property
+    def _single(self):
+        return self._turned[2].astype("f4")
 
     def _near(self, a, b):
         """ln|K| and Q to first order on the tensor of ratios a and b, (2, a, b)."""
@@ -181,13 +196,13 @@ class Parities(Likelihood):
         """The rest in a region, and some way around it."""
         ends = [(0.9 * low, high + 0.1) for low, high in ends]
 
-        def left(place):
-            ratios = self.unit * np.sinh(place) ** 2
-            return np.array(self.exact(ratios)) - self._near(*ratios[:, None])[:, 0, 0]
+        @cache
+        def left(*places):
+            return self._left(self.unit * np.sinh(places) ** 2)
 
         low, high = np.array(ends).T
         tried = [low + np.array(part) * (high - low) for part in _BETWEEN]
-        wanted = [left(place) for place in tried]
+        wanted = [left(*place) for place in tried]
         for number in _NODES:
             rest = _Rest.through(left, ends, number)
             away = np.array([rest.at(list(place[:, None]))[:, 0, 0] for place in tried]) - wanted
@@ -212,10 +227,10 @@ class _Rest:
 
     @classmethod
     def through(cls, function, ends, number):
-        """Those through `number` × `number` values."""
-        node = chebyshev.chebpts1(number)
+        """Those through `number` × `number` values of a function that remembers them."""
+        node = chebyshev.chebpts2(number).round(15)
         axes = [low + (high - low) * (node + 1) / 2 for low, high in ends]
-        values = np.array([[function(np.array([x, y])) for y in axes[1]] for x in axes[0]])
+        values = np.array([[function(x, y) for y in axes[1]] for x in axes[0]])
         inverse = np.linalg.inv(chebyshev.chebvander(node, number - 1))
         return cls(np.einsum("ai,bj,ijk->kab", inverse, inverse, values), ends)
 
@@ -226,3 +241,11 @@ class _Rest:
             for x, (low, high) in zip(places, self.ends, strict=True)
         )
         return left @ self.series @ right.T
+
+
+def _solved(posv, matrix, side):
+    """The triangle of a positive matrix, and the solution for a side."""
+    factor, solution, failed = posv(matrix, side, lower=1, overwrite_a=1)
+    if failed:  # cannot be: a sum over sources is positive
+        raise DegeneracyError("the normal matrix is not positive: it is no sum over sources")
+    return factor, solution
