@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.spatial.transform import Rotation
 
 from vsh.coefficients import Coefficients
 from vsh.sky.frames import rotation_matrix
@@ -47,6 +46,8 @@ def rotate(coefficients: Coefficients, to: str, *, covariance: ArrayLike | None 
     array([-0.236, -3.756, -2.08 ])
     """
     matrix = rotation_matrix(frame, to) if isinstance(to, str) else _checked(to)
+    from scipy.spatial.transform import Rotation  # a tenth of what a small job takes
+
     vector = Rotation.from_matrix(np.array(matrix)).as_rotvec()
     modes = coefficients.modes
     values = coefficients.values.copy()

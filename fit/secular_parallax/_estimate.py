@@ -131,6 +131,7 @@ def velocity_from(
     acceleration: Vector | None = None,
     excess_noise: float = 0.0,
     local_group: Vector | bool | None = None,
+    preferred: bool = True,
 ) -> VelocitySolution:
     """Our velocity from equations with distances for this H0; `local_group` is for forecasts alone."""
     ratio = hubble / rows.hubble
@@ -139,20 +140,23 @@ def velocity_from(
     to_u[U, U] *= ratio  # u = v H0/H_ref
     names = ("v_x", "v_y", "v_z", "a_x", "a_y", "a_z")
     group = local_group_of(local_group, rows)
-    left_out, preferred = _further(rows, dispersion, excess_noise, acceleration, ratio)
+    left_out = _left_out(rows, dispersion, excess_noise, ratio)
+    best = _preferred(rows, dispersion, excess_noise, acceleration, ratio) if preferred else None
     solved = solve_for(sums, to_u[:, : OMEGA.start], names, spin, rows, acceleration, ratio, group, left_out=left_out)
-    return VelocitySolution(**solved, preferred=preferred, peculiar_dispersion=dispersion, assumed_hubble=hubble)
+    return VelocitySolution(**solved, preferred=best, peculiar_dispersion=dispersion, assumed_hubble=hubble)
 
 
-def _further(rows, dispersion, excess_noise, acceleration, ratio):
-    """Sums of a flow that is left out, and what the residuals say of the dispersion."""
-    left_out = rows.left_out
-    if left_out is not None:
-        left_out = left_out.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
-    preferred = None
-    if isinstance(rows, ParallaxEquations):
-        preferred = preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio)
-    return left_out, preferred
+def _left_out(rows, dispersion, excess_noise, ratio):
+    """Sums with the columns of a flow that is left out."""
+    rest = rows.left_out
+    return None if rest is None else rest.sums(dispersion * ratio, excess_noise, rows.n_data // 2)
+
+
+def _preferred(rows, dispersion, excess_noise, acceleration, ratio):
+    """What the residuals say of the dispersion; of parts they are not at hand."""
+    if not isinstance(rows, ParallaxEquations):
+        return None
+    return preferred_dispersion(rows, dispersion, excess_noise, acceleration, ratio)
 
 
 @arguments.accepts(field=arguments.a(Field, Parts), hubble=arguments.positive, excess_noise=arguments.not_negative)
@@ -212,13 +216,28 @@ def hubble_constant(
         return f"H0 = {solution.hubble:.1f} ± {solution.hubble_error:.1f} km/s/Mpc"
 
     rows = noted(parallax_equations(field, apart=True, **given), field, distances.get("redshift_frame"), as_frame)
+    return hubble_from(rows, velocity, dispersion, spin, acceleration, excess_noise, hubble, local_group)
+
+
+def hubble_from(
+    rows: ParallaxEquations | ParallaxParts,
+    velocity: str | Vector | ArrayLike,
+    dispersion: float,
+    spin: Literal["free"] | Vector | None = None,
+    acceleration: Vector | None = None,
+    excess_noise: float = 0.0,
+    hubble: float | None = None,
+    local_group: Vector | bool | None = None,
+    preferred: bool = True,
+) -> HubbleSolution:
+    """The Hubble constant from equations with V apart; `preferred` is whether a preferred dispersion is looked for."""
     velocity = velocity_along(velocity, rows.frame)
     group = local_group_of(local_group, rows)
     ratio = 1.0 if hubble is None else hubble / rows.hubble
     sums = rows.sums(dispersion * ratio, excess_noise, ratio=ratio)
     names = ("H0", "a_x", "a_y", "a_z")
-
-    left_out, preferred = _further(rows, dispersion, excess_noise, acceleration, ratio)
+    left_out = _left_out(rows, dispersion, excess_noise, ratio)
+    best = _preferred(rows, dispersion, excess_noise, acceleration, ratio) if preferred else None
 
     def at(v):
         to_u = np.zeros((12, 4))
@@ -237,7 +256,7 @@ def hubble_constant(
             axis=1,
         )
         solved["covariance"] = solved["covariance"] + slopes @ velocity.covariance @ slopes.T
-    return HubbleSolution(**solved, preferred=preferred, peculiar_dispersion=dispersion, assumed_velocity=velocity)
+    return HubbleSolution(**solved, preferred=best, peculiar_dispersion=dispersion, assumed_velocity=velocity)
 
 
 def _in_words(velocity):

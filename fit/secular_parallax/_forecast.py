@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fit.output import WIDTH
-from fit.secular_parallax._estimate import hubble_constant, velocity_from
+from fit.secular_parallax._estimate import hubble_from, velocity_from
 from fit.secular_parallax._setup import dispersion_of, parallax_equations
 from fit.secular_parallax._solution import HubbleSolution, VelocitySolution
 from fit.storage import Result
@@ -26,6 +26,7 @@ def predict_errors(
     *,
     sigma: ArrayLike | None = None,
     local_group: Vector | bool | None = None,
+    left_out: bool = True,
     **options: Any,
 ) -> tuple[VelocitySolution, HubbleSolution]:
     """Errors of our velocity and of H0 to come: a VelocitySolution and a HubbleSolution with nan for values.
@@ -40,6 +41,8 @@ def predict_errors(
         As for `fit.secular_parallax.hubble_constant`.
     local_group : Vector or bool, optional
         As there. It lowers the error of the velocity as if it were independent of ours, which it is not.
+    left_out : bool
+        With flows=None: whether what flows would add to the errors is worked out beside them.
     **options
         Those of `fit.secular_parallax.observer_velocity`, but hubble: flows="linear", acceleration=Vector, …
     """
@@ -50,14 +53,15 @@ def predict_errors(
     rest = {name: value for name, value in options.items() if name not in apart}
     cosmology = rest.get("cosmology")
     ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
-    rows = parallax_equations(still, ratio=ratio, **rest)
     dispersion = dispersion_of(rest.get("peculiar_dispersion"), rest)  # type: ignore[arg-type]
-    ours = velocity_from(rows, hubble, dispersion, **apart, local_group=local_group)
-    constant = hubble_constant(still, velocity, hubble=hubble, local_group=local_group, **options)
+    rest |= {"peculiar_dispersion": dispersion, "flow_left_out": left_out}
+    more = apart | {"local_group": local_group, "preferred": False}
+    ours = velocity_from(parallax_equations(still, ratio=ratio, **rest), hubble, dispersion, **more)
+    constant = hubble_from(parallax_equations(still, apart=True, **rest), velocity, dispersion, **more, hubble=hubble)
     nothing = float("nan")
     return (
-        replace(ours, values=np.full(len(ours.names), nothing), chi2=nothing, preferred=None),
-        replace(constant, values=np.full(len(constant.names), nothing), chi2=nothing, preferred=None),
+        replace(ours, values=np.full(len(ours.names), nothing), chi2=nothing),
+        replace(constant, values=np.full(len(constant.names), nothing), chi2=nothing),
     )
 
 

@@ -77,10 +77,11 @@ def parallax_equations(
     peculiar_dispersion: float | None = None,
     ratio: float = 1.0,
     apart: bool = False,
+    flow_left_out: bool = True,
     threads: int | None = None,
     **options: Any,
 ) -> ParallaxEquations | ParallaxParts:
-    """The equations of a field."""
+    """The equations of a field; with `flow_left_out`, the means to tell what a flow that is not fitted would do."""
     unknown = set(options) - set(DistanceOptions.__annotations__)
     if unknown:
         raise ParameterError(
@@ -106,7 +107,7 @@ def parallax_equations(
         modes = modes_within(calibration.flow_limits, calibration.cosmology, flows, given.get("n_modes", 250))
     how = {"ratio": ratio, "apart": apart, "threads": threads}
     rows = equations(field, calibration, theory=flows, modes=modes, reconstruction=grid, **how)
-    if flows is None:
+    if flows is None and flow_left_out:
         reach = modes_within(calibration.flow_limits, calibration.cosmology, LINEAR_PLANCK18, _MODES_LEFT_OUT)
         rows = replace(rows, left_out=None if reach is None else LeftOut(field, calibration, reach, how))
     return rows

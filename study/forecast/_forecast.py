@@ -241,5 +241,5 @@ def _errors(survey, some, dispersion, times):
 
 def _velocity(some, errors, **options):
     field = Field(some.lon, some.lat, np.zeros_like(errors), errors, redshift=some.redshift)
-    ours, constant = predict_velocity(field, 67.3, peculiar_dispersion=_NONE, **options)
+    ours, constant = predict_velocity(field, 67.3, peculiar_dispersion=_NONE, left_out=False, **options)
     return float(np.sqrt(np.trace(ours.velocity.covariance) / 3)), float(constant.hubble_error)

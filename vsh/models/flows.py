@@ -521,9 +521,14 @@ def _chosen_modes(nearest, farthest, n_modes, theory, max_degree):
     weight /= np.sqrt(np.sum(weight**2))
     kr = np.outer(radii, k)
     candidates: list[_RadialFunction] = []
+    bessel = spherical_jn(0, kr)
+    slope = -spherical_jn(1, kr)
     for l in range(max_degree + 1):
-        tangential = np.sqrt(l * (l + 1)) * spherical_jn(l, kr) / radii[:, None] * amplitude
-        radial = spherical_jn(l, kr, derivative=True) * k * amplitude
+        if l:
+            below, bessel = bessel, spherical_jn(l, kr)
+            slope = below - (l + 1) / kr * bessel
+        tangential = np.sqrt(l * (l + 1)) * bessel / radii[:, None] * amplitude
+        radial = slope * k * amplitude
         stacked = np.vstack([tangential, radial]) * np.tile(weight, 2)[:, None]
         _, singular, right = np.linalg.svd(stacked, full_matrices=False)
         origin = k / 3 * amplitude if l == 1 else np.zeros_like(k)

@@ -11,6 +11,8 @@ from vsh.tools.types import BoolArray, FloatArray
 
 #: Transits that a design matrix is made for; each takes 400 bytes.
 MAX_TRANSITS = 3_000_000
+#: From so many on compiled passes are worth the second that it takes to load them.
+COMPILED_FROM = 200_000
 
 
 class SparsePasses:
@@ -117,9 +119,12 @@ class Passes(Protocol):
 
 
 def make_passes(scans: Scans, solved: BoolArray, threads: int | None = None, compiled: bool | None = None) -> Passes:
-    """Passes over the transits of the sources that are solved; the others weigh nothing."""
+    """Passes over the transits of the sources that are solved; the others weigh nothing.
+
+    `compiled` is whether they are compiled; None: where numba is installed and they are many.
+    """
     table = np.stack([*scans.directions, *(scans.weights * solved).astype(np.float32)], axis=1)
-    if compiled is not False:
+    if compiled or (compiled is None and len(scans) >= COMPILED_FROM):
         try:
             from sim.agis.passes._compiled import CompiledPasses
         except ImportError:

@@ -1,7 +1,6 @@
 """What the errors of a joint solution are like: their size by magnitude and place, and what neighbours share."""
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from vsh.sky.sphere import triad
 from vsh.tools import arguments
@@ -44,6 +43,8 @@ def correlation_by_angle(
 
     near = edges[-1] <= _NEAR
     if near:
+        from scipy.spatial import cKDTree  # slow to import
+
         first, second = cKDTree(place).query_pairs(2 * np.sin(edges[-1] / 2), output_type="ndarray").T
         chord = np.linalg.norm(place[first] - place[second], axis=1)
         count(2 * np.arcsin(chord / 2), np.mean(scaled[:, first] * scaled[:, second], axis=0))
