@@ -353,7 +353,8 @@ class System(ExactErrors):
     threads : int, optional
         One a core unless given; changes no bit of a result.
     compiled : bool, optional
-        By numba, or without (for some million transits at most); by numba where it is installed and they are many.
+        By numba, or without (for some million transits at most); by numba where it is installed and
+        they are many.
 
     Raises
     ------

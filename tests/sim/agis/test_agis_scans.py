@@ -92,7 +92,7 @@ def test_from_a_folder_to_the_byte(tmp_path, monkeypatch):
     monkeypatch.setattr("sim.agis._globals._FITTED", 77)
     results = []
     for folder in (None, tmp_path / "scans"):
-        system = System(make(folder=folder))
+        system = System(make(folder=folder), compiled=True)
         root = system.factor
         while isinstance(root, np.ndarray) and root.base is not None:
             root = root.base
@@ -115,7 +115,7 @@ def test_a_full_disk_is_said_at_once(tmp_path, monkeypatch):
 
     monkeypatch.setattr("os.posix_fallocate", full)
     with pytest.raises(OSError, match="No space left"):
-        System(made)
+        System(made, compiled=True)
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path):
@@ -172,6 +172,7 @@ def test_without_numba_many_transits_are_refused(monkeypatch):
     import sys
 
     found = make()
+    monkeypatch.setattr("sim.agis.passes._make.COMPILED_FROM", 0)
     monkeypatch.setitem(sys.modules, "sim.agis.passes._compiled", None)
     assert System(found).solved.any()  # the sparse passes do
     monkeypatch.setattr("sim.agis.passes._make.MAX_TRANSITS", 100)
