@@ -10,6 +10,7 @@ from fit.quality import FEW, MANY, SEEN, printed_p_value
 from vsh.commands import finishing, outputs, reading, running
 from vsh.commands.options import redshift as options_module
 from vsh.io.parts import Parts
+from vsh.io.tables import three_digits
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.tools.errors import ConvergenceError, VshError
 from vsh.tools.notes import dropped, unselected
@@ -129,6 +130,7 @@ def _run(options):
         write=lambda folder, meta: _write(results, folder, meta),
         title=f"Motions against redshift: {source.label}",
         captions=_CAPTIONS,
+        cards=lambda: _cards(results),
     )
     if unfinished is not None:
         raise unfinished
@@ -144,14 +146,18 @@ def _verdict(results):
         said.append("whether the dipole changes with redshift is not told without what sources share: --floor tells it")
     if "velocity" in results:
         v = results["velocity"].velocity
-        seen = f"our velocity is {v.amplitude:.3g} ± {v.amplitude_error:.2g} km/s"
-        below = f"our motion is not seen, it is below {v.amplitude_limit():.3g} km/s (95 %)"
+        seen = f"our velocity is {three_digits(v.amplitude)} ± {three_digits(v.amplitude_error)} km/s"
+        below = f"our motion is not seen, it is below {three_digits(v.amplitude_limit())} km/s (95 %)"
         said.append(f"{seen if v.p_value < SEEN else below} ({_p(v.p_value)})")
     if "hubble" in results:
         value, error = results["hubble"].hubble, results["hubble"].hubble_error
         seen = f"H0 = {value:.3g} ± {error:.2g} km/s/Mpc"
-        below = f"H0 is not told, it is below {results['hubble'].hubble_limits[1]:.3g} km/s/Mpc (95 %)"
+        below = f"H0 is not told, it is below {three_digits(results['hubble'].hubble_limits[1])} km/s/Mpc (95 %)"
         said.append(seen if value > 3 * error else below)
+    if "posterior" in results:
+        row = results["posterior"].summary()["H0"]
+        within = f"{three_digits(row.low68)} to {three_digits(row.high68)} km/s/Mpc (68 %)"
+        said.append(f"the posterior of H0 has its median at {three_digits(row.median)}, {within}")
     left = [results[name] for name in ("velocity", "hubble") if name in results]
     if any(each.flow_covariance is not None for each in left):
         said.append("flows that galaxies share are not in these errors")
@@ -352,12 +358,60 @@ def _truth_words(truths, posterior):
 
 
 def _tables(results, truth):
-    """Every result as a table, by heading; the truth of a simulated catalogue beside the posterior."""
+    """Every result as a table, by heading, and what it is of; the truth of a simulated catalogue beside it."""
     made = {_HEADINGS[name]: result.to_table() for name, result in results.items()}
-    if "posterior" in results and (truths := _truths(truth, results["posterior"])):
-        table = made[_HEADINGS["posterior"]]
-        table["truth"] = [truths.get(name, np.nan) for name in table["quantity"]]
+    for name in ("velocity", "hubble", "posterior"):
+        if name not in results:
+            continue
+        table = made[_HEADINGS[name]]
+        if truths := _truths(truth, results[name]):
+            beside = table.colnames.index("sigma") + 1
+            table.add_column([truths.get(each, np.nan) for each in table.columns[0]], beside, "truth")
+        if name != "posterior":
+            table.meta["summary"] = _summary(results[name])
     return made
+
+
+def _summary(solution):
+    """What a velocity, or H0, is of, in a line."""
+    known = (
+        f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        if hasattr(solution, "velocity")
+        else f"for our velocity of {solution.assumed_velocity.amplitude:.1f} km/s, one-sided 95 % limits of H0 "
+        f"{solution.hubble_limits[0]:.1f} and {solution.hubble_limits[1]:.1f} km/s/Mpc"
+    )
+    return (
+        f"{solution.n_sources} sources, {solution.frame} axes, {known}, χ²/dof = {solution.quality.reduced:.3f}, "
+        f"{'flows that galaxies share in the errors' if solution.flow is not None else 'errors without flows'}"
+    )
+
+
+def _cards(results):
+    """What was found, large: our velocity, H0, and χ² of both."""
+    cards = []
+    if "velocity" in results:
+        solution = results["velocity"]
+        v = solution.velocity
+        size = f"{three_digits(v.amplitude)} ± {three_digits(v.amplitude_error)} km/s"
+        size = size if v.p_value < SEEN else f"< {three_digits(v.amplitude_limit())} km/s (95 %)"
+        more = f"p = {printed_p_value(v.p_value)} for none; for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+        cards.append(("Our velocity", size, more))
+    if "hubble" in results:
+        solution = results["hubble"]
+        size = f"{solution.hubble:.3g} ± {solution.hubble_error:.2g} km/s/Mpc"
+        seen = solution.hubble > 3 * solution.hubble_error
+        size = size if seen else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
+        cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
+    if "posterior" in results:
+        row = results["posterior"].summary()["H0"]
+        more = f"median; 68 %: {three_digits(row.low68)} to {three_digits(row.high68)}"
+        cards.append(("H0, posterior", f"{three_digits(row.median)} km/s/Mpc", more))
+    for name in ("velocity", "hubble"):
+        if name in results:
+            quality = results[name].quality
+            cards.append(("χ² per degree of freedom", f"{quality.reduced:.3f}", f"{results[name].dof} of them"))
+            break
+    return cards
 
 
 def _write(results, folder, meta):
@@ -382,15 +436,16 @@ def _flow_of(results):
     return next((results[name].flow for name in ("velocity", "hubble") if name in results), None)
 
 
-def _truths(truth, posterior):
-    """The truth of a simulated catalogue, by the names of the posterior."""
+def _truths(truth, result):
+    """The truth of a simulated catalogue, by the names of a result."""
     if not truth or "velocity" not in truth:
         return None
     named = {"H0": truth["hubble"]}
     for name, letter in (("velocity", "v"), ("acceleration", "a")):
-        vector = truth[name].to_frame(posterior.frame)
+        vector = truth[name].to_frame(result.frame)
         named |= {f"{letter}_{axis}": float(value) for axis, value in zip("xyz", vector.value, strict=True)}
-    return {name: value for name, value in named.items() if name in posterior.samples}
+    names = result.samples if hasattr(result, "samples") else result.names
+    return {name: value for name, value in named.items() if name in names}
 
 
 def _draw(results, truth):

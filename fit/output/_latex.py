@@ -8,6 +8,7 @@ import numpy as np
 from fit.output._rows import amplitude, components, direction, is_scalar, power_rows, vectors_of
 from fit.output._verdict import holds_floor, with_all_errors
 from fit.quality import SEEN
+from vsh.io.tables import two_digits
 from vsh.tools.arguments import choice
 
 _SYMBOLS = {
@@ -58,12 +59,6 @@ def latex_of(solution: Any, style: str = "booktabs") -> str:
         )
     lines += [rule, *(rf"\multicolumn{{5}}{{p{{0.9\linewidth}}}}{{{words}}} \\" for words in _facts(solution))]
     return "\n".join([*lines, bottom, end]) + "\n"
-
-
-def two_digits(sigma: Any) -> int:
-    """Decimals by which the smallest error has two digits, 0 to 6."""
-    least = np.min(sigma)
-    return int(np.clip(1 - np.floor(np.log10(least)), 0, 6)) if least > 0 and np.isfinite(least) else 3
 
 
 def _facts(solution):

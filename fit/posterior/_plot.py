@@ -9,6 +9,7 @@ import numpy as np
 from fit.posterior._priors import UNITS
 from fit.sampling import Normal
 from vsh.figures.plot import COLOURS, WIDTH, figure_of, panels, styled
+from vsh.io.tables import two_digits
 from vsh.tools.errors import ParameterError
 from vsh.tools.printing import import_quietly
 
@@ -56,10 +57,6 @@ def plot_corner(
             truths=true,
             truth_color=COLOURS[1],
             quantiles=(0.15865525, 0.5, 0.84134475),
-            show_titles=True,
-            titles=[_LABELS.get(name, name) for name in chosen],
-            title_fmt=".3g",
-            title_kwargs={"fontsize": 7},
             label_kwargs={"fontsize": 8},
             color=COLOURS[0],
             plot_datapoints=False,
@@ -73,6 +70,8 @@ def plot_corner(
         edge = 0.8 / size  # else corner cuts labels off
         figure.subplots_adjust(left=edge, bottom=edge, right=1 - 0.1 / size, top=1 - 0.35 / size)
     drawn = np.array(figure.axes[-k * k :], dtype=object).reshape(k, k)
+    for axes, name, values in zip(drawn.diagonal(), chosen, data.T, strict=True):
+        axes.set_title(f"{_LABELS.get(name, name)} = {_median(values)}", fontsize=7)
     _draw_prior(drawn, posterior, chosen)
     figure.suptitle(f"{posterior.frame} axes, velocity toward the apex", x=0.98, ha="right")
     return drawn
@@ -89,6 +88,13 @@ def _prior_sigma(posterior, name):
         return priors.acceleration.sigma["xyz".index(axis)]
     prior = priors.hubble if name == "H0" else priors.free.get(name)
     return prior.sigma if isinstance(prior, Normal) else np.inf
+
+
+def _median(values):
+    """Median with the way to both ends of its 68 %, two digits of the smaller."""
+    low, middle, high = np.quantile(values, (0.15865525, 0.5, 0.84134475))
+    digits = two_digits(min(middle - low, high - middle))
+    return rf"${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
 
 
 def _reach(values, true):

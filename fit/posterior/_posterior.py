@@ -12,6 +12,7 @@ from fit.posterior._model import MixtureModel, ParallaxModel
 from fit.posterior._priors import HUBBLE_LIMITS, UNITS
 from fit.posterior._summary import SampleResult, Samples, text_of
 from fit.sampling import ENOUGH, Flat, Normal, autocorrelation, inference_data, split_r_hat
+from vsh.io.tables import three_digits
 from vsh.tools.errors import ConvergenceError
 from vsh.tools.types import FloatArray, PathName
 
@@ -257,5 +258,6 @@ def _sensitivity_lines(model: Any, samples: dict[str, FloatArray]) -> list[str]:
         median, low, high, below, above = np.interp(_LEVELS, share, hubble)
         ends = weight[:40].sum() + weight[-40:].sum()  # within a factor of 1.07 of a limit
         remark = "  (leans on the limits)" if ends > 0.02 * weight.sum() else ""
-        lines.append(f"{name:18}{median:10.4g}{low:11.4g} …{high:9.4g}{below:14.4g}{above:12.4g}{remark}")
+        cells = [three_digits(each) for each in (median, low, high, below, above)]
+        lines.append(f"{name:18}{cells[0]:>10}{cells[1]:>11} …{cells[2]:>9}{cells[3]:>14}{cells[4]:>12}{remark}")
     return lines

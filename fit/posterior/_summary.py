@@ -11,6 +11,7 @@ from fit.posterior._priors import FITS_UNITS, SHORT_NAMES, UNITS
 from fit.sampling import autocorrelation, inference_data, split_r_hat
 from fit.storage import Result, count, words
 from vsh.io import tables
+from vsh.io.tables import three_digits
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import ParameterError
@@ -277,8 +278,9 @@ def _product(samples, wide=1 / 3):
     product = np.percentile(samples["speed"] * hubble, [50, 15.865525, 84.134475])
     return [
         "H0 is known to no better than a third: what the motions tell is",
-        f"v · H0            {product[0]:10.4g}{product[1]:11.4g} …{product[2]:9.4g}  (km/s)²/Mpc",
-        f"H0                below {high:.4g} with 95 %, above {low:.4g} with 95 % (one-sided)  km/s/Mpc",
+        f"v · H0            {product[0]:10.0f}{product[1]:11.0f} …{product[2]:9.0f}  (km/s)²/Mpc",
+        f"H0                below {three_digits(high)} with 95 %, above {three_digits(low)} with 95 % (one-sided)"
+        "  km/s/Mpc",
     ]
 
 

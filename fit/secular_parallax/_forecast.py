@@ -55,7 +55,7 @@ def predict_errors(
     ratio = hubble / hubble_value(FLAT_PLANCK13 if cosmology is None else cosmology)
     dispersion = dispersion_of(rest.get("peculiar_dispersion"), rest)  # type: ignore[arg-type]
     rest |= {"peculiar_dispersion": dispersion, "flow_left_out": left_out}
-    more = apart | {"local_group": local_group, "preferred": False}
+    more: dict[str, Any] = apart | {"local_group": local_group, "preferred": False}
     ours = velocity_from(parallax_equations(still, ratio=ratio, **rest), hubble, dispersion, **more)
     constant = hubble_from(parallax_equations(still, apart=True, **rest), velocity, dispersion, **more, hubble=hubble)
     nothing = float("nan")

@@ -9,6 +9,7 @@ from vsh.figures.plot import (
     DIVERGING,
     WIDTH,
     arrow_grid,
+    draw_key,
     draw_map,
     draw_vectors,
     even_grid,
@@ -20,6 +21,8 @@ from vsh.figures.plot import (
 from vsh.sky.pixels import centres
 
 _NSIDE = 16
+#: An arrow as long as the largest radial velocity. [deg]
+_LONGEST = 16.0
 
 
 @styled
@@ -37,7 +40,8 @@ def plot_flow(flow: Any, *, ax: Any = None) -> Any:
         image = draw_map(axes, values, cmap=DIVERGING, vmin=-reach, vmax=reach, alpha=0.85)
         grid = arrow_grid(axes, 18.0)
         tangential, _ = flow.at(*grid, np.full(grid[0].size, radius))
-        draw_vectors(axes, *grid, tangential, scale=reach, longest=16.0, color="0.1")
+        draw_vectors(axes, *grid, tangential, scale=reach, longest=_LONGEST, color="0.1")
+        draw_key(axes, reach, "km/s across", _LONGEST)
         sure = _known(flow, radius)
         axes.set_title(f"{radius:.0f} Mpc/h: {sure:.0%} of the flow's variance known from the motions")
     bar = axes.figure.colorbar(image, ax=list(drawn), orientation="horizontal", shrink=0.7, pad=0.02, aspect=30)

@@ -64,8 +64,9 @@ class ParallaxSolution(NamedSolution):
         return float(1 - np.trace(self.noise_covariance[:size, :size]) / np.trace(self.covariance[:size, :size]))
 
     def to_table(self) -> Table:
-        """Parameters with their errors, units and correlations as an astropy Table, a row each."""
+        """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""
         table = super().to_table()
+        table.meta |= self._tests() | {"n_sources": self.n_sources, "chi2": self.chi2, "dof": self.dof}
         units = {"v": "km / s", "H0": "km / (s Mpc)"}
         table.add_column([units.get(name.partition("_")[0], "uas / yr") for name in self.names], 3, "unit")
         return table
@@ -81,6 +82,10 @@ class ParallaxSolution(NamedSolution):
             "velocity" and "hubble" of a simulated catalogue, printed beside what was found.
         """
         return text_of(self, source, truth)
+
+    def _tests(self):
+        """p-values and limits by name."""
+        return {}
 
     def _motions(self, field, velocity, hubble):
         """What a velocity and H0 predict, with acceleration and spin, (2, n)."""
@@ -115,6 +120,13 @@ class VelocitySolution(ParallaxSolution):
         galactic = self.velocity.to_frame("galactic")
         return galactic.direction, galactic.direction_error
 
+    def _tests(self):
+        return {
+            "assumed_hubble": self.assumed_hubble,
+            "p_value_zero": self.velocity.p_value,
+            "p_value_microwave_background": self.against()[1],
+        }
+
     def against(self, velocity: Vector = CMB_VELOCITY_PLANCK18) -> tuple[float, float]:
         """χ² of the difference from another `velocity` [km/s] (its own errors included), and its p-value."""
         return _difference(self.velocity, velocity)
@@ -148,6 +160,10 @@ class HubbleSolution(ParallaxSolution):
         """Limits from below and from above, 95 % each, zero where they are negative. [km/s/Mpc]"""
         low, high = (max(self.hubble + float(ndtri(p)) * self.hubble_error, 0.0) for p in (0.05, 0.95))
         return low, high
+
+    def _tests(self):
+        low, high = self.hubble_limits
+        return {"assumed_velocity": self.assumed_velocity.amplitude, "hubble_above_95": low, "hubble_below_95": high}
 
 
 def _difference(a, b):

@@ -6,6 +6,7 @@ import argparse
 import io
 import json
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import vsh
 from vsh.commands import running, values
 from vsh.commands.configuration import NOT_KEPT, NUMBER
 from vsh.commands.outputs import results_folder
+from vsh.io.tables import printed
 from vsh.tools.notes import printable
 from vsh.tools.types import PathName
 
@@ -74,14 +76,16 @@ def write_page(
     captions: Mapping[str, str] | None = None,
     movies: Mapping[str, bytes] | None = None,
     lead: str = "",
+    cards: Sequence[tuple[str, str, str]] = (),
     provenance: Mapping[str, Any] | None = None,
     command: Sequence[str] | None = None,
 ) -> None:
-    """Write a page of a run: its figures, tables that sort, what was printed, and where it comes from."""
+    """Write a page of a run: its main results, figures, tables that sort, what was printed, and where it comes from."""
     from vsh.figures import page
 
     moving = [page.figure(each, caption) for caption, each in (movies or {}).items()]
     panels = [
+        page.cards(cards),
         page.heading("Figures", page.figures(figures.drawn, captions or {})),
         page.heading("What moves", page.pictures(moving)),
         *(page.sheet(heading, columns) for heading, columns in (sheets or {}).items()),
@@ -102,8 +106,10 @@ def of_page(path: PathName) -> str:
 #: Letters that LaTeX obeys.
 _ESCAPED = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "<": r"\textless{}", ">": r"\textgreater{}",
+    "<": r"\textless{}", ">": r"\textgreater{}", "±": r"$\pm$", "µ": r"\textmu{}", "χ²": r"$\chi^2$", "²": "$^2$",
+    "°": r"$^\circ$", "–": "--", "Λ": r"$\Lambda$", "ω": r"$\omega$", "ã": r"$\tilde a$",
 }  # fmt: skip
+_NUMBERS = re.compile(r"[+-]?[\d.]+( ± [\d.]+)?")
 
 
 @dataclass(frozen=True)
@@ -132,7 +138,8 @@ def print_result(options: argparse.Namespace, result: RunResult) -> None:
     if options.json:
         print(as_json(options, result), flush=True)  # who reads may have seen enough
     elif options.latex:
-        running.print_text((result.latex or (lambda: "\n\n".join(map(as_latex, result.tables.values()))))())
+        tables = (as_latex(table, heading) for heading, table in result.tables.items())
+        running.print_text(result.latex() if result.latex else "\n\n".join(tables))
     elif not options.quiet:
         running.print_text(result.report)
 
@@ -152,6 +159,7 @@ def finish(
     write: Callable[[Path, dict[str, Any]], None],
     title: str = "",
     captions: Mapping[str, str] | Callable[[str], str] | None = None,
+    cards: Callable[[], Sequence[tuple[str, str, str]]] = tuple,
     page: Callable[[Figures, dict[str, Any]], None] | None = None,
     movies: Callable[[], Mapping[str, bytes]] = dict,
     printed: bool = False,
@@ -189,6 +197,7 @@ def finish(
                 provenance=meta,
                 command=options.command,
                 lead=result.verdict,
+                cards=cards(),
             )
             print_line(options, f"written to {options.html}")
 
@@ -208,25 +217,27 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
     return json.dumps(_plain(document), ensure_ascii=encoding.lower() not in ("utf-8", "utf8"), allow_nan=False)
 
 
-def as_latex(table: Table) -> str:
-    """A table in LaTeX, with units and the rules of booktabs."""
+def as_latex(table: Table, caption: str = "") -> str:
+    """A table in LaTeX, with units, errors in the cells of their values, and the rules of booktabs."""
     from astropy.io import ascii
+    from astropy.table import Table
 
-    out, shown = io.StringIO(), table.copy()
-    for name in shown.colnames:
-        if shown[name].dtype.kind == "f":
-            shown[name].info.format = "%.5g"
-        elif shown[name].dtype.kind in "US":
-            shown[name] = [_latex(each) for each in shown[name]]
-    shown.rename_columns(shown.colnames, list(map(_latex, shown.colnames)))
-    rules = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
-    ascii.write(shown, out, format="latex", latexdict=rules)
+    heads, rows = printed(table)
+    said = ": ".join(each for each in (caption, str(table.meta.get("summary", ""))) if each)
+    form = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
+    form |= {"col_align": "l" + "c" * (len(heads) - 1)}
+    out = io.StringIO()
+    cells = [list(map(_latex, row)) for row in rows]
+    shown = Table(rows=cells or None, names=list(map(_latex, heads)), dtype=[str] * len(heads))
+    ascii.write(shown, out, format="latex", latexdict=form, caption=_latex(said))
     return out.getvalue().rstrip("\n")
 
 
 def _latex(text):
-    """Text that LaTeX prints as it is."""
-    return "".join(_ESCAPED.get(letter, letter) for letter in printable(text))
+    """Text that LaTeX prints as it is; numbers in its minus and ±."""
+    if _NUMBERS.fullmatch(text):
+        return f"${text.replace('±', _ESCAPED['±'][1:-1])}$"
+    return re.sub("χ²|.", lambda letter: _ESCAPED.get(letter[0], letter[0]), printable(text))
 
 
 def _columns(table):

@@ -20,6 +20,7 @@ from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
 from vsh.field import Field
 from vsh.figures.plot import LONGEST, SURE, even_grid, picture_of
+from vsh.io.tables import printed
 from vsh.sky.frames import ANGLES
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import atomic_write
@@ -86,22 +87,11 @@ def _row(row):
 
 
 def sheet(title: str, columns: Table, *, most: int = 200) -> Panel:
-    """An astropy Table under a heading, sortable."""
-    rows = zip(*(columns[name][:most].tolist() for name in columns.colnames), strict=True)
-    heads = [name.replace("_", " ") for name in columns.colnames]
+    """An astropy Table under a heading, sortable; with a "summary" of what it is of, if its meta has one."""
+    heads, rows = printed(columns[:most])
     more = f"The first {most} of {len(columns)} rows; the files have all." if len(columns) > most else ""
-    return heading(
-        title, table(heads, ([cell(each) for each in row] for row in rows), sortable=True), words(more, "faint")
-    )
-
-
-def cell(value: Any) -> str:
-    """A value of a table as text: numbers to five digits."""
-    if isinstance(value, (bool, np.bool_)):
-        return "yes" if value else "no"
-    if isinstance(value, (float, np.floating)):
-        return f"{value:.5g}"
-    return "" if value is None else str(value)
+    above, below = words(str(columns.meta.get("summary", "")), "faint"), words(more, "faint")
+    return heading(title, above, table(heads, rows, sortable=True), below)
 
 
 def figure(picture: bytes, caption: str) -> Panel:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 
-from vsh.figures.plot._sky_axes import SkyAxes
+from vsh.figures.plot._sky_axes import HALO, PROJECTIONS, SkyAxes
 from vsh.sky.sphere import angles, triad
 from vsh.tools.errors import ParameterError
 from vsh.tools.types import FloatArray
@@ -80,6 +80,37 @@ def draw_vectors(
     axes.add_collection(shafts, autolim=False)
     axes.add_collection(heads, autolim=False)
     return shafts
+
+
+def draw_key(axes: SkyAxes, largest: float, unit: str, longest: float = LONGEST) -> None:
+    """An arrow of a round length beside the map, where one of the size `largest` is drawn `longest` [deg]."""
+    power = 10 ** np.floor(np.log10(largest))
+    length = float(max(k * power for k in (1, 2, 5) if k == 1 or k * power <= largest))
+    share = np.radians(longest) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
+    axes.annotate(
+        "",
+        (share, 0.03),
+        (0.0, 0.03),
+        xycoords="axes fraction",
+        textcoords="axes fraction",
+        arrowprops={
+            "arrowstyle": "-|>,head_width=0.12,head_length=0.25",
+            "linewidth": 0.8,
+            "color": "0.25",
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
+    )
+    axes.text(
+        0.0,
+        0.045,
+        f"{length:g} {unit}",
+        transform=axes.transAxes,
+        fontsize=6,
+        color="0.25",
+        va="bottom",
+        path_effects=HALO,
+    )
 
 
 def arrow_lines(

@@ -11,10 +11,10 @@ from matplotlib.patches import Patch
 from vsh.basis import harmonics
 from vsh.coefficients import Coefficients
 from vsh.field import Field
-from vsh.figures.plot._arrows import LONGEST, arrow_grid, draw_vectors
+from vsh.figures.plot._arrows import arrow_grid, draw_key, draw_vectors
 from vsh.figures.plot._maps import draw_empty, plot_map
 from vsh.figures.plot._marks import draw_direction, draw_sources
-from vsh.figures.plot._sky_axes import HALO, PROJECTIONS, SkyAxes, sky_axes
+from vsh.figures.plot._sky_axes import SkyAxes, sky_axes
 from vsh.figures.plot._style import COLOURS, DIVERGING, FADED, SIGNIFICANCE, colour_bar, styled
 from vsh.scalars import ScalarCoefficients, ScalarField
 from vsh.sky.pixels import centres
@@ -89,7 +89,7 @@ def plot_field(
     draw_vectors(axes, lon, lat, motion, color=colour)
     largest = float(np.hypot(*motion).max())
     if largest > 0:
-        _key(axes, largest, unit)
+        draw_key(axes, largest, unit)
     names = ("spin", "acceleration") if unit == "µas/yr" else ("rotation", "glide")
     handles, why = _directions(axes, coefficients, covariance, names)
     if hatched is not None:
@@ -155,37 +155,6 @@ def _directions(axes, coefficients, covariance, names):
             shown.append(name)
     others = names[1] in shown and (coefficients.modes.lmax > 1 or len(shown) > 1)
     return handles, "arrows: all degrees together; they need not meet at a star" if others else None
-
-
-def _key(axes, largest, unit):
-    """An arrow of a round length, beside the map."""
-    power = 10 ** np.floor(np.log10(largest))
-    length = float(max(k * power for k in (1, 2, 5) if k == 1 or k * power <= largest))
-    share = np.radians(LONGEST) / (2 * PROJECTIONS[axes.projection_name][1]) * length / largest
-    axes.annotate(
-        "",
-        (share, 0.03),
-        (0.0, 0.03),
-        xycoords="axes fraction",
-        textcoords="axes fraction",
-        arrowprops={
-            "arrowstyle": "-|>,head_width=0.12,head_length=0.25",
-            "linewidth": 0.8,
-            "color": "0.25",
-            "shrinkA": 0,
-            "shrinkB": 0,
-        },
-    )
-    axes.text(
-        0.0,
-        0.045,
-        f"{length:g} {unit}",
-        transform=axes.transAxes,
-        fontsize=6,
-        color="0.25",
-        va="bottom",
-        path_effects=HALO,
-    )
 
 
 @styled

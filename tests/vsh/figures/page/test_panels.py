@@ -6,7 +6,6 @@ import re
 from html.parser import HTMLParser
 
 import numpy as np
-import pytest
 from astropy.table import Table
 
 from vsh.figures import page
@@ -80,12 +79,3 @@ def test_long_tables_say_what_is_left_out():
     html = page.sheet("Rows", Table({"x": np.arange(500)}), most=10).html
     assert html.count("<tr>") == 11
     assert "The first 10 of 500 rows" in html
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(1 / 3, "0.33333"), (np.True_, "yes"), (None, ""), (12345, "12345"), ("x", "x")]
-)
-def test_cells(value, text):
-    from vsh.figures.page._page import cell
-
-    assert cell(value) == text
