@@ -28,6 +28,7 @@ extensions = [
     "sphinxarg.ext",
     "sphinx_gallery.gen_gallery",
     "reference",
+    "samples",
     "accessible",
 ]
 exclude_patterns = ["_build", "_examples", "tutorials", "images"]

@@ -31,7 +31,7 @@ from vsh.sky.sphere import triad
 from vsh.tools.errors import DegeneracyError, FieldError, FrameError, ParameterError
 from vsh.tools.logs import logged
 from vsh.tools.notes import note_lines
-from vsh.tools.types import FloatArray, Rng, Table
+from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
 
 __all__ = ["Chain", "chain_catalogues"]
@@ -265,7 +265,7 @@ class Chain(Result):
             columns, {"reference": self.labels[0], "frame": self.frame}, {"value": unit, "sigma": unit}
         )
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The terms of each catalogue against the reference with their errors, on matplotlib axes."""
         from fit.output import plot_terms
 

@@ -33,7 +33,7 @@ from vsh.tools.errors import DegeneracyError, FieldError, FrameError
 from vsh.tools.logs import logged
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import map_blocks
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import Axes, FloatArray, Table
 from vsh.vector import Vector
 
 _AXES = "xyz"
@@ -256,7 +256,7 @@ class CrossCheck(Result):
             columns[f"{name}_error"] = np.concatenate([spin.sigma, vectors.acceleration.sigma])
         return tables.table_of(columns, {"frame": self.frame.frame})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The correlations of the frame solver's parameters on matplotlib axes."""
         return self.frame.plot(ax=ax)
 

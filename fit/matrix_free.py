@@ -23,7 +23,7 @@ from vsh.tools import arguments
 from vsh.tools.errors import ConvergenceError, CovarianceError, FieldError, ParameterError
 from vsh.tools.notes import merge_notes
 from vsh.tools.parallel import progress_bar
-from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
 
 def conjugate_gradients(
@@ -163,7 +163,7 @@ class MatrixFreeSolution(HarmonicSolution):
         columns = coefficient_columns(self.modes) | {"value": self.values, "sigma": sigma}
         return tables.table_of(columns, {"frame": self.frame}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """Power by degree as fitted, on matplotlib axes."""
         from fit.output import plot_power
 

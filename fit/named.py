@@ -71,7 +71,7 @@ class NamedSolution(LinearSolution):
         columns |= {f"correlation_{name}": column for name, column in zip(self.names, self.correlation.T, strict=True)}
         return tables.table_of(columns, {"frame": self.frame, "notes": list(map(str, self.notes))})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Any = None) -> Any:  # a link's has panels
         """The correlation matrix of the parameters on matplotlib axes."""
         from fit.output import plot_correlation
 

@@ -22,7 +22,7 @@ from vsh.scalars import DIPOLE, ScalarCoefficients
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import covariance, float_array
 from vsh.tools.errors import DegeneracyError, ParameterError
-from vsh.tools.types import FloatArray, Kind, Table
+from vsh.tools.types import Axes, FloatArray, Kind, Table
 from vsh.vector import Vector, correlation_of
 
 
@@ -308,7 +308,7 @@ class Solution(HarmonicSolution):
 
         return report(self, check=check, truth=truth, source=source)
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """Power by degree on matplotlib axes."""
         from fit.output import plot_spectrum
 
@@ -499,6 +499,6 @@ class AboutSolution(Result):
         """The coefficients with their errors as an astropy Table, a row each."""
         return self.solution.to_table()
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """Power by degree on matplotlib axes."""
         return self.solution.plot(ax=ax)

@@ -178,7 +178,7 @@ class Result(Frozen):
         """The result as text."""
         raise NotImplementedError
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Any = None) -> Any:  # axes, or an array of them: each result says which
         """The result on matplotlib axes.
 
         Parameters

@@ -1,7 +1,5 @@
 """Figures of a simulated sky (matplotlib)."""
 
-from typing import Any
-
 import numpy as np
 
 from sim.population import Population
@@ -12,14 +10,16 @@ from vsh.sky.frames import rotation_matrix
 from vsh.sky.pixels import mean_map, pixels_of
 from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import generator
-from vsh.tools.types import Axes, Cosmology, FloatArray, Rng
+from vsh.tools.types import Axes, AxesArray, Cosmology, FloatArray, OnAxes, Rng
 from vsh.tools.units import AU_PER_YEAR
 
 __all__ = ["plot_density", "plot_distance_and_parallax", "plot_histograms", "plot_tracks", "plot_transits"]
 
 
 @styled
-def plot_density(population: Population, nside: int = 16, title: str | None = None, *, ax: Any = None) -> SkyAxes:
+def plot_density(
+    population: Population, nside: int = 16, title: str | None = None, *, ax: Axes | None = None
+) -> SkyAxes:
     """Sources per square degree over the sky, with the ecliptic.
 
     Parameters
@@ -51,7 +51,7 @@ def plot_density(population: Population, nside: int = 16, title: str | None = No
     return axes
 
 
-def plot_transits(population: Population, counts: FloatArray, nside: int = 16, *, ax: Any = None) -> SkyAxes:
+def plot_transits(population: Population, counts: FloatArray, nside: int = 16, *, ax: Axes | None = None) -> SkyAxes:
     """Transits per source over the sky.
 
     Parameters
@@ -72,7 +72,7 @@ def plot_transits(population: Population, counts: FloatArray, nside: int = 16, *
 
 
 @styled
-def plot_histograms(population: Population, *, ax: Any = None) -> Any:
+def plot_histograms(population: Population, *, ax: OnAxes | None = None) -> AxesArray:
     """Magnitudes and redshifts.
 
     Parameters
@@ -92,7 +92,9 @@ def plot_histograms(population: Population, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks: int = 3, *, ax: Any = None) -> Axes:
+def plot_tracks(
+    times: FloatArray, variability: Variability, rng: Rng, n_tracks: int = 3, *, ax: Axes | None = None
+) -> Axes:
     """Variable photocentres: tracks on the sky of a few draws.
 
     Parameters
@@ -120,7 +122,9 @@ def plot_tracks(times: FloatArray, variability: Variability, rng: Rng, n_tracks:
 
 
 @styled
-def plot_distance_and_parallax(speed: float = 369.0, cosmology: Cosmology = FLAT_PLANCK13, *, ax: Any = None) -> Any:
+def plot_distance_and_parallax(
+    speed: float = 369.0, cosmology: Cosmology = FLAT_PLANCK13, *, ax: OnAxes | None = None
+) -> AxesArray:
     """Comoving distance and the secular parallax by our velocity, against redshift.
 
     Parameters

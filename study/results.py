@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from study.config import Study
 from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled
 from vsh.io import tables
-from vsh.tools.types import Table
+from vsh.tools.types import AxesArray, OnAxes, Table
 
 
 def read_realisations(study: Study, folder: Path, n_realisations: int) -> Any:
@@ -105,7 +105,7 @@ _NAMED = 24
 
 
 @styled
-def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: Any = None) -> Any:
+def plot_calibration(rows: Sequence[Mapping[str, Any]], *, ax: OnAxes | None = None) -> AxesArray:
     """Off mean, scatter over formal error, and coverage of every parameter, with the errors of so few realisations."""
     cases = list(dict.fromkeys(row["case"] for row in rows))
     names = list(dict.fromkeys(row["parameter"] for row in rows))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from fit.storage import Result
 from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import Axes, FloatArray, Table
 
 #: More errors than this are marked.
 _SEEN = 3.0
@@ -71,7 +70,7 @@ class CrossPowers(Result):
         }
         return tables.table_of(columns, {}, dict.fromkeys(("value", "error", "error_with_floor"), "uas / yr"))
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The projections in units of their errors on matplotlib axes."""
         from fit.background._plot import plot_cross
 

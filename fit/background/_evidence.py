@@ -25,7 +25,7 @@ from vsh.io import tables
 from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import a, number, positive
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import Axes, FloatArray, Table
 
 #: Amplitudes of a grid that is uniform in its logarithm, a decade.
 _A_DECADE = 20
@@ -150,7 +150,7 @@ class Comparison(Result):
         }
         return tables.table_of(columns)
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The evidences on matplotlib axes."""
         from fit.background._plot import plot_comparison
 

@@ -24,7 +24,7 @@ from vsh.models.covariance import Spectrum
 from vsh.tools.errors import ModesError
 from vsh.tools.notes import note_lines
 from vsh.tools.parallel import blas_for
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import Axes, FloatArray, Table
 
 #: How far below its maximum the likelihood is followed: e^−18.
 _DROP = 18.0
@@ -216,7 +216,7 @@ class Background(Result):
         }
         return tables.table_of(columns, {"frame": self.frame, "n_data": self.n_data})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The amplitudes with their intervals on matplotlib axes."""
         from fit.background._plot import plot_amplitudes
 

@@ -19,7 +19,7 @@ from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError, VshError
 from vsh.tools.logs import logged
-from vsh.tools.types import Table
+from vsh.tools.types import Axes, Table
 
 #: Shapes of the spectrum by name: one power for each mode, and what Gaia EDR3's astrometry was published with.
 SHAPES = {"flat": Spectrum.flat(), "gaia": Spectrum.from_covariance(LINDEGREN_2021, "Gaia's, Lindegren et al. 2021")}
@@ -179,7 +179,7 @@ class Floor(Result):
         units = dict.fromkeys(("power", "power_low", "power_high"), "uas2 / yr2") | {"floor": "uas / yr"}
         return tables.table_of(columns, {"parity_p_value": self.parity_p_value}, units)
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The two powers with their intervals on matplotlib axes."""
         from fit.background._plot import plot_floor
 

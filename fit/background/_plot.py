@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 
 from vsh.figures.plot import COLOURS, WIDTH, legend_above, panels, styled
-from vsh.tools.types import Axes
+from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coefficients flat"}
 
 
 @styled
-def plot_waves(limit: Any, *, ax: Any = None) -> Axes:
+def plot_waves(limit: Any, *, ax: Axes | None = None) -> Axes:
     """The posteriors of Ω for priors flat in Ω and in √Ω, with the upper limits."""
     (axes,) = panels(ax, size=(WIDTH, 2.9))
     top = 1.35 * limit.limit(0.95, "flat")
@@ -40,7 +40,7 @@ def _colour(prior):
 
 
 @styled
-def plot_floor(floor: Any, *, ax: Any = None) -> Any:
+def plot_floor(floor: Any, *, ax: Axes | None = None) -> Axes:
     """The power of a mode of either parity, with 68 % intervals."""
     names = [
         f"odd parity: spin ± {floor.spin_error:.3g} µas/yr",
@@ -51,14 +51,14 @@ def plot_floor(floor: Any, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_amplitudes(background: Any, *, ax: Any = None) -> Any:
+def plot_amplitudes(background: Any, *, ax: Axes | None = None) -> Axes:
     """The amplitudes of the spectra with 68 % intervals."""
     labels = ["amplitude"] * len(background.names)
     return _intervals(background.names, background.amplitudes, background.intervals, labels, "largest likelihood", ax)
 
 
 @styled
-def plot_comparison(comparison: Any, *, ax: Any = None) -> Axes:
+def plot_comparison(comparison: Any, *, ax: Axes | None = None) -> Axes:
     """The evidences less the best."""
     (axes,) = panels(ax, size=(WIDTH, 0.7 + 0.25 * len(comparison.names)))
     below = comparison.log_evidence - comparison.log_evidence.max()
@@ -86,7 +86,7 @@ def _intervals(names, values, intervals, labels, point, ax):
 
 
 @styled
-def plot_cross(powers: Any, *, ax: Any = None) -> Any:
+def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
     """Projections on templates by degree, in units of their errors with the floor; degree 1 has what is looked for."""
     (axes,) = panels(ax, size=(WIDTH, 2.9))
     listed = list(dict.fromkeys(powers.templates))
@@ -104,7 +104,7 @@ def plot_cross(powers: Any, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_shared(classes: Any, *, ax: Any = None) -> Any:
+def plot_shared(classes: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Spin and acceleration of each class, component by component, with their errors; all together at the bottom."""
     labels, solutions = list(classes.labels), classes.solutions
     if len(classes) > 1:

@@ -28,7 +28,7 @@ from vsh.tools.arguments import choice, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
 from vsh.tools.logs import logged
 from vsh.tools.notes import note_lines
-from vsh.tools.types import ArrayLike, FloatArray, Rng, Table
+from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Rng, Table
 
 #: Draws that count fewer than this are drawn again, four times as many, up to a limit.
 _EFFECTIVE = 20.0
@@ -308,7 +308,7 @@ class SharedErrors(Result):
         meta = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
         return tables.table_of(columns, meta, units)
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Spin and acceleration of the classes with their errors on matplotlib axes."""
         from fit.background._plot import plot_shared
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from vsh.models.covariance import Spectrum
 from vsh.tools.arguments import between, choice, positive
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.notes import note_lines
-from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.tools.units import JULIAN_YEAR, hubble_rate
 
 #: km in a megaparsec.
@@ -185,7 +185,7 @@ class WaveLimit(Result):
         columns = {"omega": self.amplitude.root**2, "log_likelihood": self.amplitude.log_likelihood}
         return tables.table_of(columns, {"hubble": self.hubble, "n_data": self.n_data})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The posteriors of Ω with their limits on matplotlib axes."""
         from fit.background._plot import plot_waves
 

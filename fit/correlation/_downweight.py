@@ -14,7 +14,7 @@ from vsh.io import tables
 from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import ConvergenceError, ParameterError
-from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Rng, Table
+from vsh.tools.types import ArrayLike, Axes, BoolArray, FloatArray, Rng, Table
 from vsh.vector import correlation_of
 
 
@@ -53,7 +53,7 @@ class Downweighted(Result):
         """Share of the weight to keep in each pixel, as an astropy Table in ring order."""
         return tables.table_of({"keep": self.keep}, {"frame": self.after.frame})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The shares as a map; on matplotlib axes."""
         from fit.correlation._plot import plot_shares
 

@@ -19,7 +19,7 @@ from vsh.io import tables
 from vsh.modes import Modes, as_modes
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import ArrayLike, BoolArray, FloatArray, Table
+from vsh.tools.types import ArrayLike, AxesArray, BoolArray, FloatArray, OnAxes, Table
 
 
 @arguments.accepts(nside=arguments.whole)
@@ -197,7 +197,7 @@ class Eigenmodes(Result):
         """Information of each as an astropy Table, from the worst to the best."""
         return tables.table_of({"information": self.information}, {"frame": self.frame})
 
-    def plot(self, n_fields: int = 2, *, ax: Any = None) -> Any:
+    def plot(self, n_fields: int = 2, *, ax: OnAxes | None = None) -> AxesArray:
         """The worst and the best as maps of arrows; on matplotlib axes.
 
         Parameters

@@ -17,7 +17,7 @@ from vsh.sky.frames import check_frame
 from vsh.tools import arguments
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import DegeneracyError, ParameterError, TableError
-from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Table
 from vsh.vector import correlation_of
 
 
@@ -86,7 +86,7 @@ class Leakage(Result):
         cells = ", ".join(f"{name} {value:.3g}" for name, value in self.bias_of(FRAME_NAMES, 1.0).items())
         return f"{self!r}: rms bias by a power of 1 (µas/yr)² in each [µas/yr]\n  {cells}\n"
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """The matrix as a picture."""
         from fit.correlation._plot import plot_leakage
 

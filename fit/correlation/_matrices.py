@@ -20,7 +20,7 @@ from vsh.sky.sphere import triad
 from vsh.tools.arguments import covariance, float_array, positive
 from vsh.tools.errors import FrameError, ModesError, ParameterError, TableError
 from vsh.tools.notebook import Frozen
-from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.vector import correlation_of
 
 #: What stands for the six components of spin and acceleration.
@@ -185,7 +185,7 @@ class CorrelationMatrices(Result):
                 lines += self._explanation(i)
         return "\n".join(lines) + "\n"
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The matrix as a picture, one or two catalogues in it."""
         from fit.correlation._plot import plot_matrix
 

@@ -28,14 +28,14 @@ from vsh.figures.plot import (
 )
 from vsh.modes import KINDS
 from vsh.sky.pixels import smoothed
-from vsh.tools.types import Axes, FloatArray
+from vsh.tools.types import Axes, AxesArray, FloatArray, OnAxes
 
 #: A map of influence has so many sources within its smoothing.
 _TOGETHER = 30
 
 
 @styled
-def plot_matrix(correlations: Any, *, ax: Any = None) -> Axes:
+def plot_matrix(correlations: Any, *, ax: Axes | None = None) -> Axes:
     """The matrix of one catalogue, or of two in its two triangles, with numbers where there is room."""
     (axes,) = panels(ax, size=(WIDTH, 3.8))
     names = [symbol(name) for name in correlations.names]
@@ -60,7 +60,7 @@ def plot_influence(
     *,
     max_sources: int = 3000,
     smooth: float | None = None,
-    ax: Any = None,
+    ax: Axes | None = None,
 ) -> SkyAxes:
     """A map of influence on the sky with the sources, as smooth as they can tell."""
     if smooth is None:
@@ -80,13 +80,13 @@ def plot_influence(
     return axes
 
 
-def plot_shares(keep: FloatArray, frame: str, *, ax: Any = None) -> SkyAxes:
+def plot_shares(keep: FloatArray, frame: str, *, ax: Axes | None = None) -> SkyAxes:
     """A map of the share of the weight that is kept in each pixel, (12 nside²,)."""
     return plot_map(keep, "share of the weight that is kept", frame=frame, ax=ax, vmin=0, vmax=1)
 
 
 @styled
-def plot_leakage(leakage: Any, *, ax: Any = None) -> Any:
+def plot_leakage(leakage: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """What each unmodelled degree does to spin and acceleration: their rms bias by a power of 1 (µas/yr)² in it."""
     drawn = panels(ax, 2, 1, size=(WIDTH, 3.6), sharex=True)
     degrees = np.arange(leakage.fitted.lmax + 1, leakage.unmodelled.lmax + 1)
@@ -108,7 +108,7 @@ def plot_leakage(leakage: Any, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_eigenmodes(eigen: Any, n_fields: int = 2, *, ax: Any = None) -> Any:
+def plot_eigenmodes(eigen: Any, n_fields: int = 2, *, ax: OnAxes | None = None) -> AxesArray:
     """The worst and the best measured fields of a sky, as arrows."""
     count = min(n_fields, len(eigen.fields) // 2)
     drawn = panels(ax, 2 * count, 1, size=(WIDTH, 2.1 * 2 * count))

@@ -13,7 +13,7 @@ from fit.storage import Result
 from vsh.io import tables
 from vsh.tools.arguments import number, positive
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import Axes, FloatArray, Table
 from vsh.tools.units import KM_S_MYR
 from vsh.vector import Vector
 
@@ -160,7 +160,7 @@ class GalacticOrbit(Result):
         columns = {"component": list(_NAMES), "value": self.acceleration.value, "sigma": self.acceleration.sigma}
         return tables.table_of(columns, {"frame": "galactic"}, dict.fromkeys(("value", "sigma"), "uas / yr"))
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The components, with what is expected, on matplotlib axes."""
 
         from fit.galaxy._plot import plot_orbit

@@ -8,7 +8,7 @@ from vsh.tools.types import Axes
 
 
 @styled
-def plot_orbit(galactic_orbit: Any, *, ax: Any = None) -> Axes:
+def plot_orbit(galactic_orbit: Any, *, ax: Axes | None = None) -> Axes:
     """The three components with their errors, and the acceleration of a circular orbit."""
     (axes,) = panels(ax)
     axes.errorbar(

@@ -24,7 +24,7 @@ from vsh.tools import arguments
 from vsh.tools.arguments import generator
 from vsh.tools.errors import DegeneracyError, ModesError, ParameterError
 from vsh.tools.notes import note_lines
-from vsh.tools.types import FloatArray, Rng, Table
+from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
 
 #: Points of a band's own posterior where its reach is looked for; twice as many where it is drawn from.
@@ -124,7 +124,7 @@ class TimeBackground(Result):
         }  # fmt: skip
         return tables.table_of(columns, self._plain_facts(), dict.fromkeys(("low", "high", "limit"), "uas"))
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """√P of each band with its limit, on matplotlib axes."""
         from fit.in_time._plot import plot_bands
 

@@ -9,11 +9,11 @@ from PIL import Image
 
 from vsh.figures.plot import COLOURS, STYLE, WIDTH, arrow_grid, draw_vectors, legend_above, panels, sky_axes, styled
 from vsh.tools.files import MARK
-from vsh.tools.types import Axes
+from vsh.tools.types import Axes, AxesArray, OnAxes
 
 
 @styled
-def plot_in_time(solution: Any, *, ax: Any = None) -> Any:
+def plot_in_time(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """√power of every function, a line a degree, beside what noise gives; T above, S below."""
     drawn = panels(ax, 2, 1, size=(WIDTH, 4.6), sharex=True)
     names = solution.functions.names
@@ -36,7 +36,7 @@ def plot_in_time(solution: Any, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_bands(background: Any, *, ax: Any = None) -> Axes:
+def plot_bands(background: Any, *, ax: Axes | None = None) -> Axes:
     """√P of each band: 68 % and the 95 % limit."""
     (axes,) = panels(ax, size=(WIDTH, 2.8))
     interval, limits = background.interval(), background.limits()

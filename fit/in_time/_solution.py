@@ -16,7 +16,7 @@ from vsh.tools.arguments import covariance, float_array
 from vsh.tools.errors import ModesError
 from vsh.tools.files import atomic_write
 from vsh.tools.notes import note_lines
-from vsh.tools.types import FloatArray, Kind, PathName, Table
+from vsh.tools.types import AxesArray, FloatArray, Kind, OnAxes, PathName, Table
 from vsh.vector import Vector
 
 #: So much of a coefficient's own direction must be seen for it to be printed as determined.
@@ -212,7 +212,7 @@ class TimeSolution(Result):
         columns |= {"value": self.values.ravel(), "sigma": self.sigma.ravel(), "seen": self.seen.ravel()}
         return tables.table_of(columns, self._plain_facts(), {"value": "uas", "sigma": "uas"})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Powers by function and degree, on matplotlib axes."""
         from fit.in_time._plot import plot_in_time
 

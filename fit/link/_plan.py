@@ -11,7 +11,7 @@ from fit.storage import Result
 from vsh.io import tables
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import Axes, FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class LinkPlan(Result):
         columns |= {f"sigma_{name}": column for name, column in zip(self.names, self.sigma.T, strict=True)}
         return tables.table_of(columns, {})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """Errors against the number of candidates that have been observed, on matplotlib axes."""
         from fit.link._plot import plot_plan
 

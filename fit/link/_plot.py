@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from vsh.figures.plot import COLOURS, WIDTH, legend_above, log_ticks, panels, styled
+from vsh.tools.types import Axes, AxesArray, OnAxes
 
 
 @styled
-def plot_link(solution: Any, *, ax: Any = None) -> Any:
+def plot_link(solution: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Orientation and spin against magnitude with 68 %, and influence and distance of each source."""
     vectors = [each for each in ("orientation", "spin") if each in solution.unknowns.vectors]
     drawn = panels(ax, len(vectors) + 1, 1, size=(WIDTH, 2.2 * (len(vectors) + 1)))
@@ -49,7 +50,7 @@ def plot_link(solution: Any, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_steps(search: Any, *, ax: Any = None) -> Any:
+def plot_steps(search: Any, *, ax: Axes | None = None) -> Axes:
     """Probability of each place of a jump, and what lies between."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
     axes.vlines(search.places, 0, search.probability, color=COLOURS[0], linewidth=1)
@@ -62,7 +63,7 @@ def plot_steps(search: Any, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_plan(plan: Any, *, ax: Any = None) -> Any:
+def plot_plan(plan: Any, *, ax: Axes | None = None) -> Axes:
     """Errors of the parameters after each candidate, in those of today."""
     (axes,) = panels(ax, size=(WIDTH, 3.0))
     number = np.arange(len(plan.candidates) + 1)

@@ -16,7 +16,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.tools.errors import FieldError, ParameterError
 from vsh.tools.notes import note_lines
-from vsh.tools.types import FloatArray, IntArray, Table
+from vsh.tools.types import AxesArray, FloatArray, IntArray, OnAxes, Table
 from vsh.vector import Vector
 
 #: Sources that the report lists, of the most doubtful and of the most influential.
@@ -275,7 +275,7 @@ class LinkSolution(NamedSolution):
         columns["on"] = np.array(self.names, dtype=str)[np.abs(self.influence).argmax(1)]
         return tables.table_of(columns, {"frame": self.frame, "reference": self.reference})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Orientation and spin against magnitude, and influence and distance of the sources."""
         from fit.link._plot import plot_link
 

@@ -15,7 +15,7 @@ from vsh.io import tables
 from vsh.sky.astrometry import AstrometryRows
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, ParameterError
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import Axes, FloatArray, Table
 
 #: Places that are tried unless given, and how many sources are left to either side.
 _PLACES, _BESIDE = 12, 6
@@ -83,7 +83,7 @@ class StepSearch(Result):
         columns = {"magnitude": self.places, "probability": self.probability, "p_value": self.p_values}
         return tables.table_of(columns, {"p_value": self.p_value}, {"magnitude": "mag"})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """Probability of each place, on matplotlib axes."""
         from fit.link._plot import plot_steps
 

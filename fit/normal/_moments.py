@@ -19,7 +19,7 @@ from vsh.sky.frames import check_frame
 from vsh.tools import arguments
 from vsh.tools.errors import FrameError, ModesError, NothingLeftError, TableError
 from vsh.tools.notes import merge_notes
-from vsh.tools.types import ComplexArray, FloatArray
+from vsh.tools.types import Axes, ComplexArray, FloatArray
 
 
 def shapes(kind: type[Modes], lmax: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -268,7 +268,7 @@ class Moments(Result):
         ]
         return "\n".join(lines) + "\n"
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The weight of the sources on the sky, on matplotlib axes."""
         from fit.normal._plot import plot_moments
 

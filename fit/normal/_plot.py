@@ -6,9 +6,10 @@ import numpy as np
 
 from vsh.figures.plot import SkyAxes, plot_map
 from vsh.sky.pixels import centres
+from vsh.tools.types import Axes
 
 
-def plot_moments(moments: Any, *, ax: Any = None) -> SkyAxes:
+def plot_moments(moments: Any, *, ax: Axes | None = None) -> SkyAxes:
     """Where on the sky the weight of the sources is, as smooth as their moments have it."""
     lat, weight = moments.on_sky()
     lon_of, lat_of = centres(32)

@@ -38,7 +38,7 @@ _SIGNAL = 0.05
 
 
 @styled
-def plot_spectrum(solution: Any, *, ax: Any = None) -> Axes:
+def plot_spectrum(solution: Any, *, ax: Axes | None = None) -> Axes:
     """Power by degree and kind: with its error where there is a signal, as an upper limit where there need be none.
 
     An arrow begins at the limit (95 %) of what the power may be where p > 5 %; dotted is what noise alone gives on
@@ -103,7 +103,7 @@ def plot_spectrum(solution: Any, *, ax: Any = None) -> Axes:
 
 
 @styled
-def plot_power(solution: Any, *, ax: Any = None) -> Axes:
+def plot_power(solution: Any, *, ax: Axes | None = None) -> Axes:
     """Power by degree and kind as fitted, for a solution without a covariance.
 
     Parameters
@@ -125,7 +125,7 @@ def plot_power(solution: Any, *, ax: Any = None) -> Axes:
 
 
 @styled
-def plot_correlation(solution: Any, *, ax: Any = None) -> Axes:
+def plot_correlation(solution: Any, *, ax: Axes | None = None) -> Axes:
     """The correlation matrix of the fit, components of spin and acceleration in place of degree 1.
 
     Parameters
@@ -165,7 +165,7 @@ def _known_names(solution):
 
 
 @styled
-def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str, *, ax: Any = None) -> Axes:
+def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str, *, ax: Axes | None = None) -> Axes:
     """Values and errors of named terms, side by side for each label."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
     for k, (label, each) in enumerate(terms.items()):
@@ -182,7 +182,7 @@ def plot_terms(terms: Mapping[str, Mapping[str, tuple[float, float]]], unit: str
 
 @styled
 def plot_residuals(
-    solution: Any, field: Field | ScalarField | Parts, *, nside: int | None = None, ax: Any = None
+    solution: Any, field: Field | ScalarField | Parts, *, nside: int | None = None, ax: Axes | None = None
 ) -> Axes:
     """Where residuals are larger or smaller than their errors say, as a normal deviate of χ² in each HEALPix pixel.
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from vsh.io.parts import Parts
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.notes import note_lines
-from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Table
 
 #: The narrowest bin, in units of 1/lmax, that is resolved to 1e-3.
 _RESOLVED = 15.0
@@ -149,7 +148,7 @@ class Correlation(Result):
         units = {"theta": "rad"} | dict.fromkeys(("plus", "sigma_plus", "minus", "sigma_minus"), "uas2 / yr2")
         return tables.table_of(columns, self._plain_facts(), units)
 
-    def plot(self, fit: TemplateFit | None = None, *, ax: Any = None) -> Any:
+    def plot(self, fit: TemplateFit | None = None, *, ax: OnAxes | None = None) -> AxesArray:
         """ξ± with errors, the curve of fitted templates, and the pairs in each bin, on matplotlib axes.
 
         Parameters

@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 
 from vsh.figures.plot import KIND_COLOURS, KIND_NAMES, WIDTH, legend_above, panels, styled
-from vsh.tools.types import Axes
+from vsh.tools.types import Axes, AxesArray, OnAxes
 
 _PLUS, _MINUS = KIND_COLOURS["S"], KIND_COLOURS["T"]
 _ANGLE, _VALUE = "angle between the sources  [°]", "correlation of motions  [(µas/yr)²]"
 
 
 @styled
-def plot_pairs(correlation: Any, fit: Any = None, *, ax: Any = None) -> Any:
+def plot_pairs(correlation: Any, fit: Any = None, *, ax: OnAxes | None = None) -> AxesArray:
     """ξ± with errors and the fitted templates above, the pairs in each bin below."""
     axes, below = drawn = panels(ax, 2, 1, size=(WIDTH, 3.3), sharex=True, height_ratios=(3, 1))
     degrees = np.degrees(correlation.theta)
@@ -41,7 +41,7 @@ def plot_pairs(correlation: Any, fit: Any = None, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_curves(fit: Any, *, ax: Any = None) -> Axes:
+def plot_curves(fit: Any, *, ax: Axes | None = None) -> Axes:
     """The curves of fitted templates."""
     (axes,) = panels(ax)
     for curve, colour, label in zip(fit.curves, (_PLUS, _MINUS), ("ξ₊", "ξ₋"), strict=True):
@@ -54,7 +54,7 @@ def plot_curves(fit: Any, *, ax: Any = None) -> Axes:
 
 
 @styled
-def plot_power(power: Any, *, ax: Any = None) -> Axes:
+def plot_power(power: Any, *, ax: Axes | None = None) -> Axes:
     """Power by degree with its errors, of either sign."""
     (axes,) = panels(ax)
     l = np.arange(1, len(power.toroidal) + 1)

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
@@ -37,7 +37,7 @@ from vsh.tools.arguments import float_array
 from vsh.tools.errors import DegeneracyError, FieldError, ParameterError
 from vsh.tools.notes import merge_notes, note_lines, spoken
 from vsh.tools.parallel import map_blocks
-from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ class PairPower(Result):
         units = dict.fromkeys([name for name in columns if name != "l"], "uas2 / yr2")
         return tables.table_of(columns, self._plain_facts(), units)
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """Power by degree on matplotlib axes."""
         from fit.pairs._plot import plot_power
 

@@ -14,7 +14,7 @@ from vsh.io import tables
 from vsh.models.covariance import d_minus, d_plus
 from vsh.tools.arguments import between, float_array
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.tools.units import hubble_rate
 
 #: Templates by name, and what their amplitudes are.
@@ -131,7 +131,7 @@ class TemplateFit(Result):
         }
         return tables.table_of(columns)
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The curves, on matplotlib axes."""
         from fit.pairs._plot import plot_curves
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from vsh.io import tables
 from vsh.io.parts import Parts
 from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import Cosmology, FloatArray, Table
+from vsh.tools.types import AxesArray, Cosmology, FloatArray, OnAxes, Table
 from vsh.vector import Vector
 
 
@@ -57,7 +57,7 @@ class GridPosterior(Result):
             columns[name], columns[f"probability_{name}"] = self.marginal(name)
         return tables.table_of(columns, {"frame": self.velocity.frame})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Marginal densities, on matplotlib axes."""
         from fit.posterior._plot import plot_marginals
 

@@ -12,6 +12,7 @@ from vsh.figures.plot import COLOURS, WIDTH, figure_of, panels, styled
 from vsh.io.tables import two_digits
 from vsh.tools.errors import ParameterError
 from vsh.tools.printing import import_quietly
+from vsh.tools.types import AxesArray, OnAxes
 
 #: The data say something of a quantity if they take a tenth off the width of its prior.
 _TOLD = 0.9
@@ -30,8 +31,12 @@ def label(name: str) -> str:
 
 @styled
 def plot_corner(
-    posterior: Any, names: Sequence[str] | None = None, *, truths: Mapping[str, float] | None = None, ax: Any = None
-) -> Any:
+    posterior: Any,
+    names: Sequence[str] | None = None,
+    *,
+    truths: Mapping[str, float] | None = None,
+    ax: OnAxes | None = None,
+) -> AxesArray:
     """Every pair of quantities, with 68 and 95 % contours."""
     samples = posterior.samples
     chosen = list(samples) if names is None else list(names)
@@ -121,7 +126,7 @@ def _draw_prior(drawn, posterior, names):
 
 
 @styled
-def plot_trace(posterior: Any, n_shown: int = 40, *, ax: Any = None) -> Any:
+def plot_trace(posterior: Any, n_shown: int = 40, *, ax: OnAxes | None = None) -> AxesArray:
     """Coordinates of some walkers against steps; the burn-in shaded, R̂ and the effective size beside each."""
     names, chain = posterior.model.names, posterior.chain
     drawn = panels(ax, len(names), 1, size=(WIDTH, 0.75 * len(names) + 0.5), sharex=True)
@@ -145,7 +150,7 @@ def plot_trace(posterior: Any, n_shown: int = 40, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_marginals(grid: Any, *, ax: Any = None) -> Any:
+def plot_marginals(grid: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """The marginal density of each quantity on a grid."""
     drawn = panels(ax, len(grid.names), 1, size=(WIDTH, 1.9 * len(grid.names)))
     for axes, name in zip(drawn, grid.names, strict=True):

@@ -14,7 +14,7 @@ from fit.posterior._summary import SampleResult, Samples, text_of
 from fit.sampling import ENOUGH, Flat, Normal, autocorrelation, inference_data, split_r_hat
 from vsh.io.tables import three_digits
 from vsh.tools.errors import ConvergenceError
-from vsh.tools.types import FloatArray, PathName
+from vsh.tools.types import AxesArray, FloatArray, OnAxes, PathName
 
 #: Levels of the columns: median, 68 %, and one-sided limits of 95 %.
 _LEVELS = np.array([0.5, 0.15865525, 0.84134475, 0.95, 0.05])
@@ -157,8 +157,8 @@ class Posterior(SampleResult):
         return inference_data(chains, self.log_probability[every].T, self.frame, UNITS)
 
     def corner(
-        self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: Any = None
-    ) -> Any:
+        self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: OnAxes | None = None
+    ) -> AxesArray:
         """Corner plot of some of the quantities; the same as `plot`. On matplotlib axes.
 
         Parameters
@@ -172,7 +172,7 @@ class Posterior(SampleResult):
         """
         return self.plot(names, truths, ax=ax)
 
-    def trace(self, *, ax: Any = None) -> Any:
+    def trace(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Trace plot: each coordinate of the walkers against the steps. On matplotlib axes.
 
         Parameters

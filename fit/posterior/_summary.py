@@ -15,7 +15,7 @@ from vsh.io.tables import three_digits
 from vsh.sky.frames import check_frame
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import AxesArray, FloatArray, OnAxes, Table
 from vsh.vector import Vector
 
 
@@ -88,8 +88,8 @@ class SampleResult(Result):
         return tables.table_of(columns, {"frame": self.frame})
 
     def plot(
-        self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: Any = None
-    ) -> Any:
+        self, names: Sequence[str] | None = None, truths: Mapping[str, float] | None = None, *, ax: OnAxes | None = None
+    ) -> AxesArray:
         """Corner plot of some of the quantities: velocity, H0 and what else was free. On matplotlib axes."""
         from fit.posterior._plot import plot_corner
 

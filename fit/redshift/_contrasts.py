@@ -23,7 +23,7 @@ from vsh.io.parts import Parts, as_parts
 from vsh.models.cosmology import FLAT_PLANCK13, FLOW_LIMIT, hubble_value, usable
 from vsh.models.flows import FlowModes, LinearTheory
 from vsh.modes import Modes
-from vsh.tools.types import FloatArray, Table
+from vsh.tools.types import Axes, FloatArray, Table
 from vsh.tools.units import AU_PER_YEAR
 from vsh.vector import Vector
 
@@ -88,7 +88,7 @@ class Trend(Result):
             }
         )
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The slopes with their errors, on matplotlib axes."""
         from fit.redshift._plot import plot_trend
 

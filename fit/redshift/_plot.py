@@ -7,13 +7,13 @@ import numpy as np
 from vsh.figures.plot import COLOURS, WIDTH, figure_of, legend_above, log_ticks, panels, styled
 from vsh.models.cosmology import FLOW_LIMIT, transverse_distance, velocity_along
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import Axes
+from vsh.tools.types import Axes, AxesArray, OnAxes
 from vsh.tools.units import AU_PER_YEAR
 from vsh.vector import Vector
 
 
 @styled
-def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: Any = None) -> Any:
+def plot_bins(binned: Any, velocity: str | Vector | None = "planck", *, ax: OnAxes | None = None) -> AxesArray:
     """Spin and acceleration, components and amplitude, in each bin."""
     drawn = panels(ax, 4, 1, size=(WIDTH, 6.6), sharex=True, height_ratios=(2, 1, 2, 1))
     # A bin measures the mean of 1/d, and that is where its marker stands.
@@ -94,7 +94,7 @@ def _draw_prediction(binned, velocity, drawn):
 
 
 @styled
-def plot_trend(trend: Any, *, ax: Any = None) -> Axes:
+def plot_trend(trend: Any, *, ax: Axes | None = None) -> Axes:
     """Slopes of spin and acceleration with redshift."""
     (axes,) = panels(ax)
     for at, (vector, symbol) in enumerate(((trend.spin, "ω"), (trend.acceleration, "ã"))):

@@ -20,7 +20,7 @@ from vsh.io import tables
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
 from vsh.modes import KINDS
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import ArrayLike, FloatArray, Kind, Table
+from vsh.tools.types import ArrayLike, AxesArray, FloatArray, Kind, OnAxes, Table
 from vsh.tools.units import AU_PER_YEAR
 from vsh.vector import Vector
 
@@ -327,7 +327,7 @@ class BinnedSolution(Result):
         flow = self.flow_covariance[np.ix_(index, index)].reshape(bins, len(first), bins, len(first))
         return replace(found, covariances=found.covariances + flow, notes=(*found.notes, "flows are in these errors"))
 
-    def plot(self, velocity: str | Vector | None = "planck", *, ax: Any = None) -> Any:
+    def plot(self, velocity: str | Vector | None = "planck", *, ax: OnAxes | None = None) -> AxesArray:
         """Components against redshift, with the secular parallax of a velocity drawn in; on matplotlib axes.
 
         Parameters

@@ -8,7 +8,7 @@ detected by any resampling.
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 import numpy as np
 from scipy.special import gammaincc, stdtrit
@@ -28,7 +28,7 @@ from vsh.tools.arguments import between, choice, generator
 from vsh.tools.errors import ParameterError
 from vsh.tools.logs import logged
 from vsh.tools.parallel import map_blocks, progress_bar
-from vsh.tools.types import FloatArray, Rng, Table
+from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.vector import Vector
 
 
@@ -60,7 +60,7 @@ class Resampled(AboutSolution):
         """The coefficients with these errors as an astropy Table, a row each."""
         return self.resampled_solution.to_table()
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """Power by degree with these errors on matplotlib axes."""
         return self.resampled_solution.plot(ax=ax)
 

@@ -14,7 +14,7 @@ from vsh.io import tables
 from vsh.models.flows import FlowModes, VelocityGrid
 from vsh.sky.sphere import across_and_along
 from vsh.tools.arguments import positive
-from vsh.tools.types import FloatArray, IntArray, Table
+from vsh.tools.types import AxesArray, FloatArray, IntArray, OnAxes, Table
 from vsh.tools.units import SPEED_OF_LIGHT
 from vsh.vector import Vector
 
@@ -125,7 +125,7 @@ class Flow(Result):
             columns[f"v_{axis}_error"] = [v.sigma[i] for v in bulks]
         return tables.table_of(columns, {"frame": self.frame})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """The radial velocities that were found on three shells, on matplotlib axes."""
         from fit.secular_parallax._plot import plot_flow
 

@@ -15,7 +15,7 @@ from vsh.field import Field
 from vsh.io import tables
 from vsh.models.cosmology import FLAT_PLANCK13, hubble_value
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import ArrayLike, Table
+from vsh.tools.types import ArrayLike, AxesArray, OnAxes, Table
 from vsh.vector import Vector
 
 
@@ -123,7 +123,7 @@ class VelocityForecast(Result):
             columns[f"H0, {name}"] = [float(self.hubble[i, j, k]) for i, j in pairs]
         return tables.table_of(columns)
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Errors of H0 against the redshift limit, a panel a catalogue; on matplotlib axes."""
         from fit.secular_parallax._plot import plot_forecast
 

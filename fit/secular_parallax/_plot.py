@@ -19,6 +19,7 @@ from vsh.figures.plot import (
     styled,
 )
 from vsh.sky.pixels import centres
+from vsh.tools.types import AxesArray, OnAxes
 
 _NSIDE = 16
 #: An arrow as long as the largest radial velocity. [deg]
@@ -26,7 +27,7 @@ _LONGEST = 16.0
 
 
 @styled
-def plot_flow(flow: Any, *, ax: Any = None) -> Any:
+def plot_flow(flow: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Velocities on shells: radial ones as colours, tangential ones as arrows; faint where the fit knows nothing."""
     last = flow.modes.radii[-1]
     radii = [radius for radius in (20.0, 40.0, 80.0) if radius <= last] or [float(last)]
@@ -60,7 +61,7 @@ def _known(flow, radius, places=48):
 
 
 @styled
-def plot_forecast(forecast: Any, *, ax: Any = None) -> Any:
+def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Errors of H0 against the redshift limit."""
     count = len(forecast.catalogues)
     drawn = panels(ax, count, 1, size=(WIDTH, 1.9 * count + 0.6), sharex=True)

@@ -7,10 +7,11 @@ import numpy as np
 from fit.shear._tensor import coefficients_of
 from vsh.figures.plot import COLOURS, SkyAxes, arrow_grid, draw_points, draw_vectors, sky_axes, styled
 from vsh.sky.sphere import angles
+from vsh.tools.types import Axes
 
 
 @styled
-def plot_shear(tensor: Any, *, ax: Any = None) -> SkyAxes:
+def plot_shear(tensor: Any, *, ax: Axes | None = None) -> SkyAxes:
     """The motions of the fitted expansion, and where its principal axes point."""
     axes = sky_axes(tensor.frame, ax, below=0.55)
     lon, lat = arrow_grid(axes)

@@ -1,7 +1,6 @@
 """From degree 2 to a traceless tensor, with its covariance and its axes on the sky."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -16,7 +15,7 @@ from vsh.sky.sphere import angles
 from vsh.tools import arguments
 from vsh.tools.arguments import between, covariance, float_array, positive, read_only
 from vsh.tools.notes import note_lines
-from vsh.tools.types import ArrayLike, FloatArray, Table
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 from vsh.tools.units import hubble_rate
 
 _NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -143,7 +142,7 @@ class Shear(Result):
         columns = {"component": list(_NAMES), "value": self.values, "sigma": self.sigma}
         return tables.table_of(columns, self._plain_facts(), dict.fromkeys(("value", "sigma"), "uas / yr"))
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """The motions and the principal axes on the sky, on matplotlib axes."""
         from fit.shear._plot import plot_shear
 

@@ -17,7 +17,7 @@ from vsh.sky.pixels import centres
 from vsh.tools import arguments
 from vsh.tools.errors import DegeneracyError, NothingLeftError, ParameterError
 from vsh.tools.notes import merge_notes, note_lines
-from vsh.tools.types import FloatArray, Rng, Table
+from vsh.tools.types import Axes, FloatArray, Rng, Table
 from vsh.tools.units import UAS
 
 #: Notes of searches in time: of an attitude that is known, and of one that was solved.
@@ -109,7 +109,7 @@ class WaveSpectrum(Result):
         columns["lost"] = self.lost
         return tables.table_of(columns, self._plain_facts(), {"lon": "deg", "lat": "deg", "frequency": "1 / yr"})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: Axes | None = None) -> Axes:
         """Limits on the strain against frequency, on matplotlib axes."""
         from fit.waves._plot import plot_spectrum
 

@@ -8,10 +8,11 @@ import numpy as np
 
 from fit.quality import printed_p_value
 from vsh.figures.plot import COLOURS, WIDTH, draw_points, legend_above, log_ticks, panels, plot_map, styled
+from vsh.tools.types import Axes, AxesArray, OnAxes
 
 
 @styled
-def plot_search(search: Any, *, ax: Any = None) -> Any:
+def plot_search(search: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """2F and the limit of every direction that a wave may travel to."""
     heading = (
         f"largest 2F = {search.statistic.max():.1f}; p = {printed_p_value(search.p_value)} with all directions "
@@ -28,7 +29,7 @@ def plot_search(search: Any, *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_spectrum(spectrum: Any, *, ax: Any = None) -> Any:
+def plot_spectrum(spectrum: Any, *, ax: Axes | None = None) -> Axes:
     """The strain that a wave can have, with 95 %, against its frequency: median and range over directions."""
     (axes,) = panels(ax, size=(WIDTH, 3.0))
     order = np.argsort(spectrum.frequencies)

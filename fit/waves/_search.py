@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from vsh.sky.sphere import triad
 from vsh.tools import arguments
 from vsh.tools.errors import ModesError, ParameterError
 from vsh.tools.notes import note_lines
-from vsh.tools.types import FloatArray, Rng, Table
+from vsh.tools.types import AxesArray, FloatArray, OnAxes, Rng, Table
 from vsh.tools.units import UAS
 from vsh.vector import Vector
 
@@ -176,7 +175,7 @@ class WaveSearch(Result):
         columns |= {f"amplitude_{i}": each for i, each in enumerate(self.amplitudes)}
         return tables.table_of(columns, self._plain_facts() | {"ORDERING": "RING"}, {"lon": "deg", "lat": "deg"})
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Maps of 2F and of the limits, on matplotlib axes."""
         from fit.waves._plot import plot_search
 

@@ -21,7 +21,7 @@ from vsh.tools import arguments
 from vsh.tools.errors import ParameterError
 from vsh.tools.modules import warn
 from vsh.tools.notebook import InNotebook
-from vsh.tools.types import Rng, Table
+from vsh.tools.types import AxesArray, OnAxes, Rng, Table
 from vsh.tools.units import AU_PER_YEAR, hubble_rate
 
 #: So many stand for all: so many quasars; of galaxies the nearest and every tenth of the rest, fewer where flows are
@@ -112,7 +112,7 @@ class SurveyForecast(InNotebook):
             columns, {"sky": self.sky}, {name: units[unit] for name, (_, unit) in QUANTITIES.items() if unit}
         )
 
-    def plot(self, *, ax: Any = None) -> Any:
+    def plot(self, *, ax: OnAxes | None = None) -> AxesArray:
         """Every quantity by survey, a panel each; on matplotlib axes."""
         from study.forecast._plot import plot_forecast
 

@@ -6,12 +6,13 @@ import numpy as np
 
 from study.forecast._surveys import QUANTITIES
 from vsh.figures.plot import COLOURS, WIDTH, log_ticks, panels, styled
+from vsh.tools.types import AxesArray, OnAxes
 
 _SHOWN = ("spin", "acceleration", "direction", "r0", "waves", "shear", "velocity", "hubble")
 
 
 @styled
-def plot_forecast(forecast: Any, *, ax: Any = None) -> Any:
+def plot_forecast(forecast: Any, *, ax: OnAxes | None = None) -> AxesArray:
     """Eight quantities by survey, and what floor and flows leave of them."""
     drawn = panels(ax, 4, 2, size=(WIDTH, 6.4), sharex=True)
     names = list(forecast.surveys)

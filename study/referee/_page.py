@@ -11,6 +11,7 @@ from study.referee._referee import Referee
 from study.referee._rows import HINT, Check, Section
 from vsh.figures import page
 from vsh.figures.plot import COLOURS, WIDTH, legend_above, many_figures, panels, plot_field, styled
+from vsh.tools.types import Axes
 
 
 def draw(referee: Referee) -> dict[str, Any]:
@@ -26,7 +27,7 @@ def draw(referee: Referee) -> dict[str, Any]:
 
 
 @styled
-def plot_accelerations(sections: Sequence[Section], *, ax: Any = None) -> Any:
+def plot_accelerations(sections: Sequence[Section], *, ax: Axes | None = None) -> Axes:
     """Components of g by each paper that has them: published, ours its way, ours with what sources share."""
     (axes,) = panels(ax, size=(WIDTH, 2.6))
     lines = []
@@ -51,7 +52,7 @@ def plot_accelerations(sections: Sequence[Section], *, ax: Any = None) -> Any:
 
 
 @styled
-def plot_checks(checks: Sequence[Check], *, ax: Any = None) -> Any:
+def plot_checks(checks: Sequence[Check], *, ax: Axes | None = None) -> Axes:
     """p-values of the checks, with what sources share and by the errors quoted."""
     asked = [each for each in checks if np.isfinite(each.p_value)]
     (axes,) = panels(ax, size=(WIDTH, 0.8 + 0.17 * max(len(asked), 3)))

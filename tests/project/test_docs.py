@@ -79,6 +79,7 @@ def test_every_command_has_its_page():
         assert path.is_file(), f"write docs/commands/{command}.md, as its neighbours"
         text = path.read_text(encoding="utf-8")
         assert f":module: {words_of(command).__name__}\n" in text
+        assert re.search(rf"^```{{sample}}[^`]*^{command} ", text, re.MULTILINE), f"show on {path.name} what it prints"
 
 
 def test_options_have_long_names():

@@ -9,6 +9,43 @@ from conftest import ROOT, for_each
 
 FILES = [path for package in ("vsh", "sim", "fit", "study") for path in sorted((ROOT / package).rglob("*.py"))]
 
+#: Where a promised signature says Any, and why: arguments by their names, what is returned by the function's.
+HEADER = "what a header or JSON keeps"
+ON = "handed on to the function that the docstring names"
+TABLES = "a path, an address, or a table of astropy, pandas, polars or Arrow: by what it can do"
+COLUMNS = "an array, a Quantity or a column, masked or not"
+ASTROPY = "an astropy object, which is not imported for its name"
+SOURCES = "a Field, a Population, a SkyCoord: whatever has positions"
+ARROWS = "a result that this file must not import: arrows run one way"
+SAME = "the type of what was given"
+DRAWN = "an artist of matplotlib whose kind depends on what is drawn"
+REASONS = {
+    **dict.fromkeys(("meta", "truth", "provenance"), HEADER),
+    **dict.fromkeys(("options", "style", "reading", "further"), ON),
+    **dict.fromkeys(("source", "path", "positions", "a", "b"), TABLES),
+    **dict.fromkeys(
+        ("ra", "dec", "pmra", "pmdec", "pmra_error", "pmdec_error", "values", "errors", "columns", "units"), COLUMNS
+    ),
+    **dict.fromkeys(("coord", "radius", "orientation", "spin", "jump", "acceleration", "masses"), ASTROPY),
+    **dict.fromkeys(("sources", "cases", "fields"), SOURCES),
+    **dict.fromkeys(
+        ("solution", "check", "figures", "beside", "about", "models", "floor", "law", "folder", "observations",
+         "attitude", "chosen"), ARROWS,
+    ),
+    **dict.fromkeys(("work", "pieces", "piece", "function", "solve", "potential"), "a function of the caller's"),
+    "color": "a colour of matplotlib, or an array of them", "ax": "axes, or an array: each result says which",
+    "rotate": "coefficients, or a pair with their covariance", "attractions": SAME, "effects": SAME,
+    "apparent_motion": SAME, "lensing_motion": SAME, "NominalScanningLaw.attitude": "three arrays, of any shape",
+    "TabulatedLaw.attitude": "three arrays, of any shape", "search_in_time": "by its arguments",
+    "read": "the result that was written", "Result.read": "the result that was written",
+    "Result.plot": "axes, or an array: each result says which", "Floor.allowed_for": "what `solve` returns",
+    "Parts.sum": "what `function` returns", "Dask.total": "what `work` returns", "Processes.total": "what `work` returns",
+    "Dask.fetched": SAME, "Parts.in_memory": SAME, "Study.plain": HEADER, "Referee.results": "results of many kinds",
+    "Posterior.to_arviz": "arviz's, which may not be installed", "Samples.to_arviz": "arviz's, which may not be installed",
+    "widget": "ipywidgets', which may not be installed", "Solution.widget": "ipywidgets', which may not be installed",
+    **dict.fromkeys(("draw_vectors", "draw_map", "draw_sources", "draw_points", "draw_direction"), DRAWN),
+}  # fmt: skip
+
 
 def faces():
     """What a folder promises, in `__all__` of its `__init__` or of the stub that it follows; and what a module does."""
@@ -72,6 +109,19 @@ def named_in_summary(node):
 
 def path_name(path):
     return path.relative_to(ROOT).as_posix()
+
+
+def anything(node):
+    """Whether an annotation says Any."""
+    return node is not None and any(isinstance(each, ast.Name) and each.id == "Any" for each in ast.walk(node))
+
+
+@for_each(FILES, path_name)
+def test_what_may_be_anything_has_a_reason(path):
+    for name, node in promised(path):
+        if isinstance(node, ast.FunctionDef):
+            said = {each.arg for each in arguments(node) if anything(each.annotation)}
+            assert said | ({name} if anything(node.returns) else set()) <= set(REASONS)
 
 
 @for_each(FILES, path_name)

@@ -1,5 +1,6 @@
 """Types that signatures share."""
 
+from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
@@ -11,8 +12,13 @@ if TYPE_CHECKING:
     from astropy.table import Table
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    #: One axes, or as many as a figure has panels.
+    OnAxes: TypeAlias = Axes | Sequence[Axes] | NDArray[np.object_]
+    #: The axes of a figure's panels.
+    AxesArray: TypeAlias = NDArray[np.object_]
 else:  # not imported for their names
-    Axes = Figure = Table = Any
+    Axes = AxesArray = Figure = OnAxes = Table = Any
 
 
 class Cosmology(Protocol):

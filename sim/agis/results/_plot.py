@@ -1,7 +1,5 @@
 """Figures of a joint solution (matplotlib)."""
 
-from typing import Any
-
 import numpy as np
 
 from sim.agis.results._solution import AgisSolution
@@ -15,7 +13,7 @@ _MARKS = "os^Dv"
 
 
 @styled
-def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Any = None) -> Axes:
+def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Axes | None = None) -> Axes:
     """How far the low degrees are from where they end, iteration by iteration."""
     away = np.abs(solution.history - solution.history[-1])[:-1] / np.sqrt(np.diag(solution.formal_low))
     (axes,) = panels(ax)
@@ -33,7 +31,7 @@ def plot_convergence(solution: AgisSolution, stop: float = 0.05, *, ax: Any = No
 
 @styled
 def plot_errors_by_magnitude(
-    solution: AgisSolution, magnitude: ArrayLike, sources: ArrayLike | None = None, *, ax: Any = None
+    solution: AgisSolution, magnitude: ArrayLike, sources: ArrayLike | None = None, *, ax: Axes | None = None
 ) -> Axes:
     """True over formal errors of the five parameters by magnitude, from this draw of the noise."""
     kept = solution.solved if sources is None else solution.solved & np.asarray(sources)
@@ -66,7 +64,7 @@ def plot_errors_by_magnitude(
 
 @styled
 def plot_correlation(
-    angle: FloatArray, correlation: FloatArray, pairs: IntArray, draws: int = 1, *, ax: Any = None
+    angle: FloatArray, correlation: FloatArray, pairs: IntArray, draws: int = 1, *, ax: Axes | None = None
 ) -> Axes:
     """Correlation of errors by the angle between two sources."""
     (axes,) = panels(ax)
@@ -80,7 +78,7 @@ def plot_correlation(
 
 
 def plot_ratio_map(
-    solution: AgisSolution, nside: int = 8, sources: ArrayLike | None = None, *, ax: Any = None
+    solution: AgisSolution, nside: int = 8, sources: ArrayLike | None = None, *, ax: Axes | None = None
 ) -> SkyAxes:
     """True over formal errors of the motions over the sky, from this draw of the noise."""
     kept = solution.solved if sources is None else solution.solved & np.asarray(sources)

@@ -19,7 +19,7 @@ from vsh.figures.plot._style import COLOURS, DIVERGING, FADED, SIGNIFICANCE, col
 from vsh.scalars import ScalarCoefficients, ScalarField
 from vsh.sky.pixels import centres
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import FloatArray
+from vsh.tools.types import Axes, FloatArray
 
 #: An arrow is grey below, and as dark as any from there on. [σ]
 SURE, TOP = 2.0, 6.0
@@ -42,7 +42,7 @@ def plot_field(
     covariance: FloatArray | None = None,
     title: str | None = None,
     unit: str = "µas/yr",
-    ax: Any = None,
+    ax: Axes | None = None,
     projection: str = "hammer",
     centre: tuple[float, float] | None = None,
 ) -> SkyAxes:
@@ -114,7 +114,7 @@ def plot_field(
 
 
 @styled
-def plot_sources(field: Field, *, n_arrows: int = 300, ax: Any = None) -> SkyAxes:
+def plot_sources(field: Field, *, n_arrows: int = 300, ax: Axes | None = None) -> SkyAxes:
     """The sources of a field as dots, and the motions that are surest in their errors as arrows.
 
     Parameters
@@ -159,7 +159,7 @@ def _directions(axes, coefficients, covariance, names):
 
 @styled
 def plot_scalar_field(
-    field: ScalarField, coefficients: ScalarCoefficients, *, title: str | None = None, ax: Any = None
+    field: ScalarField, coefficients: ScalarCoefficients, *, title: str | None = None, ax: Axes | None = None
 ) -> SkyAxes:
     """A map of a scalar field as fitted, and its sources, each where it is.
 

@@ -9,7 +9,7 @@ from vsh.figures.plot._sky_axes import SkyAxes, sky_axes
 from vsh.figures.plot._style import SEQUENTIAL, colour_bar, styled
 from vsh.sky.pixels import pixels_of
 from vsh.sky.sphere import triad
-from vsh.tools.types import ArrayLike, FloatArray
+from vsh.tools.types import ArrayLike, Axes, FloatArray
 
 
 def draw_map(axes: SkyAxes, values: ArrayLike, cmap: str = SEQUENTIAL, **style: Any) -> Any:
@@ -45,7 +45,7 @@ def plot_map(
     frame: str = "icrs",
     cmap: str = SEQUENTIAL,
     title: str | None = None,
-    ax: Any = None,
+    ax: Axes | None = None,
     extend: str = "neither",
     **style: Any,
 ) -> SkyAxes:

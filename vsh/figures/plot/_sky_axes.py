@@ -13,7 +13,7 @@ from vsh.figures.plot._style import WIDTH, styled
 from vsh.sky.frames import ANGLES, check_frame
 from vsh.tools.arguments import choice
 from vsh.tools.errors import ParameterError
-from vsh.tools.types import ArrayLike, FloatArray
+from vsh.tools.types import ArrayLike, Axes, FloatArray
 
 #: FITS's names of the projections (Calabretta & Greisen 2002), and the radius of each along the abscissa. [rad]
 PROJECTIONS = {
@@ -109,7 +109,7 @@ class SkyAxes(WCSAxes):
 @styled
 def sky_axes(
     frame: str = "icrs",
-    ax: Any = None,
+    ax: Axes | None = None,
     *,
     projection: str = "hammer",
     centre: tuple[float, float] | None = None,
@@ -158,7 +158,7 @@ def sky_axes(
         made = ax.figure.add_subplot(ax.get_subplotspec(), **how)
         ax.remove()
     else:
-        made = ax.figure.add_axes(ax.get_position(), **how)
+        made = ax.figure.add_axes(ax.get_position().bounds, **how)
         ax.remove()
     made.sky_frame, made.projection_name, made.centre = frame, projection, centre
     high, wide = wcs.array_shape

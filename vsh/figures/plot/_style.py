@@ -14,7 +14,7 @@ from PIL import Image
 from vsh.tools.arguments import choice, positive
 from vsh.tools.errors import ParameterError
 from vsh.tools.files import MARK, atomic_write
-from vsh.tools.types import Axes, Figure, PathName
+from vsh.tools.types import Axes, Figure, OnAxes, PathName
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -83,7 +83,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 def panels(
-    ax: Any = None, rows: int = 1, columns: int = 1, *, size: tuple[float, float] | None = None, **how: Any
+    ax: OnAxes | None = None, rows: int = 1, columns: int = 1, *, size: tuple[float, float] | None = None, **how: Any
 ) -> Any:
     """The axes to draw on: those given, or those of a new figure."""
     if ax is None:

@@ -1,0 +1,75 @@
+"""A directive that runs commands when the pages are built, and shows what the last prints and one of its figures.
+
+```{sample} fit/sky.png
+vsh-sim quasars --number 5000 --output quasars.fits
+vsh-fit quasars.fits --output fit
+```
+"""
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import ClassVar
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from sphinx.errors import ExtensionError
+from sphinx.util.docutils import SphinxDirective
+
+HERE = Path(__file__).parent
+
+
+class Sample(SphinxDirective):
+    """Its argument is the figure; `lines` how much is shown of what is printed, `alt` what is seen, `file` what is read."""
+
+    has_content = True
+    optional_arguments = 1
+    option_spec: ClassVar = {
+        "lines": directives.positive_int,
+        "alt": directives.unchanged,
+        "file": directives.unchanged,
+    }
+
+    def run(self):
+        commands = [line for line in self.content if line.strip()]
+        with tempfile.TemporaryDirectory() as folder:
+            if "file" in self.options:
+                shutil.copy(Path(self.get_source_info()[0]).parent / self.options["file"], folder)
+            for command in commands:
+                printed = _printed(command, folder)
+            picture = self._picture(folder) if self.arguments else []
+        lines = printed.rstrip().splitlines()
+        most = self.options.get("lines", len(lines))
+        shown = [*lines[:most], *(["…"] if most < len(lines) else [])]
+        typed = nodes.literal_block("", "\n".join(f"$ {each}" for each in commands), language="console")
+        said = nodes.literal_block("", "\n".join(shown), language="text")
+        return [typed, said, *picture]
+
+    def _picture(self, folder):
+        """The figure, kept where the build finds it."""
+        name = f"{Path(self.env.docname).name}.png"
+        kept = HERE / "_build" / "samples" / name
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(Path(folder, self.arguments[0]), kept)
+        return [nodes.image(uri=f"/_build/samples/{name}", alt=self.options.get("alt", "the figure that is written"))]
+
+
+def _printed(command, folder):
+    """What a command prints, run in a folder."""
+    program, *rest = shlex.split(command)
+    words = [sys.executable, "-m", "vsh", program.removeprefix("vsh-"), *rest]
+    there = os.environ | {"PYTHONPATH": str(HERE.parent), "COLUMNS": "100"}
+    done = subprocess.run(words, cwd=folder, env=there, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise ExtensionError(f"{command}: {done.stderr}")
+    return done.stdout
+
+
+def setup(app):
+    """As Sphinx wants it."""
+    app.add_directive("sample", Sample)
+    return {"parallel_read_safe": True}
