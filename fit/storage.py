@@ -20,7 +20,7 @@ from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from html import escape
 from importlib import import_module
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -251,7 +251,7 @@ class Result(Frozen):
         tables.write(path, columns, plain | (meta or {}) | {"RESULT": mark}, units)
 
     @classmethod
-    def read(cls, path: PathName) -> Any:
+    def read(cls, path: PathName) -> Self:
         """Read what `write` wrote, bit for bit.
 
         Parameters
@@ -291,7 +291,7 @@ def _short(value):
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def read(path: PathName) -> Any:
+def read(path: PathName) -> Result:
     """Read any result that was written to a file.
 
     Parameters

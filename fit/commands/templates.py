@@ -24,7 +24,7 @@ def _template(word, source, path, field, options):
         name = Path(word).name
         if word.endswith(".ecsv"):
             solution = fit.storage.read(word)
-            if not hasattr(solution, "coefficients"):
+            if not isinstance(solution, fit.Solution):
                 raise ParameterError(f"--templates {name} is no solution of motions")
             return fit.background.Template(name, solution.coefficients, solution.frame or "icrs")
         return fit.background.Template(name, word)

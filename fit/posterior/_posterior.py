@@ -132,7 +132,7 @@ class Posterior(SampleResult):
         self.kept().write(path, meta)
 
     @classmethod
-    def read(cls, path: PathName) -> Samples:
+    def read(cls, path: PathName) -> Samples:  # type: ignore[override]  # the likelihood is not written
         """Samples that `write` wrote to an ECSV or FITS file `path`, a `Samples`."""
         return Samples.read(path)
 

@@ -37,7 +37,7 @@ REASONS = {
     "rotate": "coefficients, or a pair with their covariance", "attractions": SAME, "effects": SAME,
     "apparent_motion": SAME, "lensing_motion": SAME, "NominalScanningLaw.attitude": "three arrays, of any shape",
     "TabulatedLaw.attitude": "three arrays, of any shape", "search_in_time": "by its arguments",
-    "read": "the result that was written", "Result.read": "the result that was written",
+    "read": "a result, a field or a table: what is in the file",
     "Result.plot": "axes, or an array: each result says which", "Floor.allowed_for": "what `solve` returns",
     "Parts.sum": "what `function` returns", "Dask.total": "what `work` returns", "Processes.total": "what `work` returns",
     "Dask.fetched": SAME, "Parts.in_memory": SAME, "Study.plain": HEADER, "Referee.results": "results of many kinds",

@@ -27,3 +27,24 @@ def test_six_planted_mistakes(tmp_path):
     )
     found = re.findall(r"^mine\.py:(\d+): error:", done.stdout, re.MULTILINE)
     assert [int(line) for line in dict.fromkeys(found)] == [7, 8, 9, 10, 11, 12], done.stdout
+
+
+READ_BACK = """\
+from typing import assert_type
+
+import fit
+from matplotlib.axes import Axes
+
+solution = fit.Solution.read("solution.ecsv")
+assert_type(solution, fit.Solution)
+assert_type(solution.plot(), Axes)
+solution.plot(ax=solution)  # no axes
+"""
+
+
+def test_what_is_read_and_drawn_is_typed(tmp_path):
+    (tmp_path / "mine.py").write_text(READ_BACK)
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "mine.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert re.findall(r"^mine\.py:(\d+): error:", done.stdout, re.MULTILINE) == ["9"], done.stdout
