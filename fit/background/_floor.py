@@ -1,11 +1,12 @@
 """The floor: errors of spin and acceleration that more sources do not remove."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 
 from fit.background._amplitude import equations_of, errors_of, fitted_degrees, is_scaled, places, words_of
 from fit.background._fit import posteriors
@@ -19,12 +20,15 @@ from vsh.models.covariance import LINDEGREN_2021, Spectrum
 from vsh.modes import Modes
 from vsh.tools.errors import ConvergenceError, DegeneracyError, ModesError, ParameterError, VshError
 from vsh.tools.logs import logged
-from vsh.tools.types import Axes, Table
+from vsh.tools.types import ArrayLike, Axes, FloatArray, Table
 
 #: Shapes of the spectrum by name: one power for each mode, and what Gaia EDR3's astrometry was published with.
 SHAPES = {"flat": Spectrum.flat(), "gaia": Spectrum.from_covariance(LINDEGREN_2021, "Gaia's, Lindegren et al. 2021")}
 
 
+#: Odds of the shapes before a catalogue is seen: both published spectra of Gaia's astrometry rise towards low degrees,
+#: and these make intervals hold on them (docs/backgrounds.md); it costs 2 % of the errors where nothing is shared.
+_ODDS = {"gaia": 4.0}
 #: One that rises towards degree 1 more steeply than what was published: a what-if, in no average.
 _STEEP = Spectrum("l⁻² a mode", lambda lmax: np.stack([(2 * l + 1) / l**2 for l in [np.arange(1.0, lmax + 1)] * 2]))
 
@@ -32,6 +36,11 @@ _STEEP = Spectrum("l⁻² a mode", lambda lmax: np.stack([(2 * l + 1) / l**2 for
 def _shape_of(name: str) -> Spectrum:
     """A shape by its name."""
     return _STEEP if name == "steep" else SHAPES[name]
+
+
+def shape_probabilities(names: Sequence[str], log_evidence: ArrayLike) -> FloatArray:
+    """The probability of each shape, by its evidence and the odds that it has beforehand."""
+    return softmax(np.asarray(log_evidence) + np.log([_ODDS.get(name, 1.0) for name in names]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -295,8 +304,9 @@ def floor(
     degrees : iterable of int, optional
         Where to estimate; from 2 to the highest unless given. Others are fitted freely.
     shapes : iterable of "flat", "gaia"
-        Shapes of the spectrum, averaged by their evidence: one power of each mode, and that of Gaia EDR3's published
-        covariance (Lindegren et al. 2021), which rises towards low degrees. ("flat",) is the estimate of one shape.
+        Shapes of the spectrum, averaged by their evidence and odds of four to one for Gaia's: one power of each mode,
+        and that of Gaia EDR3's published covariance (Lindegren et al. 2021), which rises towards low degrees.
+        ("flat",) is the estimate of one shape.
     noise_scale : bool, optional
         Estimate a factor on the catalogue's errors along with the powers: errors that are too small pass for
         systematics otherwise. Unless given it is, but for a solution whose errors come from residuals.
@@ -313,12 +323,12 @@ def floor(
     Notes
     -----
     The floor extrapolates from degrees 2, 3, … to degree 1 along the shapes that it is given. On skies drawn from Gaia
-    EDR3's published covariance spin and acceleration scatter by 1.06 and 1.07 of the errors with both shapes at
-    degrees 5 and 7, and 95 % intervals hold 93 and 95 % (with the flat one alone 1.4 and 1.5, 84 and 82 %); a spectrum
+    EDR3's published covariance spin and acceleration scatter by 1.06 and 1.03 of the errors with both shapes at
+    degrees 5 and 7, and 95 % intervals hold 93 and 94 % (with the flat one alone 1.4 and 1.5, 84 and 82 %); a spectrum
     that rises more steeply than either, l⁻² a mode, makes the floor two to three times too small (`steeper`).
     Systematics of degrees that are not fitted leak into those that are, and make the powers larger than they are, not
     the coverage. The median of the posterior covers better than the largest likelihood where modes are few (degree 3:
-    12 of each parity). Where there is nothing it enlarges errors by 4 % at degree 7, 8 % at 4, 12 % at 3, and takes
+    12 of each parity). Where there is nothing it enlarges errors by 6 % at degree 7, 12 % at 4, 15 % at 3, and takes
     away what the higher degrees cost. Coverage on simulated skies: docs/backgrounds.md.
 
     Examples
@@ -348,9 +358,7 @@ def floor(
     found = [_of_shape(shape, equations, degrees, free, scaled, errors_of(normal)) for shape in listed]
     if len(found) == 1:
         return found[0][0]
-    evidence = np.array([each for _, each in found])
-    probability = np.exp(evidence - evidence.max())
-    probability /= probability.sum()
+    probability = shape_probabilities(listed, [each for _, each in found])
     steep, _ = _of_shape("steep", equations, degrees, free, scaled, errors_of(normal))
     return replace(
         found[0][0],

@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 
 from fit.background._amplitude import equations_of, words_of
 from fit.background._blocks import Blocks, ClassEquations, reduced
-from fit.background._floor import SHAPES
+from fit.background._floor import SHAPES, shape_probabilities
 from fit.normal import NormalEquations
 from fit.quality import gls
 from fit.solution import HarmonicSolution, Solution
@@ -413,7 +413,7 @@ def shared(
     labels : sequence of str, optional
         Names of the classes.
     shapes : sequence of "flat", "gaia" or Spectrum
-        Shapes of the spectrum, averaged by their evidence.
+        Shapes of the spectrum, averaged by their evidence, and odds of four to one for Gaia's.
     own : {"each", "one"}
         Whether each class has a power of its own beside the common one, or one for all: "one" is sharper, and wrong
         where one class is worse than the others.
@@ -487,9 +487,7 @@ def drawn(
 ) -> SharedErrors:
     """What classes share, the mean over draws of its amplitudes and over shapes; `blocks_of` variances of a shape."""
     lots = _draws(classes, modes, spectra, blocks_of, draws, rng)
-    evidence = np.array([each.evidence for each in lots])
-    probability = np.exp(evidence - evidence.max())
-    probability /= probability.sum()
+    probability = shape_probabilities([name for name, _ in spectra], [each.evidence for each in lots])
     means, covariances, shares, (amplitudes, spread) = _kept(lots, probability, rng)
     if min(each.effective for each, p in zip(lots, probability, strict=True) if p > 0.05) < _EFFECTIVE:
         notes = [*notes, "few draws of what is shared count: give more of them (draws=), or merge classes"]
