@@ -397,15 +397,16 @@ class Solution(HarmonicSolution):
         height : int
             [pixels]
         """
+        from fit.output import covariance_of_all
         from vsh.figures.page import Shown, widget
         from vsh.figures.plot import picture_of, plot_field
 
-        field = field.to_frame(self.frame)
-        shown = Shown("fit", field, self.coefficients, self.covariance, self.unit)
+        field, covariance = field.to_frame(self.frame), covariance_of_all(self)
+        shown = Shown("fit", field, self.coefficients, covariance, self.unit)
         return widget(
             shown,
             height=height,
-            static=lambda: picture_of(plot_field(field, self.coefficients, covariance=self.covariance, unit=self.unit)),
+            static=lambda: picture_of(plot_field(field, self.coefficients, covariance=covariance, unit=self.unit)),
         )
 
     def _pack(self):

@@ -8,10 +8,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
-from vsh.models.cosmology import transverse_distance
+from vsh.models.cosmology import FLAT_PLANCK13, hubble_value, transverse_distance
 from vsh.tools.errors import DegeneracyError
 from vsh.tools.notebook import InNotebook
 from vsh.tools.types import FloatArray
+from vsh.tools.units import AU_PER_YEAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +123,20 @@ def redshift_counts(redshift: FloatArray) -> FloatArray:
     return np.histogram(np.log(redshift), bins=EDGES)[0].astype(float)
 
 
+#: What a galaxy has of its own: none tells more of ours than that, and no redshift places it better. [km/s]
+_OWN = 300.0
+
+
 def flow_counts(redshift: FloatArray, weight: FloatArray) -> FloatArray:
-    """What sources tell of a velocity, their weight times 1/d², by redshift: a table that adds over parts."""
-    return np.histogram(np.log(redshift), bins=EDGES, weights=weight / transverse_distance(redshift) ** 2)[0]
+    """What sources tell of a velocity by redshift, a table that adds over parts; `weight` is of their motions.
+
+    1/(s² + (4.74 d)²/w) each, of distances d to s/H0 at best, s the velocity that a galaxy has of its own: else a few
+    that are next to us, by their redshifts, would be all that is followed, and flows of the others independent noise.
+    """
+    distance = np.hypot(transverse_distance(redshift), _OWN / hubble_value(FLAT_PLANCK13))
+    with np.errstate(divide="ignore"):
+        weight = 1 / (_OWN**2 + (AU_PER_YEAR * distance) ** 2 / weight)
+    return np.histogram(np.log(redshift), bins=EDGES, weights=weight)[0]
 
 
 def flow_limits(counts: FloatArray) -> tuple[float, float]:

@@ -297,13 +297,14 @@ def made(
     d, p = rows.dims, len(values)
     left = rows.rhs - rows.design @ values
     size = np.bincount(rows.source, left**2, minlength=len(d))
-    # Without a source, to first order in its weight: exact for least squares.
+    # Without a source, the weights of the others as they are: exact for least squares.
+    weighted = prior[0] + (rows.design * best.weight[rows.source][:, None]).T @ rows.design
     matrix = np.linalg.inv(covariance)
     influence = np.zeros((len(d), p))
     sigma = np.sqrt(np.diag(covariance))
     for i, mine in enumerate(rows.parts):
         a = rows.design[mine]
-        without = matrix - best.weight[i] * a.T @ a
+        without = weighted - best.weight[i] * a.T @ a
         pull = best.weight[i] * a.T @ left[mine]
         influence[i] = -np.linalg.lstsq(without, pull, rcond=1e-12)[0] / sigma
     information = (matrix - prior[0]) / len(d)

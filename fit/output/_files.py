@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fit.output._verdict import covariance_of_all
 from vsh.field import Field
 from vsh.io import tables
 from vsh.io.parts import Parts, sample_of
@@ -30,7 +31,7 @@ def draw_figures(solution: Any, field: Field | ScalarField | Parts) -> dict[str,
     seen: Any = sample_of(field) if isinstance(field, Parts) else field
     draw: Any = plot_scalar_field
     if not isinstance(seen, ScalarField):
-        draw = partial(plot_field, covariance=solution.covariance, unit=solution.unit)
+        draw = partial(plot_field, covariance=covariance_of_all(solution), unit=solution.unit)
     return {
         "sky": draw(seen, solution.coefficients, title=title),
         "spectrum": plot_spectrum(solution),
@@ -100,7 +101,7 @@ def _skies(solution, field, beside):
             label,
             sample_of(sources) if isinstance(sources, Parts) else sources,
             each.coefficients,
-            each.covariance,
+            covariance_of_all(each),
             each.unit,
             each.n_sources,
         )

@@ -24,7 +24,10 @@ from vsh.figures import page
 from vsh.tools.types import Table
 
 _CAPTIONS = {
-    "sky": "The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ.",
+    "sky": (
+        "The sources, and the motions that were fitted to them: as dark as they are sure, grey below 2 σ, with the "
+        "errors of the verdict."
+    ),
     "spectrum": (
         "Power by degree; arrows: 95 % limits where there is no signal; dotted: what noise alone gives on average."
     ),

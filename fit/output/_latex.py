@@ -95,7 +95,8 @@ def _number(cell, style):
     both = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)(?: ± ([\d.]+))?", cell)
     if style == "siunitx" and both:
         return rf"\num{{{both[1]}{f' +- {both[2]}' if both[2] else ''}}}"
-    return f"${_tex(cell)}$"
+    limit = re.fullmatch(r"< +([\d.]+) \((\d+) %\)", cell)
+    return rf"$<{limit[1]}$ ({limit[2]}\,\%)" if limit else f"${_tex(cell)}$"
 
 
 def _tex(cell):

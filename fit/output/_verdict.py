@@ -1,15 +1,17 @@
-"""In one line whether an acceleration is seen, with every error that is known of."""
+"""In one line whether an acceleration and a spin are seen, with every error that is known of."""
 
 from typing import Any
 
 import numpy as np
 
 from fit.quality import SEEN, printed_p_value
+from vsh.models.covariance import Spectrum
+from vsh.tools.types import FloatArray
 from vsh.vector import GAIA_EDR3, Vector
 
 
 def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None) -> str:
-    """Whether the acceleration is seen, and how large it is or can be; empty for what has no motions.
+    """Whether acceleration and spin are seen, and how large they are or can be; empty for what has no motions.
 
     Parameters
     ----------
@@ -27,16 +29,36 @@ def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None
     """
     if solution.unit != "µas/yr" or not np.isfinite(solution.covariance).all():
         return ""
+    factor = solution.quality.factor if solution.errors_from == "the catalogue" else 1.0
+    if factor > _WRONG:
+        return f"verdict: none; residuals are {factor:.3g} times the errors: are both in the units that were taken?"
     whole, errors, known = with_all_errors(solution, shared=shared)
     p = whole.p_value if p_value is None else p_value
-    near = f" (seen: below {SEEN})" if SEEN <= p < 0.05 else ""
-    rest = f"p = {printed_p_value(p)}{near}; errors {', '.join(errors)}{_beside_gaia(whole)}"
+    near = f" (a hint: seen is below {SEEN})" if SEEN <= p < 0.05 else ""
+    half = solution.modes.lmax > 1 and any(str(note).startswith(_ONE_SIDE) for note in solution.notes)
+    spin = _spin(with_all_errors(solution, "spin", shared=shared)[0])
+    rest = f"p = {printed_p_value(p)}{near}; {spin}; errors {', '.join(errors)}{_beside_gaia(whole)}"
+    if half:
+        rest += "; one side of the sky tells degree 1 badly from higher ones: --lmax 1, or --recommended"
     if not p < SEEN:
         return f"verdict: no acceleration is seen, it is below {whole.amplitude_limit():.3g} µas/yr (95 %); {rest}"
     a, (lon, lat) = solution.acceleration, whole.direction
     size = f"{whole.amplitude:.3g} ± {whole.amplitude_error:.2g} µas/yr"
     place = f"{lon:.0f}°, {lat:+.0f}° ({a.frame}) ± {whole.direction_cone():.0f}°"
-    return f"verdict: {'' if known else 'perhaps '}an acceleration of {size} towards {place}; {rest}"
+    sure = known and not half
+    return f"verdict: {'' if sure else 'perhaps '}an acceleration of {size} towards {place}; {rest}"
+
+
+#: By how much residuals exceed errors where a unit is wrong rather than an error.
+_WRONG = 30.0
+#: How the note begins that `fit.fit_field` leaves where a large part of the sky has no source.
+_ONE_SIDE = "warning: no source within"
+
+
+def _spin(spin):
+    if spin.p_value < SEEN:
+        return f"a spin of {spin.amplitude:.3g} ± {spin.amplitude_error:.2g}, p = {printed_p_value(spin.p_value)}"
+    return f"no spin, below {spin.amplitude_limit():.3g} (p = {printed_p_value(spin.p_value)})"
 
 
 def with_all_errors(
@@ -72,15 +94,34 @@ def with_all_errors(
     return Vector(a.value, covariance, a.frame, a.unit), errors, known
 
 
+def covariance_of_all(solution: Any) -> FloatArray:
+    """The covariance of the coefficients with the errors that the verdict has, for figures."""
+    covariance = np.array(solution.covariance)
+    if solution.unit != "µas/yr" or not np.isfinite(covariance).all() or holds_floor(solution):
+        return covariance
+    if solution.errors_from == "the catalogue" and solution.quality.contradicted:
+        covariance *= max(solution.quality.factor, 1.0) ** 2
+    if solution.floor is not None:
+        odd, even = Spectrum.odd(), Spectrum.even()
+        spin, glide = (
+            solution.floor.spin_error / odd.spin_error,
+            solution.floor.acceleration_error / even.acceleration_error,
+        )
+        variances = (spin**2 * odd + glide**2 * even).variances(solution.modes)
+        covariance += np.diag(np.where(solution.modes.degrees == 1, variances, 0.0))
+    return covariance
+
+
 def holds_floor(solution: Any) -> bool:
     """Whether what sources share is in the errors of a solution."""
     return ", with the floor" in solution.errors_from
 
 
 def _beside_gaia(whole):
-    """A word where it is not the acceleration that Gaia EDR3 has."""
+    """Whether it is the acceleration that Gaia EDR3 has."""
     gaia = GAIA_EDR3.to_frame(whole.frame)
     p = Vector(whole.value - gaia.value, whole.covariance + gaia.covariance, whole.frame).p_value
-    if not p < SEEN:
-        return ""
-    return f"; Gaia EDR3's {gaia.amplitude:.2f} ± {gaia.amplitude_error:.2f} is another (p = {printed_p_value(p)})"
+    known = f"Gaia EDR3's {gaia.amplitude:.2f} ± {gaia.amplitude_error:.2f} (p = {printed_p_value(p)})"
+    if p < SEEN:
+        return f"; disagrees with {known}: is it the instrument? (docs/instrument.md)"
+    return f"; agrees with {known}" if whole.p_value < SEEN else f"; allows {known}"

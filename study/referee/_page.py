@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fit.output import covariance_of_all
 from fit.quality import SEEN, printed_p_value
 from study.referee._referee import Referee
 from study.referee._rows import HINT, Check, Section
@@ -20,7 +21,7 @@ def draw(referee: Referee) -> dict[str, Any]:
     drawn = {
         "accelerations": plot_accelerations(referee.sections),
         "checks": plot_checks(referee.checks),
-        "sky": plot_field(field, solution.coefficients, covariance=solution.covariance),
+        "sky": plot_field(field, solution.coefficients, covariance=covariance_of_all(solution)),
     }
     with many_figures():
         return drawn | {name: result.plot() for name, result in referee.results().items()}

@@ -9,7 +9,8 @@ import pytest
 import fit
 import sim
 from fit.commands.fit import main
-from fit.output import verdict
+from fit.output import covariance_of_all, verdict
+from fit.output._verdict import with_all_errors
 from fit.quality import printed_p_value
 from vsh.vector import GAIA_EDR3, Vector
 
@@ -35,7 +36,9 @@ def test_it_sees_what_is_there():
     assert "with what sources share (±" in said
     assert verdict(fit.fit_field(observed(1, (0, 0, 60.0), n=2000), 1)).startswith("verdict: perhaps an acceleration")
     # More shared, less sure.
-    assert "no acceleration" in verdict(replace(solution, floor=SimpleNamespace(acceleration_error=100.0)))
+    assert "no acceleration" in verdict(
+        replace(solution, floor=SimpleNamespace(acceleration_error=100.0, spin_error=0.0))
+    )
 
 
 def test_errors_that_are_wrong_are_multiplied():
@@ -63,10 +66,33 @@ def test_what_gaia_has_is_beside_it():
     """A limit that excludes 5 µas/yr is no peaceful one, and what is like it needs no word."""
     solution = fit.fit_field(observed(3, n=3000).with_errors(np.full((2, 3000), 40.0), np.zeros(3000)), 1)
     precise = replace(solution, covariance=solution.covariance / 1e4)
-    assert "Gaia EDR3's 5.05 ± 0.35 is another (p = " in precise.verdict
+    assert "disagrees with Gaia EDR3's 5.05 ± 0.35 (p = " in precise.verdict
+    assert "is it the instrument?" in precise.verdict
+    assert "allows Gaia EDR3's" in solution.verdict
     seen = replace(precise, coefficients=replace(precise.coefficients, values=np.r_[0, 0, 0, coefficients_of_gaia()]))
-    assert "Gaia" not in seen.verdict
+    assert "agrees with Gaia EDR3's" in seen.verdict
+    assert "disagrees" not in seen.verdict
     assert precise.verdict == verdict(precise)
+
+
+def test_a_spin_is_told_as_well():
+    solution = fit.fit_field(sim.observe(sim.quasars(2000, 1), sim.spin((0, 50.0, 0)), rng=1, sigma=200.0), 3)
+    assert "; a spin of " in solution.verdict
+    assert "; no spin, below " in fit.fit_field(observed(1), 3).verdict
+
+
+def test_nothing_is_said_by_units_that_cannot_be():
+    solution = fit.fit_field(observed(1, wrong=1000.0), 3)
+    assert solution.verdict.startswith("verdict: none; residuals are ")
+    assert "units" in solution.verdict
+
+
+def test_one_side_of_the_sky_is_perhaps():
+    field = observed(1, (0, 0, 300.0), n=4000)
+    assert fit.fit_field(field, 3).verdict.startswith("verdict: an acceleration")
+    assert fit.fit_field(field[field.lat > 0], 3).verdict.startswith("verdict: perhaps an acceleration")
+    assert "one side of the sky" in fit.fit_field(field[field.lat > 0], 3).verdict
+    assert "one side of the sky" not in fit.fit_field(field[field.lat > 0], 1).verdict
 
 
 def coefficients_of_gaia():
@@ -91,3 +117,13 @@ def test_cards_have_the_errors_of_the_verdict(tmp_path, capsys):
     assert main([str(tmp_path / "q.fits"), "--no-figures", "--html", str(page)]) == 0
     limit = capsys.readouterr().out.split("below ")[1].split(" ")[0]
     assert f"&lt; {limit} (95 %) µas/yr" in page.read_text(encoding="utf-8")
+
+
+def test_figures_have_the_errors_of_the_verdict():
+    """The vectors of the covariance that figures use are those with every error that is known of."""
+    solution = fit.fit_field(observed(4, power=2000.0, wrong=1.5), 3)
+    assert solution.quality.contradicted
+    drawn = replace(solution, covariance=covariance_of_all(solution))
+    for name in ("spin", "acceleration"):
+        whole = with_all_errors(solution, name)[0]
+        np.testing.assert_allclose(getattr(drawn, name).covariance, whole.covariance, rtol=1e-10)

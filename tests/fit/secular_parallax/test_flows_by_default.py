@@ -1,5 +1,7 @@
 """What is estimated of near galaxies with nothing said of flows holds on skies with flows; what leaves them out says it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -43,6 +45,18 @@ def test_errors_hold_with_nothing_said(skies):
     assert abs(pulls[:, :3].std() - 1) < 4 / np.sqrt(6 * n)
     assert abs(pulls[:, 3].std() - 1) < 4 / np.sqrt(2 * n)
     assert np.abs(pulls.mean(0)).max() < 4 / np.sqrt(n)
+
+
+def test_a_few_next_to_us_do_not_carry_the_result():
+    """By their redshifts they are within 2 Mpc: the flow was followed to 20 Mpc/h alone, and errors were a quarter."""
+    rng = np.random.default_rng(5)
+    signal = sim.secular_parallax(OURS) + sim.peculiar(150.0, rng, flow="linear")
+    field = sim.observe(sim.galaxies(3000, rng), signal, rng, sigma=3.0, redshifts="cmb")
+    field = field[np.asarray(field.redshift) > 0.003]
+    near = replace(field[:60], redshift=np.geomspace(1.1e-4, 6e-4, 60))
+    v, cut = (observer_velocity(each, 67.3).velocity for each in (near + field[60:], field))
+    np.testing.assert_allclose(v.sigma, cut.sigma, rtol=0.1)
+    assert np.abs((v.value - OURS) / v.sigma).max() < 3
 
 
 def test_bins_do_not_contradict_a_true_velocity(skies):
