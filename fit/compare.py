@@ -27,7 +27,6 @@ from vsh.tools.errors import ParameterError, VshError
 from vsh.tools.modules import old_names
 from vsh.tools.notebook import Frozen
 from vsh.tools.types import FloatArray, IntArray, Rng, Table
-from vsh.vector import Vector
 
 __all__ = ["FrameComparison", "compare_catalogues"]
 #: Outliers that the report lists.
@@ -198,31 +197,48 @@ class FrameComparison(AboutSolution):
         }
 
     @property
+    def best(self) -> Solution:
+        """The solution with the errors of the verdict: in classes, and of rotation and glide with what sources share.
+
+        Where sources share errors, rotation and glide are taken as independent of the higher degrees.
+        """
+        solution, errors = self.solution, self.solution.errors_from
+        values, covariance = np.array(solution.values), np.array(solution.covariance)
+        if self.by_class is not None and not self.method:
+            values, covariance = np.array(self.by_class.values), np.array(self.by_class.covariance)
+            errors = "residuals, in classes of their size"
+        first = np.flatnonzero(solution.modes.degrees == 1)
+        if self.shared is not None:
+            alone = self.shared.solutions[0]
+            values[first] = alone.values
+            covariance[first] = covariance[:, first] = 0.0
+            covariance[np.ix_(first, first)] = alone.covariance
+            errors += ", of rotation and glide with what sources share"
+        elif self.floor is not None:
+            covariance += np.diag(self.floor.added(solution.modes))
+            errors += ", of rotation and glide with the size of what sources share"
+        return replace(
+            solution,
+            coefficients=replace(solution.coefficients, values=values),
+            covariance=covariance,
+            errors_from=errors,
+        )
+
+    @property
     def verdict(self) -> str:
         """Whether one frame is turned against the other, in a sentence that names its errors."""
-        solution, errors = self.solution, "scaled by residuals"
-        if self.shared is not None:
-            solution, errors = self.shared.solutions[0], "with what sources share"
-        elif self.by_class is not None and not self.method:
-            values = replace(solution.coefficients, values=self.by_class.values)
-            solution = replace(solution, coefficients=values, covariance=self.by_class.covariance)
-        said = []
-        for name, vector in (("rotation", solution.spin), ("glide", solution.acceleration)):
-            covariance = vector.covariance
-            if self.floor is not None:
-                share = self.floor.spin_error if name == "rotation" else self.floor.acceleration_error
-                covariance, errors = covariance + share**2 * np.eye(3), "with the size of what sources share"
-            whole = Vector(vector.value, covariance, vector.frame, vector.unit)
-            seen = whole.p_value < SEEN
-            size = f"of {whole.amplitude:.3g} ± {whole.amplitude_error:.2g}" if seen else (
-                f"is seen, below {whole.amplitude_limit():.3g}"
+        said, best = [], self.best
+        for name, vector in (("rotation", best.spin), ("glide", best.acceleration)):
+            seen = vector.p_value < SEEN
+            size = f"of {vector.amplitude:.3g} ± {vector.amplitude_error:.2g}" if seen else (
+                f"is seen, below {vector.amplitude_limit():.3g}"
             )  # fmt: skip
             said.append(f"{'a' if seen else 'no'} {name} {size} {self.solution.unit}")
-        p = self.deformation_p_value_by_class
+        p = self.deformation_p_value if self.by_class is None else self.deformation_p_value_by_class
         bent = ""
         if np.isfinite(p):
             bent = f"; deformed (p = {printed_p_value(p)})" if p < SEEN else "; not deformed"
-        return f"{', '.join(said)}{bent}; errors {errors}"
+        return f"{', '.join(said)}{bent}; errors from {best.errors_from}"
 
     @property
     def deformation_p_value_by_class(self) -> float:
@@ -271,7 +287,8 @@ class FrameComparison(AboutSolution):
             f"{'ICRF3 names':12}{'[' + solution.unit + ']':>12}{'±':>10}{'in errors':>12}{'± quoted':>12}",
         ]
         quoted = self.parameters
-        for name, (value, error) in (self.parameters_by_class or quoted).items():
+        best = self.best
+        for name, (value, error) in icrf3_terms(best.coefficients, best.sigma).items():
             lines.append(f"{name:12}{value:+12.2f}{error:10.2f}{value / error:+12.1f}{quoted[name][1]:12.2f}")
         lines.append(
             "R1, R2, R3 are the rotation in the fit below with the other sign: they turn the axes, not the sources"
@@ -289,10 +306,10 @@ class FrameComparison(AboutSolution):
             classes = f"{count} classes of their size" if count > 1 else "one class"
             lines.append(f"errors ± are scaled by residuals in {classes}, by {factors} from the smallest on")
         if solution.modes.lmax > 1:
-            best = self.deformation_p_value_by_class
+            p = self.deformation_p_value_by_class
             lines.append(
                 f"deformation (degrees 2 to {solution.modes.lmax}): p = "
-                + (f"{printed_p_value(best)} of as much from noise alone; " if np.isfinite(best) else "")
+                + (f"{printed_p_value(p)} of as much from noise alone; " if np.isfinite(p) else "")
                 + f"{printed_p_value(self.deformation_p_value)} by the errors quoted"
                 + (f", {printed_p_value(self.deformation_p_value_scaled)} by one factor" if self.factor != 1 else "")
             )
@@ -304,12 +321,12 @@ class FrameComparison(AboutSolution):
                 "observations, or errors are too large; what is wrong in both alike is in no error here"
             )
         if self.shared is not None:
-            lines.append("not in the errors above: what sources share over the sky; with it, rotation and glide below")
+            lines.append("R and D have the errors that sources share over the sky as well: by the model below")
         if self.floor is not None:
             spin, glide = self.floor.spin_error, self.floor.acceleration_error
             lines.append(
-                f"not in these errors: what sources share over the sky, rotation ± {spin:.3g}, glide ± {glide:.3g} "
-                f"{solution.unit} by degrees 2 to {max(self.floor.degrees)}; --floor takes it into them"
+                f"R and D have the size of what sources share over the sky as well: rotation ± {spin:.3g}, glide ± "
+                f"{glide:.3g} {solution.unit} by degrees 2 to {max(self.floor.degrees)}; --floor fits with it"
             )
         for label, index in ((a, 0), (b, 1)):
             value, pair = self.correlations.largest(index)
@@ -322,22 +339,22 @@ class FrameComparison(AboutSolution):
                 for n, (east, north), x in list(rows)[:_LISTED]
             ]
         shared_errors = [] if self.shared is None else [self.shared.report(what="")]
-        return "\n\n".join(["\n".join(lines), *shared_errors, report(solution)])
+        return "\n\n".join(["\n".join(lines), *shared_errors, report(self.best)])
 
     def parameters_table(self) -> Table:
-        """`parameters` as the report has them, a row each: by classes of error where there are some, and as quoted."""
+        """`parameters` as the report has them, a row each: with the errors of the verdict, and as quoted."""
         unit, (values, errors) = (
             "uas" if self.solution.unit == "µas" else "uas / yr",
             np.transpose(list(self.parameters.values())),
         )
-        columns: dict[str, Any] = {"ICRF3": list(self.parameters), "value": values, "sigma": errors}
-        if self.by_class is not None:
-            columns |= {"value_quoted": values, "sigma_quoted": errors}
-            columns["value"], columns["sigma"] = np.transpose(list(self.parameters_by_class.values()))
+        columns: dict[str, Any] = {"ICRF3": list(self.parameters)}
+        best = self.best
+        columns["value"], columns["sigma"] = np.transpose(list(icrf3_terms(best.coefficients, best.sigma).values()))
+        columns |= {"value_quoted": values, "sigma_quoted": errors}
         columns["in_errors"] = columns["value"] / columns["sigma"]
         return tables.table_of(
             columns,
-            {"frame": self.solution.frame},
+            {"frame": self.solution.frame, "summary": self.verdict},
             {name: unit for name in columns if name.startswith(("value", "sigma"))},
         )
 
@@ -462,7 +479,7 @@ def compare_catalogues(
         alone_names=names,
         method="" if method == "quoted" else method,
     )
-    return _with_floor(comparison, fitted, floor, rng), fitted
+    return _with_floor(comparison, fitted, floor, replicates, rng), fitted
 
 
 def _by_method(fitted, modes, method, replicates, rng):
@@ -476,13 +493,14 @@ def _by_method(fitted, modes, method, replicates, rng):
     return jackknife(fitted, modes, _BLOCKS, progress=False).resampled_solution if method == "jackknife" else None
 
 
-def _with_floor(comparison, fitted, wanted, rng):
+def _with_floor(comparison, fitted, wanted, replicates, rng):
     """The comparison with what sources share in its errors, or its size beside them."""
     if wanted is None:
         wanted = len(fitted) >= MANY
     if not wanted and len(fitted) < FEW:
         return comparison
-    normal = normal_equations(fitted, max(_DEGREE, comparison.solution.modes.lmax))
+    degree = as_modes(max(_DEGREE, comparison.solution.modes.lmax))
+    normal = _by_method(fitted, degree, comparison.method, replicates, rng) or normal_equations(fitted, degree)
     if wanted:
         errors = shared([normal], range(2, _DEGREE + 1), labels=[" − ".join(comparison.labels)], rng=rng)
         return replace(comparison, shared=replace(errors, unit=comparison.solution.unit))

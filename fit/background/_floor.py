@@ -211,6 +211,12 @@ class Floor(Result):
         variances[~np.isin(modes.degrees, self.degrees)] = np.inf
         return gaussian_prior(modes, np.sqrt(variances))
 
+    def added(self, modes: Modes) -> FloatArray:
+        """What it adds to the variances of the coefficients of degree 1 among `modes`, zero for the others, (p,)."""
+        odd, even = Spectrum.odd(), Spectrum.even()
+        spin, glide = self.spin_error / odd.spin_error, self.acceleration_error / even.acceleration_error
+        return np.where(modes.degrees == 1, (spin**2 * odd + glide**2 * even).variances(modes), 0.0)
+
     def allowed_for(self, solve: Callable[[NormalEquations], Any], normal: NormalEquations) -> Any:
         """The solution with this prior on the higher degrees, and with the floor in the errors of degree 1.
 

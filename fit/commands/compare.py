@@ -46,7 +46,9 @@ def _run(options):
         for label, (comparison, _) in compared.items():
             of = f": {label}" if len(compared) > 1 else ""
             tables[f"Under the names of the ICRF3 papers{of}"] = comparison.parameters_table()
-            tables[f"Coefficients{of}"] = comparison.solution.to_table()
+            tables[f"Coefficients{of}"] = comparison.best.to_table()
+            if comparison.shared is not None:
+                tables[f"With what sources share{of}"] = comparison.shared.to_table()
             if comparison.names:
                 tables[f"Sources that were left out{of}"] = comparison.outliers_table()
         return tables
@@ -57,7 +59,7 @@ def _run(options):
             "\n\n".join(texts),
             sheets,
             merge_notes(*(comparison.solution.notes for comparison in comparisons)),
-            lambda: "\n\n".join(comparison.solution.latex() for comparison in comparisons),
+            lambda: "\n\n".join(_latex(comparison) for comparison in comparisons),
             "; ".join(
                 (f"{label}: " if len(compared) > 1 else "") + comparison.verdict
                 for label, (comparison, _) in compared.items()
@@ -120,14 +122,23 @@ def _write(folder, compared, together, meta):
         comparison.write(folder / f"comparison{of}.ecsv", meta)
         comparison.solution.write(folder / f"solution{of}.ecsv", meta)
         write_correlation(comparison.solution, folder / f"correlation{of}.ecsv", meta)
+        if comparison.shared is not None:
+            comparison.shared.write(folder / f"shared{of}.ecsv", meta)
         tables.write_table(comparison.parameters_table(), folder / f"parameters{of}.ecsv", meta)
         tables.write_table(comparison.outliers_table(), folder / f"outliers{of}.ecsv", meta)
+
+
+def _latex(comparison):
+    """What a paper has: parameters under their names with the errors of the verdict, then vectors and powers."""
+    table = comparison.parameters_table()
+    table.remove_columns([name for name in ("value_quoted", "sigma_quoted", "in_errors") if name in table.colnames])
+    return f"{finishing.as_latex(table, ' − '.join(comparison.labels))}\n\n{comparison.best.latex()}"
 
 
 def _draw(comparison, kept):
     from fit.output import draw_figures
 
-    drawn = draw_figures(comparison.solution, kept) | {"catalogues": comparison.correlations.plot()}
+    drawn = draw_figures(comparison.best, kept) | {"catalogues": comparison.correlations.plot()}
     return drawn if comparison.shared is None else drawn | {"shared": comparison.shared.plot()}
 
 
@@ -139,8 +150,9 @@ def _page(comparison, kept, options, meta, drawn):
         "catalogues": "Correlations of the coefficients by the errors of either catalogue, one in each triangle.",
         "shared": "Rotation and glide with the errors that sources share over the sky.",
     }
+    shared = {} if comparison.shared is None else {"With what sources share": comparison.shared.to_table()}
     write_html(
-        comparison.solution,
+        comparison.best,
         kept,
         options.html,
         command=options.command,
@@ -149,7 +161,7 @@ def _page(comparison, kept, options, meta, drawn):
         verdict=comparison.verdict,
         figures=drawn.drawn,
         captions=captions,
-        sections={"Under the names of the ICRF3 papers": comparison.parameters_table()} | left_out,
+        sections={"Under the names of the ICRF3 papers": comparison.parameters_table()} | shared | left_out,
     )
 
 

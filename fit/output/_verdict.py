@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from fit.quality import SEEN, printed_p_value
-from vsh.models.covariance import Spectrum
 from vsh.tools.types import FloatArray
 from vsh.vector import GAIA_EDR3, Vector
 
@@ -102,13 +101,7 @@ def covariance_of_all(solution: Any) -> FloatArray:
     if solution.errors_from == "the catalogue" and solution.quality.contradicted:
         covariance *= max(solution.quality.factor, 1.0) ** 2
     if solution.floor is not None:
-        odd, even = Spectrum.odd(), Spectrum.even()
-        spin, glide = (
-            solution.floor.spin_error / odd.spin_error,
-            solution.floor.acceleration_error / even.acceleration_error,
-        )
-        variances = (spin**2 * odd + glide**2 * even).variances(solution.modes)
-        covariance += np.diag(np.where(solution.modes.degrees == 1, variances, 0.0))
+        covariance += np.diag(solution.floor.added(solution.modes))
     return covariance
 
 

@@ -270,11 +270,20 @@ def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, mo
     few, _ = compare_catalogues(a, b, 2)
     assert few.shared is None
     assert few.floor.spin_error > 5
-    assert "not in these errors: what sources share over the sky, rotation ±" in few.report()
+    assert "R and D have the size of what sources share over the sky as well: rotation ±" in few.report()
+    first = few.solution.modes.degrees == 1
+    assert (few.best.sigma[first] > 1.2 * few.solution.sigma[first]).all()
     asked, _ = compare_catalogues(a, b, 2, floor=True)
     assert asked.floor is None
     assert (asked.shared.together().sigma > 2 * few.solution.sigma[few.solution.modes.degrees == 1]).all()
     assert "Errors that sources share, by degrees 2 to 5" in asked.report()
+    np.testing.assert_array_equal(asked.best.spin.covariance, asked.shared.solutions[0].spin.covariance)
+    table = asked.parameters_table()
+    np.testing.assert_allclose(np.asarray(table["sigma"][:3]), asked.best.spin.sigma)
+    # As good by a robust fit, which has its own equations.
+    robust, _ = compare_catalogues(a, b, 2, floor=True, method="robust")
+    assert "deformed" in robust.verdict
+    assert not np.array_equal(robust.shared.values, asked.shared.values)
     assert compare_catalogues(a[:150], b[:150], 2)[0].floor is None
     monkeypatch.setattr("fit.compare.MANY", 1000)
     assert compare_catalogues(a, b, 2)[0].shared == asked.shared
@@ -291,7 +300,7 @@ def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, mo
     assert "3 catalogues in one solution" in out
     assert (tmp_path / "out" / "chain.ecsv").exists()
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"comparison_b.ecsv", "comparison_c.ecsv", "parameters_c.ecsv", "shared_b.png"} <= written
+    assert {"comparison_b.ecsv", "comparison_c.ecsv", "parameters_c.ecsv", "shared_b.png", "shared_c.ecsv"} <= written
     assert fit.storage.read(tmp_path / "out" / "comparison_c.ecsv").shared is not None
     assert (
         main(["--config", str(tmp_path / "out" / "run.toml"), "--output", str(tmp_path / "again"), "--no-figures"]) == 0
