@@ -305,7 +305,10 @@ class SharedErrors(Result):
                 columns[f"{name}_{axis}_error"] = [vector.sigma[k] for vector in vectors]
         unit = "uas / yr" if self.unit == "µas/yr" else "uas"
         units = {name: unit for name in columns if name.startswith(("spin", "acceleration"))}
-        meta = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
+        meta: dict[str, Any] = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
+        if len(self) > 1:
+            meta |= {"p_value_spin": self.equality("T"), "p_value_acceleration": self.equality("S")}
+            meta |= {"p_value_largest": self.verdict().p_value, "summary": self.verdict_words().rstrip(".")}
         return tables.table_of(columns, meta, units)
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:

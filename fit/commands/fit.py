@@ -14,6 +14,13 @@ from vsh.commands.options import fit as options_module
 from vsh.tools.notes import dropped, unselected
 
 DEMO = "demo.fits"
+#: Headings of tables beside those of the solution.
+_HEADINGS = {
+    "floor": "What sources share",
+    "shared": "Classes with errors that they share",
+    "waves": "Gravitational waves",
+    "cross_powers": "Templates beside the degrees",
+}
 
 
 def _run(options):
@@ -47,6 +54,11 @@ def _run(options):
     name = "the simulated catalogue of the demo" if options.demo else source.label
     check, truth = fit.cross_check(kept), catalogue.truth_of(source)
     said = fit.output.verdict(solution, shared=options.floor).removeprefix("verdict: ")
+    if options.classes:
+        from fit.quality import SEEN, printed_p_value
+
+        p = results["shared"].verdict().p_value
+        said += f"; {'a' if p < SEEN else 'no'} change from class to class is seen (p = {printed_p_value(p)})"
     text = "\n".join([solution.report(check=check, truth=truth, source=name), *backgrounds.texts])
     lines = [f"{label or 'warning'}: {words}" for label, words in fit.output.warnings_of(solution)]
 
@@ -57,6 +69,13 @@ def _run(options):
             "coefficients": solution.to_table(),
         }
         return tables | {name: result.to_table() for name, result in backgrounds.results.items()}
+
+    def latex():
+        more = [
+            finishing.as_latex(result.to_table(), _HEADINGS.get(name, name))
+            for name, result in backgrounds.results.items()
+        ]
+        return "\n\n".join([solution.latex(), *more])
 
     def provenance():
         refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
@@ -85,12 +104,13 @@ def _run(options):
             command=options.command,
             captions=backgrounds.captions,
             beside={"plain least squares, all sources": plain} if plain else {},
+            sections={_HEADINGS.get(name, name): result.to_table() for name, result in backgrounds.results.items()},
             **about,
         )
 
     finishing.finish(
         options,
-        finishing.RunResult(text, sheets, [*lines, *solution.notes], solution.latex, said),
+        finishing.RunResult(text, sheets, [*lines, *solution.notes], latex, said),
         provenance=provenance,
         write=write,
         page=page,

@@ -141,7 +141,7 @@ def _verdict(results):
     said = []
     if "shared" in results:
         p = results["shared"].verdict().p_value
-        said.append(f"the dipole {'changes' if p < SEEN else 'does not change'} with redshift ({_p(p)})")
+        said.append(f"{'a' if p < SEEN else 'no'} change of the dipole with redshift is seen ({_p(p)})")
     elif "bins" in results:
         said.append("whether the dipole changes with redshift is not told without what sources share: --floor tells it")
     if "velocity" in results:
@@ -165,7 +165,7 @@ def _verdict(results):
 
 
 def _p(p):
-    return f"p = {printed_p_value(p)}" + (f", seen: below {SEEN}" if SEEN <= p < 0.05 else "")
+    return f"p = {printed_p_value(p)}" + (f", a hint: seen is below {SEEN}" if SEEN <= p < 0.05 else "")
 
 
 def _by_distances(source, options):

@@ -11,7 +11,7 @@ from fit.link._likelihood import NORMAL, Node, Tails, mixed
 from fit.link._rows import Rows
 from fit.link._unknowns import VECTORS, Unknowns
 from fit.named import NamedSolution
-from fit.quality import f_p_value, printed_p_value
+from fit.quality import SEEN, f_p_value, printed_p_value
 from vsh.field import Field
 from vsh.io import tables
 from vsh.tools.errors import FieldError, ParameterError
@@ -260,6 +260,38 @@ class LinkSolution(NamedSolution):
                 f"{_HEAVY:g} of its errors: with errors that are too small the whole answer is theirs"
             )
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
+
+    @property
+    def verdict(self) -> str:
+        """Whether frames are turned, and whether they jump, in a sentence."""
+        said = []
+        for catalogue in self.unknowns.turned:
+            for name in ("orientation", "spin"):
+                if name in self.unknowns.vectors:
+                    steps, powers = self.unknowns.steps, self.unknowns.order
+                    at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
+                    said.append(f"{self._told(self.vector(name, catalogue=catalogue), name)} of {catalogue}{at}")
+        for step in self.unknowns.steps:
+            p = self.jump_p_value(step)
+            said.append(f"{'a' if p < SEEN else 'no'} jump at {step:.4g} mag is seen (p = {printed_p_value(p)})")
+        return "; ".join(said)
+
+    def _told(self, vector, name):
+        p = f_p_value(vector.value @ np.linalg.solve(vector.covariance, vector.value), 3, self.dof)
+        if p < SEEN:
+            size = f"{vector.amplitude:.3g} ± {vector.amplitude_error:.2g} {vector.unit}"
+            return f"{'an' if name == 'orientation' else 'a'} {name} of {size} (p = {printed_p_value(p)})"
+        return f"no {name} above {vector.amplitude_limit():.3g} {vector.unit} (95 %; p = {printed_p_value(p)})"
+
+    def to_table(self) -> Table:
+        """Parameters with their errors, units and correlations as an astropy Table, a row each; tests in its meta."""
+        table = super().to_table()
+        units = ["uas" if "epsilon" in name else "uas / yr" for name in self.names]
+        table.add_column(units, 3, "unit")
+        table.meta |= {"reference": self.reference, "epoch": self.unknowns.epoch, "n_sources": len(self.sources)}
+        table.meta |= {"chi2": self.chi2, "dof": self.dof, "summary": self.verdict}
+        table.meta |= {f"p_value_jump_{step:g}": self.jump_p_value(step) for step in self.unknowns.steps}
+        return table
 
     def _tails(self):
         nu, share = self.tails.nu, self.tails.share

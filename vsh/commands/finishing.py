@@ -107,7 +107,8 @@ def of_page(path: PathName) -> str:
 _ESCAPED = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     "<": r"\textless{}", ">": r"\textgreater{}", "±": r"$\pm$", "µ": r"\textmu{}", "χ²": r"$\chi^2$", "²": "$^2$",
-    "°": r"$^\circ$", "–": "--", "Λ": r"$\Lambda$", "ω": r"$\omega$", "ã": r"$\tilde a$",
+    "°": r"$^\circ$", "≤": r"$\leq$", "≥": r"$\geq$", "−": "$-$",
+    "–": "--", "Λ": r"$\Lambda$", "ω": r"$\omega$", "ã": r"$\tilde a$",
 }  # fmt: skip
 _NUMBERS = re.compile(r"[+-]?[\d.]+( ± [\d.]+)?")
 
@@ -218,11 +219,11 @@ def as_json(options: argparse.Namespace, result: RunResult) -> str:
 
 
 def as_latex(table: Table, caption: str = "") -> str:
-    """A table in LaTeX, with units, errors in the cells of their values, and the rules of booktabs."""
+    """A table in LaTeX, with units, errors in the cells of their values, and the rules of booktabs; no correlations."""
     from astropy.io import ascii
     from astropy.table import Table
 
-    heads, rows = printed(table)
+    heads, rows = printed(table[[name for name in table.colnames if not name.startswith("correlation_")]])
     said = ": ".join(each for each in (caption, str(table.meta.get("summary", ""))) if each)
     form = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
     form |= {"col_align": "l" + "c" * (len(heads) - 1)}

@@ -94,6 +94,18 @@ def test_influence_is_what_leaving_one_out_does():
     )  # ν = 10⁶ is not infinite
 
 
+def test_a_verdict_and_tests_beside_the_table():
+    solution = link(sim.link(2, 120, **FRAME, jump=(50, 0, 0)), steps=[13.0])
+    assert "a spin of " in solution.verdict
+    assert "a jump at 13 mag is seen (p = " in solution.verdict
+    table = solution.to_table()
+    assert table.meta["p_value_jump_13"] == solution.jump_p_value(13.0)
+    assert list(table["unit"]) == ["uas" if "epsilon" in name else "uas / yr" for name in solution.names]
+    nothing = link(sim.link(2, 60)).verdict
+    assert "no orientation above" in nothing
+    assert "no spin above" in nothing
+
+
 def test_influence_on_a_robust_fit_is_about_that():
     """Weights of the others are kept: within half of what a fit without the star gives, and of its sign."""
     first = sim.link(3, 80, **FRAME, jump=(50, 0, 0))
