@@ -38,6 +38,7 @@ _CAPTIONS = {
 
 def _run(options):
     outputs.check(options)
+    options.flows = not options.no_flows  # as provenance has it
     source = reading.open_catalogue(options.catalogue, options)
     from fit.secular_parallax import hubble_constant, observer_velocity
     from vsh.io import catalogue
@@ -53,6 +54,8 @@ def _run(options):
     else:
         whole = catalogue.read_field(source, **reading.arguments(options))
         known = whole.redshift is not None
+        if fast := [note for note in map(str, whole.notes) if "velocities in km/s?" in note]:
+            raise VshError(f"{source.label}: {fast[0].removeprefix('warning: ')}")
     whole = whole.to_frame(options.frame)
     if not known:
         raise VshError(
@@ -374,16 +377,23 @@ def _tables(results, truth):
 
 def _summary(solution):
     """What a velocity, or H0, is of, in a line."""
-    known = (
-        f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
-        if hasattr(solution, "velocity")
-        else f"for our velocity of {solution.assumed_velocity.amplitude:.1f} km/s, one-sided 95 % limits of H0 "
-        f"{solution.hubble_limits[0]:.1f} and {solution.hubble_limits[1]:.1f} km/s/Mpc"
-    )
+    if hasattr(solution, "velocity"):
+        known = f"for H0 = {solution.assumed_hubble:g} km/s/Mpc"
+    else:
+        low, high = solution.hubble_limits
+        limits = f"below {three_digits(high)}" + (f", above {three_digits(low)}" if low > 0 else "")
+        error = "" if _is_told(solution) else " (its error is too large for a ±)"
+        ours = solution.assumed_velocity.amplitude
+        known = f"for our velocity of {ours:.1f} km/s, H0{error} {limits} km/s/Mpc with 95 %"
     return (
         f"{solution.n_sources} sources, {solution.frame} axes, {known}, χ²/dof = {solution.quality.reduced:.3f}, "
         f"{'flows that galaxies share in the errors' if solution.flow is not None else 'errors without flows'}"
     )
+
+
+def _is_told(solution):
+    """Whether H0 is a number with an error, rather than a limit."""
+    return solution.hubble > 3 * solution.hubble_error
 
 
 def _cards(results):
@@ -399,8 +409,7 @@ def _cards(results):
     if "hubble" in results:
         solution = results["hubble"]
         size = f"{solution.hubble:.3g} ± {solution.hubble_error:.2g} km/s/Mpc"
-        seen = solution.hubble > 3 * solution.hubble_error
-        size = size if seen else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
+        size = size if _is_told(solution) else f"< {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
         cards.append(("The Hubble constant", size, f"least squares {solution.hubble:.3g}"))
     if "posterior" in results:
         row = results["posterior"].summary()["H0"]

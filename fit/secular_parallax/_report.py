@@ -44,6 +44,10 @@ def text_of(solution: Any, source: str | None = None, truth: dict[str, Any] | No
     lines += ["", *rows, ""]
     a = solution.acceleration
     lines.append(f"{'acceleration':14}{_cells(components(a))}  |ã| {_equal(amplitude(a))} µas/yr")
+    if truth and "acceleration" in truth:
+        true = truth["acceleration"].to_frame(solution.frame)
+        pairs = zip(true.value, pulls(a, true), strict=True)
+        lines.append(f"{'  truth':14}{_cells(f'{value:+.3f} ({away:+.1f}σ)' for value, away in pairs)}")
     lines.append(f"{'':14}{direction(a.to_frame('galactic'))}")
     return "\n".join([*lines, *_left_out(solution), *_correlations(solution), *note_lines(solution.notes)]) + "\n"
 

@@ -163,7 +163,8 @@ class HubbleSolution(ParallaxSolution):
 
     def _tests(self):
         low, high = self.hubble_limits
-        return {"assumed_velocity": self.assumed_velocity.amplitude, "hubble_above_95": low, "hubble_below_95": high}
+        limits = {"hubble_above_95": low} if low > 0 else {}
+        return {"assumed_velocity": self.assumed_velocity.amplitude, **limits, "hubble_below_95": high}
 
 
 def _difference(a, b):

@@ -109,7 +109,8 @@ def _frame(asked: Asked) -> dict[str, Any]:
     except VshError as error:
         more = f"; bright and faint not compared: {error}"
     p = headline.p_spin
-    verdict = judged(p, "the frame of these sources does not turn", "the frame of these sources turns")
+    below = headline.solution.spin.amplitude_limit()
+    verdict = judged(p, f"no spin is seen, below {below:.3g} µas/yr (95 %)", "the frame of these sources turns")
     return {"rows": rows, "verdict": verdict + more, "p_value": p, "results": results}
 
 
@@ -139,10 +140,11 @@ def _position_drift(asked: Asked) -> dict[str, Any]:
     quasars = asked.quasars
     compared = compare(quasars, by_parts(quasars.column("redshift"), 4, "z"), asked.rng, lmax=2)
     made = _by_redshift(compared, papers()["tsigkas2025"].words)
-    row, p = _quadrupole(quasars, asked.headline)
+    row, quoted, p = _quadrupole(quasars, asked.headline)
     made["rows"].append(row)
     if np.isfinite(p):
-        said = judged(p, "the quadrupole is what sources share", "a quadrupole beyond what sources share")
+        nothing = "no quadrupole is seen" if quoted >= SEEN else "the quadrupole is what sources share"
+        said = judged(p, nothing, "a quadrupole beyond what sources share")
         made["verdict"] = f"{said}; {made['verdict']}"
     return made
 
@@ -155,12 +157,12 @@ def _quadrupole(quasars, headline):
     covariance = plain.covariance[np.ix_(at, at)]
     theirs = _chi2_p(values, covariance)
     if plain.modes.lmax < 4:
-        return _p_row("no quadrupole", theirs, float("nan")), float("nan")
+        return _p_row("no quadrupole", theirs, float("nan")), theirs, float("nan")
     # Degrees from 3 on tell what sources share; the quadrupole must not judge itself.
     others = floor(plain, range(3, plain.modes.lmax + 1))
     scaled = covariance * others.noise_scale**2 + np.diag(others.spectrum.variances(plain.modes)[at])
     p = _chi2_p(values, scaled)
-    return _p_row("no quadrupole", theirs, p), p
+    return _p_row("no quadrupole", theirs, p), theirs, p
 
 
 def _chi2_p(values, covariance):

@@ -320,3 +320,17 @@ def test_flows_with_the_whole_dispersion_are_refused(seen, capsys):
         == 1
     )
     assert "counts them twice" in capsys.readouterr().err
+
+
+def test_velocities_in_place_of_redshifts_are_refused(tmp_path, capsys):
+    """What to do is said before sources without a distance are."""
+    field = sim.observe(sim.galaxies(300, 1), sim.acceleration((0, 0, 4.3)), 1, sigma=20.0)
+    table = field.to_table()
+    table["cz"] = np.asarray(table["redshift"]) * 299792.458
+    table.remove_column("redshift")
+    table.meta.clear()
+    table.write(tmp_path / "cz.ecsv")
+    words = [str(tmp_path / "cz.ecsv"), "--columns", "redshift=cz", "--h0", "70", "--redshift-frame", "cmb"]
+    assert main(words) == 1
+    assert "velocities in km/s? Say so, units= (--units NAME=km/s)" in capsys.readouterr().err
+    assert main([*words, "--units", "cz=km/s"]) == 0
