@@ -86,7 +86,10 @@ def usable_columns(
             values = np.where(missing[column], np.nan, columns[column])
             odd = np.isfinite(values) & ~((values > low) & (values < high))
             if odd.any():
-                notes = (*notes, f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing")
+                speeds = column == "redshift" and 2 * odd.sum() > odd.size
+                asked = ": velocities in km/s? Say so, units= (--units NAME=km/s)" if speeds else ""
+                words = f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing"
+                notes = (*notes, words + asked)
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
     spans = {column: span_of(columns[column]) for column in _MOTIONS}
     invalid = invalid_rows(
