@@ -14,15 +14,16 @@ _LABELS = {"flat": "flat in Ω", "root": "flat in √Ω", "coefficients": "coeff
 def plot_waves(limit: Any, *, ax: Axes | None = None) -> Axes:
     """The posteriors of Ω for priors flat in Ω and in √Ω, with the upper limits."""
     (axes,) = panels(ax, size=(WIDTH, 2.9))
-    top = 1.35 * limit.limit(0.95, "flat")
+    shown = [each for each in _LABELS if each != "coefficients" or np.isfinite(limit.squares).all()]
+    limits = {prior: limit.limit(0.95, prior) for prior in shown}
+    top = max(1.35 * limits["flat"], 1.05 * min(max(limits.values()), 3 * limits["flat"]))
     omega = np.linspace(0, top, 1500)[1:]
     for prior in ("flat", "root"):
         density = limit.likelihood(omega) * (1 if prior == "flat" else omega**-0.5)
         density /= np.sum(density) * (omega[1] - omega[0])
         axes.plot(omega, density, color=_colour(prior), label=f"posterior, {_LABELS[prior]}")
-    for prior in _LABELS:
-        if prior != "coefficients" or np.isfinite(limit.squares).all():
-            value = limit.limit(0.95, prior)
+    for prior, value in limits.items():
+        if value < top:  # far beyond, it would be named and not seen
             axes.axvline(
                 value, color=_colour(prior), linestyle="--", linewidth=0.8, label=f"< {value:.3g}, {_LABELS[prior]}"
             )
@@ -94,7 +95,8 @@ def plot_cross(powers: Any, *, ax: Axes | None = None) -> Axes:
         at = np.array([each == name for each in powers.templates]) & (powers.degrees > 1)
         x = powers.degrees[at] + 0.6 * ((k + 0.5) / len(listed) - 0.5)
         size = powers.values[at] / powers.errors_with_floor[at]
-        axes.errorbar(x, size, 1.0, fmt="o", markersize=3, color=COLOURS[k % len(COLOURS)], label=name)
+        colour, marker = COLOURS[k % len(COLOURS)], "os^D"[k // len(COLOURS) % 4]
+        axes.errorbar(x, size, 1.0, fmt=marker, markersize=3, color=colour, label=name)
     axes.axhline(0, color="0.7", linewidth=0.8)
     axes.set_xticks(np.arange(2, powers.degrees.max() + 1))
     axes.set_xlabel("degree")
