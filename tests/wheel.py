@@ -4,6 +4,7 @@ python tests/wheel.py dist
 """
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,6 +24,11 @@ JOBS = (
     "vsh-referee q.fits --output referee --no-figures",
     "vsh-forecast",
     "vsh-archive gaia-crf3 --show",
+    "vsh-sim link --output stars.csv",
+    "vsh-link stars.csv --output link --no-figures",
+    "vsh-sim epochs --number 20 --output epochs.fits",
+    "vsh-waves epochs.fits --frequencies 1:2:2",
+    "vsh-study survey.toml --output survey --n-realisations 2",
     "vsh-agis --quasars 100 --years 0.5 --knots 2000 --iterations 2 --output agis --no-figures",
 )
 
@@ -40,6 +46,7 @@ def main(dist: Path) -> None:
         (work / "sim" / "__init__.py").touch()
         for name in ("fit.py", "study.py"):
             (work / name).write_text("raise SystemExit('this is a user's own')\n")
+        shutil.copy(Path(__file__).parents[1] / "docs" / "commands" / "survey.toml", work)
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         for job in JOBS:
             program, *words = job.split()
