@@ -11,6 +11,8 @@ CHANGES = (
     (r'<div class="content-icon-container">', '<div class="content-icon-container" role="navigation" aria-label="Tools">'),
     (r"<pre>", '<pre tabindex="0">'),  # scrollable-region-focusable
     (r'<div class="table-wrapper([^"]*)">', r'<div class="table-wrapper\1" tabindex="0" role="group" aria-label="table">'),
+    (r'<div class="output_subarea output_html rendered_html output_result">',
+     '<div class="output_subarea output_html rendered_html output_result" tabindex="0" role="group" aria-label="result">'),
     (r'<th class="head">(?:<p></p>)?</th>', '<td class="head"></td>'),  # empty-table-header
     (r'<a class="reference internal" href="([^"]+)"><span class="doc">([^<]+)</span></a>',  # link-name
      r'<a class="reference internal" href="\1" aria-label="\2"><span class="doc">\2</span></a>'),

@@ -31,10 +31,12 @@ extensions = [
     "samples",
     "accessible",
 ]
-exclude_patterns = ["_build", "_examples", "tutorials", "images"]
+exclude_patterns = ["_build", "_examples", "tutorials", "images", "style"]
 html_theme = "furo"
 html_title = "vsh-astrometry"
 html_show_copyright = False
+html_static_path = ["style"]
+html_css_files = ["pages.css"]
 myst_heading_anchors = 3
 myst_enable_extensions = ["dollarmath"]
 suppress_warnings = ["config.cache", "myst.header"]

@@ -47,7 +47,7 @@ class Sample(SphinxDirective):
         shown = [*lines[:most], *(["…"] if most < len(lines) else [])]
         typed = nodes.literal_block("", "\n".join(f"$ {each}" for each in commands), language="console")
         said = nodes.literal_block("", "\n".join(shown), language="text")
-        return [typed, said, *picture]
+        return [nodes.container("", typed, said, classes=["sample"]), *picture]
 
     def _picture(self, folder):
         """The figure, kept where the build finds it."""
