@@ -105,7 +105,7 @@ BREAKS = [
         '(1 - toward["cmb"]) / (1 +',
         "test_redshift_frames.py",
     ),
-    ("vsh/models/flows.py", "1 / np.sqrt(2)", "1.0", "test_linear_theory.py"),
+    ("vsh/models/flows.py", "of_distance / np.sqrt(2)", "of_distance", "test_linear_theory.py"),
     ("sim/signal/_signal.py", "seen / (1 + ours", "seen * (1 + ours", "test_peculiar.py"),
     (
         "fit/distances/_calibration.py",
@@ -296,7 +296,6 @@ BREAKS = [
         "test_plane_wave.py",
     ),
     ("fit/waves/_map.py", "across.T @ cho_solve(free, across)", "0 * across.T @ across", "test_search.py"),
-    ("fit/waves/_search.py", "left = some[:, 5:, 5:] - taken", "left = some[:, 5:, 5:]", "test_search.py"),
     (
         "fit/shear/_tensor.py",
         "np.array([np.sqrt(6), -2, 2, 1, -2])",
@@ -588,6 +587,21 @@ BREAKS = [
         "test_population.py",
     ),
     ("fit/chain.py", "row[self._place(catalogue)] += 1", "row[self._place(catalogue)] -= 1", "test_chain.py"),
+    (
+        "fit/distances/_density.py",
+        "        weight = 1 / (_OWN**2 + (AU_PER_YEAR * distance) ** 2 / weight)",
+        "        weight = weight / transverse_distance(redshift) ** 2",
+        "test_flows_by_default.py::test_a_few_next_to_us_do_not_carry_the_result",
+    ),
+    ("fit/link/_solution.py", "weighted - best.weight[i]", "matrix - best.weight[i]", "test_link.py"),
+    ("fit/output/_verdict.py", "sure = known and not half", "sure = known", "test_verdict.py"),
+    ("fit/output/_verdict.py", "if factor > _WRONG:", "if False:", "test_verdict.py"),
+    ("fit/output/_verdict.py", "np.diag(solution.floor.added(solution.modes))", "0.0", "test_verdict.py"),
+    ("fit/compare.py", "values[first] = alone.values", "pass", "test_compare.py"),
+    ("fit/background/_parities.py", "np.vdot(h @ s, z @ s) - np.sum((f @ s) ** 2)", "0.0", "test_parities.py"),
+    ("vsh/io/tables/_printed.py", "1 - np.floor(np.log10(least))", "2 - np.floor(np.log10(least))", "test_printed.py"),
+    ("vsh/models/flows.py", "below - (l + 1) / kr", "below - l / kr", "test_linear_theory.py"),
+    ("sim/agis/passes/_make.py", "len(scans) >= COMPILED_FROM", "False", "test_agis_scans.py"),
 ]
 
 

@@ -278,6 +278,7 @@ def test_what_sources_share_is_beside_a_comparison_or_in_it(tmp_path, capsys, mo
     assert (asked.shared.together().sigma > 2 * few.solution.sigma[few.solution.modes.degrees == 1]).all()
     assert "Errors that sources share, by degrees 2 to 5" in asked.report()
     np.testing.assert_array_equal(asked.best.spin.covariance, asked.shared.solutions[0].spin.covariance)
+    np.testing.assert_array_equal(asked.best.spin.value, asked.shared.solutions[0].spin.value)
     table = asked.parameters_table()
     np.testing.assert_allclose(np.asarray(table["sigma"][:3]), asked.best.spin.sigma)
     # As good by a robust fit, which has its own equations.
