@@ -275,4 +275,9 @@ show(agis.plan(law, quasars.lon, quasars.lat))
 show(SURVEYS["VLBI"])
 
 # %%
-show(survey_forecast({"VLBI": SURVEYS["VLBI"]}, flows=False))
+forecast = survey_forecast({"VLBI": SURVEYS["VLBI"]}, flows=False)
+show(forecast)
+
+# %%
+# Every result draws itself.
+forecast.plot()

@@ -61,6 +61,7 @@ for lmax in (1, 3, 10):
     found = fit.solve(moments.normal_equations(lmax)).acceleration
     print(f"degree {lmax:2d}: {found.value.round(2)} ± {found.sigma.round(2)}")
 print(f"{(folder / 'moments.ecsv').stat().st_size / 1e6:.2f} MB keep what the catalogue says up to degree 10")
+fit.solve(moments.normal_equations(10)).plot()
 
 # %%
 # A stream

@@ -41,7 +41,10 @@ class Where(InNotebook):
         try:
             self._tree = ast.parse(self.text, mode="eval").body
         except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
-            raise TableError(f"--where {self.shown!r} cannot be understood: {getattr(error, 'msg', error)}") from None
+            raise TableError(
+                f"--where {self.shown!r} cannot be understood: {getattr(error, 'msg', error)}. A range is 0 < dec < 1, "
+                "two conditions are (a > 1) & (b < 2)"
+            ) from None
         _check_size(self._tree)
         self.names = tuple(dict.fromkeys(self._named(self._tree)))
 
