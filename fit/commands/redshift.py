@@ -153,10 +153,10 @@ def _verdict(results):
         below = f"our motion is not seen, it is below {three_digits(v.amplitude_limit())} km/s (95 %)"
         said.append(f"{seen if v.p_value < SEEN else below} ({_p(v.p_value)})")
     if "hubble" in results:
-        value, error = results["hubble"].hubble, results["hubble"].hubble_error
-        seen = f"H0 = {value:.3g} ± {error:.2g} km/s/Mpc"
-        below = f"H0 is not told, it is below {three_digits(results['hubble'].hubble_limits[1])} km/s/Mpc (95 %)"
-        said.append(seen if value > 3 * error else below)
+        solution = results["hubble"]
+        seen = f"H0 = {solution.hubble:.3g} ± {solution.hubble_error:.2g} km/s/Mpc"
+        below = f"H0 is not told, it is below {three_digits(solution.hubble_limits[1])} km/s/Mpc (95 %)"
+        said.append(seen if _is_told(solution) else below)
     if "posterior" in results:
         row = results["posterior"].summary()["H0"]
         within = f"{three_digits(row.low68)} to {three_digits(row.high68)} km/s/Mpc (68 %)"
