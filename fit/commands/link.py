@@ -45,11 +45,13 @@ def _run(options):
     results["link"] = solution
     if options.candidates:
         results["plan"] = forecast(solution, read_astrometry(options.candidates))
+    texts = [each.report() for name, each in results.items() if name != "link" or "steps" not in results]
+    texts += _truth(solution, options.catalogues[0])
     paths = [*options.catalogues, *(each for each in (options.priors, options.candidates) if each)]
     finishing.finish(
         options,
         finishing.RunResult(
-            "\n".join(each.report() for name, each in results.items() if name != "link" or "steps" not in results),
+            "\n".join(texts),
             lambda: {
                 **({"Place of the jump": results["steps"].to_table()} if "steps" in results else {}),
                 "Link": solution.to_table(),
@@ -64,6 +66,26 @@ def _run(options):
         write=lambda folder, meta: _write(folder, results, meta),
         title=f"{', '.join(solution.unknowns.turned)} against {solution.reference}",
     )
+
+
+def _truth(solution, path):
+    """What a simulated table was made with, beside what was found."""
+    from vsh.io import catalogue
+
+    truth = catalogue.truth_of(path) or {}
+    if "orientation" not in truth or not solution.unknowns.turned:
+        return []
+    found = {name: solution.vector(name) for name in ("orientation", "spin") if name in solution.unknowns.vectors}
+    if len(solution.unknowns.steps) == 1 and "spin" in found:
+        found["jump"], _ = solution.jump(solution.unknowns.steps[0])
+    lines = ["truth, and how many errors what was found is from it"]
+    for name, vector in found.items():
+        true = truth[name].to_frame(solution.frame).value
+        pairs = zip(true, (vector.value - true) / vector.sigma, strict=True)
+        lines.append(
+            f"{name:24}" + "".join(f"{value:+10.2f} ({away:+.1f}σ)" for value, away in pairs) + f" {vector.unit}"
+        )
+    return ["\n".join(lines) + "\n"]
 
 
 def _epoch(text, option):

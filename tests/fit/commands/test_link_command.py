@@ -1,6 +1,7 @@
 """vsh-link as its users run it."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -84,3 +85,21 @@ def test_command_seeks_and_simulates(tmp_path, capsys):
     assert {"steps.ecsv", "steps.png", "link.ecsv"} <= {each.name for each in (tmp_path / "out").iterdir()}
     assert main([str(path), "--seek-step", "--steps", "13"]) == 1
     assert "give one of the two" in capsys.readouterr().err
+
+
+def test_the_truth_of_a_simulated_link_stands_below(tmp_path, capsys):
+    from sim.commands.simulate import main as simulate
+
+    path = str(tmp_path / "stars.ecsv")
+    assert simulate(["link", "--number", "60", "--spin", "20,-30,50", "--jump", "50,0,0", "--output", path]) == 0
+    capsys.readouterr()
+    assert main([path, "--steps", "13"]) == 0
+    lines = capsys.readouterr().out.partition("truth, and how many errors")[2].splitlines()
+    assert [line.split()[:2] for line in lines[1:4]] == [
+        ["orientation", "+0.00"],
+        ["spin", "+20.00"],
+        ["jump", "+50.00"],
+    ]
+    away = [float(each) for line in lines[1:4] for each in re.findall(r"\(([+-][\d.]+)σ\)", line)]
+    assert len(away) == 9
+    assert np.abs(away).max() < 4

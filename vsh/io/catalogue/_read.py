@@ -1,6 +1,7 @@
 """From a table to a Field: columns, units, masks, and counts of what was refused."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from logging import getLogger
 from time import perf_counter
@@ -334,7 +335,10 @@ def without_motions(
 
 
 def truth_of(source: Any) -> dict[str, Any] | None:
-    """Spin, acceleration, velocity and H0 that a simulated table was made with, by its metadata; or None."""
+    """What a simulated table was made with, by its metadata, or None: spin, acceleration; of galaxies velocity and H0.
+
+    Of a link orientation and jump of the spin.
+    """
     meta = {str(key).upper(): value for key, value in tables.open_table(source).meta.items()}
 
     def vector(key, unit="µas/yr"):
@@ -344,10 +348,11 @@ def truth_of(source: Any) -> dict[str, Any] | None:
         truth = {"spin": vector("SPIN"), "acceleration": vector("ACC")}
     except (KeyError, TypeError, ValueError):
         return None
-    try:
-        return truth | {"velocity": vector("VEL", "km/s"), "hubble": float(meta["HUBBLE"])}
-    except (KeyError, TypeError, ValueError):
-        return truth
+    with suppress(KeyError, TypeError, ValueError):
+        truth |= {"orientation": vector("ORIENT", "µas"), "jump": vector("JUMP")}
+    with suppress(KeyError, TypeError, ValueError):
+        truth |= {"velocity": vector("VEL", "km/s"), "hubble": float(meta["HUBBLE"])}
+    return truth
 
 
 def read_scalars(
