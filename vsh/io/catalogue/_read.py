@@ -335,9 +335,9 @@ def without_motions(
 
 
 def truth_of(source: Any) -> dict[str, Any] | None:
-    """What a simulated table was made with, by its metadata, or None: spin, acceleration; of galaxies velocity and H0.
+    """What a simulated table was made with, by its metadata, or None: spin, acceleration, and what else it has.
 
-    Of a link orientation and jump of the spin.
+    Galaxies have our velocity and H0, the stars of a link an orientation and a jump of the spin.
     """
     meta = {str(key).upper(): value for key, value in tables.open_table(source).meta.items()}
 
