@@ -46,8 +46,8 @@ class Sample(SphinxDirective):
         most = self.options.get("lines", len(lines))
         shown = [*lines[:most], *(["…"] if most < len(lines) else [])]
         typed = nodes.literal_block("", "\n".join(f"$ {each}" for each in commands), language="console")
-        said = nodes.literal_block("", "\n".join(shown), language="text")
-        return [nodes.container("", typed, said, classes=["sample"]), *picture]
+        output = nodes.literal_block("", "\n".join(shown), language="text")
+        return [nodes.container("", typed, output, classes=["sample"]), *picture]
 
     def _picture(self, folder):
         """The figure, kept where the build finds it."""

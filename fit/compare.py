@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -196,7 +197,7 @@ class FrameComparison(AboutSolution):
             for name, value, error in zip(self.alone_names, self.alone.values, sigma, strict=True)
         }
 
-    @property
+    @cached_property
     def best(self) -> Solution:
         """The solution with the errors of the verdict: in classes, and of rotation and glide with what sources share.
 

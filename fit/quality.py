@@ -15,6 +15,8 @@ __all__ = ["Quality"]
 
 #: From so many standard deviations on, a χ² contradicts the errors.
 SIGNIFICANT = 3.0
+#: How the note begins that a fit leaves where a large part of the sky has no source.
+ONE_SIDE = "warning: no source within"
 #: The p-value of three standard deviations: what is less likely by chance is called seen.
 SEEN = 0.0027
 #: From so many sources on what they share is in the errors unasked; below so few its size is not known.

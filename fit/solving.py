@@ -10,6 +10,7 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.linalg.lapack import dpocon
 
 from fit.normal import NormalEquations, normal_equations
+from fit.quality import ONE_SIDE
 from fit.solution import ScalarSolution, Solution
 from vsh import Coefficients, Field
 from vsh.field import Weighed
@@ -181,7 +182,7 @@ def with_coverage(solution: Any, field: Any) -> Any:
     names = ANGLES[field.frame]
     place = ", ".join(f"{name} = {np.degrees(x):.0f}°" for name, x in zip(names, (lon, lat), strict=True))
     note = (
-        f"warning: no source within {np.degrees(radius):.0f}° of {place}: a part of a file, or of the sky? What is "
+        f"{ONE_SIDE} {np.degrees(radius):.0f}° of {place}: a part of a file, or of the sky? What is "
         "said of the whole sky rests on the other part"
     )
     return solution if note in solution.notes else replace(solution, notes=(*solution.notes, note))

@@ -32,7 +32,7 @@ from vsh.tools.bad_rows import (
 )  # fmt: skip
 from vsh.tools.errors import FieldError, FrameError, ParameterError
 from vsh.tools.notebook import Frozen
-from vsh.tools.notes import merge_notes
+from vsh.tools.notes import VELOCITIES, merge_notes
 from vsh.tools.types import ArrayLike, BoolArray, FloatArray, OnBad, PathName, Table
 from vsh.tools.units import DEGREE, MAS
 from vsh.tools.writing import table_of, write_table
@@ -87,9 +87,8 @@ def usable_columns(
             odd = np.isfinite(values) & ~((values > low) & (values < high))
             if odd.any():
                 speeds = column == "redshift" and 2 * odd.sum() > odd.size
-                asked = ": velocities in km/s? Say so, units= (--units NAME=km/s)" if speeds else ""
                 words = f"{odd.sum()} values of {column} beyond {low:g} … {high:g} taken as missing"
-                notes = (*notes, words + asked)
+                notes = (*notes, f"{words}: {VELOCITIES}" if speeds else words)
             columns[column] = np.where(odd | np.isinf(values), np.nan, values)
     spans = {column: span_of(columns[column]) for column in _MOTIONS}
     invalid = invalid_rows(

@@ -7,7 +7,7 @@ differences of classes, follows.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -274,6 +274,11 @@ class SharedErrors(Result):
         )
         return "\n".join([*lines, *note_lines(self.notes)]) + "\n"
 
+    @cached_property
+    def _tests(self):
+        """The verdict, and the p-values of one spin and of one acceleration: report and table have them, each time."""
+        return self.verdict(), self.equality("T"), self.equality("S")
+
     def verdict_words(self, what: str = "class") -> str:
         """One sentence that says whether the dipole changes from class to class.
 
@@ -282,11 +287,11 @@ class SharedErrors(Result):
         what : str
             What classes are made by: "redshift", say.
         """
-        verdict = self.verdict()
+        verdict, spin, acceleration = self._tests
         words = "not contradicted" if verdict.p_value > 0.0027 else "contradicted"
         return (
-            f"Does the dipole change with {what}? spin p = {self.equality('T'):.2g}, acceleration p = "
-            f"{self.equality('S'):.2g}; the largest of {verdict.looked_at} comparisons ({verdict.comparison}) p = "
+            f"Does the dipole change with {what}? spin p = {spin:.2g}, acceleration p = "
+            f"{acceleration:.2g}; the largest of {verdict.looked_at} comparisons ({verdict.comparison}) p = "
             f"{verdict.p_value:.2g} after allowing for all ({verdict.face_value:.2g} at face value): one dipole for "
             f"all is {words}."
         )
@@ -307,8 +312,9 @@ class SharedErrors(Result):
         units = {name: unit for name in columns if name.startswith(("spin", "acceleration"))}
         meta: dict[str, Any] = {f"probability {name}": p for name, p in zip(self.shapes, self.probability, strict=True)}
         if len(self) > 1:
-            meta |= {"p_value_spin": self.equality("T"), "p_value_acceleration": self.equality("S")}
-            meta |= {"p_value_largest": self.verdict().p_value, "summary": self.verdict_words().rstrip(".")}
+            verdict, spin, acceleration = self._tests
+            meta |= {"p_value_spin": spin, "p_value_acceleration": acceleration, "p_value_largest": verdict.p_value}
+            meta["summary"] = self.verdict_words().rstrip(".")
         return tables.table_of(columns, meta, units)
 
     def plot(self, *, ax: OnAxes | None = None) -> AxesArray:

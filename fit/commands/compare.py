@@ -130,8 +130,7 @@ def _write(folder, compared, together, meta):
 
 def _latex(comparison):
     """What a paper has: parameters under their names with the errors of the verdict, then vectors and powers."""
-    table = comparison.parameters_table()
-    table.remove_columns([name for name in ("value_quoted", "sigma_quoted", "in_errors") if name in table.colnames])
+    table = comparison.parameters_table()["ICRF3", "value", "sigma"]
     return f"{finishing.as_latex(table, ' − '.join(comparison.labels))}\n\n{comparison.best.latex()}"
 
 

@@ -70,12 +70,11 @@ def _run(options):
         }
         return tables | {name: result.to_table() for name, result in backgrounds.results.items()}
 
+    def further():
+        return {_HEADINGS.get(name, name): result.to_table() for name, result in backgrounds.results.items()}
+
     def latex():
-        more = [
-            finishing.as_latex(result.to_table(), _HEADINGS.get(name, name))
-            for name, result in backgrounds.results.items()
-        ]
-        return "\n\n".join([solution.latex(), *more])
+        return "\n\n".join([solution.latex(), *(finishing.as_latex(table, head) for head, table in further().items())])
 
     def provenance():
         refused, out, used = dropped(solution.notes), unselected(solution.notes), solution.n_sources
@@ -104,7 +103,7 @@ def _run(options):
             command=options.command,
             captions=backgrounds.captions,
             beside={"plain least squares, all sources": plain} if plain else {},
-            sections={_HEADINGS.get(name, name): result.to_table() for name, result in backgrounds.results.items()},
+            sections=further(),
             **about,
         )
 

@@ -75,11 +75,11 @@ def _truth(solution, path):
     truth = catalogue.truth_of(path) or {}
     if "orientation" not in truth or not solution.unknowns.turned:
         return []
-    found = {name: solution.vector(name) for name in ("orientation", "spin") if name in solution.unknowns.vectors}
-    if len(solution.unknowns.steps) == 1 and "spin" in found:
-        found["jump"], _ = solution.jump(solution.unknowns.steps[0])
-    lines = ["truth, and how many errors what was found is from it"]
-    for name, vector in found.items():
+    vectors = {name: solution.vector(name) for name in ("orientation", "spin") if name in solution.unknowns.vectors}
+    if len(solution.unknowns.steps) == 1 and "spin" in vectors:
+        vectors["jump"], _ = solution.jump(solution.unknowns.steps[0])
+    lines = ["truth, and how many errors the solution is from it"]
+    for name, vector in vectors.items():
         true = truth[name].to_frame(solution.frame).value
         pairs = zip(true, (vector.value - true) / vector.sigma, strict=True)
         lines.append(

@@ -54,8 +54,7 @@ def _run(options):
     else:
         whole = catalogue.read_field(source, **reading.arguments(options))
         known = whole.redshift is not None
-        if fast := [note for note in map(str, whole.notes) if "velocities in km/s?" in note]:
-            raise VshError(f"{source.label}: {fast[0].removeprefix('warning: ')}")
+        reading.refuse_velocities(whole.notes, source.label)
     whole = whole.to_frame(options.frame)
     if not known:
         raise VshError(

@@ -264,20 +264,22 @@ class LinkSolution(NamedSolution):
     @property
     def verdict(self) -> str:
         """Whether frames are turned, and whether they jump, in a sentence."""
-        said = []
-        for catalogue in self.unknowns.turned:
-            for name in ("orientation", "spin"):
-                if name in self.unknowns.vectors:
-                    steps, powers = self.unknowns.steps, self.unknowns.order
-                    at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
-                    said.append(f"{self._told(self.vector(name, catalogue=catalogue), name)} of {catalogue}{at}")
-        for step in self.unknowns.steps:
+        steps, powers = self.unknowns.steps, self.unknowns.order
+        at = f", brighter than {min(steps):.4g} mag" if steps else ", at G = 13" if powers else ""
+        clauses = [
+            f"{self._in_words(name, catalogue)} of {catalogue}{at}"
+            for catalogue in self.unknowns.turned
+            for name in ("orientation", "spin")
+            if name in self.unknowns.vectors
+        ]
+        for step in steps:
             p = self.jump_p_value(step)
-            said.append(f"{'a' if p < SEEN else 'no'} jump at {step:.4g} mag is seen (p = {printed_p_value(p)})")
-        return "; ".join(said)
+            clauses.append(f"{'a' if p < SEEN else 'no'} jump at {step:.4g} mag is seen (p = {printed_p_value(p)})")
+        return "; ".join(clauses)
 
-    def _told(self, vector, name):
-        p = f_p_value(vector.value @ np.linalg.solve(vector.covariance, vector.value), 3, self.dof)
+    def _in_words(self, name, catalogue):
+        vector = self.vector(name, catalogue=catalogue)
+        p = self._tested(self.unknowns.combination(name, catalogue))[2]
         if p < SEEN:
             size = f"{vector.amplitude:.3g} ± {vector.amplitude_error:.2g} {vector.unit}"
             return f"{'an' if name == 'orientation' else 'a'} {name} of {size} (p = {printed_p_value(p)})"

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from fit.quality import SEEN, printed_p_value
+from fit.quality import ONE_SIDE, SEEN, printed_p_value
 from vsh.tools.types import FloatArray
 from vsh.vector import GAIA_EDR3, Vector
 
@@ -28,13 +28,13 @@ def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None
     """
     if solution.unit != "µas/yr" or not np.isfinite(solution.covariance).all():
         return ""
-    factor = solution.quality.factor if solution.errors_from == "the catalogue" else 1.0
+    factor = _factor(solution)
     if factor > _WRONG:
         return f"verdict: none; residuals are {factor:.3g} times the errors: are both in the units that were taken?"
     whole, errors, known = with_all_errors(solution, shared=shared)
     p = whole.p_value if p_value is None else p_value
     near = f" (a hint: seen is below {SEEN})" if SEEN <= p < 0.05 else ""
-    half = solution.modes.lmax > 1 and any(str(note).startswith(_ONE_SIDE) for note in solution.notes)
+    half = solution.modes.lmax > 1 and any(str(note).startswith(ONE_SIDE) for note in solution.notes)
     spin = _spin(with_all_errors(solution, "spin", shared=shared)[0])
     rest = f"p = {printed_p_value(p)}{near}; {spin}; errors {', '.join(errors)}{_beside_gaia(whole)}"
     if half:
@@ -50,8 +50,11 @@ def verdict(solution: Any, *, shared: bool = False, p_value: float | None = None
 
 #: By how much residuals exceed errors where a unit is wrong rather than an error.
 _WRONG = 30.0
-#: How the note begins that `fit.fit_field` leaves where a large part of the sky has no source.
-_ONE_SIDE = "warning: no source within"
+
+
+def _factor(solution):
+    """By which errors are multiplied where χ² says that those of the catalogue are too small."""
+    return max(solution.quality.factor, 1.0) if solution.errors_from == "the catalogue" else 1.0
 
 
 def _spin(spin):
@@ -78,9 +81,9 @@ def with_all_errors(
     covariance, errors, known = np.array(a.covariance), ["as quoted"], True
     if solution.errors_from != "the catalogue":
         errors = [f"from {solution.errors_from.partition(', with the floor')[0]}"]
-    elif solution.quality.contradicted and solution.quality.factor > 1:
-        covariance *= solution.quality.factor**2
-        errors = [f"{solution.quality.factor:.2f} times those quoted"]
+    elif (factor := _factor(solution)) > 1:
+        covariance *= factor**2
+        errors = [f"{factor:.2f} times those quoted"]
     if shared:
         errors.append("with what sources share")
     elif solution.floor is not None:
@@ -98,8 +101,7 @@ def covariance_of_all(solution: Any) -> FloatArray:
     covariance = np.array(solution.covariance)
     if solution.unit != "µas/yr" or not np.isfinite(covariance).all() or holds_floor(solution):
         return covariance
-    if solution.errors_from == "the catalogue" and solution.quality.contradicted:
-        covariance *= max(solution.quality.factor, 1.0) ** 2
+    covariance *= _factor(solution) ** 2
     if solution.floor is not None:
         covariance += np.diag(solution.floor.added(solution.modes))
     return covariance

@@ -213,8 +213,7 @@ def _own(options, rng):
                 f"{printable(options.positions)} has no redshifts, from which galaxies have their distances: if a "
                 "column holds them, say --columns redshift=NAME (--units NAME=km/s of c z)"
             )
-        if fast := [note for note in notes if "velocities in km/s?" in note]:
-            raise TableError(f"{printable(options.positions)}: {fast[0].removeprefix('warning: ')}")
+        reading.refuse_velocities(read.notes, printable(options.positions))
         known = with_redshift(read)
         notes += known.notes[len(read.notes) :]
         read = known

@@ -224,13 +224,13 @@ def as_latex(table: Table, caption: str = "") -> str:
     from astropy.table import Table
 
     heads, rows = printed(table[[name for name in table.colnames if not name.startswith("correlation_")]])
-    said = ": ".join(each for each in (caption, str(table.meta.get("summary", ""))) if each)
+    whole = ": ".join(each for each in (caption, str(table.meta.get("summary", ""))) if each)
     form = {"tabletype": "table", "header_start": r"\toprule", "header_end": r"\midrule", "data_end": r"\bottomrule"}
     form |= {"col_align": "l" + "c" * (len(heads) - 1)}
     out = io.StringIO()
     cells = [list(map(_latex, row)) for row in rows]
     shown = Table(rows=cells or None, names=list(map(_latex, heads)), dtype=[str] * len(heads))
-    ascii.write(shown, out, format="latex", latexdict=form, caption=_latex(said))
+    ascii.write(shown, out, format="latex", latexdict=form, caption=_latex(whole))
     return out.getvalue().rstrip("\n")
 
 

@@ -6,7 +6,7 @@ import argparse
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -142,6 +142,15 @@ def in_parts(options: argparse.Namespace) -> bool:
 def reading_parts(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `vsh.io.catalogue.parts` that `add_reading` and `add_workers` ask for."""
     return arguments(options) | {"workers": options.workers, "scheduler": options.scheduler}
+
+
+def refuse_velocities(notes: Iterable[object], label: str) -> None:
+    """Stop where most redshifts of a table are velocities, rather than count them as missing."""
+    from vsh.tools.errors import TableError
+    from vsh.tools.notes import VELOCITIES
+
+    if asked := [note for note in map(str, notes) if VELOCITIES in note]:
+        raise TableError(f"{label}: {asked[0].removeprefix('warning: ')}")
 
 
 def velocity_of(value: str | tuple[float, ...] | None) -> Vector | None:

@@ -14,6 +14,8 @@ import numpy as np
 
 from vsh.tools.types import ArrayLike
 
+#: What is asked where numbers cannot be redshifts.
+VELOCITIES = "velocities in km/s? Say so, units= (--units NAME=km/s)"
 #: So many different notes are listed when tables are added up; the others are counted.
 MAX_NOTES = 9
 _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")

@@ -17,7 +17,7 @@ from vsh.io.tables import TableSource
 from vsh.sky.frames import FRAME_KEY, FRAMES, REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, check_frame, redshift_frame_in
 from vsh.tools.bad_rows import as_floats
 from vsh.tools.errors import FieldError, NothingSelectedError, TableError
-from vsh.tools.notes import FALSE, MISSING, NotSelected, printable
+from vsh.tools.notes import FALSE, MISSING, VELOCITIES, NotSelected, printable
 from vsh.tools.types import BoolArray
 from vsh.tools.units import SPEED_OF_LIGHT
 
@@ -196,10 +196,7 @@ def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
     if field.redshift is not None and np.isfinite(field.redshift[::step]).any():
         z = float(np.nanmedian(field.redshift[::step]))
         if z > 20:
-            notes.append(
-                f"warning: half of the redshifts are above {z:.3g}: velocities in km/s? Say so, units= (--units "
-                "NAME=km/s)"
-            )
+            notes.append(f"warning: half of the redshifts are above {z:.3g}: {VELOCITIES}")
     return notes
 
 
