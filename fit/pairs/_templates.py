@@ -203,12 +203,14 @@ def _noncentrality(ratio, k, dof, p):
     """The non-centrality for which an F of k and dof degrees of freedom is as small with probability p, or zero."""
     if ncfdtr(k, dof, 0.0, ratio) <= p:
         return 0.0
-    from scipy.optimize import brentq  # slow to import; scipy.special's own inverse ends at 10⁴
-
-    high = 4 * k * (ratio + 10)
+    # By halving: the function is nan where it is below 1e-28, which `>` takes for small and a root finder does not.
+    low, high = 0.0, 4 * k * (ratio + 10)
     while ncfdtr(k, dof, high, ratio) > p:
-        high *= 2
-    return float(brentq(lambda x: ncfdtr(k, dof, x, ratio) - p, 0.0, high))
+        low, high = high, 2 * high
+    while high - low > 1e-10 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if ncfdtr(k, dof, middle, ratio) > p else (low, middle)
+    return (low + high) / 2
 
 
 def _coefficients(function, lmax=40):

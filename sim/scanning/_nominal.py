@@ -17,7 +17,8 @@ import numpy as np
 from sim.compiled import there
 from sim.scanning._crossings import Spins, dot
 from sim.scanning._gaps import alive, check_gaps, draw_gaps
-from sim.scanning._sun import YEAR, sun_direction, sun_rate
+from sim.scanning._precession import Precession
+from sim.scanning._sun import YEAR, sun_direction, sun_position
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import sin_cos, triad
 from vsh.tools.arguments import between, number, positive
@@ -26,20 +27,6 @@ from vsh.tools.notebook import Frozen
 from vsh.tools.parallel import map_blocks
 from vsh.tools.types import ArrayLike, FloatArray, IntArray, Rng
 from vsh.tools.units import DEGREE
-
-
-def precession_speed(precessions: float, xi: float) -> float:
-    """S for a number of precessions a year: one turn of ν takes 1/K of a turn of λ."""
-
-    from scipy.integrate import quad  # slow to import, and not needed where nothing is scanned
-    from scipy.optimize import brentq
-
-    def turn(speed):
-        return quad(
-            lambda nu: np.sin(xi) / (np.sqrt(speed**2 - np.cos(nu) ** 2) + np.cos(xi) * np.sin(nu)), 0, 2 * np.pi
-        )[0]
-
-    return brentq(lambda speed: turn(speed) * precessions - 2 * np.pi, 1.5, 50.0, xtol=1e-12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,30 +226,18 @@ class NominalScanningLaw(Frozen):
 
     def _integrate(self):
         """ν and Ω as splines of time, and the axes at the start of every spin."""
-        from scipy.integrate import solve_ivp
-        from scipy.interpolate import CubicSpline
+        from scipy.interpolate import CubicSpline  # slow to import, and not needed where nothing is scanned
 
-        xi = self.solar_aspect
-        speed = precession_speed(self.precessions, xi)
+        precession = Precession(self.precessions, self.solar_aspect)
+        speed = precession.speed
         rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year
         quiet = self.pole_days / YEAR
         start = np.pi * round(self.precession_phase / np.pi) if quiet else self.precession_phase
 
-        def slope(time, state):
-            nu = state[0]
-            sun = sun_rate(self.start, time)
-            nu_rate = (
-                0.0
-                if time < quiet
-                else sun * (np.sqrt(speed**2 - np.cos(nu) ** 2) + np.cos(xi) * np.sin(nu)) / np.sin(xi)
-            )
-            # What Ω lacks of the turn ω_z t, which is large and exactly known.
-            return [nu_rate, -nu_rate * np.cos(xi) - sun * np.sin(xi) * np.sin(nu)]
-
         grid = np.linspace(0, self.years, max(2, int(self.years * YEAR * 2)) + 1)
-        solved = solve_ivp(slope, (0, self.years), [start, 0.0], t_eval=grid, rtol=1e-10, atol=1e-10, max_step=2 / YEAR)
-        slow = CubicSpline(grid, solved.y[1])
-        nu = CubicSpline(grid, solved.y[0])
+        sun, _ = sun_position(self.start, np.maximum(np.append(quiet, grid), quiet))
+        phase = precession.phase(start, sun[1:] - sun[0])
+        nu, slow = CubicSpline(grid, phase), CubicSpline(grid, precession.lag(start, phase))
 
         self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
         spins = int(np.floor(self._phase(self.years) / (2 * np.pi)))

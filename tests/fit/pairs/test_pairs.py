@@ -289,6 +289,11 @@ def test_limits_of_templates_invert_the_chance_of_squares():
             if low > 0:
                 assert_allclose(ncx2.sf(power / s2 + k, k, low / s2), 0.025, rtol=0.02)
     assert _limits(-4.0, 3.0, 3.0, 0.025, 40.0)[0] == 0.0
+    # Of thousands of effective sources and a strong signal, where scipy's function is nan below 1e-28.
+    for k, power in ((13.0, 10.0), (35.0, 3.0), (35.0, 30.0)):
+        known, thousands = (_limits(power, 1.0, k, 0.025, dof) for dof in (np.inf, 1e4))
+        assert_allclose(thousands, known, rtol=1e-12)  # 10⁴ is where the degrees of freedom are taken for all
+        assert_allclose(thousands, _limits(power, 1.0, k, 0.025, 3e3), rtol=0.02)
 
 
 def test_the_verdict_sees_what_is_there():

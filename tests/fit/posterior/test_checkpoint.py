@@ -213,3 +213,14 @@ def test_burn_in_and_thinning_interval():
     assert found.autocorrelation["slow"] == pytest.approx(19, rel=0.25)
     assert found.burn_in == int(np.ceil(5 * found.autocorrelation["slow"]))
     assert found.thinning == max(1, int(found.autocorrelation["quick"] / 2))
+
+
+def test_halves_that_differ_are_seen_in_r_hat():
+    """By the formula, of walkers that wander off by four of their widths from the first half to the second."""
+    from fit.sampling import split_r_hat
+
+    noise = np.random.default_rng(2).normal(size=(2000, 8, 1))
+    drift = np.repeat([0.0, 4.0], 1000)[:, None, None]
+    one, away = split_r_hat(noise)[0], split_r_hat(noise + drift)[0]
+    assert 0.999 < one < 1.01
+    assert away == pytest.approx(np.sqrt(1 + 4.0**2 * 16 / 15 / 4), rel=0.02)  # 16 halves, eight of them four away

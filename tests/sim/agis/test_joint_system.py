@@ -126,6 +126,9 @@ def test_the_compiled_passes_are_the_sparse_ones():
     np.testing.assert_allclose(compiled.blocks, plain.blocks, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(compiled.formal_covariance(2), plain.formal_covariance(2), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(compiled.true_covariance(1), plain.true_covariance(1), rtol=1e-5, atol=1e-6)
+    seen = 100 * np.random.default_rng(3).standard_normal((2, len(plain.scans)))
+    found, expected = (each.solve(*seen).sources for each in (compiled, plain))
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-3 * np.std(expected))
 
 
 def test_formal_covariance_is_that_of_independent_sources(system):

@@ -168,6 +168,8 @@ def parallax_factor(distance: ArrayLike, cosmology: Cosmology | None = None) -> 
 
 
 def _checked(cosmology):
+    if isinstance(cosmology, FlatLCDM):  # whose H0 would load astropy's units
+        return cosmology
     if not (hasattr(cosmology, "H0") and hasattr(cosmology, "comoving_transverse_distance")):
         raise ParameterError(
             f"cosmology is one of astropy's, FlatLambdaCDM(H0=70, Om0=0.3) say, not a {type(cosmology).__name__} "

@@ -61,6 +61,15 @@ def test_errors_are_those_of_the_mission(transits):
     np.testing.assert_allclose(read_epochs(transits, robust=False).sigma[0], np.sqrt(formal[:, 0, 0]), rtol=1e-6)
 
 
+def test_fields_of_view_are_in_bits_15_and_16(transits):
+    """1 the preceding one, 2 the following one (GAIA-C3-TN-UB-JP-011, p. 9)."""
+    for view, bits in ((1, 1), (-1, 2)):
+        one = transits[:10].copy()
+        one["transit_id"] = (np.arange(10, 20) << 17) | (bits << 15) | 5
+        np.testing.assert_array_equal(read_observations(one).view, view)
+    assert set(read_observations(transits).view) == {1, -1}
+
+
 def test_excess_noise_is_found():
     """What scatters beyond the errors: the column says it, and a robust solution finds it source by source."""
     population, excess = sim.quasars(20, 1), np.repeat([0.0, 4000.0], 10)
