@@ -26,25 +26,24 @@ TABLE = {"astropy.table", "astropy.io.ascii", "astropy.io.votable", "astropy.tim
 ECSV = {"astropy.coordinates"}
 #: Splines of distances and of attitudes; SciPy's bring its searches.
 SPLINES = {"scipy.interpolate", "scipy.optimize"}
-TRANSITS = {"scipy.integrate"} | SPLINES
 FIGURES = {"matplotlib", "astropy.coordinates", "astropy.visualization", "astropy.wcs"}
 JOBS = {
     "fit": ("q.fits --no-figures", FITS),
     "redshift": ("g.fits --bins 2", FITS | SPLINES),
     "correlate": ("q.fits", FITS),
-    "pairs": ("q.fits", FITS | {"scipy.optimize"}),
+    "pairs": ("q.fits", FITS),
     "compare": ("a.fits b.fits", FITS | {"scipy.optimize"}),
     "link": ("stars.csv", FITS | TABLE),
-    "sim --no-transits": ("quasars --number 60 --no-transits --output n.fits", FITS | TABLE | TRANSITS),
-    "sim": ("quasars --number 60 --output s.fits", FITS | TABLE | TRANSITS),
+    "sim --no-transits": ("quasars --number 60 --no-transits --output n.fits", FITS | TABLE | SPLINES),
+    "sim": ("quasars --number 60 --output s.fits", FITS | TABLE | SPLINES),
     "agis": (
         "--quasars 100 --years 0.5 --knots 2000 --iterations 2 --output agis --no-figures",
-        FITS | TABLE | ECSV | TRANSITS | {"numba"},
+        FITS | TABLE | ECSV | SPLINES,
     ),
-    "study": ("s.toml --output study", FITS | TABLE | TRANSITS | FIGURES),
+    "study": ("s.toml --output study", FITS | TABLE | SPLINES | FIGURES),
     "referee": ("q.fits --no-figures", FITS | TABLE | SPLINES | {"scipy.integrate"}),
-    "forecast": ("", {"astropy.units", "scipy.linalg", "scipy.special"} | SPLINES),
-    "waves": ("e.fits --attitude known --frequencies 2 --lmax 2 --nside 2 --skies 5", FITS | TABLE | TRANSITS),
+    "forecast": ("", {"scipy.linalg", "scipy.special"} | SPLINES),
+    "waves": ("e.fits --attitude known --frequencies 2 --lmax 2 --nside 2 --skies 5", FITS | TABLE | SPLINES),
     "archive": ("gaia-crf3 --show", set()),
 }
 STUDY = """
