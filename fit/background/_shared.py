@@ -28,6 +28,7 @@ from vsh.tools.arguments import choice, generator, whole
 from vsh.tools.errors import DegeneracyError, FrameError, ModesError, ParameterError
 from vsh.tools.logs import logged
 from vsh.tools.notes import note_lines
+from vsh.tools.parallel import blas_for
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Rng, Table
 
 #: Draws that count fewer than this are drawn again, four times as many, up to a limit.
@@ -495,9 +496,10 @@ def drawn(
     **facts: Any,
 ) -> SharedErrors:
     """What classes share, the mean over draws of its amplitudes and over shapes; `blocks_of` variances of a shape."""
-    lots = _draws(classes, modes, spectra, blocks_of, draws, rng)
-    probability = shape_probabilities([name for name, _ in spectra], [each.evidence for each in lots])
-    means, covariances, shares, (amplitudes, spread) = _kept(lots, probability, rng)
+    with blas_for(len(classes) * len(modes)):
+        lots = _draws(classes, modes, spectra, blocks_of, draws, rng)
+        probability = shape_probabilities([name for name, _ in spectra], [each.evidence for each in lots])
+        means, covariances, shares, (amplitudes, spread) = _kept(lots, probability, rng)
     if min(each.effective for each, p in zip(lots, probability, strict=True) if p > 0.05) < _EFFECTIVE:
         notes = [*notes, "few draws of what is shared count: give more of them (draws=), or merge classes"]
     return SharedErrors(

@@ -27,12 +27,14 @@ def _run(options):
     outputs.check(options)
     path = files("fit") / DEMO if options.demo else options.catalogue
     source = reading.open_catalogue(str(path), options)
-    from vsh.io import catalogue
+    from vsh.io import catalogue, tables
 
     whole: Any
     if reading.in_parts(options):
         whole = catalogue.parts(str(path), **reading.reading_parts(options))
-    else:  # names tell of sources that stand there twice, and are in the report; no fit looks at the rest
+    else:
+        source = tables.remembered(source) if options.classes else source  # each class reads its rows
+        # Names tell of sources that stand there twice, and are in the report; no fit looks at the rest.
         whole = catalogue.read_field(source, **reading.arguments(options), roles=("name",))
     field = whole.to_frame(options.frame)
     solution, kept, clipped = _fit(field, vsh.Modes(options.lmax), options)

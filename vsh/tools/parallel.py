@@ -72,7 +72,7 @@ class _NoBar:
 T = TypeVar("T")
 _NOTHING: Any = object()
 #: Rows of matrices from which on several threads are faster than one.
-_SMALL = 300
+_SMALL = 500
 #: What `limited` set.
 _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 

@@ -7,7 +7,7 @@ from vsh.io.tables._fits import fits_checked, fits_rows
 from vsh.io.tables._open import STANDARD_INPUT, as_table, files_of, open_table, read_table
 from vsh.io.tables._printed import cell, printed, three_digits, two_digits
 from vsh.io.tables._remote import Place, is_address
-from vsh.io.tables._source import TableSource, check_alike
+from vsh.io.tables._source import TableSource, check_alike, remembered
 from vsh.io.tables._where import Where
 from vsh.tools.modules import old_names
 from vsh.tools.writing import CREATOR, check_writable, format_of, table_of, write, write_table

@@ -72,6 +72,21 @@ def chained(label: str, sources: Sequence[TableSource]) -> TableSource:
     return TableSource(label, first.names, read, first.units, first.meta, notes, descriptions=first.descriptions)
 
 
+def remembered(source: TableSource) -> TableSource:
+    """The same table, each of whose columns is read once and kept: for what asks for rows again and again."""
+    known: dict[str, Any] = {}
+
+    def read(names, rows):
+        new = [name for name in names if name not in known]
+        known.update(source.columns(new) if new else {})
+        whole = {name: known[name] for name in names}
+        for start in range(0, max(1, len(next(iter(whole.values()))[0])), rows):
+            part = slice(start, start + rows)
+            yield {name: (values[part], None if mask is None else mask[part]) for name, (values, mask) in whole.items()}
+
+    return replace(source, read=read)
+
+
 def check_alike(source: TableSource, label: str, units: Mapping[str, str]) -> None:
     """Raise TableError unless a table has the columns of another, in its units."""
     missing = [name for name in units if name not in source.names]
