@@ -58,6 +58,29 @@ def test_an_even_sky_leaks_nothing():
     assert recommend_lmax(field, max_lmax=4) == 4
 
 
+def test_forecasts_with_what_sources_share():
+    """Of a spectrum, as a dense sum says; of a floor with two shapes, as the fit of a sky of these errors has them."""
+    from fit.background import SHAPES, floor
+
+    field = nonuniform(400, 3)
+    modes, spectrum = Modes(4), 1e4 * SHAPES["flat"]
+    normal = fit.normal_equations(field, modes)
+    first = modes.degrees == 1
+    prior = np.diag(np.where(first, 0.0, 1 / spectrum.variances(modes)))
+    expected = np.linalg.inv(normal.matrix + prior) + np.diag(np.where(first, spectrum.variances(modes), 0.0))
+    np.testing.assert_allclose(predict_covariance(field, 4, floor=spectrum).covariance, expected, rtol=1e-8)
+    seen = sim.systematics(spectrum, rng=1)
+    seen = field._with(motion=seen(field.lon, field.lat) + field.sigma * np.random.default_rng(2).normal(size=(2, 400)))
+    normal = fit.normal_equations(seen, modes)
+    found = floor(normal, noise_scale=False)
+    wanted, told = fit.solve(normal, floor=found), predict_covariance(seen, 4, floor=found)
+    # Those of the fit hold the scatter of what the two shapes make of the sky as well.
+    ratio = np.sqrt(np.diag(told.covariance) / np.diag(wanted.covariance))
+    assert 0.9 < ratio.min() <= ratio.max() < 1 + 1e-9
+    assert told.acceleration.sigma.mean() > 1.1 * predict_covariance(seen, 4).acceleration.sigma.mean()
+    assert "share" in told.errors_from
+
+
 def test_recommended_degree():
     field = nonuniform(20_000, 1, uniform_errors=True)
     rows = lmax_table(field, 4)
