@@ -4,7 +4,8 @@
 skies whose p-value of classes alike is below 0.05 and 0.0027 (spin, acceleration), by plain fits of degree 1 and by
 `fit.background.shared`; pulls of a class, of the difference of the last and first, and of all together; and how often 95 %
 intervals hold. Systematics go to degree 16, beyond what is fitted. `python benchmarks/shared_errors.py SKIES power WORDS`
-puts an acceleration of four of its errors into the last class and prints in how many skies it is found.
+puts an acceleration of four of its errors into the last class and prints in how many skies it is found. `--sources N`
+behind either: of so many in a class, in place of 400 000, with the noise that goes with them.
 """
 
 import os
@@ -25,6 +26,9 @@ from vsh import Field, Modes
 from vsh.models.covariance import VASILIEV_BAUMGARDT_2021, Spectrum
 
 HIGHEST, PLACES, SOURCES = 16, 1500, 400_000
+if "--sources" in sys.argv:
+    SOURCES = int(sys.argv.pop(sys.argv.index("--sources") + 1))
+    sys.argv.remove("--sources")
 POLE = np.array([-0.8676661, -0.1980764, 0.4559838])
 SPECTRA = {"flat": None, "lindegren": SHAPES["gaia"], "vasiliev": Spectrum.from_covariance(VASILIEV_BAUMGARDT_2021)}
 
@@ -61,7 +65,7 @@ def mixing(name, k):
 class Skies:
     """Classes at fixed places; normal equations of skies, exact to degree 16."""
 
-    def __init__(self, kinds, noise=2.2, seed=1):
+    def __init__(self, kinds, noise=2.2 * 400_000 / SOURCES, seed=1):
         rng = np.random.default_rng(seed)
         self.modes, self.matrices, self.roots = Modes(HIGHEST), [], []
         for kind in kinds:
@@ -109,7 +113,9 @@ def _cut(normal):
 
 CASES = [
     (kinds, lmax, spectrum, mix)
-    for kinds, lmax in ((("plane", "north"), 5), (("plane", "north", "high"), 5), (("plane",) * 5, 4), (("plane",), 5))
+    for kinds, lmax in ((("plane", "north"), 5), (("plane", "north", "high"), 5), (("plane",) * 5, 4), (("plane",) * 5, 5),
+        (("plane",), 5),
+    )
     for spectrum, mixes in (
         ("none", ("common",)), ("flat", ("common", "half", "own", "odd one", "twice")),
         ("lindegren", ("common", "half", "tenth")), ("vasiliev", ("tenth",)),

@@ -33,10 +33,6 @@ def _template(word, source, path, field, options):
             f"--templates {word}: there is no such file, and no such column in {source.label}; density is that of the "
             "sources"
         )
-    if reading.in_parts(options):
-        raise ParameterError(
-            f"--templates {word}: a catalogue in parts is not read twice; make a map of the column first"
-        )
     return _column(word, source, options)
 
 
@@ -45,6 +41,10 @@ def _column(name, source, options):
     from vsh.io import catalogue
 
     given = reading.arguments(options)
+    if reading.in_parts(options):
+        parts = catalogue.stream_columns(source, [name], **given)
+        placed = ((field.to_frame("icrs"), columns[name]) for field, columns in parts)
+        return fit.background.Template.of_parts(name, ((field.lon, field.lat, values) for field, values in placed))
     field = catalogue.read_field(source, **given, roles=())
     return fit.background.Template.of_sources(
         name, field.lon, field.lat, catalogue.read_columns(source, [name], **given)[name], field.frame

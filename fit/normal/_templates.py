@@ -10,7 +10,7 @@ amplitude would be taken for better known than it is.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
 
@@ -23,6 +23,7 @@ from vsh.field import Field
 from vsh.modes import KINDS, Modes, ScalarModes
 from vsh.scalars import ScalarField
 from vsh.sky.frames import check_frame
+from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import FrameError, ParameterError
 from vsh.tools.notebook import Frozen
@@ -44,7 +45,7 @@ class Template(Frozen):
         What it is called.
     source : (12 nside²,) array, path, Coefficients or ScalarField
         A HEALPix map in ring order, with NaN where nothing is known; a file of one (FITS); motions as they are; or
-        numbers at places, a column of a catalogue say.
+        numbers at places, weighed by their errors: a column of a catalogue say.
     frame : str
         Axes of a map or of coefficients: "icrs", "galactic" or "ecliptic".
 
@@ -104,6 +105,43 @@ class Template(Frozen):
         known = np.isfinite(numbers)
         at = [float_array(axis, each, known.shape)[known] for axis, each in (("lon", lon), ("lat", lat))]
         return cls(name, ScalarField(at[0], at[1], numbers[known], np.ones(known.sum()), frame=frame), frame)
+
+    @classmethod
+    def of_parts(
+        cls, name: str, parts: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], frame: str = "icrs", nside: int = 128
+    ) -> "Template":
+        """The same of a catalogue in parts: means over the sources of each HEALPix pixel, at their mean place.
+
+        Parameters
+        ----------
+        name : str
+            What it is called.
+        parts : iterable of (lon, lat, values)
+            Positions [rad] and numbers, part by part; numbers that are not finite are left out.
+        frame : str
+            Axes of the positions.
+        nside : int
+            Resolution; a template of degree l keeps 1 − (l/3.4 nside)² of its power or more.
+
+        Raises
+        ------
+        ParameterError
+            If no number is finite.
+        """
+        from vsh.sky.pixels import pixels_of  # slow to import
+
+        sums = np.zeros((5, 12 * nside**2))
+        for lon, lat, values in parts:
+            known = np.isfinite(numbers := np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan)))
+            lon, lat, numbers = np.asarray(lon)[known], np.asarray(lat)[known], numbers[known]
+            pixel = pixels_of(lon, lat, nside)
+            for row, weight in zip(sums, (np.ones(len(numbers)), numbers, *triad(lon, lat)[2]), strict=True):
+                row += np.bincount(pixel, weight, minlength=row.size)
+        counts, total, *place = sums[:, sums[0] > 0]
+        if not counts.size:
+            raise ParameterError(f"the template {name} has no finite number")
+        lon, lat = angles(np.array(place))
+        return cls(name, ScalarField(lon, lat, total / counts, 1 / np.sqrt(counts), frame=frame), frame)
 
     @classmethod
     def density(cls, name: str, field: Field | Iterable[Field], nside: int = 16) -> "Template":
@@ -192,11 +230,12 @@ class Template(Frozen):
                     f"the template {self.name} has no value in {missing_pixels(values)} of {values.size} pixels"
                 )
             field = ScalarField(lon[known], lat[known], values[known], np.ones(known.sum()), frame=frame)
-        scatter = float(np.std(field.values))
+        weights = field.sigma**-2
+        mean = np.average(field.values, weights=weights)
+        scatter = float(np.sqrt(np.average((field.values - mean) ** 2, weights=weights)))
         if not scatter > _CONSTANT * np.abs(field.values).max(initial=0.0):
             return field, 0.0
-        values = (field.values - field.values.mean()) / scatter
-        return ScalarField(field.lon, field.lat, values, np.ones(len(field)), frame=field.frame), scatter
+        return replace(field, values=(field.values - mean) / scatter), scatter
 
     def _map(self):
         if isinstance(self.source, np.ndarray):

@@ -133,6 +133,39 @@ def test_equations_with_templates_add(tmp_path):
         shared([whole, fit.normal_equations(field, 4)])
 
 
+def test_a_column_of_a_catalogue_in_parts(tmp_path, capsys):
+    """Its means by pixel are the column: coefficients to 1e-3 of it, and what the command prints of it."""
+    from astropy.table import Table
+
+    from fit.commands.fit import main
+
+    rng = np.random.default_rng(4)
+    field = sim.observe(sim.quasars(30_000, 1), sim.spin((0, 0, 0)), 2, sigma=100.0)
+    numbers = 20 + 3 * np.sin(2 * field.lon) * np.cos(field.lat) ** 2 + rng.normal(size=len(field))
+    numbers[::1000] = np.nan
+    one = Template.of_sources("scans", field.lon, field.lat, numbers)
+    parts = [(field.lon[k::3], field.lat[k::3], numbers[k::3]) for k in range(3)]
+    many = Template.of_parts("scans", iter(parts))
+    for frame in ("icrs", "galactic"):
+        for first, second in zip(one.fields(Modes(5), frame), many.fields(Modes(5), frame), strict=True):
+            np.testing.assert_allclose(second.values, first.values, atol=1e-3 * np.abs(first.values).max())
+    with pytest.raises(ParameterError, match="the template scans has no finite number"):
+        Template.of_parts("scans", [(field.lon, field.lat, np.full(len(field), np.nan))])
+    table = Table(field.to_table())
+    table["scans"] = numbers
+    table.write(tmp_path / "s.fits")
+    tables = []
+    for more in ([], ["--workers", "1"]):
+        assert main([str(tmp_path / "s.fits"), "--lmax", "4", "--templates", "scans", "--no-figures", *more]) == 0
+        tables.append(capsys.readouterr().out)
+    lines = [next(line for line in text.splitlines() if line.startswith("scans, across")) for text in tables]
+    told = [
+        np.array([float(word) for word in line.split() if word.replace(".", "").lstrip("+-").isdigit()])
+        for line in lines
+    ]
+    np.testing.assert_allclose(*told, rtol=0.05, atol=0.02)
+
+
 def test_templates_that_say_nothing_are_refused():
     field = random_field(300, 1)
     for templates, words in (

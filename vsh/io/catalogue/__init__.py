@@ -4,7 +4,7 @@ from vsh.io.catalogue._columns import as_columns, missing_column, unit_factor
 from vsh.io.catalogue._match import Counterparts, counterparts, match, read_icrf, read_positions
 from vsh.io.catalogue._names import GAIA, NAMED, REQUIRED, Columns, with_distances
 from vsh.io.catalogue._parts import parts
-from vsh.io.catalogue._read import read_columns, read_field, read_scalars, read_sources, truth_of
+from vsh.io.catalogue._read import read_columns, read_field, read_scalars, read_sources, stream_columns, truth_of
 from vsh.tools.modules import old_names
 
 __all__ = [

@@ -138,19 +138,47 @@ def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str,
     FieldError
         If one holds no numbers, or `read_field` would raise it.
     """
-    opened, names = tables.open_table(source, reading.pop("format", None)), list(names)
+    names = list(names)
+    make = _with_columns(source, names, reading)
+    _, values = _beside(make, make.source.columns(tuple(dict.fromkeys((*make.names, *names)))), names, 0)
+    return values
+
+
+def stream_columns(
+    source: Any, names: Iterable[str], rows: int = 1_000_000, **reading: Any
+) -> Iterator[tuple[Field, dict[str, FloatArray]]]:
+    """A catalogue larger than memory: fields of at most `rows` sources, and numbers of any columns beside them."""
+    names, first = list(names), 0
+    make = _with_columns(source, names, reading)
+    for block in make.source.blocks(tuple(dict.fromkeys((*make.names, *names))), whole("rows", rows)):
+        try:
+            yield _beside(make, block, names, first)
+        except NothingLeftError as error:
+            if make.on_bad == "raise" and not isinstance(error, NothingSelectedError):
+                raise
+        first += len(next(iter(block.values()))[0])
+
+
+def _with_columns(source, names, reading):
+    """What makes fields of a table that has some further columns."""
+    given = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None} | reading
+    opened = tables.open_table(source, given.pop("format", None))
     for name in names:
         if name not in opened.names:
             raise TableError(f"{opened.label}: {missing_column(name, opened)}")
-    given = {"columns": None, "units": None, "on_bad": "raise", "frame": None, "where": None} | reading
     make = _maker(opened, **given, roles=())
-    block = dict(make.source.columns(tuple(dict.fromkeys((*make.names, *names)))))
+    make.where["name"] = _ROW  # names are carried along by whatever leaves rows out
+    return make
+
+
+def _beside(make, block, names, first):
+    """The field of a block, and numbers of columns at its rows."""
+    block = dict(block)
     values = {name: as_floats(name, np.ma.MaskedArray(*_masked(block[name]))) for name in names}
-    # Names are carried along by whatever leaves rows out.
-    make.where["name"], rows = _ROW, len(next(iter(block.values()))[0])
-    block[_ROW] = np.arange(rows), None
-    kept = np.asarray(make(block).name, int)
-    return {name: np.where(missing, np.nan, array)[kept] for name, (array, missing) in values.items()}
+    block[_ROW] = np.arange(len(next(iter(block.values()))[0])), None
+    field = make(block, first)
+    kept = np.asarray(field.name, int)
+    return field, {name: np.where(missing, np.nan, array)[kept] for name, (array, missing) in values.items()}
 
 
 def _masked(column):

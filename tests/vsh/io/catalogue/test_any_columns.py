@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from astropy.table import MaskedColumn, Table
 
-from vsh.io.catalogue import read_columns, read_field
+from vsh.io.catalogue import read_columns, read_field, stream_columns
 from vsh.tools.errors import FieldError, TableError
 
 
@@ -28,6 +28,21 @@ def test_rows_are_those_of_the_field(table):
     assert np.isnan(columns["periods"]).sum() == 3  # masked
     chosen["where"] = None
     assert len(read_columns(table, ["mjd"], **chosen)["mjd"]) == 48
+
+
+def test_blocks_are_the_whole(table):
+    """Rows that are missing, not selected, or a whole block of them, and numbers beside the fields."""
+    table["pmra"][[3, 7]] = np.nan
+    table["dec"][20:30] = 99.0  # a whole block that cannot be used
+    chosen = {"where": "mjd > 50002", "on_bad": "drop"}
+    blocks = list(stream_columns(table, ["periods"], 10, **chosen))
+    assert [len(field) for field, _ in blocks] == [5, 10, 10, 10]  # of 3 … 9 two are missing
+    whole = read_columns(table, ["periods"], **chosen)["periods"]
+    np.testing.assert_array_equal(np.concatenate([columns["periods"] for _, columns in blocks]), whole)
+    field = read_field(table, **chosen)
+    np.testing.assert_array_equal(np.concatenate([part.lon for part, _ in blocks]), field.lon)
+    with pytest.raises(FieldError, match="10 of 10"):
+        list(stream_columns(table[20:30], ["periods"], 10))
 
 
 def test_what_is_no_column_of_numbers(table):
