@@ -31,13 +31,13 @@ sigma = np.sqrt(systematics.variances(Modes(8)))
 
 
 def sky(normal, root):
-    """The normal equations of such systematics and of noise: b = N c + N^½ e, to degree 4."""
+    """The normal equations of such systematics and of noise: b = N c + N^½ e, to degree 6."""
     c, e = sigma * rng.standard_normal(len(sigma)), rng.standard_normal(len(sigma))
     chi2 = c @ normal.matrix @ c + 2 * c @ root @ e + e @ e + rng.chisquare(normal.n_data - len(e))
-    low = normal.modes.degrees <= 4
+    low = normal.modes.degrees <= 6
     return replace(
         normal,
-        modes=Modes(4),
+        modes=Modes(6),
         matrix=normal.matrix[np.ix_(low, low)],
         rhs=(normal.matrix @ c + root @ e)[low],
         chi2_null=chi2,
@@ -45,7 +45,7 @@ def sky(normal, root):
 
 
 # %%
-# 30 skies for each number of sources, fitted to degree 4 with and without the floor.
+# 30 skies for each number of sources, fitted to degree 6 with and without the floor.
 numbers, rows = np.geomspace(2e4, 2e7, 6), []
 for number in numbers:
     more = number / 20_000
