@@ -138,10 +138,9 @@ def errors_by_place(
     from vsh.sky.pixels import centres, pixels_of  # healpy
 
     mission = as_mission(mission, release)
-    pixel = pixels_of(lon, lat, nside)
-    there = solve_astrometry(
-        mission.scanning_law.transits(*centres(nside)), np.ones(12 * nside**2), 0, years=mission.years
-    )
+    seen, pixel = np.unique(pixels_of(lon, lat, nside), return_inverse=True)
+    middle = [angle[seen] for angle in centres(nside)]
+    there = solve_astrometry(mission.scanning_law.transits(*middle), np.ones(len(seen)), 0, years=mission.years)
     covariance = there.covariance[pixel][:, 3:, 3:]
     lost = ~np.isfinite(covariance).all((1, 2))
     if lost.any():
