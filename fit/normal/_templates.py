@@ -133,6 +133,8 @@ class Template(Frozen):
         sums = np.zeros((5, 12 * nside**2))
         for lon, lat, values in parts:
             known = np.isfinite(numbers := np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan)))
+            if not known.any():
+                continue
             lon, lat, numbers = np.asarray(lon)[known], np.asarray(lat)[known], numbers[known]
             pixel = pixels_of(lon, lat, nside)
             for row, weight in zip(sums, (np.ones(len(numbers)), numbers, *triad(lon, lat)[2]), strict=True):
