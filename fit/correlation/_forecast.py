@@ -97,7 +97,7 @@ def predict_covariance(
 
     Examples
     --------
-    Four times the quasars do not halve an error of which a part is shared:
+    What sources share adds to the errors of degree 1:
 
     >>> quasars = Field([0.1, 2.0, 4.0], [0.3, -0.7, 0.2], np.zeros((2, 3)), np.ones((2, 3)))
     >>> alone, shared = (predict_covariance(quasars, floor=floor) for floor in (None, 4 * Spectrum.flat()))

@@ -27,7 +27,7 @@ from vsh.sky.sphere import angles, triad
 from vsh.tools.arguments import float_array
 from vsh.tools.errors import FrameError, ParameterError
 from vsh.tools.notebook import Frozen
-from vsh.tools.types import ArrayLike
+from vsh.tools.types import ArrayLike, FloatArray
 
 #: Two templates whose directions agree as closely as this are one.
 _ALIKE = 0.999
@@ -101,10 +101,8 @@ class Template(Frozen):
         frame : str
             Axes of the positions.
         """
-        numbers = np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
-        known = np.isfinite(numbers)
-        at = [float_array(axis, each, known.shape)[known] for axis, each in (("lon", lon), ("lat", lat))]
-        return cls(name, ScalarField(at[0], at[1], numbers[known], np.ones(known.sum()), frame=frame), frame)
+        lon, lat, numbers = _known(lon, lat, values)
+        return cls(name, ScalarField(lon, lat, numbers, np.ones(len(numbers)), frame=frame), frame)
 
     @classmethod
     def of_parts(
@@ -131,11 +129,10 @@ class Template(Frozen):
         from vsh.sky.pixels import pixels_of  # slow to import
 
         sums = np.zeros((5, 12 * nside**2))
-        for lon, lat, values in parts:
-            known = np.isfinite(numbers := np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan)))
-            if not known.any():
+        for part in parts:
+            lon, lat, numbers = _known(*part)
+            if not len(numbers):
                 continue
-            lon, lat, numbers = np.asarray(lon)[known], np.asarray(lat)[known], numbers[known]
             pixel = pixels_of(lon, lat, nside)
             for row, weight in zip(sums, (np.ones(len(numbers)), numbers, *triad(lon, lat)[2]), strict=True):
                 row += np.bincount(pixel, weight, minlength=row.size)
@@ -246,6 +243,13 @@ class Template(Frozen):
 
         values, named = read_map(self.source)
         return values, named or self.frame
+
+
+def _known(lon: ArrayLike, lat: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions and numbers of the sources whose number is finite and not masked."""
+    numbers = np.asarray(np.ma.filled(np.ma.asarray(values, float), np.nan))
+    known = np.isfinite(numbers)
+    return (float_array("lon", lon, known.shape)[known], float_array("lat", lat, known.shape)[known], numbers[known])
 
 
 def _padded(coefficients, modes):

@@ -140,7 +140,7 @@ def read_columns(source: Any, names: Iterable[str], **reading: Any) -> dict[str,
     """
     names = list(names)
     make = _with_columns(source, names, reading)
-    _, values = _beside(make, make.source.columns(tuple(dict.fromkeys((*make.names, *names)))), names, 0)
+    _, values = _beside(make, make.source.columns(make.names), names, 0)
     return values
 
 
@@ -150,7 +150,7 @@ def stream_columns(
     """A catalogue larger than memory: fields of at most `rows` sources, and numbers of any columns beside them."""
     names, first = list(names), 0
     make = _with_columns(source, names, reading)
-    for block in make.source.blocks(tuple(dict.fromkeys((*make.names, *names))), whole("rows", rows)):
+    for block in make.source.blocks(make.names, whole("rows", rows)):
         try:
             yield _beside(make, block, names, first)
         except NothingLeftError as error:
@@ -167,6 +167,7 @@ def _with_columns(source, names, reading):
         if name not in opened.names:
             raise TableError(f"{opened.label}: {missing_column(name, opened)}")
     make = _maker(opened, **given, roles=())
+    make.names = tuple(dict.fromkeys((*make.names, *names)))
     make.where["name"] = _ROW  # names are carried along by whatever leaves rows out
     return make
 
