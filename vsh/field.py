@@ -76,10 +76,9 @@ def usable_columns(
     check_shapes(columns, lambda column: (n,))
 
     lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
-    motion = np.stack([columns["pmra"], columns["pmdec"]])
-    sigma = np.stack([columns["pmra_error"], columns["pmdec_error"]])
-    motion *= MAS
-    sigma *= MAS
+    motion, sigma = (np.empty((2, n)) for _ in range(2))
+    for column, scaled in zip(_MOTIONS, (*motion, *sigma), strict=True):
+        np.multiply(columns[column], MAS, out=scaled)
     rho = columns["pmra_pmdec_corr"]
     for column, (low, high) in _PLAUSIBLE.items():
         if column in columns:

@@ -70,6 +70,11 @@ class Amplitude(Frozen):
         x, share = self._shares(prior, lowest)
         return float(np.interp(between("probability", probability, 0, 1), share, x) ** 2)
 
+    def mean(self, prior: Prior = "flat") -> float:
+        """The mean amplitude, with the `prior` of `quantile`."""
+        x, mass = self._mass(prior)
+        return float(trapezoids(mass * x**2, x)[-1] / trapezoids(mass, x)[-1])
+
     def probability_below(self, amplitude: float, prior: Prior = "flat") -> float:
         """The probability of a smaller `amplitude`, the rank of a truth, with the `prior` of `quantile`."""
         return float(np.interp(np.sqrt(amplitude), *self._shares(prior)))

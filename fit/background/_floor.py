@@ -68,6 +68,10 @@ class Floor(Result):
         Where the errors that were used come from.
     shape : str
         Shape of the spectrum: "flat" for one power of each mode, "gaia" for that of Lindegren et al. (2021).
+    mean : tuple of two floats, or None
+        Where shapes are averaged, the mean powers over the posterior, of a spin's parity and of a glide's: degree 1
+        has its errors from these, as the variance of a mixture is the mean of the variances. Of one shape alone it has
+        them from the medians.
     parts, probability : tuple of Floor, tuple of float
         Where several shapes were averaged, the floor for each and its probability; `odd`, `even` and their intervals
         are those of the first then, and what is implied for degree 1 is the mean over all.
@@ -86,6 +90,7 @@ class Floor(Result):
     n_data: int
     errors_from: str = "the catalogue"
     shape: str = "flat"
+    mean: tuple[float, float] | None = None
     parts: tuple["Floor", ...] = ()
     probability: tuple[float, ...] = ()
     steeper: tuple[float, float] | None = None
@@ -99,12 +104,12 @@ class Floor(Result):
     @property
     def spin_error(self) -> float:
         """What is implied for the spin in each component, for one shape √(3 s/8π). [µas/yr]"""
-        return self._mean([part.spectrum.spin_error for part in self._shapes])
+        return self._mixed_error([part._of_degree_one.spin_error for part in self._shapes])
 
     @property
     def acceleration_error(self) -> float:
         """What is implied for the acceleration in each component, for one shape √(3 s/8π). [µas/yr]"""
-        return self._mean([part.spectrum.acceleration_error for part in self._shapes])
+        return self._mixed_error([part._of_degree_one.acceleration_error for part in self._shapes])
 
     @property
     def spin_interval(self) -> tuple[float, float]:
@@ -121,14 +126,21 @@ class Floor(Result):
         """The spectrum that was found, for `sim.systematics` say; of several shapes the likeliest."""
         if self.parts:
             return self.parts[int(np.argmax(self.probability))].spectrum
+        return self._spectrum_of(self.odd, self.even)
+
+    def _spectrum_of(self, odd, even):
         shape = _shape_of(self.shape)
-        return self.odd * shape.only("odd") + self.even * shape.only("even")
+        return odd * shape.only("odd") + even * shape.only("even")
+
+    @property
+    def _of_degree_one(self):
+        return self._spectrum_of(*(self.mean or (self.odd, self.even)))
 
     @property
     def _shapes(self):
         return self.parts or (self,)
 
-    def _mean(self, errors):
+    def _mixed_error(self, errors):
         """The error of a mixture: its variance is the mean of those of the shapes."""
         return float(np.sqrt(np.dot(self.probability or (1.0,), np.square(errors))))
 
@@ -136,7 +148,7 @@ class Floor(Result):
         """Ends of the 68 % intervals of the shapes, as degree 1 has them, averaged by probability."""
         ends = []
         for part in self._shapes:
-            unit = getattr(replace(part, odd=1.0, even=1.0).spectrum, error)
+            unit = getattr(part._spectrum_of(1.0, 1.0), error)
             ends.append([unit * np.sqrt(end) for end in getattr(part, f"{parity}_interval")])
         low, high = np.asarray(self.probability or (1.0,)) @ np.array(ends)
         return float(low), float(high)
@@ -236,7 +248,7 @@ class Floor(Result):
         solution = solve(scaled + assumed)
         covariance = np.array(solution.covariance)
         first = places(modes, (1,))
-        covariance[first, first] += self.spectrum.variances(modes)[first]
+        covariance[first, first] += self.added(modes)[first]
         note = (
             f"coefficients of degrees {words_of(self.degrees)} are shrunk by their prior; their powers and p-values are"
             " of the fit without it"
@@ -363,7 +375,7 @@ def floor(
     scaled = is_scaled(normal, noise_scale)
     found = [_of_shape(shape, equations, degrees, free, scaled, errors_of(normal)) for shape in listed]
     if len(found) == 1:
-        return found[0][0]
+        return replace(found[0][0], mean=None)
     probability = shape_probabilities(listed, [each for _, each in found])
     steep, _ = _of_shape("steep", equations, degrees, free, scaled, errors_of(normal))
     return replace(
@@ -381,6 +393,7 @@ def _of_shape(name, equations, degrees, free, scaled, errors_from):
     amplitudes, evidence = posteriors(likelihood, best)
     odd, even = (amplitude.quantile(0.5, "root") for amplitude in amplitudes)
     intervals = [amplitude.interval(0.68, "root") for amplitude in amplitudes]
+    of_odd, of_even = (amplitude.mean("root") for amplitude in amplitudes)
     estimate = Floor(
         odd,
         even,
@@ -393,6 +406,7 @@ def _of_shape(name, equations, degrees, free, scaled, errors_from):
         equations.n_data,
         errors_from,
         name,
+        (of_odd, of_even),
     )
     return estimate, evidence
 

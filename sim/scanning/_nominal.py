@@ -16,9 +16,10 @@ import numpy as np
 
 from sim.compiled import there
 from sim.scanning._crossings import Spins, dot
+from sim.scanning._cubics import Cubics
 from sim.scanning._gaps import alive, check_gaps, draw_gaps
 from sim.scanning._precession import Precession
-from sim.scanning._sun import YEAR, sun_direction, sun_position
+from sim.scanning._sun import YEAR, sun_direction, sun_position, sun_rate
 from vsh.sky.frames import check_frame, rotation_matrix
 from vsh.sky.sphere import sin_cos, triad
 from vsh.tools.arguments import between, number, positive
@@ -225,9 +226,7 @@ class NominalScanningLaw(Frozen):
         return Transits(owner, time, angle, factor, views, np.arcsin(sine))
 
     def _integrate(self):
-        """ν and Ω as splines of time, and the axes at the start of every spin."""
-        from scipy.interpolate import CubicSpline  # slow to import, and not needed where nothing is scanned
-
+        """ν and Ω as cubics of time, and the axes at the start of every spin."""
         precession = Precession(self.precessions, self.solar_aspect)
         speed = precession.speed
         rate = self.spin_rate / 3600 * DEGREE * 86400 * YEAR  # rad a year
@@ -237,7 +236,11 @@ class NominalScanningLaw(Frozen):
         grid = np.linspace(0, self.years, max(2, int(self.years * YEAR * 2)) + 1)
         sun, _ = sun_position(self.start, np.maximum(np.append(quiet, grid), quiet))
         phase = precession.phase(start, sun[1:] - sun[0])
-        nu, slow = CubicSpline(grid, phase), CubicSpline(grid, precession.lag(start, phase))
+        moving = np.where(grid < quiet, 0.0, sun_rate(self.start, grid))
+        ahead = precession.rate(phase) * moving
+        late = -np.cos(self.solar_aspect) * ahead - np.sin(self.solar_aspect) * np.sin(phase) * moving
+        nu = Cubics(grid[1], phase, ahead)
+        slow = Cubics(grid[1], precession.lag(start, phase), late)
 
         self._state.update(speed=speed, nu=nu, rate=rate, slow=slow)
         spins = int(np.floor(self._phase(self.years) / (2 * np.pi)))
@@ -245,7 +248,7 @@ class NominalScanningLaw(Frozen):
         turns = 2 * np.pi * np.arange(first, spins + 1)
         times: Any = (turns - self.spin_phase) / rate
         for _ in range(4):  # Newton: Ω grows 1600 times as fast as its slow part
-            times -= (self._phase(times) - turns) / (rate + slow(times, 1))
+            times -= (self._phase(times) - turns) / (rate + slow.slope(times))
         self._state["spins"] = Spins.of(times, *self._axes(times))
 
     def _refined(self, here, time, views):
@@ -263,10 +266,16 @@ class NominalScanningLaw(Frozen):
         return self.spin_phase + self._state["rate"] * time + self._state["slow"](time)
 
     def _axes(self, time):
-        """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic."""
-        z, sun, _ = self._spin_axis(time)
-        u = np.cross(sun, z, axis=0) / np.sin(self.solar_aspect)
-        return z, u, np.cross(z, u, axis=0)
+        """z, and u = s × z/sin ξ and w = z × u from which Ω is counted, in the ecliptic.
+
+        With e ahead of the Sun along the ecliptic and k its pole, z = cos ξ s + sin ξ (cos ν e + sin ν k).
+        """
+        sun, _ = self.sun(time)
+        sin, cos = sin_cos(self._state["nu"](time))
+        away = np.stack([-cos * sun[1], cos * sun[0], sin])  # cos ν e + sin ν k
+        u = np.stack([sin * sun[1], -sin * sun[0], cos])
+        near, far = np.cos(self.solar_aspect), np.sin(self.solar_aspect)
+        return near * sun + far * away, u, far * sun - near * away
 
     def _spin_axis(self, time):
         """z, the direction of the Sun, and its distance, in the ecliptic."""

@@ -88,7 +88,7 @@ def invalid_rows(
         "lon": (lon, -2 * np.pi * turns, 2 * np.pi * turns),
     }
     known = {} if spans is None else spans
-    if not any(mask.any() for mask in marks) and all(
+    if not any(_marks(mask) for mask in marks) and all(
         _within(known.get(each) or span_of(values), low, high) for each, (values, low, high) in limits.items()
     ):
         return {}
@@ -126,6 +126,11 @@ def joint_span(spans: Mapping[str, Span], names: Sequence[str], factor: float) -
     """That of several columns multiplied by a factor; nan where one is."""
     low, high = np.transpose([spans[name] for name in names]) * factor
     return float(low.min()), float(high.max())
+
+
+def _marks(mask):
+    """Whether a mask marks any row; where one number stands for all, it is looked at once."""
+    return bool(mask[:1].any() if mask.strides == (0,) else mask.any())
 
 
 def _within(span, low, high):

@@ -113,10 +113,13 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
 
 
 def expected_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:
-    """About how many transits some sources will have: those of a sample, times their number."""
+    """About how many transits some sources will have: those of a sample, which the law remembers, times their number."""
     lon, lat = np.asarray(lon), np.asarray(lat)
     some = np.linspace(0, len(lon) - 1, min(_SAMPLE, len(lon))).astype(int)
-    return 1.02 * len(law.transits(lon[some], lat[some])) * len(lon) / len(some)
+    key = ("transits", lon[some].tobytes(), lat[some].tobytes())
+    if key not in law.remembered:
+        law.remembered[key] = len(law.transits(lon[some], lat[some]))
+    return 1.02 * law.remembered[key] * len(lon) / len(some)
 
 
 def system_memory(n_sources: int, coefficients: float, columns: int, mapped: bool = False) -> float:

@@ -141,13 +141,14 @@ def test_coverage(strength, n):
     pulls = np.abs(pulls)
     assert abs(np.mean(pulls < 1) - 0.70) < 0.06
     # What is the default holds shapes that are not flat, too, and is wider.
-    assert np.mean(pulls < 1) - 0.02 < np.mean(np.abs(wider) < 1) < 0.80
+    assert np.mean(pulls < 1) - 0.02 < np.mean(np.abs(wider) < 1) < 0.83
     assert 0.93 < np.mean(np.abs(wider) < 1.96) < 0.99
     if strength:
         assert np.mean(np.abs(plain) < 1) < 0.5
     else:
         assert np.mean(flat) < 1.09  # 1.083 on an even sky, where the prior gives nothing back
-        assert np.mean(ratio) < 1.15  # 1.13: three degrees do not rule out a spectrum that rises to degree 1
+        # 1.20: three degrees do not rule out a spectrum that rises to degree 1, nor more of it than is likeliest.
+        assert np.mean(ratio) < 1.22
 
 
 @pytest.mark.slow
@@ -168,7 +169,7 @@ def test_coverage_where_errors_are_wrong_by_place(power):
             pulls[name].append([np.abs(v.value / v.sigma) for v in (solution.spin, solution.acceleration)])
     inside = {name: np.mean(np.array(values) < 1) for name, values in pulls.items()}
     assert inside["plain"] < 0.45
-    assert 0.63 < inside["robust"] < 0.77
+    assert 0.63 < inside["robust"] < 0.80
     assert 0.63 < inside["floor"] < 0.80
     assert 0.92 < np.mean(np.array(pulls["robust"]) < 1.96) < 0.98
 
@@ -179,7 +180,7 @@ def test_two_shapes_are_averaged_by_their_evidence(tmp_path):
     assert both.shape == flat.shape == "flat"
     assert gaia.shape == "gaia"
     assert sum(both.probability) == pytest.approx(1)
-    assert flat == floor(LOUD, shapes=("flat",))
+    assert replace(flat, mean=None) == floor(LOUD, shapes=("flat",))
     errors = np.array([flat.spin_error, gaia.spin_error])
     assert both.spin_error == pytest.approx(np.sqrt(np.dot(both.probability, errors**2)))
     # Lindegren's spectrum has more of degree 1 for the same degrees 2 to 5, l⁻² still more.
@@ -201,6 +202,21 @@ def test_two_shapes_are_averaged_by_their_evidence(tmp_path):
     assert read(tmp_path / "floor.ecsv") == both
     with pytest.raises(ParameterError, match="shapes of the spectrum are 'flat', 'gaia'"):
         floor(LOUD, shapes=("steep",))
+
+
+@pytest.mark.parametrize(("strength", "within"), [(0.0, 0.04), (1.0, 0.08)])
+def test_an_average_is_the_mean_over_what_may_be_shared(strength, within):
+    """As the draws of `shared` have it: the mean power adds to degree 1, where one shape alone adds its median."""
+    normal = fit.normal_equations(sky(strength), 5)
+    solution = fit.solve(normal, floor=floor(normal))
+    several = [fit.background.shared([normal], rng=seed).solutions[0] for seed in range(8)]
+    for name in ("spin", "acceleration"):
+        one, others = getattr(solution, name), [getattr(each, name) for each in several]
+        np.testing.assert_allclose(one.sigma, np.mean([each.sigma for each in others], 0), rtol=within)
+        assert np.abs(one.value - others[0].value).max() < 0.1 * one.sigma.min()
+    for part in floor(normal).parts:
+        assert part.mean[0] > part.odd
+        assert part.mean[1] > part.even
 
 
 def test_reports():
