@@ -33,6 +33,11 @@ _ODDS = {"gaia": 4.0}
 _STEEP = Spectrum("l⁻² a mode", lambda lmax: np.stack([(2 * l + 1) / l**2 for l in [np.arange(1.0, lmax + 1)] * 2]))
 
 
+def _low(degrees: tuple[int, ...]) -> tuple[int, ...]:
+    """Those from which the what-if is: of a spectrum so steep, higher ones say nothing of degree 1."""
+    return tuple(l for l in degrees if l <= _AS_IT_IS) or degrees
+
+
 def _shape_of(name: str) -> Spectrum:
     """A shape by its name."""
     return _STEEP if name == "steep" else SHAPES[name]
@@ -76,7 +81,8 @@ class Floor(Result):
         Where several shapes were averaged, the floor for each and its probability; `odd`, `even` and their intervals
         are those of the first then, and what is implied for degree 1 is the mean over all.
     steeper : tuple of two floats, or None
-        What a spectrum of l⁻² a mode would imply for spin and acceleration, which is in no average. [µas/yr]
+        What a spectrum of l⁻² a mode would imply for spin and acceleration, by degrees to 12, which is in no average.
+        [µas/yr]
     """
 
     odd: float
@@ -174,9 +180,11 @@ class Floor(Result):
                 lines.append(f"spectrum {part.shape:10}{100 * p:>4.0f} %: {errors}")
             if self.steeper:
                 spin, acceleration = self.steeper
+                low = _low(self.degrees)
+                by = "" if low == self.degrees else f"by degrees {words_of(low)} "
                 lines.append(
-                    f"a steeper one, l⁻² a mode, is none of these: it would make it spin ± {spin:.3g}, acceleration ± "
-                    f"{acceleration:.3g} µas/yr"
+                    f"a steeper one, l⁻² a mode, is none of these: {by}it would make it spin ± {spin:.3g}, acceleration"
+                    f" ± {acceleration:.3g} µas/yr"
                 )
         else:
             lines.append(
@@ -377,7 +385,7 @@ def floor(
     if len(found) == 1:
         return replace(found[0][0], mean=None)
     probability = shape_probabilities(listed, [each for _, each in found])
-    steep, _ = _of_shape("steep", equations, degrees, free, scaled, errors_of(normal))
+    steep, _ = _of_shape("steep", equations, _low(degrees), free, scaled, errors_of(normal))
     return replace(
         found[0][0],
         parts=tuple(part for part, _ in found),

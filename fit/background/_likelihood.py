@@ -91,6 +91,7 @@ class Likelihood:
         information = self.matrix**2
         self.unit = np.array([1 / np.sqrt(max(shape @ information @ shape / 2, 1e-300)) for shape in shapes])
         self._eigen = _eigen(self.matrix, self.rhs, shapes[0]) if len(shapes) == 1 else None
+        self._start = np.ones(len(shapes))  # of a search
         if self.noise_scale and self.chi2 - self.parts(1e9 * self.unit)[1] <= 1e-9 * normal.chi2_null:
             raise DegeneracyError(
                 "the residuals are zero: they do not tell the scale of the errors (noise_scale=False)"
@@ -170,7 +171,7 @@ class Likelihood:
             return self._maximum()
 
     def _maximum(self):
-        best = self._search(np.ones(len(self)))
+        best = self._start = self._search(self._start)
         ratios = self.unit * np.expm1(best)
         ratios[best < 1e-6] = 0.0  # rounding of the search is no background
         logdet, gain = self.parts(ratios)

@@ -113,7 +113,7 @@ def plan(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike, knots: float =
 
 
 def expected_transits(law: NominalScanningLaw, lon: ArrayLike, lat: ArrayLike) -> float:
-    """About how many transits some sources will have: those of a sample, which the law remembers, times their number."""
+    """About how many transits some sources will have: those of a sample, which the law remembers, times all."""
     lon, lat = np.asarray(lon), np.asarray(lat)
     some = np.linspace(0, len(lon) - 1, min(_SAMPLE, len(lon))).astype(int)
     key = ("transits", lon[some].tobytes(), lat[some].tobytes())
