@@ -117,11 +117,12 @@ def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
     size = min(DIPOLE_BLOCK, len(field))
     scratch, rows = np.empty((20, size)), np.empty((7, 2, size))
     gram = np.zeros((7, 7))
+    columns = field.lon, field.lat, field.rho, field.sigma, field.motion
     for start in range(0, len(field), size):
-        part = field[start : start + size]
-        if len(part) < size:
-            scratch, rows = np.empty((20, len(part))), np.empty((7, 2, len(part)))
-        _fill(part, scratch, rows)
+        part = [column[..., start : start + size] for column in columns]
+        if len(part[0]) < size:
+            scratch, rows = np.empty((20, len(part[0]))), np.empty((7, 2, len(part[0])))
+        _fill(*part, scratch, rows)
         flat = rows.reshape(7, -1)
         for i in range(7):  # a matrix times a vector: three times as fast as the small product A Aᵀ
             gram[i, : i + 1] += flat[: i + 1] @ flat[i]
@@ -130,7 +131,7 @@ def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
     return gram[:6, :6], gram[:6, 6], float(gram[6, 6])
 
 
-def _fill(field, scratch, rows):
+def _fill(lon, lat, rho, sigma, motion, scratch, rows):
     """The seven rows (six fields and the motions), each decorrelated and of unit weight.
 
     With s = sin and c = cos of α and δ, the fields and their signs are
@@ -141,8 +142,8 @@ def _fill(field, scratch, rows):
     half, square, sin, cos = scratch[:8].reshape(4, 2, -1)
     p, mixed, root, inverse = scratch[8:12], scratch[12:16], scratch[16], scratch[17:20]
     # Sine and cosine by the tangent of half the angle, as in vsh.sphere.sin_cos, without new memory.
-    np.multiply(field.lon, 0.5, out=half[0])
-    np.multiply(field.lat, 0.5, out=half[1])
+    np.multiply(lon, 0.5, out=half[0])
+    np.multiply(lat, 0.5, out=half[1])
     np.tan(half, out=half)
     np.multiply(half, half, out=square)
     np.add(square, 1, out=sin)
@@ -155,13 +156,13 @@ def _fill(field, scratch, rows):
     np.multiply(p[:2], sin[1], out=p[2:])
 
     # L⁻¹ with L Lᵀ = C: 1/σ_1, 1/(σ_2 √(1 − ρ²)) and ρ/(σ_1 √(1 − ρ²)).
-    np.multiply(field.rho, field.rho, out=root)
+    np.multiply(rho, rho, out=root)
     np.subtract(1, root, out=root)
     np.sqrt(root, out=root)
-    inverse[0] = field.sigma[0]
-    np.multiply(field.sigma[1], root, out=inverse[1])
+    inverse[0] = sigma[0]
+    np.multiply(sigma[1], root, out=inverse[1])
     np.divide(1, inverse[:2], out=inverse[:2])
-    np.multiply(field.rho, inverse[0], out=inverse[2])
+    np.multiply(rho, inverse[0], out=inverse[2])
     inverse[2] /= root
 
     east, north = rows[:, 0], rows[:, 1]
@@ -175,9 +176,9 @@ def _fill(field, scratch, rows):
     np.multiply(cos[1], inverse[2], out=north[4])
     np.negative(north[4], out=north[4])
     np.multiply(cos[1], inverse[1], out=north[5])
-    np.multiply(field.motion[0], inverse[0], out=east[6])
-    np.multiply(field.motion[1], inverse[1], out=north[6])
-    np.multiply(field.motion[0], inverse[2], out=mixed[0])
+    np.multiply(motion[0], inverse[0], out=east[6])
+    np.multiply(motion[1], inverse[1], out=north[6])
+    np.multiply(motion[0], inverse[2], out=mixed[0])
     north[6] -= mixed[0]
 
 

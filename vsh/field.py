@@ -75,10 +75,10 @@ def usable_columns(
         columns["name"] = np.asarray(name)
     check_shapes(columns, lambda column: (n,))
 
-    lon, lat = columns["ra"] * DEGREE, columns["dec"] * DEGREE
-    motion, sigma = (np.empty((2, n)) for _ in range(2))
-    for column, scaled in zip(_MOTIONS, (*motion, *sigma), strict=True):
-        np.multiply(columns[column], MAS, out=scaled)
+    scaled = np.empty((6, n))  # at once: the memory of a large block comes in large pages
+    for column, row in zip(("ra", "dec", *_MOTIONS), scaled, strict=True):
+        np.multiply(columns[column], DEGREE if column in ("ra", "dec") else MAS, out=row)
+    (lon, lat), motion, sigma = scaled[:2], scaled[2:4], scaled[4:]
     rho = columns["pmra_pmdec_corr"]
     for column, (low, high) in _PLAUSIBLE.items():
         if column in columns:
@@ -99,8 +99,8 @@ def usable_columns(
     keep, added_notes = select_usable(invalid, n, on_bad, first_row, (lon, lat))
     kept = {"lon": lon[keep], "lat": lat[keep], "motion": motion[:, keep], "sigma": sigma[:, keep], "rho": rho[keep]}
     kept |= {c: columns[c][keep] for c in (*MEASURED, "name") if c in columns}
-    whole = spans if isinstance(keep, slice) else None
-    return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, whole), *added_notes)
+    of_all = spans if isinstance(keep, slice) else None
+    return kept, (*notes, *doubtful({c: columns[c][keep] for c in ("pmra", "pmdec")}, of_all), *added_notes)
 
 
 def still_columns(sources: Any, sigma: ArrayLike | None) -> dict[str, Any]:
