@@ -122,7 +122,7 @@ def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
         part = [column[..., start : start + size] for column in columns]
         if len(part[0]) < size:
             scratch, rows = np.empty((20, len(part[0]))), np.empty((7, 2, len(part[0])))
-        _fill(*part, scratch, rows)
+        _fill(part, scratch, rows)
         flat = rows.reshape(7, -1)
         for i in range(7):  # a matrix times a vector: three times as fast as the small product A Aᵀ
             gram[i, : i + 1] += flat[: i + 1] @ flat[i]
@@ -131,7 +131,7 @@ def dipole_sums(field: Any) -> tuple[FloatArray, FloatArray, float]:
     return gram[:6, :6], gram[:6, 6], float(gram[6, 6])
 
 
-def _fill(lon, lat, rho, sigma, motion, scratch, rows):
+def _fill(columns, scratch, rows):
     """The seven rows (six fields and the motions), each decorrelated and of unit weight.
 
     With s = sin and c = cos of α and δ, the fields and their signs are
@@ -139,6 +139,7 @@ def _fill(lon, lat, rho, sigma, motion, scratch, rows):
         −g_x: (sα, sδ cα)   g_y: (cα, −sδ sα)   −ω_y: (sδ sα, cα)   −ω_x: (sδ cα, −sα)
         ω_z: (cδ, 0)        g_z: (0, cδ)
     """
+    lon, lat, rho, sigma, motion = columns
     half, square, sin, cos = scratch[:8].reshape(4, 2, -1)
     p, mixed, root, inverse = scratch[8:12], scratch[12:16], scratch[16], scratch[17:20]
     # Sine and cosine by the tangent of half the angle, as in vsh.sphere.sin_cos, without new memory.

@@ -15,7 +15,9 @@ from scipy.special import chdtrc
 
 from fit.background._amplitude import equations_of, words_of
 from fit.background._blocks import Blocks, ClassEquations, reduced
+from fit.background._draws import EFFECTIVE, kept_of, lots_of
 from fit.background._floor import SHAPES, shape_probabilities
+from fit.background._leakage import BEYOND, PART, marginalised, powers_beyond
 from fit.normal import NormalEquations
 from fit.quality import gls
 from fit.solution import HarmonicSolution, Solution
@@ -31,10 +33,6 @@ from vsh.tools.notes import note_lines
 from vsh.tools.parallel import blas_for
 from vsh.tools.types import ArrayLike, AxesArray, FloatArray, OnAxes, Rng, Table
 
-#: Draws that count fewer than this are drawn again, four times as many, up to a limit.
-_EFFECTIVE = 20.0
-#: So many draws of equal weight are kept.
-_KEPT = 60
 #: Beyond this condition of its normal matrix a class sees too little of the sky to tell degrees apart.
 _CAP = 1e5
 
@@ -419,11 +417,12 @@ def shared(
         One a class, all to degree 3 at least, in one frame; no source in two of them.
     degrees : iterable of int, optional
         From 2 on, without a gap; to the highest that all have unless given. 5 to 7 are best for one or two classes, 5
-        for three to five, 7 where a class is a cap.
+        for three to five. Where a class sees a part of the sky alone, give equations of three degrees more than these:
+        higher ones, with the power that a first estimate gives them, are marginalised, or they would leak.
     labels : sequence of str, optional
         Names of the classes.
     shapes : sequence of "flat", "gaia" or Spectrum
-        Shapes of the spectrum, averaged by their evidence, and odds of four to one for Gaia's.
+        Shapes of the spectrum, averaged by their evidence, and odds of three to one for Gaia's.
     own : {"each", "one"}
         Whether each class has a power of its own beside the common one, or one for all: "one" is sharper, and wrong
         where one class is worse than the others.
@@ -476,12 +475,49 @@ def shared(
         raise ParameterError(f"{len(names)} labels for {len(listed)} classes")
     modes = Modes(_highest(equations, degrees))
     generator_, spectra = generator(rng), spectra_of(shapes)
+    draws = whole("draws", draws)
     classes, notes = _classes(equations, names, modes, noise_scale)
+    blocks = partial(_blocks, modes, own)
+    if any(each.modes.lmax > modes.lmax for each in equations):
+        equations = _without_leakage(equations, classes, modes, spectra, blocks, draws, generator_)
+        classes, _ = _classes(equations, names, modes, noise_scale)
+    else:
+        notes += _leaking(classes, names, modes)
     return drawn(
-        classes, modes, spectra, lambda variances: Blocks(classes, modes, variances, own), whole("draws", draws),
+        classes, modes, spectra, partial(blocks, classes), draws,
         generator_, labels=names, notes=notes, n_sources=tuple(each.n_data // 2 for each in equations),
         frame=equations[0].frame or "icrs", templates=tuple(each.name for each in equations[0].templates),
     )  # fmt: skip
+
+
+def _blocks(modes, own, classes, variances):
+    return Blocks(classes, modes, variances, own)
+
+
+def _without_leakage(equations, classes, modes, spectra, blocks, draws, rng):
+    """Equations of `modes` alone: higher degrees have the power that a first estimate gives them."""
+    with blas_for(len(classes) * len(modes)):
+        lots = lots_of(classes, modes, spectra, partial(blocks, classes), draws, rng)
+    probability = shape_probabilities([name for name, _ in spectra], [each.evidence for each in lots])
+    wide = max((each.modes for each in equations), key=len)
+    powers = powers_beyond(lots, probability, spectra, wide)
+    return [
+        marginalised(each, modes, power[wide.degrees <= each.modes.lmax], own.noise_scale)
+        if each.modes.lmax > modes.lmax
+        else each
+        for each, own, power in zip(equations, classes, powers, strict=True)
+    ]
+
+
+def _leaking(classes, names, modes):
+    """A note on classes into which higher degrees leak, and what to do."""
+    parts = [name for name, each in zip(names, classes, strict=True) if PART < each.condition <= _CAP]
+    if not parts:
+        return []
+    return [
+        f"{', '.join(parts)}: a part of the sky, into whose degrees higher ones leak; give normal equations to degree "
+        f"{modes.lmax + BEYOND} and degrees=range(2, {modes.lmax + 1}), and that is allowed for"
+    ]
 
 
 def drawn(
@@ -497,10 +533,10 @@ def drawn(
 ) -> SharedErrors:
     """What classes share, the mean over draws of its amplitudes and over shapes; `blocks_of` variances of a shape."""
     with blas_for(len(classes) * len(modes)):
-        lots = _draws(classes, modes, spectra, blocks_of, draws, rng)
+        lots = lots_of(classes, modes, spectra, blocks_of, draws, rng)
         probability = shape_probabilities([name for name, _ in spectra], [each.evidence for each in lots])
-        means, covariances, shares, (amplitudes, spread) = _kept(lots, probability, rng)
-    if min(each.effective for each, p in zip(lots, probability, strict=True) if p > 0.05) < _EFFECTIVE:
+        means, covariances, shares, (amplitudes, spread) = kept_of(lots, probability, rng)
+    if min(each.effective for each, p in zip(lots, probability, strict=True) if p > 0.05) < EFFECTIVE:
         notes = [*notes, "few draws of what is shared count: give more of them (draws=), or merge classes"]
     return SharedErrors(
         means=means, covariances=covariances, shares=shares, shapes=tuple(name for name, _ in spectra),
@@ -554,47 +590,3 @@ def _classes(equations, names, modes, noise_scale) -> tuple[list[ClassEquations]
                 "another, or look at higher degrees"
             )
     return classes, notes
-
-
-class _Lot(NamedTuple):
-    blocks: Blocks
-    x: FloatArray
-    weight: FloatArray
-    evidence: float
-    effective: float
-
-
-def _draws(classes, modes, spectra, blocks_of, draws, rng):
-    """Draws of the amplitudes for each shape, again where too few of them count."""
-    high = modes.degrees > 1
-    squares = sum(each.matrix**2 for each in classes)
-    flat = Spectrum.flat().variances(modes)[high]
-    squares = squares[: len(flat), : len(flat)]  # without templates
-    lots = []
-    for _, spectrum in spectra:
-        variances = spectrum.variances(modes)
-        # All shapes as well seen as the flat one, or their evidence would depend on units.
-        scale = np.sqrt((flat @ squares @ flat) / (variances[high] @ squares @ variances[high]))
-        blocks = blocks_of(variances * scale)
-        x, weight, evidence = blocks.sample(draws, rng, _EFFECTIVE)
-        lots.append(_Lot(blocks, x, weight, evidence, float(1 / np.sum(weight**2))))
-    return lots
-
-
-def _kept(lots, probability, rng):
-    """Draws of equal weight by systematic resampling: degree 1, its covariance, C by the flat one, templates."""
-    weight = np.concatenate([p * lot.weight for lot, p in zip(lots, probability, strict=True)])
-    where = [(lot, i) for lot in lots for i in range(len(lot.x))]
-    at = (np.arange(_KEPT) + rng.random()) / _KEPT
-    chosen = np.minimum(np.searchsorted(np.cumsum(weight) / weight.sum(), at), len(weight) - 1)
-    done: dict[int, Any] = {}
-    for k in chosen:
-        if k not in done:
-            lot, i = where[k]
-            power = lot.blocks.first.reshape(2, 3).mean(1)[[0, 1]]
-            unit = Spectrum.flat().variances(Modes(1)).reshape(2, 3).mean(1)
-            shares = lot.blocks.shares(lot.x[i])[:2] * (power / unit)[:, None, None]
-            done[k] = (*lot.blocks.degree_one(lot.x[i]), shares, *lot.blocks.template_amplitudes(lot.x[i]))
-    means, covariances, shares, values, spreads = (np.array([done[k][part] for k in chosen]) for part in range(5))
-    away = values - values.mean(0)
-    return means, covariances, shares, (values.mean(0), spreads.mean(0) + away.T @ away / len(away))

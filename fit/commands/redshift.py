@@ -254,9 +254,14 @@ def _ask_for_frame(field, options, common, label):
 
 def _add_shared(results, whole, options):
     """What bins share as a result, and in words."""
-    bins = results["bins"] if options.lmax >= 3 else _binned(whole, options, _DEGREE)
+    from fit.background import BEYOND, sees_part
+
+    degree = options.lmax if options.lmax >= 3 else _DEGREE
+    bins = results["bins"] if options.lmax >= 3 else _binned(whole, options, degree)
+    if any(sees_part(each, degree) for each in bins.normals):
+        bins = _binned(whole, options, degree + BEYOND)
     try:
-        results["shared"] = bins.shared(rng=options.seed)
+        results["shared"] = bins.shared(range(2, degree + 1), rng=options.seed)
     except VshError as error:
         if options.floor:
             raise
