@@ -241,12 +241,16 @@ class Blocks:
         z = solve_triangular(lower, across, lower=True, check_finite=False)
         covariance = (z.T @ z).reshape(k, 6, k, 6)
         plain = np.array([np.linalg.solve(each.first, each.first_rhs) for each in self.classes])
-        shares, at = self.shares(x), np.arange(6)
         for i in range(k):
             covariance[i, :, i] += np.linalg.inv(self.classes[i].first)
-            for j in range(k):
-                covariance[i, at, j, at] += shares[self.first_group, i, j] * self.first
-        return plain - (z.T @ w).reshape(k, 6), covariance
+        return plain - (z.T @ w).reshape(k, 6), self._with_shares(x, covariance)
+
+    def _with_shares(self, x, covariance):
+        """The covariance of degree 1, (K, 6, K, 6), and C ⊗ S_1."""
+        shares, at = self.shares(x)[self.first_group], np.arange(6)
+        for i, j in np.ndindex(self.n_classes, self.n_classes):
+            covariance[i, at, j, at] += shares[:, i, j] * self.first
+        return covariance
 
     def template_amplitudes(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Amplitudes of the templates beside what is shared, free beforehand, and their covariance."""

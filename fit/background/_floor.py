@@ -33,8 +33,12 @@ _ODDS = {"gaia": 3.0}
 _STEEP = Spectrum("l⁻² a mode", lambda lmax: np.stack([(2 * l + 1) / l**2 for l in [np.arange(1.0, lmax + 1)] * 2]))
 
 
+#: Up to this degree the likelihood is taken as it is; beyond, expanded where the sky allows it.
+_AS_IT_IS = 12
+
+
 def _low(degrees: tuple[int, ...]) -> tuple[int, ...]:
-    """Those from which the what-if is: of a spectrum so steep, higher ones say nothing of degree 1."""
+    """Those to 12, from which the what-if is: where a spectrum is so steep, higher ones say nothing of degree 1."""
     return tuple(l for l in degrees if l <= _AS_IT_IS) or degrees
 
 
@@ -74,9 +78,9 @@ class Floor(Result):
     shape : str
         Shape of the spectrum: "flat" for one power of each mode, "gaia" for that of Lindegren et al. (2021).
     mean : tuple of two floats, or None
-        Where shapes are averaged, the mean powers over the posterior, of a spin's parity and of a glide's: degree 1
-        has its errors from these, as the variance of a mixture is the mean of the variances. Of one shape alone it has
-        them from the medians.
+        Of each of the `parts` of an average, the mean powers over the posterior, of a spin's parity and of a glide's:
+        degree 1 has its errors from these, as the variance of a mixture is the mean of the variances. Of one shape
+        alone it has them from the medians.
     parts, probability : tuple of Floor, tuple of float
         Where several shapes were averaged, the floor for each and its probability; `odd`, `even` and their intervals
         are those of the first then, and what is implied for degree 1 is the mean over all.
@@ -119,17 +123,17 @@ class Floor(Result):
 
     @property
     def spin_interval(self) -> tuple[float, float]:
-        """68 % interval of the spin's floor, in each component. [µas/yr]"""
+        """The likeliest 68 % of the spin's floor; an average, of the mean power, may lie above. [µas/yr]"""
         return self._interval("odd", "spin_error")
 
     @property
     def acceleration_interval(self) -> tuple[float, float]:
-        """68 % interval of the acceleration's floor, in each component. [µas/yr]"""
+        """The likeliest 68 % of the acceleration's floor; an average, of the mean power, may lie above. [µas/yr]"""
         return self._interval("even", "acceleration_error")
 
     @property
     def spectrum(self) -> Spectrum:
-        """The spectrum that was found, for `sim.systematics` say; of several shapes the likeliest."""
+        """The spectrum that was found, by the medians, for `sim.systematics` say; of several shapes the likeliest."""
         if self.parts:
             return self.parts[int(np.argmax(self.probability))].spectrum
         return self._spectrum_of(self.odd, self.even)
@@ -175,6 +179,7 @@ class Floor(Result):
             f"the two parities differ with a p-value of {self.parity_p_value:.3g}; ln L gains {self.log_likelihood:.2f}"
         )
         if self.parts:
+            lines.append("the floor is of the mean power over what it may be, and of both spectra:")
             for part, p in zip(self.parts, self.probability, strict=True):
                 errors = f"spin ± {part.spin_error:.3g}, acceleration ± {part.acceleration_error:.3g} µas/yr"
                 lines.append(f"spectrum {part.shape:10}{100 * p:>4.0f} %: {errors}")
@@ -390,6 +395,7 @@ def floor(
     steep, _ = _of_shape("steep", equations, _low(degrees), free, scaled, errors_of(normal))
     return replace(
         found[0][0],
+        mean=None,
         parts=tuple(part for part, _ in found),
         probability=tuple(map(float, probability)),
         steeper=(steep.spin_error, steep.acceleration_error),
@@ -419,10 +425,6 @@ def _of_shape(name, equations, degrees, free, scaled, errors_from):
         (of_odd, of_even),
     )
     return estimate, evidence
-
-
-#: Up to this degree the likelihood is taken as it is; beyond, expanded where the sky allows it.
-_AS_IT_IS = 12
 
 
 def _likelihood(equations, degrees, free, scaled, shape):

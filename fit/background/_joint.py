@@ -94,11 +94,7 @@ class JointBlocks(Blocks):
         z = solve_triangular(lower, across, lower=True, check_finite=False)
         covariance = (z.T @ z + np.linalg.inv(self.joint.first)).reshape(k, 6, k, 6)
         plain = np.linalg.solve(self.joint.first, self.joint.first_rhs) - z.T @ w
-        shares, at = self.shares(x), np.arange(6)
-        for i in range(k):
-            for j in range(k):
-                covariance[i, at, j, at] += shares[self.first_group, i, j] * self.first
-        return plain.reshape(k, 6), covariance
+        return plain.reshape(k, 6), self._with_shares(x, covariance)
 
 
 def shared_jointly(

@@ -4,11 +4,15 @@ A class that does not see the whole sky takes systematics of higher degrees for 
 latitude 40° degrees 6 to 16 put 170 times the power of degree 1 into it. Where the normal equations hold higher
 degrees, h, these have a prior of the power P that the class has by a first estimate, and are marginalised:
 
-    N' = N − N_lh (N_hh + P⁻¹)⁻¹ N_hl,   b' = b − N_lh (N_hh + P⁻¹)⁻¹ b_h,   χ²' = χ² − b_hᵀ (N_hh + P⁻¹)⁻¹ b_h.
+    N' = N − N_lh (N_hh + P⁻¹)⁻¹ N_hl,   b' = b − N_lh (N_hh + P⁻¹)⁻¹ b_h,   χ²' = χ² − b_hᵀ (N_hh + P⁻¹)⁻¹ b_h,
+
+with (N + P⁻¹)⁻¹ = √P (1 + √P N √P)⁻¹ √P, which bears P = 0. Each class has its own h: what classes that see the same
+part share of these would cancel in their differences, whose errors are then larger than need be.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -16,16 +20,29 @@ from scipy.linalg import cho_factor, cho_solve
 from fit.background._blocks import parities
 from fit.background._draws import Lot
 from fit.normal import NormalEquations
+from fit.normal._equations import TemplateField
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
-from vsh.tools.types import FloatArray
+from vsh.tools.types import FloatArray, IntArray
 
-#: Beyond this condition of its normal matrix a class takes higher degrees for lower ones; so many more allow for that.
-PART, BEYOND = 100.0, 3
+#: Beyond this condition of its normal matrix a class takes higher degrees for lower ones: the sky outside the Galactic
+#: plane has 14 at degree 5, two caps beyond latitude 40° have 1300.
+PART = 100.0
+#: Equations of so many degrees more allow for that.
+BEYOND = 3
+
+
+def equations_for(
+    make: Callable[[Any, int], NormalEquations], classes: Iterable[Any], lmax: int
+) -> list[NormalEquations]:
+    """What `make` makes of each class to `lmax`, or of all to three degrees more where one sees a part of the sky."""
+    listed = list(classes)
+    normals = [make(each, lmax) for each in listed]
+    return [make(each, lmax + BEYOND) for each in listed] if any(sees_part(each, lmax) for each in normals) else normals
 
 
 def sees_part(normal: NormalEquations, lmax: int) -> bool:
-    """Whether sources cover a part of the sky alone, so that degrees higher than `lmax` leak into those."""
+    """Whether sources are so few, or see so small a part of the sky, that higher degrees leak into those to `lmax`."""
     at = np.flatnonzero(normal.modes.degrees <= lmax)
     size = np.sqrt(np.diag(normal.matrix)[at])
     if not (size > 0).all():
@@ -48,9 +65,11 @@ def powers_beyond(
 def marginalised(normal: NormalEquations, modes: Modes, variances: FloatArray, noise_scale: float) -> NormalEquations:
     """The equations of `modes`, all higher degrees marginalised with a prior of so much power, (p,)."""
     low, high = (np.flatnonzero(at) for at in (normal.modes.degrees <= modes.lmax, normal.modes.degrees > modes.lmax))
-    inner = normal.matrix[np.ix_(high, high)] + np.diag(noise_scale**2 / variances[high])
+    root = np.sqrt(variances[high]) / noise_scale
+    inner = np.eye(len(high)) + root[:, None] * normal.matrix[np.ix_(high, high)] * root
     across = normal.matrix[np.ix_(high, low)]
-    solved = cho_solve(cho_factor(inner), np.column_stack([across, normal.rhs[high]]))
+    sides = root[:, None] * np.column_stack([across, normal.rhs[high]])
+    solved = root[:, None] * cho_solve(cho_factor(inner), sides)
     matrix = normal.matrix[np.ix_(low, low)] - across.T @ solved[:, :-1]
     return replace(
         normal,
@@ -58,5 +77,11 @@ def marginalised(normal: NormalEquations, modes: Modes, variances: FloatArray, n
         matrix=(matrix + matrix.T) / 2,
         rhs=normal.rhs[low] - across.T @ solved[:, -1],
         chi2_null=float(normal.chi2_null - normal.rhs[high] @ solved[:, -1]),
-        templates=tuple(each._replace(values=each.values[low]) for each in normal.templates),
+        templates=tuple(_cut(each, low, modes) for each in normal.templates),
     )
+
+
+def _cut(template: TemplateField, low: IntArray, modes: Modes) -> TemplateField:
+    """A template of these modes alone, of 1 µas/yr rms over the sky."""
+    values = template.values[low]
+    return TemplateField(template.name, values / np.sqrt(values**2 @ modes.norm2 / (4 * np.pi)))

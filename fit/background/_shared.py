@@ -73,7 +73,7 @@ class SharedErrors(Result):
     shapes : tuple of str
         Shapes of the spectrum that were averaged.
     probability : tuple of float
-        How probable each shape is; equal beforehand.
+        How probable each shape is, with odds of three to one for Gaia's beforehand.
     effective : tuple of float
         How many draws of each shape count.
     degrees : tuple of int
@@ -86,8 +86,8 @@ class SharedErrors(Result):
     templates : tuple of str
         Names of the templates, cut to the highest degree.
     amplitudes, amplitude_covariance : (t,) and (t, t) arrays
-        How much of each is in the motions, the same in all classes, beside what is shared; rms over the sky where the
-        degree is that of the normal equations. Free beforehand: nothing shrinks them. [`unit`]
+        How much of each is in the motions, the same in all classes, beside what is shared; rms over the sky, of the
+        degrees that are looked at. Free beforehand: nothing shrinks them. [`unit`]
     unit : str
         "µas/yr" of motions, "µas" of positions.
     """
@@ -477,12 +477,11 @@ def shared(
     generator_, spectra = generator(rng), spectra_of(shapes)
     draws = whole("draws", draws)
     classes, notes = _classes(equations, names, modes, noise_scale)
+    notes += _leaking(equations, classes, names, modes) if len(classes) > 1 else []
     blocks = partial(_blocks, modes, own)
     if any(each.modes.lmax > modes.lmax for each in equations):
         equations = _without_leakage(equations, classes, modes, spectra, blocks, draws, generator_)
-        classes, _ = _classes(equations, names, modes, noise_scale)
-    else:
-        notes += _leaking(classes, names, modes)
+        classes, _ = _classes(equations, names, modes, noise_scale)  # what was noted of them above stays
     return drawn(
         classes, modes, spectra, partial(blocks, classes), draws,
         generator_, labels=names, notes=notes, n_sources=tuple(each.n_data // 2 for each in equations),
@@ -509,14 +508,18 @@ def _without_leakage(equations, classes, modes, spectra, blocks, draws, rng):
     ]
 
 
-def _leaking(classes, names, modes):
+def _leaking(equations, classes, names, modes):
     """A note on classes into which higher degrees leak, and what to do."""
-    parts = [name for name, each in zip(names, classes, strict=True) if PART < each.condition <= _CAP]
+    parts = [
+        name
+        for normal, each, name in zip(equations, classes, names, strict=True)
+        if PART < each.condition <= _CAP and normal.modes.lmax < modes.lmax + BEYOND
+    ]
     if not parts:
         return []
     return [
-        f"{', '.join(parts)}: a part of the sky, into whose degrees higher ones leak; give normal equations to degree "
-        f"{modes.lmax + BEYOND} and degrees=range(2, {modes.lmax + 1}), and that is allowed for"
+        f"{', '.join(parts)}: a part of the sky, or few sources, into whose degrees higher ones leak; give normal "
+        f"equations to degree {modes.lmax + BEYOND} and degrees=range(2, {modes.lmax + 1}), and that is allowed for"
     ]
 
 

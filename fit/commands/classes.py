@@ -34,10 +34,8 @@ def shared_by(source: Any, path: str, options: argparse.Namespace, templates: Se
     if options.clip:
         parts = [fit.robust.clip(part, options.lmax, options.clip).sources(part) for part in parts]
     parts = [part.to_frame(options.frame) for part in parts]
-    normals = [fit.normal_equations(part, options.lmax, templates=templates) for part in parts]
-    if any(fit.background.sees_part(each, options.lmax) for each in normals):
-        wide = options.lmax + fit.background.BEYOND
-        normals = [fit.normal_equations(part, wide, templates=templates) for part in parts]
+    make = partial(fit.normal_equations, templates=templates)
+    normals = fit.background.equations_for(make, parts, options.lmax)
     classes = fit.background.shared(normals, range(2, options.lmax + 1), labels=labels, rng=options.seed)
     if options.robust or options.excess_noise or options.bootstrap or options.jackknife is not None:
         note = "classes are fitted by plain least squares, errors scaled by the χ²/dof of each"

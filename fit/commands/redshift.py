@@ -1,5 +1,7 @@
 """`vsh-redshift`: our velocity, the Hubble constant and dipoles in redshift bins, on the command line."""
 
+from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,7 +14,7 @@ from vsh.commands.options import redshift as options_module
 from vsh.io.parts import Parts
 from vsh.io.tables import three_digits
 from vsh.models.cosmology import CMB_VELOCITY_PLANCK18
-from vsh.tools.errors import ConvergenceError, VshError
+from vsh.tools.errors import ConvergenceError, DegeneracyError, VshError
 from vsh.tools.notes import dropped, unselected
 from vsh.vector import Vector
 
@@ -259,7 +261,8 @@ def _add_shared(results, whole, options):
     degree = options.lmax if options.lmax >= 3 else _DEGREE
     bins = results["bins"] if options.lmax >= 3 else _binned(whole, options, degree)
     if any(sees_part(each, degree) for each in bins.normals):
-        bins = _binned(whole, options, degree + BEYOND)
+        with suppress(DegeneracyError):  # a bin of few sources does not bear so many, and a note says what that means
+            bins = replace(bins, normals=_binned(whole, options, degree + BEYOND).normals)
     try:
         results["shared"] = bins.shared(range(2, degree + 1), rng=options.seed)
     except VshError as error:

@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import fit
 import sim
-from fit.background import sees_part, shared
+from fit.background import Template, equations_for, sees_part, shared
 from fit.background._leakage import marginalised
 from fit.normal import gaussian_prior
 from vsh import Modes
@@ -53,11 +54,50 @@ def test_a_part_of_the_sky_is_told():
     normals = whole_and_caps(1, 8)
     assert [sees_part(each, 5) for each in normals] == [False, True]
     at = np.flatnonzero(normals[0].modes.degrees <= 5)
-    (note,) = shared([_cut(each, at) for each in normals], labels=["all", "caps"], draws=50).notes
-    assert note.startswith("caps: a part of the sky, into whose degrees higher ones leak; give normal equations to")
-    assert "degree 8 and degrees=range(2, 6)" in note
-    assert shared(normals, range(2, 6), draws=50).notes == ()
+    low = [_cut(each, at) for each in normals]
+    for given in (low, [normals[0], low[1]]):  # degrees of the other class do not help this one
+        (note,) = _leaks(shared(given, range(2, 6), labels=["all", "caps"], draws=50))
+        assert note.startswith("caps: a part of the sky, or few sources, into whose degrees higher ones leak; give")
+        assert "to degree 8 and degrees=range(2, 6)" in note
+    assert not _leaks(shared(normals, range(2, 6), draws=50))
+    assert not _leaks(shared(low[1], draws=50))  # with nothing to be compared with, its own floor holds
+
+
+def test_a_spectrum_that_ends_leaks_nothing():
+    ends = Spectrum("to degree 5", lambda lmax: np.where(np.arange(1, lmax + 1) < 6, 1.0, 0.0) * np.ones((2, 1)))
+    normals = whole_and_caps(1, 7)
+    assert np.isfinite(shared(normals, range(2, 6), shapes=[ends], draws=50).covariance).all()
+    narrow = _cut(normals[1], np.flatnonzero(normals[1].modes.degrees <= 5))
+    found = marginalised(normals[1], Modes(5), ends.variances(normals[1].modes), 1.0)
+    np.testing.assert_allclose(found.matrix, narrow.matrix)
+    np.testing.assert_allclose(found.rhs, narrow.rhs)
+
+
+def test_equations_are_wide_where_a_class_sees_a_part():
+    quasars = sim.quasars(3000, 1, "uniform")
+    field = sim.observe(quasars, sim.spin((0, 0, 0)), 2, sigma=100.0)
+    north = field.lat > 0
+    for classes, lmax in (([field[::2], field[1::2]], 4), ([field[north], field[~north]], 7)):
+        assert {each.modes.lmax for each in equations_for(fit.normal_equations, classes, 4)} == {lmax}
+
+
+def test_templates_keep_their_units():
+    """An amplitude is the rms of the degrees that are looked at, however many the equations hold."""
+    quasars = sim.quasars(3000, 1, "uniform")
+    rough = np.random.default_rng(1).normal(size=12 * 8**2)
+    maps = [Template("rough", rough)]
+    field = sim.observe(quasars, sim.spin((0, 0, 0)), 2, sigma=100.0)
+    parts = [field[::2], field[1::2]]
+    for lmax in (4, 7):
+        found = shared([fit.normal_equations(each, lmax, templates=maps) for each in parts], range(2, 5), draws=100)
+        if lmax == 4:
+            sigma = found.amplitude_covariance[0, 0] ** 0.5
+    assert found.amplitude_covariance[0, 0] ** 0.5 == pytest.approx(sigma, rel=0.1)
 
 
 def _cut(normal, at):
     return replace(normal, modes=Modes(5), matrix=normal.matrix[np.ix_(at, at)], rhs=normal.rhs[at])
+
+
+def _leaks(found):
+    return [note for note in found.notes if "leak" in note]

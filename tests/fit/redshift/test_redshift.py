@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -314,6 +315,23 @@ def test_bins_with_errors_that_they_share(tmp_path, capsys):
     )
     assert np.trace(with_flows.covariance) > 1.01 * np.trace(without.covariance)
     assert "flows are in these errors" in with_flows.notes
+
+
+def test_a_bin_of_few_sources_does_not_bear_higher_degrees(tmp_path, capsys):
+    """Three degrees more than sixty sources determine: the answer is by fewer, and a note says what that means."""
+    from fit.commands.redshift import main
+
+    many, few = sim.quasars(3000, 3, "uniform"), sim.quasars(60, 4, "uniform")
+    near, far = (sim.observe(each, sim.spin((0, 0, 0)), 2, sigma=100.0) for each in (many, few))
+    rng = np.random.default_rng(1)
+    near = replace(near, redshift=rng.uniform(0.5, 2.4, 3000), redshift_frame="true")
+    far = replace(far, redshift=rng.uniform(2.6, 4.0, 60), redshift_frame="true")
+    (near + far).write(tmp_path / "z.fits")
+    words = [str(tmp_path / "z.fits"), "--bins", "0.4,1,2.5,5", "--floor", "--no-flows", "--no-figures"]
+    assert main(words) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "Does the dipole change with redshift?" in out
+    assert "2.5 ≤ z < 5: a part of the sky, or few sources" in out
 
 
 def test_bins_of_many_have_what_they_share_unasked(tmp_path, capsys, monkeypatch):
