@@ -78,7 +78,7 @@ class Floor(Result):
     shape : str
         Shape of the spectrum: "flat" for one power of each mode, "gaia" for that of Lindegren et al. (2021).
     mean : tuple of two floats, or None
-        Of each of the `parts` of an average, the mean powers over the posterior, of a spin's parity and of a glide's:
+        Of each part of an average, the mean powers over the posterior, of a spin's parity and of a glide's:
         degree 1 has its errors from these, as the variance of a mixture is the mean of the variances. Of one shape
         alone it has them from the medians.
     parts, probability : tuple of Floor, tuple of float

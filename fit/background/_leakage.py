@@ -20,10 +20,9 @@ from scipy.linalg import cho_factor, cho_solve
 from fit.background._blocks import parities
 from fit.background._draws import Lot
 from fit.normal import NormalEquations
-from fit.normal._equations import TemplateField
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
-from vsh.tools.types import FloatArray, IntArray
+from vsh.tools.types import FloatArray
 
 #: Beyond this condition of its normal matrix a class takes higher degrees for lower ones: the sky outside the Galactic
 #: plane has 14 at degree 5, two caps beyond latitude 40° have 1300.
@@ -81,7 +80,7 @@ def marginalised(normal: NormalEquations, modes: Modes, variances: FloatArray, n
     )
 
 
-def _cut(template: TemplateField, low: IntArray, modes: Modes) -> TemplateField:
+def _cut(template, low, modes):
     """A template of these modes alone, of 1 µas/yr rms over the sky."""
     values = template.values[low]
-    return TemplateField(template.name, values / np.sqrt(values**2 @ modes.norm2 / (4 * np.pi)))
+    return template._replace(values=values / np.sqrt(values**2 @ modes.norm2 / (4 * np.pi)))
