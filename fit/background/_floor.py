@@ -78,9 +78,9 @@ class Floor(Result):
     shape : str
         Shape of the spectrum: "flat" for one power of each mode, "gaia" for that of Lindegren et al. (2021).
     mean : tuple of two floats, or None
-        Of each part of an average, the mean powers over the posterior, of a spin's parity and of a glide's:
-        degree 1 has its errors from these, as the variance of a mixture is the mean of the variances. Of one shape
-        alone it has them from the medians.
+        Mean powers over the posterior, of a spin's parity and of a glide's, for each part of an average: degree 1 has
+        its errors from these, as the variance of a mixture is the mean of the variances. Of one shape alone it has
+        them from the medians.
     parts, probability : tuple of Floor, tuple of float
         Where several shapes were averaged, the floor for each and its probability; `odd`, `even` and their intervals
         are those of the first then, and what is implied for degree 1 is the mean over all.
