@@ -11,8 +11,8 @@ from fit.background._fit import Background, fit_amplitudes
 from fit.background._floor import SHAPES, Floor, add_floor, floor
 from fit.background._joint import shared_jointly as shared_jointly
 from fit.background._leakage import BEYOND as BEYOND
-from fit.background._leakage import equations_for as equations_for
 from fit.background._leakage import sees_part as sees_part
+from fit.background._leakage import widened as widened
 from fit.background._shared import SharedErrors, Verdict, shared
 from fit.background._waves import WaveLimit, wave_limit
 from fit.normal import Template

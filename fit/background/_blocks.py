@@ -42,15 +42,20 @@ class ClassEquations:
     condition: float
 
 
+def condition_of(matrix: FloatArray) -> float:
+    """The condition of the normal matrix of a class, its diagonal scaled to one."""
+    size = np.sqrt(np.diag(matrix))
+    if not (size > 0).all():
+        raise DegeneracyError("a class sees nothing of some coefficients: it has no sources, or too few")
+    return float(np.linalg.cond(matrix / np.outer(size, size)))
+
+
 def reduced(normal: NormalEquations, modes: Modes, scaled: bool = True) -> ClassEquations:
     """The equations of a class to the degree of `modes`; errors scaled by its own χ²/dof where that is known."""
     at = np.flatnonzero(normal.modes.degrees <= modes.lmax)
     matrix, rhs = normal.matrix[np.ix_(at, at)], normal.rhs[at]
     templates = np.reshape([each.values[at] for each in normal.templates], (-1, len(at)))
-    size = np.sqrt(np.diag(matrix))
-    if not (size > 0).all():
-        raise DegeneracyError("a class sees nothing of some coefficients: it has no sources, or too few")
-    condition = float(np.linalg.cond(matrix / np.outer(size, size)))
+    condition = condition_of(matrix)
     ridge = 1e-9 * np.diag(np.diag(matrix))  # of few sources the matrix may be singular
     left = normal.chi2_null - rhs @ np.linalg.solve(matrix + ridge, rhs)
     tau = left / (normal.n_data - len(at)) if scaled and normal.n_data > 1.5 * len(at) else 1.0

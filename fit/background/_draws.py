@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fit.background._blocks import Blocks, ClassEquations
+from fit.background._floor import shape_probabilities
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
+from vsh.tools.parallel import blas_for
 from vsh.tools.types import FloatArray
 
 #: Draws that count fewer than this are drawn again, four times as many, up to a limit.
@@ -17,14 +19,20 @@ _KEPT = 60
 
 
 class Lot(NamedTuple):
-    """Draws of the amplitudes of one shape, whose variances are `scale` times the spectrum's."""
+    """Draws of the amplitudes of one shape: shares times `scale` times the spectrum's variances are powers."""
 
+    shape: str
+    spectrum: Spectrum
+    probability: float
     blocks: Blocks
     scale: float
     x: FloatArray
     weight: FloatArray
-    evidence: float
-    effective: float
+
+    @property
+    def effective(self) -> float:
+        """How many of the draws count."""
+        return float(1 / np.sum(self.weight**2))
 
 
 def lots_of(
@@ -35,25 +43,28 @@ def lots_of(
     draws: int,
     rng: np.random.Generator,
 ) -> list[Lot]:
-    """Draws of the amplitudes for each shape, again where too few of them count."""
+    """Draws of the amplitudes for each shape, again where too few of them count; `blocks_of` variances of a shape."""
     high = modes.degrees > 1
     squares: Any = sum(each.matrix**2 for each in classes)
     flat = Spectrum.flat().variances(modes)[high]
     squares = squares[: len(flat), : len(flat)]  # without templates
-    lots = []
-    for _, spectrum in spectra:
-        variances = spectrum.variances(modes)
-        # All shapes as well seen as the flat one, or their evidence would depend on units.
-        scale = np.sqrt((flat @ squares @ flat) / (variances[high] @ squares @ variances[high]))
-        blocks = blocks_of(variances * scale)
-        x, weight, evidence = blocks.sample(draws, rng, EFFECTIVE)
-        lots.append(Lot(blocks, float(scale), x, weight, evidence, float(1 / np.sum(weight**2))))
-    return lots
+    lots, evidences = [], []
+    with blas_for(len(classes) * len(modes)):
+        for name, spectrum in spectra:
+            variances = spectrum.variances(modes)
+            # All shapes as well seen as the flat one, or their evidence would depend on units.
+            scale = np.sqrt((flat @ squares @ flat) / (variances[high] @ squares @ variances[high]))
+            blocks = blocks_of(variances * scale)
+            x, weight, evidence = blocks.sample(draws, rng, EFFECTIVE)
+            lots.append(Lot(name, spectrum, np.nan, blocks, float(scale), x, weight))
+            evidences.append(evidence)
+    probability = shape_probabilities([name for name, _ in spectra], evidences)
+    return [lot._replace(probability=float(p)) for lot, p in zip(lots, probability, strict=True)]
 
 
-def kept_of(lots: Sequence[Lot], probability: FloatArray, rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
+def kept_of(lots: Sequence[Lot], rng: np.random.Generator) -> tuple[Any, Any, Any, Any]:
     """Draws of equal weight by systematic resampling: degree 1, its covariance, C by the flat one, templates."""
-    weight = np.concatenate([p * lot.weight for lot, p in zip(lots, probability, strict=True)])
+    weight = np.concatenate([lot.probability * lot.weight for lot in lots])
     where = [(lot, i) for lot in lots for i in range(len(lot.x))]
     at = (np.arange(_KEPT) + rng.random()) / _KEPT
     chosen = np.minimum(np.searchsorted(np.cumsum(weight) / weight.sum(), at), len(weight) - 1)

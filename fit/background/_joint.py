@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from fit.background._blocks import Blocks, ClassEquations, parities
+from fit.background._draws import lots_of
 from fit.background._shared import SharedErrors, drawn, spectra_of
 from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
@@ -109,7 +110,8 @@ def shared_jointly(
 ) -> SharedErrors:
     """As `shared`, from the normal equations of all classes together, (K, p, K, p) and (K, p)."""
     joint = JointEquations.of(matrix, rhs, modes)
-    return drawn(
-        joint.classes, modes, spectra_of(shapes), lambda variances: JointBlocks(joint, modes, variances, "each"),
-        draws, generator(rng), **facts,
-    )  # fmt: skip
+    draw = generator(rng)
+    lots = lots_of(
+        joint.classes, modes, spectra_of(shapes), lambda var: JointBlocks(joint, modes, var, "each"), draws, draw
+    )
+    return drawn(lots, modes, draw, **facts)

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from fit.background._blocks import parities
+from fit.background._blocks import condition_of, parities
 from fit.background._draws import Lot
 from fit.normal import NormalEquations
-from vsh.models.covariance import Spectrum
 from vsh.modes import Modes
+from vsh.tools.errors import DegeneracyError
 from vsh.tools.types import FloatArray
 
 #: Beyond this condition of its normal matrix a class takes higher degrees for lower ones: the sky outside the Galactic
@@ -31,33 +31,32 @@ PART = 100.0
 BEYOND = 3
 
 
-def equations_for(
-    make: Callable[[Any, int], NormalEquations], classes: Iterable[Any], lmax: int
+def widened(
+    normals: Sequence[NormalEquations], make: Callable[[Any, int], NormalEquations], classes: Iterable[Any]
 ) -> list[NormalEquations]:
-    """What `make` makes of each class to `lmax`, or of all to three degrees more where one sees a part of the sky."""
-    listed = list(classes)
-    normals = [make(each, lmax) for each in listed]
-    return [make(each, lmax + BEYOND) for each in listed] if any(sees_part(each, lmax) for each in normals) else normals
+    """Equations of classes, or what `make` makes of all to three degrees more where one sees a part of the sky."""
+    lmax = normals[0].modes.lmax
+    if not any(sees_part(each, lmax) for each in normals):
+        return list(normals)
+    return [make(each, lmax + BEYOND) for each in classes]
 
 
 def sees_part(normal: NormalEquations, lmax: int) -> bool:
     """Whether sources are so few, or see so small a part of the sky, that higher degrees leak into those to `lmax`."""
     at = np.flatnonzero(normal.modes.degrees <= lmax)
-    size = np.sqrt(np.diag(normal.matrix)[at])
-    if not (size > 0).all():
-        return False  # an empty class: that is said elsewhere
-    return bool(np.linalg.cond(normal.matrix[np.ix_(at, at)] / np.outer(size, size)) > PART)
+    try:
+        return condition_of(normal.matrix[np.ix_(at, at)]) > PART
+    except DegeneracyError:  # an empty class: that is said elsewhere
+        return False
 
 
-def powers_beyond(
-    lots: Sequence[Lot], probability: FloatArray, spectra: Sequence[tuple[str, Spectrum]], modes: Modes
-) -> FloatArray:
+def powers_beyond(lots: Sequence[Lot], modes: Modes) -> FloatArray:
     """Variances of the coefficients of each class, (K, p), the mean over draws and shapes."""
     total: FloatArray = np.zeros(())
-    for lot, p, (_, spectrum) in zip(lots, probability, spectra, strict=True):
+    for lot in lots:
         shares = [lot.blocks.shares(x)[:2].diagonal(axis1=1, axis2=2) for x in lot.x]  # (2, K)
         own = np.tensordot(lot.weight, shares, 1)
-        total = total + p * own[parities(modes)].T * lot.scale * spectrum.variances(modes)
+        total = total + lot.probability * own[parities(modes)].T * lot.scale * lot.spectrum.variances(modes)
     return total
 
 

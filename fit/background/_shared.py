@@ -5,7 +5,7 @@ common to all classes or each one's own in a proportion that the data tell. What
 differences of classes, follows.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -15,8 +15,8 @@ from scipy.special import chdtrc
 
 from fit.background._amplitude import equations_of, words_of
 from fit.background._blocks import Blocks, ClassEquations, reduced
-from fit.background._draws import EFFECTIVE, kept_of, lots_of
-from fit.background._floor import SHAPES, shape_probabilities
+from fit.background._draws import EFFECTIVE, Lot, kept_of, lots_of
+from fit.background._floor import SHAPES
 from fit.background._leakage import BEYOND, PART, marginalised, powers_beyond
 from fit.normal import NormalEquations
 from fit.quality import gls
@@ -476,35 +476,31 @@ def shared(
     modes = Modes(_highest(equations, degrees))
     generator_, spectra = generator(rng), spectra_of(shapes)
     draws = whole("draws", draws)
+
+    def sampled(classes):
+        return lots_of(classes, modes, spectra, lambda var: Blocks(classes, modes, var, own), draws, generator_)
+
     classes, notes = _classes(equations, names, modes, noise_scale)
     notes += _leaking(equations, classes, names, modes) if len(classes) > 1 else []
-    blocks = partial(_blocks, modes, own)
+    lots = sampled(classes)
     if any(each.modes.lmax > modes.lmax for each in equations):
-        equations = _without_leakage(equations, classes, modes, spectra, blocks, draws, generator_)
-        classes, _ = _classes(equations, names, modes, noise_scale)  # what was noted of them above stays
+        equations = _without_leakage(equations, lots, modes)
+        lots = sampled(_classes(equations, names, modes, noise_scale)[0])  # what was noted of them above stays
     return drawn(
-        classes, modes, spectra, partial(blocks, classes), draws,
-        generator_, labels=names, notes=notes, n_sources=tuple(each.n_data // 2 for each in equations),
+        lots, modes, generator_, labels=names, notes=notes, n_sources=tuple(each.n_data // 2 for each in equations),
         frame=equations[0].frame or "icrs", templates=tuple(each.name for each in equations[0].templates),
     )  # fmt: skip
 
 
-def _blocks(modes, own, classes, variances):
-    return Blocks(classes, modes, variances, own)
-
-
-def _without_leakage(equations, classes, modes, spectra, blocks, draws, rng):
-    """Equations of `modes` alone: higher degrees have the power that a first estimate gives them."""
-    with blas_for(len(classes) * len(modes)):
-        lots = lots_of(classes, modes, spectra, partial(blocks, classes), draws, rng)
-    probability = shape_probabilities([name for name, _ in spectra], [each.evidence for each in lots])
+def _without_leakage(equations, lots, modes):
+    """Equations of `modes` alone: higher degrees have the power that a first estimate, `lots`, gives them."""
     wide = max((each.modes for each in equations), key=len)
-    powers = powers_beyond(lots, probability, spectra, wide)
+    powers = powers_beyond(lots, wide)
     return [
         marginalised(each, modes, power[wide.degrees <= each.modes.lmax], own.noise_scale)
         if each.modes.lmax > modes.lmax
         else each
-        for each, own, power in zip(equations, classes, powers, strict=True)
+        for each, own, power in zip(equations, lots[0].blocks.classes, powers, strict=True)
     ]
 
 
@@ -524,26 +520,17 @@ def _leaking(equations, classes, names, modes):
 
 
 def drawn(
-    classes: Sequence[ClassEquations],
-    modes: Modes,
-    spectra: Sequence[tuple[str, Spectrum]],
-    blocks_of: Callable[[FloatArray], Blocks],
-    draws: int,
-    rng: np.random.Generator,
-    *,
-    notes: Sequence[str] = (),
-    **facts: Any,
+    lots: Sequence[Lot], modes: Modes, rng: np.random.Generator, *, notes: Sequence[str] = (), **facts: Any
 ) -> SharedErrors:
-    """What classes share, the mean over draws of its amplitudes and over shapes; `blocks_of` variances of a shape."""
+    """What classes share, the mean over draws of its amplitudes and over shapes."""
+    classes = lots[0].blocks.classes
     with blas_for(len(classes) * len(modes)):
-        lots = lots_of(classes, modes, spectra, blocks_of, draws, rng)
-        probability = shape_probabilities([name for name, _ in spectra], [each.evidence for each in lots])
-        means, covariances, shares, (amplitudes, spread) = kept_of(lots, probability, rng)
-    if min(each.effective for each, p in zip(lots, probability, strict=True) if p > 0.05) < EFFECTIVE:
+        means, covariances, shares, (amplitudes, spread) = kept_of(lots, rng)
+    if min(each.effective for each in lots if each.probability > 0.05) < EFFECTIVE:
         notes = [*notes, "few draws of what is shared count: give more of them (draws=), or merge classes"]
     return SharedErrors(
-        means=means, covariances=covariances, shares=shares, shapes=tuple(name for name, _ in spectra),
-        probability=tuple(map(float, probability)), effective=tuple(each.effective for each in lots),
+        means=means, covariances=covariances, shares=shares, shapes=tuple(each.shape for each in lots),
+        probability=tuple(each.probability for each in lots), effective=tuple(each.effective for each in lots),
         degrees=tuple(range(2, modes.lmax + 1)), noise_scale=tuple(each.noise_scale for each in classes),
         notes=tuple(notes), amplitudes=amplitudes, amplitude_covariance=spread, **facts,
     )  # fmt: skip

@@ -35,7 +35,8 @@ def shared_by(source: Any, path: str, options: argparse.Namespace, templates: Se
         parts = [fit.robust.clip(part, options.lmax, options.clip).sources(part) for part in parts]
     parts = [part.to_frame(options.frame) for part in parts]
     make = partial(fit.normal_equations, templates=templates)
-    normals = fit.background.equations_for(make, parts, options.lmax)
+    normals = [make(part, options.lmax) for part in parts]
+    normals = fit.background.widened(normals, make, parts)
     classes = fit.background.shared(normals, range(2, options.lmax + 1), labels=labels, rng=options.seed)
     if options.robust or options.excess_noise or options.bootstrap or options.jackknife is not None:
         note = "classes are fitted by plain least squares, errors scaled by the χ²/dof of each"

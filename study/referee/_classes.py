@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import chdtrc
 
-from fit.background import SharedErrors, Verdict, equations_for, shared
+from fit.background import SharedErrors, Verdict, shared, widened
 from fit.quality import gls
 from fit.solution import Solution
 from fit.solving import solve
@@ -83,7 +83,7 @@ def compare(quasars: Quasars, split: Split, rng: Rng = 1, lmax: int | None = Non
     degree = degree_for(min(mask.sum() for mask in kept.values()), _DEGREE, least=3)
     normals = [quasars.equations(mask, degree) for mask in kept.values()]
     plain = [solve(quasars.equations(mask, lmax) if lmax else each) for mask, each in zip(kept.values(), normals)]
-    wide = equations_for(quasars.equations, kept.values(), degree)
+    wide = widened(normals, quasars.equations, kept.values())
     return Compared(plain, shared(wide, range(2, degree + 1), labels=list(kept), draws=_DRAWS, rng=rng))
 
 

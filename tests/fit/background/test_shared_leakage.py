@@ -7,7 +7,7 @@ import pytest
 
 import fit
 import sim
-from fit.background import Template, equations_for, sees_part, shared
+from fit.background import Template, sees_part, shared, widened
 from fit.background._leakage import marginalised
 from fit.normal import gaussian_prior
 from vsh import Modes
@@ -78,7 +78,8 @@ def test_equations_are_wide_where_a_class_sees_a_part():
     field = sim.observe(quasars, sim.spin((0, 0, 0)), 2, sigma=100.0)
     north = field.lat > 0
     for classes, lmax in (([field[::2], field[1::2]], 4), ([field[north], field[~north]], 7)):
-        assert {each.modes.lmax for each in equations_for(fit.normal_equations, classes, 4)} == {lmax}
+        normals = [fit.normal_equations(each, 4) for each in classes]
+        assert {each.modes.lmax for each in widened(normals, fit.normal_equations, classes)} == {lmax}
 
 
 def test_templates_keep_their_units():
