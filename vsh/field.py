@@ -246,7 +246,7 @@ class Weighed(Frozen):
 
     def add_note(self, *notes: str) -> Self:
         """The same with more that its reader should know."""
-        return self._with(notes=merge_notes((*self.notes, *notes)))
+        return self._with(notes=merge_notes((*self.notes, *notes))) if notes else self
 
     def _with(self, **changes: Any) -> Self:
         """The same with other attributes."""
@@ -568,8 +568,9 @@ class Field(Tabled):
     def _with(self, **changes):
         """A field derived from this one, which has been checked already."""
         new = object.__new__(Field)
-        for f in fields(self):
-            new._set(f.name, changes.get(f.name, getattr(self, f.name)))
+        vars(new).update(vars(self))
+        for name, value in changes.items():
+            new._set(name, value)
         return new
 
 

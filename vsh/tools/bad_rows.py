@@ -1,6 +1,7 @@
 """What makes a source unusable, how it is counted, and how it is said."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,10 +18,13 @@ RHO2_LIMIT = 1 - 1e-6
 _RHO_SAFE = 0.999
 #: Errors whose squares leave the range of a double are no errors.
 SIGMA_RANGE = 1e-140, 1e140
+_DOUBLE = np.dtype(float)
 
 
 def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, BoolArray]:
     """A column as doubles in native byte order, and the mask of what is missing."""
+    if type(value) is np.ndarray and value.dtype == _DOUBLE and value.ndim and value.flags.c_contiguous:
+        return value, _none_missing(value.shape)  # at once: small parts wait for this more than for their sums
     if callable(value) or isinstance(value, dict) or value is None:
         raise FieldError(f"{column} must be a column of numbers, not {type(value).__name__}")
     if hasattr(value, "to_value"):  # a Quantity, bare or masked, without importing astropy
@@ -53,7 +57,13 @@ def as_floats(column: str, value: Any, unit: Any = None) -> tuple[FloatArray, Bo
         floats = np.ascontiguousarray(array, dtype=float)
     except (TypeError, ValueError) as error:
         raise FieldError(f"{column} must be a column of numbers: {error}") from None
-    return floats, np.broadcast_to(False if missing is None else missing, floats.shape)
+    return floats, _none_missing(floats.shape) if missing is None else np.broadcast_to(missing, floats.shape)
+
+
+@lru_cache(maxsize=16)
+def _none_missing(shape):
+    """The mask of a column that has all its values: one False for all rows."""
+    return np.broadcast_to(False, shape)
 
 
 def check_shapes(columns: Mapping[str, FloatArray], expected: Callable[[str], tuple[int, ...]]) -> None:
@@ -89,7 +99,7 @@ def invalid_rows(
     }
     known = {} if spans is None else spans
     if not any(_marks(mask) for mask in marks) and all(
-        _within(known.get(each) or span_of(values), low, high) for each, (values, low, high) in limits.items()
+        within(known.get(each) or span_of(values), low, high) for each, (values, low, high) in limits.items()
     ):
         return {}
     if placeholders is not None:
@@ -133,7 +143,7 @@ def _marks(mask):
     return bool(mask[:1].any() if mask.strides == (0,) else mask.any())
 
 
-def _within(span, low, high):
+def within(span, low, high):
     """Whether all values lie between two limits; not where one is not a number."""
     return bool(span[0] > low and span[1] < high)
 
@@ -151,7 +161,7 @@ def placeholders(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | 
     out = np.zeros(len(columns["pmra"]), bool)
     with np.errstate(invalid="ignore"):
         for name, values in columns.items():
-            if _within(known[name], -_PLACEHOLDERS[0], _PLACEHOLDERS[0]):
+            if within(known[name], -_PLACEHOLDERS[0], _PLACEHOLDERS[0]):
                 continue
             large = np.abs(values) >= _PLACEHOLDERS[0]
             if large.any():
@@ -165,7 +175,7 @@ def placeholders(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | 
 def doubtful(columns: Mapping[str, FloatArray], spans: Mapping[str, Span] | None = None) -> tuple[str, ...]:
     """A note on motions that are −999 or 99.99, say, in one component: perhaps missing values; they are used."""
     known = {name: span_of(values) for name, values in columns.items()} if spans is None else spans
-    if all(_within(known[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
+    if all(within(known[name], -50.0, 50.0) for name in ("pmra", "pmdec")):
         return ()
     with np.errstate(invalid="ignore"):
         odd = np.stack([np.isin(columns[name], _LIKELY) & (np.abs(columns[name]) > 50) for name in ("pmra", "pmdec")])

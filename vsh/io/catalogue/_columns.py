@@ -15,7 +15,7 @@ from vsh.io import tables
 from vsh.io.catalogue._names import ASSUMED, NAMED, REQUIRED, Columns, Wanted, like_correlations, name_and_unit
 from vsh.io.tables import TableSource
 from vsh.sky.frames import FRAME_KEY, FRAMES, REDSHIFT_FRAME_KEY, REDSHIFT_FRAME_NAMES, check_frame, redshift_frame_in
-from vsh.tools.bad_rows import as_floats
+from vsh.tools.bad_rows import as_floats, span_of, within
 from vsh.tools.errors import FieldError, NothingSelectedError, TableError
 from vsh.tools.notes import FALSE, MISSING, VELOCITIES, NotSelected, printable
 from vsh.tools.types import BoolArray
@@ -172,8 +172,9 @@ def doubt_positions(columns: Any, assumed: Any, at_least: int = 20) -> None:
         )
 
 
-#: Median errors outside these are of no survey. [µas/yr]
+#: Median errors outside these are of no survey, nor is a median motion above the last. [µas/yr]
 _ERRORS = 0.02, 1e5
+_MOTIONS = 3e6
 
 
 def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
@@ -182,21 +183,27 @@ def doubtful_sizes(field: Any, at_least: int = 20) -> list[str]:
     sigma, motion = field.sigma[:, ::step], field.motion[:, ::step]
     if len(field) < at_least or (motion == 0).all():
         return []
+    # Where all are plausible their medians are, which take longer to see.
+    plausible = within(span_of(sigma), *_ERRORS) and within(span_of(motion), -_MOTIONS, _MOTIONS)
+    notes = [] if plausible else _doubtful_motions(np.median(sigma), np.median(np.abs(motion)))
+    if field.redshift is not None and np.isfinite(field.redshift[::step]).any():
+        z = float(np.nanmedian(field.redshift[::step]))
+        if z > 20:
+            notes.append(f"warning: half of the redshifts are above {z:.3g}: {VELOCITIES}")
+    return notes
+
+
+def _doubtful_motions(error, size):
+    """Warnings of a median error and a median motion in µas/yr."""
     notes = []
-    error = float(np.median(sigma))
     if not _ERRORS[0] < error < _ERRORS[1]:
         side, likely = ("above", "µas/yr read as mas/yr") if error > 1 else ("below", "mas/yr read as µas/yr")
         notes.append(
             f"warning: half of the errors are {side} {error:.3g} µas/yr, which no survey has: {likely}? Say the unit: "
             "units= (--units)"
         )
-    size = float(np.median(np.abs(motion)))
-    if size > 300 * max(error, 1.0) and size > 3e6:
+    if size > 300 * max(error, 1.0) and size > _MOTIONS:
         notes.append(f"warning: half of the motions are above {size:.3g} µas/yr: is the unit right (units=, --units)?")
-    if field.redshift is not None and np.isfinite(field.redshift[::step]).any():
-        z = float(np.nanmedian(field.redshift[::step]))
-        if z > 20:
-            notes.append(f"warning: half of the redshifts are above {z:.3g}: {VELOCITIES}")
     return notes
 
 
