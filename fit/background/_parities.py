@@ -15,7 +15,7 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.linalg.blas import ssyrk
+from scipy.linalg.blas import dsyrk, ssyrk
 from scipy.linalg.lapack import dposv, sposv
 
 from fit.background._fit import scales_of, span_of
@@ -74,7 +74,7 @@ class Parities(Likelihood):
         s = np.sqrt(w)[:, None] * c * np.sqrt(v)
         f, g = np.sqrt(w) * x, np.sqrt(v) * y
         side = f - s @ g
-        factor, solved = _solved(dposv, np.eye(len(s)) - s @ s.T, side)
+        factor, solved = _solved(dposv, _less_square(dsyrk, s), side)
         logdet = np.log1p(a * odd).sum() + np.log1p(b * even).sum() + 2 * np.log(factor.diagonal()).sum()
         return float(logdet), float(g @ g + side @ solved)
 
@@ -88,9 +88,8 @@ class Parities(Likelihood):
         s = w[:, None] * self._single * v
         f, g = w * x.astype("f4"), v * y.astype("f4")
         h = f - s @ g
-        left = ssyrk(-1.0, s.T, trans=1, lower=1)  # −M below the diagonal, half the work
-        trace = -left.trace(dtype=float)
-        left.ravel("K")[:: len(s) + 1] += 1
+        left = _less_square(ssyrk, s)
+        trace = len(s) - left.trace(dtype=float)
         factor, z = _solved(sposv, left, h)
         logdet = 2 * np.log(factor.diagonal(), dtype=float).sum() + trace
         return np.array([logdet, np.vdot(h @ s, z @ s) - np.sum((f @ s) ** 2)], dtype=float)
@@ -112,12 +111,12 @@ class Parities(Likelihood):
         """ln L where it is largest for one power in both parities, relative to none."""
         with blas_for(len(self.rhs)):
             low, high = 0.0, 3 * np.sqrt(self.unit.max() + max(self._highest(k) for k in range(2)))
-            for _ in range(3):
-                root = np.linspace(low, high, 100)
+            for _ in range(4):
+                root = np.linspace(low, high, 32)
                 logdet, gain = (np.diagonal(each) for each in self.on_tensor([root, root]))
                 tau = np.maximum((self.chi2 - gain) / self.n_data, 1e-300) if self.noise_scale else 1.0
                 top = int(np.argmax(self.of_parts(logdet, gain, tau)))
-                low, high = root[max(top - 1, 0)], root[min(top + 1, 99)]
+                low, high = root[max(top - 1, 0)], root[min(top + 1, 31)]
             return self._above(*self.exact(np.full(2, root[top] ** 2)))
 
     def _highest(self, k):
@@ -200,6 +199,8 @@ class Parities(Likelihood):
 
         @cache
         def left(*places):
+            if 0.0 in places:  # one parity without power: there is nothing to mix
+                return np.zeros(2)
             return self._left(self.unit * np.sinh(places) ** 2)
 
         low, high = np.array(ends).T
@@ -243,6 +244,13 @@ class _Rest:
             for x, (low, high) in zip(places, self.ends, strict=True)
         )
         return left @ self.series @ right.T
+
+
+def _less_square(syrk, s):
+    """I − S Sᵀ, on and below its diagonal: half the work."""
+    left = syrk(-1.0, s.T, trans=1, lower=1)
+    left.ravel("K")[:: len(s) + 1] += 1
+    return left
 
 
 def _solved(posv, matrix, side):
